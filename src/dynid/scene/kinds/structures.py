@@ -304,6 +304,7 @@ def _attached(part: BeamModel | FrameModel) -> dict[str, Any]:
 
 def _matrices(folder: Path, part: MatricesModel, parameters: Sequence[Parameter]) -> StructuralModel:
     from dynid.structure.imported import MatrixPart, from_state_space, imported
+    from dynid.structure.readers.model_file import model_files
     from dynid.structure.readers.read import matrix_file, read_labels
 
     try:
@@ -323,10 +324,26 @@ def _matrices(folder: Path, part: MatricesModel, parameters: Sequence[Parameter]
             for item in items
         ]
 
+    nodes = None if part.nodes is None else folder / part.nodes
+    damping = files(part.damping) if isinstance(part.damping, list) else _damping(part.damping)
+    if part.model is not None:
+        try:
+            whole = model_files(folder / part.model)
+            return imported(
+                whole.mass,
+                whole.stiffness,
+                damping or whole.damping,
+                labels=labels,
+                parameters=parameters,
+                nodes=nodes or whole.nodes,
+            )
+        except (FileError, UsageError) as error:
+            own = {key for key in ("labels", "damping", "nodes") if getattr(part, key) is not None}
+            if not own & {*error.names}:
+                error.names = ("model", *error.names)
+            raise
     assert part.mass is not None
     assert part.stiffness is not None
-    damping = files(part.damping) if isinstance(part.damping, list) else _damping(part.damping)
-    nodes = None if part.nodes is None else folder / part.nodes
     return imported(
         files(part.mass), files(part.stiffness), damping, labels=labels, parameters=parameters, nodes=nodes
     )

@@ -343,12 +343,18 @@ class MatricesModel(Section):
     damping: DampingMatrix | None = None
     labels: list[DofLabel] | FilePath | None = None
     nodes: FilePath | None = None
+    model: FilePath | None = None
     state_space: StateSpaceFile | None = None
 
     @model_validator(mode="after")
     def _one_origin(self) -> Self:
-        if self.state_space is None and (self.mass is None or self.stiffness is None):
-            raise fault("the matrices are 'mass' and 'stiffness' (and 'damping'), or a 'state_space'")
+        if self.model is not None and (self.mass or self.stiffness or self.state_space):
+            raise fault("a 'model' holds mass and stiffness; name no other file of these")
+        whole = self.model is not None or self.state_space is not None
+        if not whole and (self.mass is None or self.stiffness is None):
+            raise fault(
+                "the matrices are 'mass' and 'stiffness' (and 'damping'), a 'model' or a 'state_space'"
+            )
         if self.state_space is not None and (self.mass or self.stiffness or self.damping):
             raise fault("a 'state_space' holds mass, stiffness and damping; name no file of these")
         if self.state_space is not None and self.nodes is not None:

@@ -7,6 +7,7 @@ them. OUTPUT4 is read by pyyeti.
 from __future__ import annotations
 
 import zipfile
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -178,6 +179,10 @@ def op4_shapes(path: Path) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the matrices of a file, by name."""
     with read_errors(path, "Nastran OUTPUT4"):
         names, sizes, *_ = _op4_reader(path).dir(str(path), verbose=False)
+        if twice := [name for name, count in Counter(names).items() if count > 1]:
+            raise FileError(
+                f"{path} has several matrices named {twice[0]}", remedy="Give a file with one of them."
+            )
         return {name: tuple(size) for name, size in zip(names, sizes, strict=True)}
 
 

@@ -14,6 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dynid.errors import UsageError
+from dynid.number_format import counted
+from dynid.structure.labels import node_direction
 from dynid.structure.matrices import Array, Label, Matrix, as_array, is_sparse, nothing
 from dynid.structure.nodes import Nodes
 from dynid.structure.readers.node_file import DofOrder, NodeFile, usual_orders
@@ -117,6 +119,12 @@ def _checked(K: Matrix, labels: Sequence[Label], nodes: Nodes, *, stated: bool) 
     UsageError
         If an order that no file states is contradicted.
     """
+    placed = (node_direction(label) for label in labels)
+    missing = [place[0] for place in placed if place is not None and place[0] not in nodes.places]
+    if missing:
+        some = f"{counted(len(missing), 'DOF')} of {len(labels)}"
+        doubt = f"{some} have nodes that are not there, first {missing[0]}"
+        nodes = replace(nodes, doubts=(*nodes.doubts, doubt))
     found = balance(K, nodes, labels)
     if found.share >= _CONFIRMED:
         return nodes

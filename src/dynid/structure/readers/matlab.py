@@ -1,7 +1,8 @@
 """MATLAB files of versions 5 to 7.2 (`.mat`): their numeric variables, full and sparse, and nothing else.
 
 SciPy's compiled reader ends the process at some damaged files; here every length is checked before it is
-used, and nothing is unpacked beyond what a variable's sizes allow. Version 7.3 is HDF5.
+used, and nothing is unpacked beyond what a variable's sizes allow. Fields of a structure are variables
+``structure/field``. Version 7.3 is HDF5.
 Source: The MathWorks, "MAT-File Format", 2019.
 """
 
@@ -28,7 +29,9 @@ from dynid.structure.readers.imported_matrix import (
 _WHAT = "a MATLAB file"
 _MATRIX, _COMPRESSED = 14, 15
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
-_CELL, _SPARSE, _FULL = 1, 5, range(6, 16)
+_CELL, _STRUCTURE, _SPARSE, _FULL = 1, 2, 5, range(6, 16)
+# How deep structures within structures are read.
+_DEEPEST = 4
 _COMPLEX = 0x800
 # A variable's flags, sizes and name stand in its first bytes.
 _HEAD = 4096
@@ -55,7 +58,8 @@ def shapes(path: Path) -> dict[str, tuple[int, ...]]:
 def names(path: Path) -> list[str]:
     """Return the names of the full numeric variables and the cell arrays of a file."""
     with read_errors(path, _WHAT):
-        return [variable.name for variable in _variables(path)[1] if variable.kind != _SPARSE]
+        found = (variable for variable in _variables(path)[1] if variable.kind != _SPARSE)
+        return [variable.name for variable in found if "/" not in variable.name]
 
 
 def arrays(path: Path, name: str) -> tuple[tuple[int, ...] | None, list[Array]]:
@@ -140,7 +144,33 @@ def _variables(path: Path) -> tuple[str, list[_MatlabVariable]]:
             variable = _described(head, payload, packed, order)
             if variable.kind in (_CELL, _SPARSE) or variable.kind in _FULL:
                 found.append(variable)
+            elif variable.kind == _STRUCTURE:
+                found += _fields(variable, order, 1)
     return order, found
+
+
+def _fields(variable: _MatlabVariable, order: str, depth: int) -> Iterator[_MatlabVariable]:
+    """Yield the numeric fields of a structure, and of those within it; none of an array of structures."""
+    if variable.shape != (1, 1) or depth > _DEEPEST:
+        return
+    content = variable.payload
+    if variable.packed:
+        content = _unpacked(content, 8 * MOST_NUMBERS)[8:]
+    _, _, _, width, names, *payloads = _elements(content, order)
+    size = int(_array(*width, order)[0])
+    text = bytes(names[1])
+    if size < 1 or len(text) != size * len(payloads):
+        raise ValueError(f"the structure {variable.name} has other fields than names")
+    for place, (kind, payload) in enumerate(payloads):
+        name = text[place * size : (place + 1) * size].partition(b"\0")[0].decode("latin-1")
+        if kind != _MATRIX or not len(payload):
+            continue
+        field = _described(payload, payload, packed=False, order=order)
+        field = field._replace(name=f"{variable.name}/{name}")
+        if field.kind == _SPARSE or field.kind in _FULL:
+            yield field
+        elif field.kind == _STRUCTURE:
+            yield from _fields(field, order, depth + 1)
 
 
 def _described(head: memoryview, payload: memoryview, packed: bool, order: str) -> _MatlabVariable:

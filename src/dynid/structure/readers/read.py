@@ -10,24 +10,40 @@ from typing import NamedTuple
 from dynid.errors import FileError
 from dynid.file_access import dataset_of, obstacle
 from dynid.structure.matrices import Label, Matrix
-from dynid.structure.readers import binary, matlab
+from dynid.structure.readers import binary, bulk_data, matlab, op2
+from dynid.structure.readers.calculix import read_calculix
+from dynid.structure.readers.harwell_boeing import read_harwell_boeing
 from dynid.structure.readers.imported_matrix import ImportedMatrix
 from dynid.structure.readers.matlab_script import read_script
-from dynid.structure.readers.text import BANNER, read_matrix_market, read_triplets
+from dynid.structure.readers.text import BANNER, read_matrix_market, read_rows, read_triplets
 from dynid.suggestions import did_you_mean
 
-EXTENSIONS = (".mtx", ".m", ".mat", ".npz", ".npy", ".h5", ".hdf5", ".op4")
-"""The formats that are read."""
-
 USUAL = {
-    "mass": ("M", "mass", "MAA", "MGG", "MXX", "MASS1"),
-    "stiffness": ("K", "stiffness", "KAA", "KGG", "KXX", "STIF1"),
-    "damping": ("C", "damping", "BAA", "BGG", "BXX", "DAMP1", "D"),
+    "mass": ("M", "mass", "MAA", "MGG", "MXX", "MAAX", "MASS1"),
+    "stiffness": ("K", "stiffness", "KAA", "KGG", "KXX", "KAAX", "STIF1"),
+    "damping": ("C", "damping", "BAA", "BGG", "BXX", "BAAX", "DAMP1", "D"),
     "A": ("A",),
     "B": ("B",),
     "C": ("C",),
 }
 """Usual names of the matrices in files that hold several, in any case of letters."""
+
+#: Readers of formats that hold one matrix.
+_ALONE: dict[str, Callable[[Path], ImportedMatrix]] = {
+    ".m": read_script,
+    ".sti": read_calculix,
+    ".mas": read_calculix,
+    **dict.fromkeys((".hb", ".rb", ".rsa", ".rua", ".matrix", ".hbmat"), read_harwell_boeing),
+    **dict.fromkeys((".out", ".txt"), read_rows),
+}
+BULK_DATA = (".bdf", ".dat", ".nas", ".pch")
+"""Nastran bulk data, whose DMIG matrices are read."""
+
+CONTAINERS = (".mat", ".npz", ".npy", ".h5", ".hdf5", ".op4", ".op2", *BULK_DATA)
+"""The formats that hold several matrices."""
+
+EXTENSIONS = (".mtx", *_ALONE, *CONTAINERS)
+"""The formats that are read."""
 
 _HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _LISTED = 12
@@ -39,7 +55,7 @@ class Container(NamedTuple):
     """The reader of a format that holds several matrices: their shapes by name, and one of them."""
 
     shapes: Callable[[Path], dict[str, tuple[int, ...]]]
-    load: Callable[[Path, str], Matrix]
+    load: Callable[[Path, str], Matrix | ImportedMatrix]
 
 
 @dataclass(frozen=True)
@@ -62,9 +78,10 @@ def read_matrix(file: MatrixFile, role: str) -> ImportedMatrix:
     Parameters
     ----------
     file
-        The file: Matrix Market or Abaqus triplets (`.mtx`, distinguished by banner or size line), a script of
-        triplets (`.m`), MATLAB (`.mat`), NumPy (`.npz`, `.npy`), HDF5 (`.h5`, `.hdf5`) or Nastran OUTPUT4
-        (`.op4`).
+        The file: Matrix Market or Abaqus triplets (`.mtx`, distinguished by banner or size line), CalculiX
+        (`.sti`, `.mas`), Harwell-Boeing (`.rsa`, `.matrix`, …), a script of triplets (`.m`), full rows
+        (`.txt`, `.out`), MATLAB (`.mat`), NumPy (`.npz`, `.npy`), HDF5 (`.h5`, `.hdf5`) or Nastran OUTPUT4,
+        OUTPUT2 or DMIG (`.op4`, `.op2`, `.pch`).
     role
         One of `USUAL`: which matrix is meant in a file that holds several, and names none.
 
@@ -78,11 +95,22 @@ def read_matrix(file: MatrixFile, role: str) -> ImportedMatrix:
     if path.suffix.lower() == ".mtx":
         banner = _start(path).lstrip().lower().startswith(BANNER.encode())
         return read_matrix_market(path) if banner else read_triplets(path)
-    if path.suffix.lower() == ".m":
-        return read_script(path)
-    reader = _container(path)
-    name = _choose(path, file.name, role, reader.shapes(path))
-    return ImportedMatrix(reader.load(path, name))
+    alone = _ALONE.get(path.suffix.lower())
+    if alone is not None:
+        return alone(path)
+    return load_matrix(path, _choose(path, file.name, role, shapes_in(path)))
+
+
+def shapes_in(path: Path) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of the matrices of a file that holds several, by name."""
+    _check_kind(path)
+    return _container(path).shapes(path)
+
+
+def load_matrix(path: Path, name: str) -> ImportedMatrix:
+    """Return one matrix, by its name, of a file that holds several."""
+    found = _container(path).load(path, name)
+    return found if isinstance(found, ImportedMatrix) else ImportedMatrix(found)
 
 
 def read_state_space(path: Path, names: Mapping[str, str]) -> dict[str, Matrix]:
@@ -101,13 +129,12 @@ def read_state_space(path: Path, names: Mapping[str, str]) -> dict[str, Matrix]:
         If the file cannot be read, or has no ``A``.
     """
     _check_kind(path)
-    if path.suffix.lower() in (".mtx", ".m"):
+    if path.suffix.lower() in (".mtx", *_ALONE):
         raise FileError(f"{path} holds one matrix; a state space takes several")
-    reader = _container(path)
-    shapes = reader.shapes(path)
+    shapes = shapes_in(path)
     there = {found.rpartition("/")[2].upper() for found in shapes}
     roles = ["A", *(role for role in ("B", "C") if role in names or role in there)]
-    return {role: reader.load(path, _choose(path, names.get(role), role, shapes)) for role in roles}
+    return {role: load_matrix(path, _choose(path, names.get(role), role, shapes)).matrix for role in roles}
 
 
 def read_labels(path: Path) -> list[Label]:
@@ -150,6 +177,10 @@ def _container(path: Path) -> Container:
     kind = path.suffix.lower()
     if kind == ".op4":
         return Container(binary.op4_shapes, binary.load_op4)
+    if kind == ".op2":
+        return Container(op2.shapes, op2.load)
+    if kind in BULK_DATA:
+        return Container(bulk_data.dmig_shapes, bulk_data.load_dmig)
     if kind in (".npz", ".npy"):
         return Container(binary.numpy_shapes, binary.load_numpy)
     if kind == ".mat":
@@ -174,10 +205,8 @@ def _choose(path: Path, name: str | None, role: str, shapes: Mapping[str, Sequen
         if bare in shapes:
             return bare
         raise FileError(f"{path} has no matrix '{name}'{did_you_mean(bare, shapes) or _known(shapes)}")
-    usual = [word.lower() for word in USUAL[role]]
-    matching = [found for found in shapes if found.rpartition("/")[2].lower() in usual]
-    first = sorted(matching, key=lambda found: usual.index(found.rpartition("/")[2].lower()))
-    if first and (len(first) == 1 or first[0].lower() != first[1].lower()):
+    first = named_as(shapes, role)
+    if first and (len(first) == 1 or _rank(first[0], role) != _rank(first[1], role)):
         return first[0]
     only = next(iter(shapes), "")
     others = (USUAL[other] for other in ("mass", "stiffness") if other != role)
@@ -190,6 +219,19 @@ def _choose(path: Path, name: str | None, role: str, shapes: Mapping[str, Sequen
         f"{path} does not say which matrix is the {role}{_known(shapes)}",
         remedy="Name it: {path: …, name: …}.",
     )
+
+
+def named_as(shapes: Mapping[str, Sequence[int]], role: str) -> list[str]:
+    """Return the matrices that have a usual name of a role, the likeliest first."""
+    usual = [word.lower() for word in USUAL[role]]
+    named = (found for found in shapes if found.rpartition("/")[2].lower() in usual)
+    return sorted(named, key=lambda found: _rank(found, role))
+
+
+def _rank(name: str, role: str) -> tuple[int, int]:
+    """Return the place of a name among the usual ones, and how deep in the file it stands."""
+    usual = [word.lower() for word in USUAL[role]]
+    return usual.index(name.rpartition("/")[2].lower()), name.count("/")
 
 
 def _known(shapes: Mapping[str, Sequence[int]]) -> str:

@@ -7,12 +7,15 @@ from pathlib import Path
 
 from dynid.errors import FileError, UsageError
 from dynid.file_access import obstacle
-from dynid.structure.readers import bulk_data, exodus, node_table
+from dynid.structure.readers import bulk_data, exodus, input_file, matlab_nodes, node_table, op2
 from dynid.structure.readers.node_file import NodeFile
 
 _READERS: dict[str, Callable[[Path], NodeFile]] = {
     **dict.fromkeys((".bdf", ".dat", ".nas", ".pch", ".asm"), bulk_data.read_nodes),
+    ".op2": op2.read_nodes,
     **dict.fromkeys((".exo", ".e", ".g", ".ex2", ".exii"), exodus.read_nodes),
+    **dict.fromkeys((".mat", ".h5", ".hdf5"), matlab_nodes.read_nodes),
+    ".inp": input_file.read_nodes,
     ".csv": node_table.read_nodes,
 }
 
@@ -23,8 +26,8 @@ def read_nodes(path: Path) -> NodeFile:
     Parameters
     ----------
     path
-        The file: Nastran bulk data (`.bdf`, `.dat`, `.nas`, `.pch`, `.asm`), Exodus (`.exo`, `.e`, `.g`), or
-        a table (`.csv`).
+        The file: Nastran bulk data (`.bdf`, `.dat`, `.nas`, `.pch`, `.asm`) or OUTPUT2 (`.op2`), Exodus
+        (`.exo`, `.e`, `.g`), Abaqus or CalculiX (`.inp`), MATLAB or HDF5, or a table (`.csv`).
 
     Raises
     ------

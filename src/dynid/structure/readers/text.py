@@ -1,4 +1,4 @@
-"""Matrices in text files: Matrix Market, and bare triplets as Abaqus exports them.
+"""Matrices in text files: Matrix Market, bare triplets as Abaqus exports them, and full rows.
 
 Matrix Market files have the banner `%%MatrixMarket` in their first line (R. F. Boisvert, R. Pozo,
 K. A. Remington, "The Matrix Market exchange formats", NISTIR 5935, 1996). SciPy's compiled reader ends the
@@ -18,7 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import FileError
-from dynid.structure.readers.imported_matrix import ImportedMatrix, check_backed, check_claim, read_errors
+from dynid.structure.readers.imported_matrix import (
+    MOST_NUMBERS,
+    ImportedMatrix,
+    check_backed,
+    check_claim,
+    read_errors,
+)
 from dynid.structure.readers.triplets import assembled, one_triangle, whole_places
 
 BANNER = "%%matrixmarket"
@@ -209,3 +215,22 @@ def _numbers(path: Path, skip: int, comment: str) -> NDArray[np.float64]:
         return np.loadtxt(
             path, comments=comment, delimiter=delimiter, skiprows=skip, ndmin=2, encoding="utf-8"
         )
+
+
+def read_rows(path: Path) -> ImportedMatrix:
+    """Read a matrix row by row, all its entries, as ``printA`` of OpenSees writes it.
+
+    Raises
+    ------
+    FileError
+        If the rows are no square matrix.
+    """
+    with read_errors(path, "rows of a matrix"):
+        if path.stat().st_size > 40 * MOST_NUMBERS:
+            raise FileError(f"{path} is too large for a matrix with all its entries")
+        table = _numbers(path, 0, "#")
+        if table.shape[0] != table.shape[1] or not table.size:
+            raise FileError(
+                f"{path} has {table.shape[0]} rows of {table.shape[1]} numbers; a structural matrix is square"
+            )
+    return ImportedMatrix(table)

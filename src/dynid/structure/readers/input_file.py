@@ -1,0 +1,197 @@
+"""Input files of Abaqus and CalculiX (`.inp`): nodes, node sets, edges of elements; constraints are counted.
+
+Source: Dassault Systèmes, "Abaqus Keywords Reference"; G. Dhondt, "CalculiX CrunchiX User's Manual", 2.20.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from dynid.errors import FileError
+from dynid.file_access import obstacle
+from dynid.number_format import counted
+from dynid.structure.nodes import Nodes
+from dynid.structure.readers.element_edges import corners, edges
+from dynid.structure.readers.imported_matrix import read_errors
+from dynid.structure.readers.node_file import NodeFile
+
+_WHAT = "an input file of Abaqus or CalculiX"
+# The most characters of a file and those that it includes, and how deep these are nested.
+_MOST, _DEEPEST = 1_000_000_000, 10
+_MOST_GENERATED = 10_000_000
+_CONSTRAINTS = (
+    "BOUNDARY", "EQUATION", "MPC", "COUPLING", "KINEMATIC", "DISTRIBUTING", "RIGID BODY", "TIE",
+    "KINEMATIC COUPLING", "DISTRIBUTING COUPLING",
+)  # fmt: skip
+#: Keywords that make or move nodes, and are not read.
+_UNREAD = ("NGEN", "NFILL", "NCOPY", "NMAP", "SYSTEM", "SUBMODEL")
+#: Shapes by the patterns of element types.
+_SHAPES = (
+    (r"C3D4|C3D10|DC3D4|DC3D10|F3D4", "tetrahedron"), (r"C3D5", "pyramid"), (r"C3D6|C3D15|SC6", "wedge"),
+    (r"C3D8|C3D20|C3D27|SC8|F3D8", "hexahedron"),
+    (r"(S|M3D|STRI|CPS|CPE|CAX|R3D|DS)(3|6|65)(?!\d)", "triangle"),
+    (r"(S|M3D|CPS|CPE|CAX|R3D|DS)(4|8|9)", "quadrilateral"), (r"(B|T|PIPE|ELBOW|RB|D1)", "line"),
+    (r"SPRINGA|CONN|JOINTC", "line"),
+)  # fmt: skip
+
+
+class _Block(NamedTuple):
+    """A keyword with its parameters, and its data lines as words."""
+
+    keyword: str
+    parameters: dict[str, str]
+    lines: list[list[str]]
+
+
+def read_nodes(path: Path) -> NodeFile:
+    """Return nodes and node sets of an input file.
+
+    Raises
+    ------
+    FileError
+        If it cannot be read, has no nodes, or makes or moves nodes in ways that are not read.
+    """
+    with read_errors(path, _WHAT):
+        places: dict[int, list[float]] = {}
+        sets: dict[str, list[int]] = {}
+        elements: list[tuple[str, list[int]]] = []
+        held: Counter[str] = Counter()
+        parts = 0
+        for block in _blocks(path):
+            parts += block.keyword == "PART"
+            moved = block.keyword == "INSTANCE" and block.lines
+            if parts > 1 or moved or block.keyword in _UNREAD:
+                what = "several parts" if parts > 1 else "a moved instance" if moved else f"*{block.keyword}"
+                raise FileError(
+                    f"{path} has {what}, which is not read",
+                    remedy="Write an input file without parts, or a table of nodes (.csv).",
+                )
+            if block.keyword == "NODE":
+                numbers = _nodes(places, block)
+                if "NSET" in block.parameters:
+                    sets.setdefault(block.parameters["NSET"], []).extend(numbers)
+            elif block.keyword == "NSET":
+                sets.setdefault(block.parameters.get("NSET", ""), []).extend(_members(sets, block))
+            elif block.keyword == "ELEMENT":
+                elements += _elements(block)
+            elif block.keyword in _CONSTRAINTS:
+                held[block.keyword] += 1
+            elif block.keyword == "TRANSFORM":
+                held["TRANSFORM"] += 1
+        if not places:
+            raise FileError(f"{path} has no nodes (*NODE)")
+        numbers = list(places)
+        xyz = np.array([places[number] for number in numbers])
+        known = {
+            name: tuple(dict.fromkeys(node for node in members if node in places))
+            for name, members in sets.items()
+        }
+        lines = {edge for shape, ends in elements if places.keys() >= {*ends} for edge in edges(shape, ends)}
+        return NodeFile(Nodes(tuple(numbers), xyz, {}, known, tuple(sorted(lines)), tuple(_notes(held))), ())
+
+
+def _notes(held: Counter[str]) -> Iterator[str]:
+    turned = held.pop("TRANSFORM", 0)
+    if turned:
+        yield f"{counted(turned, 'coordinate system')} of *TRANSFORM, which are not applied"
+    if held:
+        listed = ", ".join(f"{count} *{name}" for name, count in held.items())
+        yield f"constraints, which are not applied: {listed}"
+
+
+def _nodes(places: dict[int, list[float]], block: _Block) -> list[int]:
+    """Add the nodes of a block; of one that stands twice the last position holds."""
+    if block.parameters.get("SYSTEM", "R").upper() != "R":
+        raise ValueError("*NODE in a system other than Cartesian is not read")
+    numbers = []
+    for words in block.lines:
+        number = int(words[0])
+        point = [float(word.upper().replace("D", "E")) if word else 0.0 for word in words[1:4]]
+        places[number] = point + [0.0] * (3 - len(point))
+        numbers.append(number)
+    return numbers
+
+
+def _members(sets: dict[str, list[int]], block: _Block) -> Iterator[int]:
+    """Yield the nodes of a set: numbers, names of other sets, or with ``GENERATE`` first, last, step."""
+    for words in block.lines:
+        if "GENERATE" in block.parameters:
+            first, last, step = (int(word) for word in [*[word for word in words if word], "1"][:3])
+            if step < 1 or (last - first) // step > _MOST_GENERATED:
+                raise ValueError(f"a node set from {first} to {last} by {step}")
+            yield from range(first, last + 1, step)
+            continue
+        for word in words:
+            if word.lstrip("+-").isdigit():
+                yield int(word)
+            elif word:
+                yield from sets.get(word.upper().strip('"'), ())
+
+
+def _elements(block: _Block) -> Iterator[tuple[str, list[int]]]:
+    """Yield shape and corners of the elements of a block, whose lines go on until all nodes are there."""
+    kind = block.parameters.get("TYPE", "").upper()
+    shape = next((shape for pattern, shape in _SHAPES if re.match(pattern, kind)), None)
+    if shape is None:
+        return
+    nodes = re.search(r"(?:C3D|SC)(\d+)", kind)
+    total = max(int(nodes[1]), corners(shape)) if nodes else 0
+    waiting: list[str] = []
+    for words in block.lines:
+        waiting += [word for word in words if word]
+        if len(waiting) > total:
+            yield shape, [int(word) for word in waiting[1 : 1 + corners(shape)]]
+            waiting = []
+
+
+def _blocks(path: Path) -> Iterator[_Block]:
+    """Yield the keywords of a file and those that it includes, with their data lines."""
+    current: _Block | None = None
+    continued = ""
+    for line in _lines(path, 0, [0]):
+        if line.startswith("*"):
+            continued = line
+        elif continued.endswith(","):  # the parameters of a keyword go on
+            continued += line
+        else:
+            assert current is not None or not line
+            if current is not None:
+                current.lines.append([word.strip() for word in line.split(",")])
+            continue
+        if continued.endswith(","):
+            continue
+        if current is not None:
+            yield current
+        keyword, *parameters = (word.strip() for word in continued[1:].split(","))
+        pairs = (word.partition("=") for word in parameters)
+        given = {name.strip().upper(): value.strip().strip('"').upper() for name, _, value in pairs}
+        current = _Block(" ".join(keyword.upper().split()), given, [])
+        continued = ""
+    if current is not None:
+        yield current
+
+
+def _lines(path: Path, depth: int, size: list[int]) -> Iterator[str]:
+    """Yield the lines of a file and those that it includes, without comments and blanks at their ends."""
+    blocked = obstacle(path)
+    if blocked is not None:
+        raise FileError(f"{path} {blocked[0]}", remedy=blocked[1])
+    size[0] += path.stat().st_size
+    if depth > _DEEPEST or size[0] > _MOST:
+        raise FileError(f"{path}: too many files include each other, or they are too large")
+    with path.open(encoding="utf-8", errors="replace") as stream:
+        for raw in stream:
+            line = raw.strip()
+            if not line or line.startswith("**"):
+                continue
+            other = re.match(r"\*(?:INCLUDE|NODE|ELEMENT)\b.*,\s*INPUT\s*=\s*([^,]+)", line, re.IGNORECASE)
+            if other is None or not line[1:].upper().startswith("INCLUDE"):
+                yield line
+            if other is not None:
+                yield from _lines(path.parent / other[1].strip().strip("\"'"), depth + 1, size)

@@ -1,0 +1,278 @@
+"""Models that other programs wrote, against their own eigenvalues; damaged files end in one sentence."""
+
+import importlib.util
+import json
+import re
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from dynid.errors import FileError
+from dynid.scene.load import load_scene
+from dynid.scene.run import run_scene
+from dynid.structure.imported import imported
+from dynid.structure.modes.modes import modes
+from dynid.structure.readers.model_file import model_files
+from dynid.structure.readers.read import MatrixFile, read_matrix
+from dynid.structure.readers.read_nodes import read_nodes
+
+DATA = Path(__file__).parents[1] / "data" / "fe"
+FE = Path(__file__).parents[3] / "shared" / "data" / "fe"
+needs_data = pytest.mark.skipif(not FE.is_dir(), reason="the shared data are not here")
+needs_pyyeti = pytest.mark.skipif(
+    importlib.util.find_spec("pyyeti") is None, reason="pyyeti is not installed"
+)
+
+
+def model_of(path, **more):
+    files = model_files(path)
+    return imported(files.mass, files.stiffness, files.damping, nodes=files.nodes, **more)
+
+
+def strain(model):
+    R = model.nodes.rigid(model.dofs)
+    return np.abs(model.K @ R) / np.maximum(np.abs(model.K) @ np.abs(R), 1e-300)
+
+
+def test_calculix():
+    """A held bracket: its DOFs without those of the support, and the eigenvalues that ccx prints."""
+    model = model_of(DATA / "bracket.inp")
+    assert model.size == 33
+    assert model.dofs[:4] == ("25:x", "25:y", "25:z", "26:x")
+    assert model.nodes.sets["TIP"] == (31, 32, 33, 34, 35)
+    assert model.nodes.sets["HELD"] == (11, 12, 13, 14)
+    assert {(11, 12), (31, 35), (33, 42)} <= set(model.nodes.lines)
+    assert "constraints, which are not applied: 1 *BOUNDARY" in model.nodes.notes
+    expected = np.loadtxt(DATA / "bracket_eigenvalues.txt")
+    found = modes(model.M, model.C, model.K, len(expected)).omega ** 2
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+    free = model_of(DATA / "free.inp")
+    assert strain(free).max() < 1e-10
+    assert not free.nodes.doubts
+    assert modes(free.M, free.C, free.K, 8).rigid == 6
+
+
+def test_opensees():
+    """Full rows of printA, DOFs by the table of nodes."""
+    model = imported(
+        MatrixFile(DATA / "frame_M.out"), MatrixFile(DATA / "frame_K.out"), nodes=DATA / "frame_nodes.csv"
+    )
+    assert model.dofs[-4:] == ("4:rz", "5:rx", "5:ry", "5:rz")
+    expected = json.loads((DATA / "frame_eigenvalues.json").read_text())
+    found = modes(model.M, model.C, model.K, 10).omega ** 2
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    # Nodes 3 and 4 have no supported neighbour but node 5: those of node 3 are in balance.
+    rows = [place for place, dof in enumerate(model.dofs) if dof.startswith("3:")]
+    assert strain(model)[rows].max() < 1e-12
+    assert not model.nodes.doubts
+
+
+def harwell_boeing(K, name="bcsstk  ", kind="RSA", wide=20):
+    """A file as Ansys or the collection has it: fixed columns, Fortran's formats."""
+    from scipy.sparse import csc_array, tril
+
+    low = csc_array(tril(csc_array(K)) if kind[1] == "S" else csc_array(K))
+    low.sort_indices()
+
+    def cards(numbers, width, count, form):
+        words = [form(number).rjust(width) for number in numbers]
+        return ["".join(words[k : k + count]) for k in range(0, len(words), count)]
+
+    starts = cards(low.indptr + 1, 8, 10, str)
+    rows = cards(low.indices + 1, 8, 10, str)
+    values = cards(low.data, wide, 80 // wide, lambda value: f"{value:.12E}".replace("E", "D"))
+    total = len(starts) + len(rows) + len(values)
+    head = [
+        f"{'A stiffness':72}{name}",
+        f"{total:14d}{len(starts):14d}{len(rows):14d}{len(values):14d}{0:14d}",
+        f"{kind}{'':11}{K.shape[0]:14d}{K.shape[1]:14d}{low.nnz:14d}{0:14d}",
+        f"{'(10I8)':16}{'(10I8)':16}{f'(1P,{80 // wide}D{wide}.12)':20}{'':20}",
+    ]
+    return "\n".join([*head, *starts, *rows, *values]) + "\n"
+
+
+K = np.array([[4.0, -1.5, 0.0], [-1.5, 3.0, -1.0e-3], [0.0, -1.0e-3, 2.0]])
+
+
+@pytest.mark.parametrize("kind", ["RSA", "RUA"])
+@pytest.mark.parametrize("ending", ["rsa", "rb", "matrix", "hb"])
+def test_harwell_boeing(tmp_path, kind, ending):
+    (tmp_path / f"k.{ending}").write_text(harwell_boeing(K, kind=kind))
+    found = read_matrix(MatrixFile(tmp_path / f"k.{ending}"), "stiffness")
+    np.testing.assert_array_equal(found.matrix.toarray(), K)
+    assert not found.labels
+
+
+def test_a_mapping_of_ansys(tmp_path):
+    (tmp_path / "k.matrix").write_text(harwell_boeing(K))
+    (tmp_path / "k.mapping").write_text(" Matrix Eqn    Node      DOF\n 1  12  UX\n 3  12  ROTZ\n 2  7  UY\n")
+    found = read_matrix(MatrixFile(tmp_path / "k.matrix"), "stiffness")
+    assert found.labels == ("12:UX", "7:UY", "12:ROTZ")
+    (tmp_path / "k.mapping").write_text(" Matrix Eqn    Node      DOF\n 1  12  UX\n")
+    with pytest.raises(FileError, match=re.escape("k.mapping names 1 rows of 3")):
+        read_matrix(MatrixFile(tmp_path / "k.matrix"), "stiffness")
+
+
+def test_structures_of_matlab(tmp_path):
+    """Fields of a structure, written by SciPy: matrices, nodes, DOFs as node.component."""
+    from scipy.sparse import csc_array
+
+    xyz = np.array([[3.0, 0, 0, 0], [8, 1, 0, 0], [5, 1, 2, 0]])
+    k = np.diag(np.arange(1.0, 10)) + 0.1
+    dof = [[node + component / 100] for node in (8, 3, 5) for component in (1, 2, 3)]
+    fields = {"K": csc_array(k), "M": np.eye(9), "nodes": xyz, "DOF": dof, "name": "x", "deep": {"C": k}}
+    for compressed in (False, True):
+        savemat(tmp_path / "m.mat", {"model": fields, "other": np.eye(2)}, do_compression=compressed)
+        model = model_of(tmp_path / "m.mat")
+        np.testing.assert_array_equal(model.K, k)
+        np.testing.assert_array_equal(model.C, k)
+        assert model.dofs[:4] == ("8:x", "8:y", "8:z", "3:x")
+        np.testing.assert_array_equal(model.nodes.xyz[2], [1, 2, 0])
+    with h5py.File(tmp_path / "m.h5", "w") as store:  # columns of node and component
+        store["model/K"], store["model/M"], store["model/nodes"] = k, np.eye(9), xyz
+        store["model/dofs"] = [[node, component] for node in (8, 3, 5) for component in (1, 2, 3)]
+    assert model_of(tmp_path / "m.h5").dofs == model.dofs
+
+
+@needs_pyyeti
+def test_dmig_matrices(tmp_path):
+    """Written by pyyeti: symmetric, one triangle or both, scalar points."""
+    import pandas as pd
+    from pyyeti.nastran import bulk
+
+    dofs = pd.MultiIndex.from_tuples([(3, 1), (3, 2), (3, 6), (11, 0)], names=["id", "dof"])
+    k = np.array([[4.0, -1.5, 0, 1], [-1.5, 3, -1e-3, 0], [0, -1e-3, 2, 0], [1, 0, 0, 5]])
+    frames = {name: pd.DataFrame(matrix, dofs, dofs) for name, matrix in (("KAAX", k), ("MAAX", np.eye(4)))}
+    bulk.wtdmig(str(tmp_path / "m.pch"), frames)
+    with (tmp_path / "m.pch").open("a") as stream:
+        stream.write("GRID    3               1.      2.      3.\nSPOINT  11\n")
+    model = model_of(tmp_path / "m.pch")
+    assert model.dofs == ("3:x", "3:y", "3:rz", 11)
+    np.testing.assert_array_equal(model.K, k)
+    np.testing.assert_array_equal(model.nodes.xyz, [[1, 2, 3]])
+
+
+@needs_data
+@needs_pyyeti
+def test_a_scene_names_one_file_of_a_model(tmp_path):
+    for name in ("outboard.op4", "outboard.pch"):
+        (tmp_path / name).write_bytes((FE / name).read_bytes())
+    scene = "dynid: 1\nkind: reduction\nstructure:\n  matrices: {model: outboard.op4}\n"
+    (tmp_path / "s.yaml").write_text(scene + "reduction: [{method: modal, modes: {count: 8}}]\n")
+    result = run_scene(load_scene(tmp_path / "s.yaml"))
+    assert result["reduction/dof"].data.tolist()[:3] == ["3:x", "3:y", "3:z"]
+
+
+@pytest.mark.parametrize("cut", [0, 1, 7, 100, 5000, 11_000])
+@pytest.mark.parametrize("damaged", ["bracket.inp", "bracket.sti", "bracket.mas", "bracket.dof"])
+def test_truncated_files_of_calculix(tmp_path, damaged, cut):
+    """Refused, or what is left is a model: an input file may end anywhere behind its nodes."""
+    for name in ("bracket.inp", "bracket.sti", "bracket.mas", "bracket.dof"):
+        content = (DATA / name).read_bytes()
+        (tmp_path / name).write_bytes(content[:cut] if name == damaged else content)
+    if cut > (DATA / damaged).stat().st_size:
+        pytest.skip("the file is shorter")
+    if damaged == "bracket.inp" and cut >= 100:
+        (doubt,) = model_of(tmp_path / "bracket.inp").nodes.doubts
+        assert doubt == "33 DOFs of 33 have nodes that are not there, first 25"
+        return
+    with pytest.raises(FileError):
+        model_of(tmp_path / "bracket.inp")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "has no nodes"),
+        ("*NODE\n1, 0., x\n", "cannot be read as an input file"),
+        ("*PART, NAME=A\n*NODE\n1, 0.\n*PART, NAME=B\n*NODE\n1, 2.\n", "has several parts"),
+        ("*NODE\n1, 0.\n*NGEN\n1, 5\n", "has *NGEN, which is not read"),
+        ("*NODE, SYSTEM=C\n1, 0.\n", "in a system other than Cartesian"),
+        ("*INCLUDE, INPUT=m.inp\n", "too many files include each other"),
+        ("*NODE\n1, 0.\n*NSET, NSET=A, GENERATE\n1, 99999999999, 1\n", "a node set from 1 to 99999999999"),
+        ("*NODE\n1, nan, 0., 0.\n", "finite coordinates"),
+        ("*NODE\n1, 0.\n*INSTANCE, NAME=I, PART=P\n1., 0., 0.\n", "has a moved instance"),
+    ],
+)
+def test_damaged_input_files(tmp_path, text, said):
+    (tmp_path / "m.inp").write_text(text)
+    with pytest.raises(FileError, match=re.escape(said)):
+        read_nodes(tmp_path / "m.inp")
+
+
+def spoiled(text, old, new):
+    assert old in text
+    return text.replace(old, new, 1)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("RSA", "RSE", "holds a matrix of type RSE"),
+        ("RSA", "CSA", "holds a matrix of type CSA"),
+        (
+            "             3             3             5",
+            "             3             4             5",
+            "cannot be",
+        ),
+        (
+            "             3             3             5",
+            "       9999999       9999999             5",
+            "truncated",
+        ),
+        (
+            "             3             3             5",
+            "             3             3     999999999",
+            "claims a matrix",
+        ),
+        ("(10I8)", "(99999I8)", "are no formats"),
+        ("(10I8)", "(10F8)", "formats are not those"),
+        ("(10I8)", "garbage", "formats are not those"),
+        ("D+00", "Q+00", "cannot be read as a Harwell-Boeing file"),
+    ],
+)
+def test_damaged_harwell_boeing(tmp_path, old, new, said):
+    (tmp_path / "k.rsa").write_text(spoiled(harwell_boeing(K), old, new))
+    with pytest.raises(FileError, match=said):
+        read_matrix(MatrixFile(tmp_path / "k.rsa"), "stiffness")
+
+
+@pytest.mark.parametrize("kept", [0, 0.1, 0.5, 0.8, 0.96])
+def test_a_truncated_harwell_boeing_file(tmp_path, kept):
+    (tmp_path / "k.rsa").write_text(harwell_boeing(K)[: int(kept * 470)])
+    with pytest.raises(FileError, match=r"k\.rsa"):
+        read_matrix(MatrixFile(tmp_path / "k.rsa"), "stiffness")
+
+
+def test_rows_that_are_no_square_matrix(tmp_path):
+    (tmp_path / "k.out").write_text("1 2\n3 4\n5 6\n")
+    with pytest.raises(FileError, match="has 3 rows of 2 numbers"):
+        read_matrix(MatrixFile(tmp_path / "k.out"), "stiffness")
+
+
+def test_scripts_that_are_no_matrix(tmp_path):
+    for text in (
+        "a = [\n1 1 2;\n",
+        "a=[\n1 1 2;\n];\nb = 3;\n",
+        "a=[\n1 1;\n];\na=sparse(a(:,1),a(:,2),a(:,3))\n",
+    ):
+        (tmp_path / "k.m").write_text(text)
+        with pytest.raises(FileError, match="a MATLAB script of a sparse matrix"):
+            read_matrix(MatrixFile(tmp_path / "k.m"), "stiffness")
+    (tmp_path / "k.m").write_text("a=[\n2 2 5.5;\n1 2 3.5];\na=sparse(a(:,1),a(:,2),a(:,3),3,3);\n")
+    found = read_matrix(MatrixFile(tmp_path / "k.m"), "stiffness").matrix.toarray()
+    np.testing.assert_array_equal(found, [[0, 3.5, 0], [3.5, 5.5, 0], [0, 0, 0]])
+
+
+def test_models_that_are_not_whole(tmp_path):
+    (tmp_path / "a.inp").write_text("*NODE\n1, 0.\n")
+    with pytest.raises(FileError, match="has no matrices beside it"):
+        model_files(tmp_path / "a.inp")
+    (tmp_path / "a.mtx").write_text("")
+    with pytest.raises(FileError, match="is no file of a whole model"):
+        model_files(tmp_path / "a.mtx")
+    with pytest.raises(FileError, match="is no file"):
+        model_files(tmp_path / "b.op2")
