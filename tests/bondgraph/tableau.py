@@ -116,6 +116,16 @@ def _equations(types, values, bonds, inputs, s):
             equation([(e(at[0]), 1), (f(at[0]), -values[name] * s * signs[0])])
         elif kind == "C":
             equation([(f(at[0]), 1), (e(at[0]), -values[name] * s * signs[0])])
+        elif kind in ("MTF", "MGY"):  # values: moduli, ports of the rows, ports of the columns
+            moduli, first, second = values[name]
+            bond = {end: index for index, pair in enumerate(bonds) for end in pair}
+            over, under = (e, f) if kind == "MTF" else (f, e)
+            for port, entries in zip(first, moduli, strict=True):
+                terms = [(over(bond[other]), -n) for other, n in zip(second, entries, strict=True)]
+                equation([(e(bond[port]), 1), *terms])
+            for port, entries in zip(second, zip(*moduli, strict=True), strict=True):
+                terms = [(f(bond[other]), -n) for other, n in zip(first, entries, strict=True)]
+                equation([(under(bond[port]), 1), *terms])
         else:
             one, two = (at[0], at[1]) if signs[0] == 1 else (at[1], at[0])
             if kind == "TF":

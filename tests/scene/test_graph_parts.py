@@ -336,7 +336,7 @@ STRUCTURE = "{type: structure, structure: {lumped: {masses: [1]}}, "
             "name a port of it, such as field.a.f",
             10,
         ),
-        ("{type: TF, matrix: [[1]], ports: [a]}", "one -> r", "r.f", "only I, C and R", 8),
+        ("{type: Se, matrix: [[1]], ports: [a]}", "one -> r", "r.f", "only I, C, R, TF and GY", 8),
         ("{type: I, ports: [a]}", "one -> r", "r.f", "a field is written", 8),
         ("{type: I, matrix: [[1]], ports: [a b]}", "one -> r", "r.f", "'a b' cannot name a port; use", 8),
         (

@@ -1,9 +1,10 @@
-"""Multiport fields and structures as ordinary nodes and bonds: the same equations, exactly.
+"""Multiport fields, transformers and gyrators as ordinary nodes and bonds: the same equations, exactly.
 
 A symmetric matrix is a sum of squares, ``A = L D L^T``. On ports with flows f a field with e = A f,
 e = A df/dt or e = A ∫f dt is one element of value D_k (I, R; C of 1/D_k) for every square: on a 0-junction
 that takes the flow ``sum_i L_ik f_i`` through transformers. A field of compliances, f = A de/dt, is the dual:
-its elements are on 1-junctions. Source: Karnopp, Margolis & Rosenberg, *System Dynamics*, chapter 7.
+its elements are on 1-junctions. A transformer of a matrix of moduli is one of every entry, between a junction
+for its row and one for its column. Source: Karnopp, Margolis & Rosenberg, *System Dynamics*, chapter 7.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from itertools import pairwise
 from typing import Any, Literal, cast
 
 from dynid.arithmetic.dependent import Dependent, Real
@@ -67,15 +69,29 @@ class Expansion:
         self.nodes.append(Node(name, kind, exact, None, domain, dependent, self.name))
         return name
 
-    def connect(self, tail: str, head: str, modulus: Real | None = None, name: str = "") -> None:
-        """Add a bond, or a transformer of this modulus (e1 = n e2) with its two bonds."""
+    def connect(
+        self,
+        tail: str,
+        head: str,
+        modulus: Real | None = None,
+        name: str = "",
+        kind: Literal["TF", "GY"] = "TF",
+    ) -> None:
+        """Add a bond; with a modulus a transformer (e1 = n e2) or gyrator (e1 = r f2) with its two bonds."""
         if modulus is None:
             self.bonds.append(Bond(tail, head))
             return
-        between = self.add("TF", name, modulus)
+        between = self.add(kind, name, modulus)
         self.bonds += [Bond(tail, between), Bond(between, head)]
 
-    def add_port(self, port: str, kind: Literal["0", "1"], wanted: Iterable[str], domain: str = "") -> str:
+    def add_port(
+        self,
+        port: str,
+        kind: Literal["0", "1"],
+        wanted: Iterable[str],
+        domain: str = "",
+        outward: bool = False,
+    ) -> str:
         """Add a port, and return the junction behind it to which the interior is connected.
 
         Parameters
@@ -89,6 +105,8 @@ class Expansion:
             those of one of the other kind behind it.
         domain
             Its domain.
+        outward
+            True where power is positive out of the port.
         """
         outer = self.add(kind, f"{self.name}.{port}", None, domain)
         others = [quantity for quantity in wanted if quantity in ("ep" if kind == "1" else "fq")]
@@ -96,7 +114,8 @@ class Expansion:
             return outer
         sensor = self.add("0" if kind == "1" else "1", f"{outer}_{others[0]}", None, domain)
         inner = self.add(kind, f"{outer}_inside", None, domain)
-        self.bonds += [Bond(outer, sensor), Bond(sensor, inner)]
+        way = [inner, sensor, outer] if outward else [outer, sensor, inner]
+        self.bonds += [Bond(tail, head) for tail, head in pairwise(way)]
         self.measure(port, sensor, others)
         return inner
 
@@ -196,6 +215,49 @@ def expand_field(
     return made
 
 
+def expand_coupling(
+    name: str,
+    kind: Literal["TF", "GY"],
+    ports: Sequence[str],
+    matrix: Sequence[Sequence[Real]],
+    taken: set[str],
+    wanted: Mapping[str, Iterable[str]],
+) -> Expansion:
+    """Return a multiport transformer or gyrator as ordinary nodes.
+
+    Parameters
+    ----------
+    name
+        Its name.
+    kind
+        TF: e1 = N e2, f2 = N^T f1; GY: e1 = N f2, e2 = N^T f1. Power enters at 1 and leaves at 2.
+    ports
+        Names of its ports: first those of the rows (1), then those of the columns (2).
+    matrix
+        N (rows x columns).
+    taken
+        Names of other nodes.
+    wanted
+        By port the quantities that are outputs.
+
+    Raises
+    ------
+    UsageError
+        If an entry is zero at the start values of the parameters that it depends on.
+    """
+    made, second = Expansion(name, taken), ports[len(matrix) :]
+    rows = [made.add_port(port, "1", wanted.get(port, ())) for port in ports[: len(matrix)]]
+    other: Literal["0", "1"] = "0" if kind == "TF" else "1"
+    columns = [made.add_port(port, other, wanted.get(port, ()), outward=True) for port in second]
+    for row, into, entries in zip(rows, ports, matrix, strict=False):
+        for column, out, entry in zip(columns, second, entries, strict=True):
+            if reference(entry):
+                made.connect(row, column, entry, f"{name}_{identifier(into)}_{identifier(out)}", kind)
+            elif isinstance(entry, Dependent):
+                raise _zero_at_start(name, "modulus")
+    return made
+
+
 def symmetric_squares(name: str, rows: Rows, rounding: float = 0.0) -> list[Column]:
     """Return a matrix of numbers that may depend on parameters as squares.
 
@@ -221,11 +283,15 @@ def symmetric_squares(name: str, rows: Rows, rounding: float = 0.0) -> list[Colu
     try:
         return dependent_squares(rows, exact)
     except ZeroDivisionError:
-        raise UsageError(
-            f"a coupling in '{name}' is zero at the start values of its unknown parameters, but not beside",
-            remedy="Start at values at which the entries that depend on them differ from zero.",
-            names=(name,),
-        ) from None
+        raise _zero_at_start(name, "coupling") from None
+
+
+def _zero_at_start(name: str, what: str) -> UsageError:
+    return UsageError(
+        f"a {what} of '{name}' is zero at the start values of its unknown parameters, but not beside",
+        remedy="Start at values at which the entries that depend on them differ from zero.",
+        names=(name,),
+    )
 
 
 def field_fault(matrix: Sequence[Sequence[Real]]) -> str:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 from dynid.arithmetic.dependent import Real
-from dynid.bondgraph.fields import Expansion, FieldType, expand_field
-from dynid.bondgraph.graph import BondGraph, Node, NodeType, Port
+from dynid.bondgraph.fields import Expansion, FieldType, expand_coupling, expand_field
+from dynid.bondgraph.graph import TWO_PORTS, BondGraph, Node, NodeType, Port
 from dynid.errors import DynidError
 from dynid.model_scope import ScopePart
 from dynid.scene.schema.raw import STRUCTURE
@@ -104,6 +104,8 @@ def _expand_field(
 
     matrix = [[number(entry) for entry in row] for row in node.matrix]
     ports = cast("list[str]", node.ports)
+    if node.type in TWO_PORTS:
+        return expand_coupling(name, cast("Literal['TF', 'GY']", node.type), ports, matrix, taken, wanted)
     return expand_field(name, cast("FieldType", node.type), ports, matrix, taken, wanted, node.domain or "")
 
 

@@ -49,6 +49,7 @@ from dynid.scene.schema.graph_variables import TEXT, Output, unknown_node
 from dynid.scene.schema.joints import JointModel, ParameterModel
 from dynid.scene.schema.quantities import Quantity, SceneNames, Uncertain, Value, fault, names_of
 from dynid.scene.schema.raw import (
+    COUPLING,
     FIELD,
     MULTIPORTS,
     PORT,
@@ -109,11 +110,16 @@ def _port_name(raw: str) -> str:
     return raw
 
 
-def _field_matrix(rows: list[list[Quantity]], info: ValidationInfo) -> list[list[Quantity]]:
+def _matrix(rows: list[list[Quantity]], info: ValidationInfo) -> list[list[Quantity]]:
+    coupling = info.data.get("type") in TWO_PORTS
     for place, row in enumerate(rows):
-        if len(row) != len(rows):
+        if len(row) != len(rows[0] if coupling else rows):
+            if coupling:
+                raise fault(f"row {place + 1} of the matrix has {len(row)} entries, row 1 has {len(rows[0])}")
             sizes = f"it has {len(rows)} rows, and row {place + 1} has {len(row)} entries"
             raise fault(f"the matrix is not square: {sizes}")
+    if coupling:
+        return rows
     names = names_of(info)
     if names.complete and not names.faulty:  # else an entry may have no value
         problem = field_fault([[entry.exact for entry in row] for row in rows])
@@ -123,8 +129,10 @@ def _field_matrix(rows: list[list[Quantity]], info: ValidationInfo) -> list[list
 
 
 _PortName = Annotated[str, AfterValidator(_port_name)]
-FieldMatrix = Annotated[
-    list[list[Uncertain]], Field(min_length=1, max_length=100), AfterValidator(_field_matrix)
+PortMatrix = Annotated[
+    list[Annotated[list[Uncertain], Field(min_length=1, max_length=100)]],
+    Field(min_length=1, max_length=100),
+    AfterValidator(_matrix),
 ]
 
 
@@ -136,14 +144,15 @@ class NodeModel(Section):
     """One node: type, value, and physical domain, which determines units.
 
     A field has the matrix of its ports in place of a value: I: e = M df/dt, C: f = M de/dt, R: e = M f. A
-    structure has ports at degrees of freedom, where bonds carry force and velocity; without a reduction it
-    enters by all its degrees of freedom.
+    multiport transformer or gyrator has one of moduli, with the ports of the rows and then those of the
+    columns: TF: e1 = N e2, f2 = N^T f1; GY: e1 = N f2, e2 = N^T f1. A structure has ports at degrees of
+    freedom, where bonds carry force and velocity; without a reduction it enters by all of them.
     """
 
     type: _NodeType
     value: Uncertain | None = None
     domain: Domain | None = None
-    matrix: FieldMatrix | None = None
+    matrix: PortMatrix | None = None
     structure: StructureModel | None = None
     reduction: ReductionModel | None = None
     joints: dict[str, JointModel] = {}
@@ -164,7 +173,7 @@ class NodeModel(Section):
         if given:
             raise fault(f"'{given[0]}' belongs to a node of type structure, not {self.type}")
         if self.matrix is not None or self.ports is not None:
-            return self._is_a_field()
+            return self._is_a_multiport()
         if self.type in VALUED and self.value is None:
             what = {"TF": "modulus n", "GY": "modulus r"}.get(self.type, "value")
             raise fault(f"{self.type} needs its {what}: write {{type: {self.type}, value: …}}")
@@ -176,16 +185,21 @@ class NodeModel(Section):
             raise fault(f"a {self.type} joins two domains; give 'domain' to the nodes on its sides")
         return self
 
-    def _is_a_field(self) -> Self:
-        if self.type not in FIELDS:
-            raise fault(f"only I, C and R have a matrix over ports, not {self.type}")
+    def _is_a_multiport(self) -> Self:
+        coupling = self.type in TWO_PORTS
+        what = f"a multiport {self.type}" if coupling else "a field"
+        if not coupling and self.type not in FIELDS:
+            raise fault(f"only I, C, R, TF and GY have a matrix over ports, not {self.type}")
         if self.matrix is None or not isinstance(self.ports, list):
-            raise fault(f"a field is written {{type: {self.type}, matrix: [[…]], ports: [a, b]}}")
+            raise fault(f"{what} is written {{type: {self.type}, matrix: [[…]], ports: [a, b]}}")
         if self.value is not None:
-            raise fault("a field has a 'matrix', and no 'value'")
-        if len(self.ports) != len(self.matrix):
-            size = f"{len(self.matrix)} x {len(self.matrix)}"
-            raise fault(f"the matrix is {size}, but 'ports' names {len(self.ports)}")
+            raise fault(f"{what} has a 'matrix', and no 'value'")
+        if coupling and self.domain is not None:
+            raise fault(f"{what} joins domains; give 'domain' to the nodes on its sides")
+        if len(self.ports) != len(self.matrix) + (len(self.matrix[0]) if coupling else 0):
+            size = f"{len(self.matrix)} x {len(self.matrix[0])}"
+            order = ": those of the rows, then those of the columns" if coupling else ""
+            raise fault(f"the matrix is {size}, but 'ports' names {len(self.ports)}{order}")
         return self
 
     def _is_a_structure(self) -> Self:
@@ -405,12 +419,13 @@ def _bond_faults(source: Source) -> list[Fault]:
         count, holder = sum(port in bond for bond in bonds), port.rpartition(".")[0]
         # Elements at one port of a structure have its velocity; at one port of a field they need a junction.
         # A port's name that has a dot, which is reported at its own place, has no such holder.
-        if types.get(holder) == FIELD and (count > 1 or (count == 0 and complete and bonds)):
+        if types.get(holder) in (FIELD, COUPLING) and (count > 1 or (count == 0 and complete and bonds)):
             message = f"port '{port}' has {count} bonds; put a junction between"
             message = message if count else f"port '{port}' has no bond; connect it or leave it out"
             faults.append(
                 source.fault(("graph", "nodes", written_key(nodes, holder), "ports"), message, key=True)
             )
+    faults += _coupling_faults(source, types, bonds, places)
     text = mapping(source.data, "analysis").get("port")
     ends = chain_ends(text) if isinstance(text, str) else []
     # A port with other faults is reported by its own key, or by the faults of the bonds.
@@ -419,6 +434,23 @@ def _bond_faults(source: Source) -> list[Fault]:
         if not set(MULTIPORTS) & set(types.values()):  # else loops may pass through what is expanded in a run
             problem = problem or loop_fault(types, bonds, Bond(*ends))
         faults += [source.fault(("analysis", "port"), problem)] if problem else []
+    return faults
+
+
+def _coupling_faults(
+    source: Source, types: Mapping[str, str], bonds: list[Bond], places: list[int]
+) -> list[Fault]:
+    """Return the bonds against the power through a multiport transformer or gyrator, as faults."""
+    faults, nodes = [], mapping(mapping(source.data, "graph"), "nodes")
+    for name in (name for name, kind in types.items() if kind == COUPLING):
+        rows = len(listing(nodes[written_key(nodes, name)], "matrix"))
+        first, second = ports_of(types, name)[:rows], ports_of(types, name)[rows:]
+        for number, bond in enumerate(bonds):
+            for port, wrong in ((bond.tail, bond.tail in first), (bond.head, bond.head in second)):
+                if wrong:
+                    how = "into its rows" if port in first else "out of its columns"
+                    message = f"power of '{name}' is positive {how}; turn the bond at '{port}'"
+                    faults.append(source.fault(("graph", "bonds", places[number]), message))
     return faults
 
 

@@ -65,27 +65,27 @@ def chain_ends(text: str) -> list[str]:
 
 
 #: Types of the nodes that bonds attach to at named ports, and of these ports, in `node_types`.
-FIELD, STRUCTURE, PORT = "field", "structure", "port"
-MULTIPORTS = (FIELD, STRUCTURE)
+FIELD, COUPLING, STRUCTURE, PORT = "field", "multiport", "structure", "port"
+MULTIPORTS = (FIELD, COUPLING, STRUCTURE)
 
 
 def node_types(data: Any) -> dict[str, str]:
     """Return the type of every node of a bond graph as written; empty where it cannot be read.
 
-    A field (an I, C or R with `matrix` or `ports`) has the type `FIELD`; the ports of fields and structures
-    stand beside them as ``field.a``, of type `PORT`.
+    With `matrix` or `ports` an I, C or R has the type `FIELD`, a TF or GY the type `COUPLING`; the ports of
+    these and of structures stand beside them as ``field.a``, of type `PORT`.
     """
     types = {}
     for name, node in mapping(mapping(data, "graph"), "nodes").items():
         kind = node.get("type") if isinstance(node, dict) else node
         types[str(name)] = str(kind) if isinstance(kind, str | int) else ""
         if isinstance(node, dict) and (kind == STRUCTURE or {"matrix", "ports"} & node.keys()):
-            types[str(name)] = STRUCTURE if kind == STRUCTURE else FIELD
+            types[str(name)] = {STRUCTURE: STRUCTURE, "TF": COUPLING, "GY": COUPLING}.get(str(kind), FIELD)
             ports = node.get("ports")
             types |= {f"{name}.{port}": PORT for port in (ports if isinstance(ports, list | dict) else ())}
     return types
 
 
 def ports_of(types: Mapping[str, str], name: str) -> list[str]:
-    """Return the ports of a field or structure, ``field.a``, in `node_types`."""
+    """Return the ports of a node that has several, ``field.a``, in `node_types`."""
     return [port for port, kind in types.items() if kind == PORT and port.rpartition(".")[0] == name]
