@@ -12,13 +12,16 @@ from numpy.typing import NDArray
 from dynid.identification.calibration import add_calibration_slopes, calibration_slopes
 from dynid.identification.frf_measurement import FrfMeasurement, frf_data
 from dynid.identification.frf_record import frf_likelihood
+from dynid.identification.identify_modes import ModalProblem
 from dynid.identification.information import Information
 from dynid.identification.lack_of_fit import compare_models
 from dynid.identification.least_squares import thin_svd
 from dynid.identification.likelihood import Fit, Likelihood
 from dynid.identification.linear_system import LinearSystem
 from dynid.identification.measurement import Experiment, as_estimated, data
+from dynid.identification.modal_record import ModalRecord
 from dynid.identification.parametric_model import Model, parametric_model
+from dynid.identification.posterior import channels_of_records
 from dynid.identification.time_record import TimeLikelihood, TimeRecord
 from dynid.lti.exponential import balance, rescaled
 from dynid.lti.floating import guarded
@@ -75,7 +78,10 @@ class ExpectedRecords:
     def redundancy(self) -> int:
         """Number of independent values that the records resolve beyond the unknowns."""
         compared = compare_models(self.likelihood, self.fit)
-        each = zip(self.likelihood.records, self.noise, compared.noise, strict=True)
+        pairs = zip(self.likelihood.records, self.noise, strict=True)
+        # Modes have no saturated model.
+        waves = [pair for pair in pairs if not isinstance(pair[0], ModalRecord)]
+        each = [(*pair, least) for pair, least in zip(waves, compared.noise, strict=True)]
         noise = [np.maximum(level / record.data.rms, least) for record, level, least in each]
         return compared.redundancy_at(noise)
 
@@ -237,6 +243,17 @@ def frf_identifiability(
         likelihood = frf_likelihood(model, measurement, frf_data(truth or model, measurement))
         channels = [(frf.name, frf.unit) for frf in measurement.channels]
         return identifiability_result(model, with_true_noise(expected_records(likelihood)), channels)
+
+
+def modal_identifiability(problem: ModalProblem) -> Result:
+    """Return the identifiability of the unknown parameters from measured modes, as `identifiability` does."""
+    expected = with_true_noise(expected_records(problem.likelihood))
+    return identifiability_result(problem.model, expected, channels_of_likelihood(expected.likelihood))
+
+
+def channels_of_likelihood(likelihood: Likelihood) -> list[tuple[str, str]]:
+    """Return the names and units of the channels of all records, modes among them."""
+    return [(place.name, place.unit) for place in channels_of_records(likelihood.records)]
 
 
 def add_expected_slopes(result: Result, expected: ExpectedRecords) -> None:

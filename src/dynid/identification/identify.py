@@ -20,6 +20,7 @@ from dynid.errors import Diverged, UsageError
 from dynid.identification.estimators.auto import Auto, FrfAuto
 from dynid.identification.estimators.estimate import Estimate, Estimator, Sweep
 from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
+from dynid.identification.estimators.modal_search import ModalSearch
 from dynid.identification.filter import ASTRAY
 from dynid.identification.frf_measurement import FrfMeasurement, frf_data
 from dynid.identification.frf_record import FrfLikelihood, frf_likelihood
@@ -94,11 +95,11 @@ class SharedRecords:
             ]
             if not same or any(values is None for values in clean):
                 return cls(clean)
-            models = _models(model, experiments)
+            models = models_of_records(model, experiments)
             each = zip(experiments, clean, strict=True)
             values = [data(truth, *experiment, record).without_noise() for experiment, record in each]
             ideal = _likelihood(models, experiments, values)
-            _check_identifiable(ideal)
+            check_identifiable(ideal)
             return cls(clean, models, ideal)
 
 
@@ -180,19 +181,19 @@ def identify_all(
         if shared and common is not None and common.ideal is not None:
             likelihood = _likelihood(common.models, experiments, values, common.ideal)
         else:
-            likelihood = _likelihood(_models(model, experiments), experiments, values)
-            _check_identifiable(likelihood.ideal)
+            likelihood = _likelihood(models_of_records(model, experiments), experiments, values)
+            check_identifiable(likelihood.ideal)
         dofs: list[Label] = []
         if isinstance(model, StructuralModel):
             dofs += [load.dof for loads, _ in experiments for load in loads if load.dof is not None]
             dofs += [channel.dof for _, measurement in experiments for channel in measurement.channels]
-        posterior, last = _identified(
+        posterior, last = posterior_of(
             model,
             truth or model,
             likelihood,
             estimator or Auto(),
             rebuild,
-            lambda other, values: _likelihood(_models(other, experiments), experiments, values),
+            lambda other, values: _likelihood(models_of_records(other, experiments), experiments, values),
             dofs,
         )
         return add_identification(
@@ -249,8 +250,8 @@ def identify_frf(
         likelihood = frf_likelihood(model, measurement, frf_data(truth or model, measurement))
         record = likelihood.records[0].first_weighted()
         likelihood, measurement = FrfLikelihood((record,)), record.measurement
-        _check_identifiable(likelihood)
-        posterior, _ = _identified(
+        check_identifiable(likelihood)
+        posterior, _ = posterior_of(
             model,
             truth or model,
             likelihood,
@@ -264,7 +265,7 @@ def identify_frf(
         return add_identification(Result("identification"), posterior, further=further)
 
 
-def _identified(
+def posterior_of(
     model: Model,
     truth: Model,
     likelihood: Likelihood,
@@ -330,7 +331,7 @@ def _identified(
         model = rebuild(named(model.unknowns, eta))
         if number == most_rounds:
             break
-        likelihood = likelihood_of(model, values)
+        likelihood = likelihood_of(model, values).continuing(posterior.likelihood)
     posterior.check()
     full = isinstance(truth, StructuralModel) and truth.basis is None
     if full and isinstance(model, StructuralModel) and model.basis is not None:
@@ -350,7 +351,8 @@ def _with(estimator: Any, **options: bool) -> Any:
     """Return an estimator with these options of an automatic one; any other stays as it is."""
     if isinstance(estimator, Huber):
         return replace(estimator, inner=_with(estimator.inner, **options))
-    return replace(estimator, **options) if isinstance(estimator, Auto | FrfAuto) else estimator  # type: ignore[arg-type]
+    kinds = Auto | FrfAuto | ModalSearch
+    return replace(estimator, **options) if isinstance(estimator, kinds) else estimator  # type: ignore[arg-type]
 
 
 def _with_spreads(model: Model, experiments: Sequence[Experiment], values: Sequence[RecordData]) -> Model:
@@ -365,7 +367,7 @@ def _with_spreads(model: Model, experiments: Sequence[Experiment], values: Seque
     return model.with_parameters([own.get(one.name, one) for one in model.parameters])
 
 
-def _models(model: Model, experiments: Sequence[Experiment]) -> list[ParametricModel]:
+def models_of_records(model: Model, experiments: Sequence[Experiment]) -> list[ParametricModel]:
     """Return the model of each record, with its loads as an estimator knows them."""
     return [
         parametric_model(
@@ -390,7 +392,7 @@ def _likelihood(
     return TimeLikelihood(records, noiseless=noiseless)
 
 
-def _check_identifiable(likelihood: Likelihood) -> None:
+def check_identifiable(likelihood: Likelihood) -> None:
     """Refuse records from which the parameters are not identifiable at their start values."""
     eta = starts(likelihood.unknowns)
     rms = [record.data.rms for record in likelihood.records]

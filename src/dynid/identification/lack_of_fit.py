@@ -12,6 +12,9 @@ scene's model ties to a few unknowns (`saturated_model`). From these follow
 - `redundancy`: how many numbers of the saturated model the record resolves beyond the unknowns. Only they can
   contradict the model; where there are none, any model fits.
 
+Values whose scatter is given, such as measured modes, have no saturated model: their residuals are tested
+against the scatter (chi-squared), and all of them are signal.
+
 Each channel is weighted by the residual noise of the saturated model with delayed residuals. G. A. F. Seber,
 A. J. Lee, Linear Regression Analysis, 2nd ed. 2003, ch. 4.
 """
@@ -20,7 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,8 +32,9 @@ from numpy.typing import NDArray
 from dynid.defaults import EXPLAINED, LACK_OF_FIT, RESOLVED, SIGNAL
 from dynid.identification.least_squares import thin_svd
 from dynid.identification.likelihood import Fit, Likelihood
+from dynid.identification.record_likelihood import ScatterTest
 from dynid.identification.saturated_model import RegressorKind, SaturatedCoordinates
-from dynid.identification.statistics import log_f_tail
+from dynid.identification.statistics import chi_squared_tail, log_f_tail
 
 Array = NDArray[np.float64]
 
@@ -57,6 +61,8 @@ class ModelComparison:
         Mask of unknowns that no bound fixes (p).
     whiteness_p
         The p-value of the whiteness of the residuals.
+    tables
+        Residuals of records whose scatter is given; these have no channels in `records`.
     """
 
     records: Sequence[Sequence[SaturatedCoordinates]]
@@ -64,6 +70,7 @@ class ModelComparison:
     prior: Array
     free: NDArray[np.bool_]
     whiteness_p: float = 1.0
+    tables: Sequence[ScatterTest] = ()
 
     @cached_property
     def noise(self) -> list[Array]:
@@ -82,6 +89,8 @@ class ModelComparison:
     @cached_property
     def signal_p(self) -> float:
         """The p-value of the records, were there no response."""
+        if self.tables:
+            return 0.0
         tests = [self._log_signal_p({RegressorKind.LINE})]
         values = sum(one.count for one, _ in self._each)
         chosen = len(self.prior) * math.log(max(values, 1))
@@ -106,6 +115,21 @@ class ModelComparison:
     @cached_property
     def lack_of_fit_p(self) -> float:
         """The p-value of the residuals, were the scene's model right."""
+        if not self.tables:
+            return self._saturated_p
+        squares, degrees = (
+            sum(float(one.sum()) for one in part) for part in zip(*self._scatter, strict=True)
+        )
+        of_scatter = chi_squared_tail(max(1, round(degrees)), squares) if degrees > 0 else 1.0
+        return of_scatter if not self._each else min(1.0, 2 * min(of_scatter, self._saturated_p))
+
+    @property
+    def _scatter(self) -> list[tuple[Array, Array]]:
+        return [(one.squares, one.degrees) for one in self.tables]
+
+    @cached_property
+    def _saturated_p(self) -> float:
+        """The p-value of the residuals beside those of the saturated model."""
         if all(one.left < _ROUNDING**2 * one.energy for one, _ in self._each):  # round-off
             return 1.0
         excess, rank = self._excess
@@ -128,11 +152,16 @@ class ModelComparison:
                 continue
             ratio = float(np.sum(one.residual[: _tested(one)] ** 2)) / noise**2 / degrees
             found.append(math.exp(log_f_tail(round(degrees), spare, ratio)))
+        for table in self.tables:
+            each = zip(table.degrees.tolist(), table.squares.tolist(), strict=True)
+            found += [chi_squared_tail(round(d), x) if d >= 0.5 else 1.0 for d, x in each]
         return np.array(found)
 
     @cached_property
     def _excess(self) -> tuple[float, int]:
         """Sum of squares that the saturated model explains and the unknowns cannot; rank of the unknowns."""
+        if not self._each:
+            return 0.0, 0
         total, states, rows, right = 0.0, 0, [], []
         for record, noise in zip(self.records, self.noise, strict=True):
             each = zip(record, noise, strict=True)
@@ -150,6 +179,9 @@ class ModelComparison:
     @cached_property
     def signal_explained(self) -> float:
         """Part of the signal's mean square that the scene explains, the noise subtracted from both."""
+        if self.tables:
+            own = replace(self, tables=()).signal_explained if self._each else 1.0
+            return min(own, *(table.explained for table in self.tables))
         signal = missed = 0.0
         unknowns = self._excess[1] / max(1, len(self._each))
         for one, noise in self._each:
@@ -190,6 +222,9 @@ class ModelComparison:
             directions = np.diag(shown)[:, shown > 0]
             _, s, _ = thin_svd(_without(U, directions))
             resolved += int(np.count_nonzero(s > RESOLVED.value)) + _resolved_poles(record, level)
+        for table in self.tables:
+            resolved += table.values
+            rows.append(table.by_parameter)
         # Unknowns that the records determine: all without a prior, and those of which they know more than it.
         every, with_prior = np.concatenate(rows), ~np.isnan(self.prior)
         over_prior = _without(_range(every[:, ~with_prior]), every[:, with_prior]) * self.prior[with_prior]
@@ -215,12 +250,16 @@ def compare_models(likelihood: Likelihood, fit: Fit, whiteness_p: float | None =
     # Records that a filter has coloured are not tested for whiteness.
     plain = all(record.data.passed == 1 for record in records)
     white = likelihood.whiteness(fit) if plain and whiteness_p is None else whiteness_p
+    root = likelihood.information(fit, likelihood.likeliest(fit)).root
+    found = [record.tested(part, root) for record, part in zip(records, fit.parts, strict=True)]
+    saturated = [k for k, table in enumerate(found) if table is None]
     return ModelComparison(
-        [record.coordinates(part) for record, part in zip(records, fit.parts, strict=True)],
-        [record.given / record.data.rms for record in records],
+        [records[k].coordinates(fit.parts[k]) for k in saturated],
+        [records[k].given / records[k].data.rms for k in saturated],
         likelihood.priors.deviations,
         ~likelihood.priors.at_bound(fit.eta),
         white if plain and white is not None else 1.0,
+        [table for table in found if table is not None],
     )
 
 

@@ -185,6 +185,11 @@ class Likelihood:
         each = zip(self.records, other.records, strict=True)
         return replace(self, records=tuple(record.with_noise_of(one) for record, one in each))
 
+    def continuing(self, other: Likelihood) -> Self:
+        """Return the likelihood with what another one of the same records has learnt about their errors."""
+        each = zip(self.records, other.records, strict=True)
+        return replace(self, records=tuple(record.continuing(one) for record, one in each))
+
     def whiteness(self, fit: Fit) -> float:
         """Return the p-value of the residuals' whiteness."""
         each = zip(self.records, fit.residuals, strict=True)

@@ -27,9 +27,11 @@ GROUP = "identification/noise"
 
 def add_noise(result: Result, posterior: Posterior) -> None:
     """Add ``noise/``: the model of a noise that is not white."""
-    names = [place.name for place in posterior.channels]
-    result.add_axis(f"{GROUP}/channel", names)
     records = posterior.likelihood.records
+    waves = [isinstance(record, TimeRecord | FrfRecord) for record in records]
+    places = [place for place in posterior.channels if waves[place.record]]
+    names = [place.name for place in places]
+    result.add_axis(f"{GROUP}/channel", names)
     if isinstance(records[0], FrfRecord):
         result.annotate(GROUP, kind="proportional")
         result.add(f"{GROUP}/ratio", np.sqrt(2) * posterior.noise[0], ("channel",))
@@ -41,7 +43,7 @@ def add_noise(result: Result, posterior: Posterior) -> None:
         for record, level in zip(records, posterior.noise, strict=True)
         if isinstance(record, TimeRecord)
     ]
-    dims, unit = ("channel",), common_unit(place.unit for place in posterior.channels)
+    dims, unit = ("channel",), common_unit(place.unit for place in places)
     innovation = np.concatenate([colour.innovations(level) for colour, level in each])
     orders = np.concatenate([colour.orders for colour, _ in each])
     result.add(f"{GROUP}/order", orders, dims)

@@ -6,6 +6,7 @@ It is Gaussian in the coordinates of the parameters, and the same for records of
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -20,7 +21,9 @@ from dynid.identification.estimators.estimate import Estimate
 from dynid.identification.information import Information, below_noise, vanished
 from dynid.identification.lack_of_fit import ModelComparison, compare_models
 from dynid.identification.likelihood import Fit, Likelihood
+from dynid.identification.modal_record import ModalRecord
 from dynid.identification.model_error import ModelError
+from dynid.identification.record_likelihood import RecordLikelihood
 from dynid.identification.residual_tests import (
     Consistency,
     NoiseTest,
@@ -66,6 +69,19 @@ class ChannelOfRecord(NamedTuple):
     unit: str
 
 
+def channels_of_records(records: Sequence[RecordLikelihood]) -> list[ChannelOfRecord]:
+    """Return all channels, record by record; of several records and of modes the names have a prefix."""
+    several = sum(not isinstance(record, ModalRecord) for record in records) > 1
+    found = []
+    for k, record in enumerate(records):
+        prefix = "modes." if isinstance(record, ModalRecord) else f"record_{k + 1}." if several else ""
+        found += [
+            ChannelOfRecord(k, column, f"{prefix}{one.name}", one.unit)
+            for column, one in enumerate(record.channels)
+        ]
+    return found
+
+
 @dataclass(frozen=True, eq=False)
 class Posterior:
     """The posterior of the parameters, and tests of the model at the estimate.
@@ -95,7 +111,7 @@ class Posterior:
     @property
     def several(self) -> bool:
         """True if there is more than one record."""
-        return len(self.likelihood.records) > 1
+        return sum(not isinstance(record, ModalRecord) for record in self.likelihood.records) > 1
 
     @property
     def noun(self) -> str:
@@ -105,11 +121,7 @@ class Posterior:
     @cached_property
     def channels(self) -> list[ChannelOfRecord]:
         """All channels, record by record."""
-        return [
-            ChannelOfRecord(k, column, f"record_{k + 1}.{one.name}" if self.several else one.name, one.unit)
-            for k, record in enumerate(self.likelihood.records)
-            for column, one in enumerate(record.channels)
-        ]
+        return channels_of_records(self.likelihood.records)
 
     # Information, intervals and bounds.
 

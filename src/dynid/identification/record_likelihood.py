@@ -42,6 +42,29 @@ class NamedChannel(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class ScatterTest:
+    """Residuals of values whose scatter is given, channel by channel.
+
+    Attributes
+    ----------
+    squares, degrees
+        Sums of squares over the scatter (channels), and their degrees of freedom.
+    by_parameter
+        Derivatives by the coordinates over the scatter, free of nuisances (values x p).
+    values
+        Number of values less that of nuisances.
+    explained
+        Part of the values that the model explains (0 to 1).
+    """
+
+    squares: Array
+    degrees: Array
+    by_parameter: Array
+    values: int
+    explained: float
+
+
+@dataclass(frozen=True, eq=False)
 class RecordFit:
     """A fit at fixed parameters, the initial state being the best one (linear least squares).
 
@@ -213,6 +236,17 @@ class RecordLikelihood(ABC):
     def with_noise_of(self, other: Any) -> Self:  # noqa: ARG002
         """Return the likelihood with the noise model of another one of the same record."""
         return self
+
+    def continuing(self, other: Any) -> Self:  # noqa: ARG002
+        """Return the likelihood with the errors of the model's form that another one has found."""
+        return self
+
+    def tested(self, fit: RecordFit, root: Array) -> ScatterTest | None:  # noqa: ARG002
+        """Return the residuals over the scatter that is given; None where a saturated model tests them.
+
+        `root`: a root of the covariance of the coordinates (p x p).
+        """
+        return None
 
     def ideal(self) -> Self:
         """Return the likelihood without noise, as far as that is known, with the true model of the noise."""

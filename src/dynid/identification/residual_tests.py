@@ -64,10 +64,12 @@ def whiteness(*residuals: Array, coefficients: Sequence[int] = ()) -> float:
     for k, residual in enumerate(residuals):
         n, fitted = len(residual), coefficients[k] if coefficients else 0
         lags = min(20 + -(-fitted // residual.shape[1]), n // 4)
+        if lags == 0:
+            continue
         centred = standardised(residual)
         power = np.einsum("tc,tc->c", centred, centred)
         channels = np.flatnonzero(power > 0)
-        if lags == 0 or not len(channels):
+        if not len(channels):
             continue
         r = autocovariances(centred, lags)[:, channels] / power[channels]
         weights = n * (n + 2) / (n - np.arange(1, lags + 1))

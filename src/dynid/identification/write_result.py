@@ -63,6 +63,7 @@ from dynid.identification.filter import Pass, stored_rows
 from dynid.identification.frf_record import FrfRecord
 from dynid.identification.importance import DRAWS, PosteriorCheck, likelihood_size, posterior_check
 from dynid.identification.measurement import Measurement
+from dynid.identification.modal_record import ModalRecord
 from dynid.identification.noise_result import add_noise
 from dynid.identification.parametric_model import ParametricModel
 from dynid.identification.posterior import Posterior
@@ -152,7 +153,7 @@ def add_identification(
     result.add(f"{_STAGES}/iterations", [stage.iterations for stage in stages], ("stage",))
     chosen = [stage.eta is posterior.fit.eta for stage in stages].index(True) + 1
     result.add(f"{_STAGES}/chosen", chosen)
-    if posterior.likelihood.modelled:
+    if any(one.modelled for one in posterior.likelihood.records if not isinstance(one, ModalRecord)):
         add_noise(result, posterior)
     check = posterior_check(posterior) if further.check else None
     if check is not None:
@@ -292,6 +293,8 @@ def _add_residual_tests(result: Result, posterior: Posterior) -> None:
 def _add_autocorrelation(result: Result, posterior: Posterior) -> None:
     """Add the autocorrelation of the residuals and their whiteness, channel by channel."""
     group, series = _DIAGNOSTICS, [posterior.series(place) for place in posterior.channels]
+    if not all(map(len, series)):  # modes have no order
+        return
     each = [autocorrelation(one) for one in series]
     lags = min(len(r) for r, _ in each)
     result.add_axis(f"{group}/lag", np.arange(1, lags + 1))
@@ -334,9 +337,11 @@ def _add_records(
         _add_responses(result, first, posterior.fit.parts[0])
         return
     records = [record for record in posterior.likelihood.records if isinstance(record, TimeRecord)]
+    if not records:
+        return
     true = [None] * len(records) if true_states is None else true_states()
-    information, parts = posterior.information, posterior.fit.parts
-    each = zip(records, parts, posterior.noise, strict=True)
+    information, parts = posterior.information, posterior.fit.parts[: len(records)]
+    each = zip(records, parts, posterior.noise[: len(records)], strict=True)
     bands = [state_deviations(record, part, noise, information.root) for record, part, noise in each]
     sweeps = posterior.estimate.histories
     if not sweeps:  # an estimator of whole records has the same information at any time

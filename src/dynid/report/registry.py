@@ -73,6 +73,7 @@ FAMILIES: tuple[FigureFamily, ...] = (
         paths=("bond_graph/time_response/", "structure/time_response/"),
     ),
     FigureFamily(f"{_DIAGRAMS}.identification:figures", paths=("identification/parameters/",)),
+    FigureFamily(f"{_DIAGRAMS}.modes:figures", paths=("identification/modes/",)),
     FigureFamily(
         f"{_DIAGRAMS}.identification:predictions",
         paths=("identification/measurement/", "identification/diagnostics/"),

@@ -18,6 +18,8 @@ from dynid.structure.model import StructuralModel
 
 # Frequencies closer than this, relative, are one multiple frequency to double precision.
 _MULTIPLE = 1e-8
+# Frequencies below this part of the lowest measured one are those of rigid-body modes, which cost this much.
+_ELASTIC, _NEVER = 1e-3, 1e3
 
 
 def frequency_error(found: Array, reference: Array) -> Array:
@@ -153,3 +155,42 @@ def energy_shares(
 def _value(term: JointTerm, values: Mapping[str, float]) -> float:
     known = term.parameter.value
     return values[term.name] if known is None else evaluated(known, values).value
+
+
+def paired(table: Array, measured: Array, omega: Array) -> NDArray[np.int_]:
+    """Return the modes of a model that measured modes are paired with (r), each with another one.
+
+    The sum over pairs of ``1 - MAC + ln^2(omega ratio)`` is least.
+
+    Parameters
+    ----------
+    table
+        MAC of measured and computed shapes (r x m); rows of zeros where no shape is known.
+    measured, omega
+        Natural frequencies, measured (r) and computed (m), m >= r.
+    """
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import min_weight_full_bipartite_matching
+
+    elastic = omega > _ELASTIC * measured.min()
+    ratio = np.log(np.where(elastic, omega, 1.0) / measured[:, None])
+    cost = 1 - table + np.where(elastic, ratio**2, _NEVER)
+    return np.asarray(min_weight_full_bipartite_matching(csr_array(cost + 1))[1])  # weights are not 0
+
+
+def comac(a: NDArray[np.inexact], b: NDArray[np.inexact]) -> Array:
+    """Return the coordinate MAC of each sensor over paired shapes: ``(sum |a b|)^2 / (sum |a|^2 sum |b|^2)``.
+
+    Source: N. A. J. Lieven, D. J. Ewins, *Proc. IMAC VI* 1988, 690–695. It depends on the scales of the
+    shapes, which must be those that make pairs agree.
+
+    Parameters
+    ----------
+    a, b
+        Paired shapes (s x r), NaN where one is missing; a sensor without motion has NaN.
+    """
+    there = ~(np.isnan(a) | np.isnan(b))
+    a, b = np.where(there, a, 0.0), np.where(there, b, 0.0)
+    size = (np.abs(a) ** 2).sum(axis=1) * (np.abs(b) ** 2).sum(axis=1)
+    cross = np.abs(a * b).sum(axis=1) ** 2
+    return np.asarray(np.where(size > 0, np.minimum(cross / np.where(size > 0, size, 1.0), 1.0), np.nan))

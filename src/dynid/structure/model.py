@@ -153,11 +153,22 @@ class StructuralModel:
         UsageError
             If a joint makes no sense here.
         """
+        model = self._copied(joints=tuple(joints))
+        model._check_joints()
+        return model
+
+    def stored_sparse(self) -> StructuralModel:
+        """Return the model with its matrices stored as `csc_array`, not checked again."""
+        from scipy.sparse import csc_array
+
+        terms = tuple(term._replace(matrix=csc_array(term.matrix)) for term in self.terms)
+        return self._copied(M=csc_array(self.M), C=csc_array(self.C), K=csc_array(self.K), terms=terms)
+
+    def _copied(self, **changes: Any) -> StructuralModel:
+        """Return a copy with other attributes, which are not checked."""
         model = object.__new__(StructuralModel)
         for one in fields(self):
-            object.__setattr__(model, one.name, getattr(self, one.name))
-        object.__setattr__(model, "joints", tuple(joints))
-        model._check_joints()
+            object.__setattr__(model, one.name, changes.get(one.name, getattr(self, one.name)))
         return model
 
     @property

@@ -25,6 +25,7 @@ from dynid.report.content.identification import (
     record_summary,
     verdict_sentences,
 )
+from dynid.report.content.modes import has_modes, modal_table
 from dynid.report.content.plan import (
     GAIN_OF_SINES,
     PRESCRIBED,
@@ -59,6 +60,7 @@ def lines(result: Result) -> list[str]:
             *(f"  {sentence}" for sentence in verdict_sentences(result)),
             *(f"  {sentence}" for sentence in calibration_sentences(result)),
             "",
+            *_measured_modes(result),
             *_derived(result),
         ]
     screen += identifiability_lines(result)
@@ -70,6 +72,16 @@ def lines(result: Result) -> list[str]:
 
         screen += lines_of_graph(result)
     return screen[:-1] if not screen[-1] else screen
+
+
+def _measured_modes(result: Result) -> Iterable[str]:
+    """Yield measured modes beside those of the model."""
+    if has_modes(result):
+        columns, rows = modal_table(result)
+        yield from rich_table(columns, rows[:_MODES], padding=1, width=140)
+        if len(rows) > _MODES:
+            yield f"    … {counted(len(rows) - _MODES, 'more mode')} in the file"
+        yield ""
 
 
 def _derived(result: Result) -> Iterable[str]:

@@ -107,10 +107,15 @@ class Search:
         The records and the model.
     accept_small
         True: residuals that are small are accepted whatever their colour.
+    agreeing
+        Number of starts that are to end at the best optimum.
     """
 
-    def __init__(self, likelihood: Likelihood, *, accept_small: bool = False) -> None:
+    def __init__(
+        self, likelihood: Likelihood, *, accept_small: bool = False, agreeing: int = AGREEING_STARTS.value
+    ) -> None:
         self.accept_small = accept_small
+        self.enough = agreeing
         self.likelihood = likelihood
         self.tried: list[Attempt] = []
         self.failure: DynidError | None = None
@@ -235,7 +240,7 @@ class Search:
         """True if enough starts ended at the best optimum, and at least half of all."""
         if not self.tried:
             return False
-        return self.agreeing >= AGREEING_STARTS.value and 2 * self.agreeing >= self.drawn + 1
+        return self.agreeing >= self.enough and 2 * self.agreeing >= self.drawn + 1
 
     @property
     def ended(self) -> bool:

@@ -12,6 +12,7 @@ from dynid.number_format import counted, percent, quantity, span_text, with_erro
 from dynid.report.content.blocks import ReportSection, Statement, TextTable, more
 from dynid.report.content.derived import derived_sections
 from dynid.report.content.identifiability import calibration_sections, identifiability_sections
+from dynid.report.content.modes import has_modes, modal_sections, modal_summary
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
 
@@ -72,6 +73,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
                 *statements,
             ),
         )
+    yield from modal_sections(result)
     yield from derived_sections(result)
     yield from calibration_sections(result)
     yield from identifiability_sections(result)
@@ -173,6 +175,9 @@ def record_summary(result: Result) -> str:
     group = _MEASURED
     several = [path for path in result if path.startswith(f"{group}/record_") and path.endswith("/measured")]
     every = [path.removesuffix("/measured") for path in several] or [group]
+    if f"{every[0]}/measured" not in result:
+        unknowns = counted(len(result[f"{_PARAMETERS}/name"].data), "unknown parameter")
+        return f"{unknowns}; {modal_summary(result)}"
     measured = [result[f"{path}/measured"].data for path in every]
     lists = list(dict.fromkeys(", ".join(result[f"{path}/channel"].data) for path in every))
     missing = sum(int(np.isnan(values).sum()) for values in measured)
@@ -270,7 +275,8 @@ def verdict_sentences(result: Result) -> Iterator[str]:
         residuals = f"white residuals are not rejected (p = {p:.2g}; level {level})"
     yield str(result.value(f"{_DIAGNOSTICS}/verdict"))
     yield left
-    yield residuals
+    if not has_modes(result):
+        yield residuals
     yield from noise_sentences(result)
     rejected = is_rejected(result)
     if rejected:

@@ -28,6 +28,7 @@ from dynid.scene.frequency_unit import unit_of_frequencies
 from dynid.scene.kinds.identification import (
     expected_values,
     interest_of,
+    modal_setting,
     models_of,
     reductor_of,
     structure_of,
@@ -151,7 +152,11 @@ def _add_record(scene: Scene, result: Result, facts: list[Fact], names: list[str
         numbers = "number" if redundancy == 1 else "numbers"
         said = f"{redundancy} {numbers} beyond the unknowns can contradict the model"
     facts.append(Fact("redundancy", said))
-    facts += _of_estimator(model.estimator, likelihood, frf=model.measurement.frf is not None)
+    facts += _of_estimator(
+        model.estimator,
+        likelihood,
+        frf=model.measurement.frf is not None or model.measurement.modes is not None,
+    )
     return likelihood
 
 
@@ -183,6 +188,16 @@ def _expected(scene: Scene, result: Result) -> ExpectedRecords:
     model = cast("IdentificationScene", scene.model)
     assert model.measurement is not None
     report_progress("what the record can tell")
+    if model.measurement.modes is not None:
+        from dynid.identification.identify_modes import ModalProblem
+
+        structure = structure_of(scene)
+        parts, known = modal_setting(scene, structure, expected_values(structure))
+        problem = ModalProblem.of(*parts, **known)
+        expected = identifiability.with_true_noise(identifiability.expected_records(problem.likelihood))
+        channels = identifiability.channels_of_likelihood(problem.likelihood)
+        result.merge(identifiability.identifiability_result(problem.model, expected, channels))
+        return expected
     if model.measurement.frf is not None:
         small: Model
         truth: Model
@@ -223,6 +238,10 @@ def _of_record(scene: Scene, likelihood: Likelihood) -> Iterator[Fact]:
     count = sum(int(np.count_nonzero(~np.isnan(record.data.values))) for record in records)
     channels = records[0].data.values.shape[1]
     several = f" in {len(records)} records" if len(records) > 1 else ""
+    if model.measurement.modes is not None:
+        more = " with others" if len(records) > 1 else ""
+        yield Fact("record", f"measured modes: {count:,} values{more}")
+        return
     if model.measurement.frf is not None:
         yield Fact("record", f"frequency responses up to {unit.text(band)}: {count:,} real values")
         return

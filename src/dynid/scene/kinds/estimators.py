@@ -41,6 +41,15 @@ def frf_estimator_of(given: EstimatorModel) -> Any:
     return Huber(method) if given.loss == "huber" else method
 
 
+def modal_estimator_of(given: EstimatorModel) -> Any:
+    """Return the estimator of measured modes, alone or with others."""
+    from dynid.identification.estimators.maximum_likelihood import OutputError
+    from dynid.identification.estimators.modal_search import ModalSearch
+
+    options: dict[str, Any] = given.options()
+    return OutputError(**options) if given.method == "output-error" else ModalSearch()
+
+
 def further_of(model: IdentificationScene) -> Further:
     """Return what a scene requests beside the estimates; responses are at the frequencies of its analysis."""
     from dynid.identification.write_derived import DerivedRequest

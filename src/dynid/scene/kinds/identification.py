@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from dynid.progress import report_progress
 from dynid.result import Result
-from dynid.scene.kinds.estimators import estimator_of, frf_estimator_of, further_of
+from dynid.scene.kinds.estimators import estimator_of, frf_estimator_of, further_of, modal_estimator_of
 from dynid.scene.kinds.measurements import (
     channel_of,
     experiments,
@@ -64,7 +64,9 @@ def run(scene: Scene) -> Result:
     add_doubts(result, structure)
     values = {unknown.name: unknown.expected for unknown in structure.unknowns}
     if model.measurement is not None:
-        if model.measurement.frf is not None:
+        if model.measurement.modes is not None:
+            result.merge(_identified_by_modes(scene, structure))
+        elif model.measurement.frf is not None:
             result.merge(_identified_by_response(scene, structure))
         else:
             result.merge(identified(scene, structure, setting(scene, structure)))
@@ -147,8 +149,8 @@ def models_of(
     if method is None:
         return structure, structure
     assert model.measurement is not None
-    first, truth = model.measurement.each[0], structure
-    simulate = first.frf.simulate if first.frf else first.simulate
+    truth, every = structure, model.measurement.each
+    simulate = (every[0].frf.simulate if every[0].frf else every[0].simulate) if every else None
     if simulate is not None and simulate.model == "reduced":
         truth = method.at(structure.true_values()).reduce(structure).model
     made = method if values is None else method.at(values)
@@ -207,9 +209,13 @@ def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
         yield from graph_preparation_steps(scene)
         return
     yield lambda: structure_of(scene)
+    if measurement is not None and (modes := measurement.modes) is not None:
+        from dynid.scene.kinds.modes import modal_measurement
+
+        yield lambda: modal_measurement(scene, modes)
     if measurement is not None and measurement.frf is not None:
         yield lambda: frf_measurement(scene, measurement)
-    elif measurement is not None:
+    elif measurement is not None and not measurement.modes_alone:
         yield lambda: experiments(scene, model.excitation, measurement)
     if measurement is None or measurement.frf is None:  # else it reads the responses again
         yield lambda: reductor_of(scene)
@@ -253,6 +259,47 @@ def _identified_by_response(scene: Scene, structure: StructuralModel) -> Result:
     return result
 
 
+def _identified_by_modes(scene: Scene, structure: StructuralModel) -> Result:
+    """Return an identification from measured modes, with their identifiability if requested."""
+    from dynid.identification.identify_modes import identify_modes
+
+    model = cast("IdentificationScene", scene.model)
+    given, known = modal_setting(scene, structure)
+    estimator = modal_estimator_of(model.estimator)
+    reduced, modal, records, responses = given
+    further = further_of(model)
+    result = identify_modes(reduced, modal, records, responses, estimator, **known, further=further)
+    if model.identifiability:
+        from dynid.identification.identifiability import modal_identifiability
+        from dynid.identification.identify_modes import ModalProblem
+
+        given, known = modal_setting(scene, structure, expected_values(structure))
+        result.merge(modal_identifiability(ModalProblem.of(*given, **known)))
+    return result
+
+
+def modal_setting(
+    scene: Scene, structure: StructuralModel, values: Mapping[str, float] | None = None
+) -> tuple[tuple[Any, ...], dict[str, Any]]:
+    """Return the arguments of `ModalProblem.of`: structure, modes, records and responses; truth and basis."""
+    from dynid.scene.kinds.modes import modal_measurement
+
+    model = cast("IdentificationScene", scene.model)
+    measurement = model.measurement
+    assert measurement is not None
+    assert measurement.modes is not None
+    modal = modal_measurement(scene, measurement.modes)
+    records: Sequence[Experiment] = ()
+    responses = None
+    if measurement.frf is None and not measurement.modes_alone:
+        reduced, records, truth = setting(scene, structure, values)
+    else:
+        reduced, truth = models_of(scene, structure, values)
+        responses = None if measurement.frf is None else frf_measurement(scene, measurement)
+    known = {"truth": truth, "rebuild": _rebuilder(scene, structure)}
+    return (reduced, modal, records, responses), known
+
+
 def reductor_of(scene: Scene) -> LocatedReductor | None:
     """Return the reduction of a scene, made for its sensors, loads and the band of its excitation."""
     model = cast("IdentificationScene", scene.model)
@@ -277,7 +324,7 @@ def reduction_of(scene: Scene) -> ReductionModel | None:
     model = cast("IdentificationScene", scene.model)
     if model.reduction is None:
         return None
-    if model.measurement is not None and model.measurement.frf is None:
+    if model.measurement is not None and model.measurement.frf is None and model.measurement.each:
         step = min(float(record.step or math.inf) for record in model.measurement.each)
         if (interest_of(scene).band or math.inf) >= math.pi / step:
             return model.reduction
@@ -301,6 +348,13 @@ def interest_of(scene: Scene) -> Interest:
             graph = identified_graph(scene)[0]
         dofs += [dof for channel in model.measurement.sensors for dof in channel.all_dofs]
         band = float(frf_measurement(scene, model.measurement, graph).omega[-1])
+    elif model.measurement is not None and model.measurement.modes_alone:
+        from dynid.scene.kinds.modes import modal_measurement
+
+        assert model.measurement.modes is not None
+        modal = modal_measurement(scene, model.measurement.modes)
+        dofs += modal.dofs
+        band = float(modal.omega.max())
     elif model.measurement is not None:
         records = model.measurement.each
         signals = [*model.excitation, *(part for record in records for part in record.excitation or ())]

@@ -82,7 +82,13 @@ def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], o
         if _place(model, path) is None:
             return f"{path} is no seed, noise, or start or true value of a joint"
     measurement = model.measurement
-    if measurement is None or measurement.frf or model.responses or model.identifiability:
+    if (
+        measurement is None
+        or measurement.frf
+        or measurement.modes
+        or model.responses
+        or model.identifiability
+    ):
         return "more than an identification from records is asked for"
     family = _RecordKey(template.source.resolved_text(), template.source.file, tuple(paths), template)
     return "" if _planned(family) else "the scene as it stands cannot be run"
@@ -95,7 +101,7 @@ def _planned(family: _RecordKey) -> _RecordBatch | None:
     places = [_place(model, path) for path in family.paths]
     measurement = model.measurement
     alone = model.graph is not None or model.responses or model.identifiability
-    if alone or measurement is None or measurement.frf or None in places:
+    if alone or measurement is None or measurement.frf or measurement.modes or None in places:
         return None
     try:
         return _RecordBatch(

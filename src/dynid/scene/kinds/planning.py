@@ -70,6 +70,12 @@ def run_plan(scene: Scene, sensors: int | None = None, lines: int | None = None)
             remedy="Add the block 'measurement' with step, samples and channels.",
             names=("kind",),
         )
+    if model.measurement.modes is not None:
+        raise UsageError(
+            "a plan is for a record of time; this measurement has modes",
+            remedy="Give step, samples and channels of a record that could be taken instead of 'modes'.",
+            names=("measurement.modes",),
+        )
     if model.measurement.frf is not None:
         raise UsageError(
             "a plan is for a record of time; this measurement is of frequency responses",

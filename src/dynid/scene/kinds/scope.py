@@ -90,7 +90,7 @@ def engines_part(result: Result, model: IdentificationScene) -> ScopePart:
     if model.measurement is not None:
         estimator = str(result.group_attrs["identification"].get("estimator", "output-error"))
         # Frequency responses are fitted by maximum likelihood, whatever the estimator is called.
-        used = _ENGINES["output-error" if model.measurement.frf is not None else estimator]
+        used = _ENGINES["output-error" if model.measurement.frf or model.measurement.modes else estimator]
     why = "not used by the estimator" if used else "there is no record"
     every = dict.fromkeys(engine for engines in _ENGINES.values() for engine in engines)
     return divided("engines", every, used, why)

@@ -225,6 +225,8 @@ class IdentificationScene(ComposedScene):
         if len(models) > 1:
             raise fault("all records are simulated with one 'model': full or reduced")
         frf = self.measurement and self.measurement.frf
+        if self.measurement and self.measurement.modes:
+            self._check_modes()
         if frf and self.excitation:
             raise fault("frequency responses are of unit forces; an 'excitation' says nothing beside 'frf'")
         if frf and self.estimator.method not in ("auto", "output-error"):
@@ -238,6 +240,17 @@ class IdentificationScene(ComposedScene):
         if wanted and wanted.frequency and not (wanted.inputs or self.excitation or frf):
             raise fault("the analysis needs its 'inputs'; there is no excitation to take them from")
         return self
+
+    def _check_modes(self) -> None:
+        """Refuse what measured modes do not go with."""
+        if self.graph is not None:
+            raise fault("measured 'modes' are of a structure, not of a graph")
+        if self.estimator.method not in ("auto", "output-error"):
+            raise fault(f"the method '{self.estimator.method}' is for records of time, not for 'modes'")
+        if self.estimator.loss == "huber":
+            raise fault("measured 'modes' have no loss 'huber'; the error of the model is estimated instead")
+        if self.measurement and self.measurement.modes_alone and self.excitation:
+            raise fault("modes are measured without an 'excitation'; leave it out")
 
 
 def identification_faults(source: Source, names: SceneNames) -> list[Fault]:

@@ -19,6 +19,7 @@ from dynid.defaults import NOISE_VALUES
 from dynid.errors import UsageError
 from dynid.scene.schema.base import FilePath, FrequencyGrid, MotionQuantity, Section, SignedDof
 from dynid.scene.schema.graph_variables import Output
+from dynid.scene.schema.modes import MeasuredModesModel
 from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Uncertain, Value, fault
 from dynid.scene.schema.signals import Signals, TablePlace
 from dynid.scene.schema.structure import PerElement, PerElementOrZero
@@ -463,14 +464,17 @@ class RecordModel(Section):
 
 
 class MeasurementModel(RecordModel):
-    """A record with sampling, channels and source; or several records and their common keys."""
+    """A record with sampling, channels and source; several records and their common keys; measured modes."""
 
     records: list[RecordModel] = Field(default=[], max_length=1000)
+    modes: MeasuredModesModel | None = None
 
     @model_validator(mode="after")
     def _is_whole(self) -> Self:
         if self.records and (self.frf or any(record.frf for record in self.records)):
             raise fault("frequency responses stand alone: 'frf' goes with no 'records'")
+        if self.modes_alone:
+            return self
         if not self.records:
             self.check("a measurement")
             if self.excitation is not None:
@@ -481,8 +485,15 @@ class MeasurementModel(RecordModel):
         return self
 
     @property
+    def modes_alone(self) -> bool:
+        """True if there are measured modes and nothing else."""
+        return self.modes is not None and not (self.model_fields_set - {"modes"})
+
+    @property
     def each(self) -> list[RecordModel]:
-        """The records, each complete."""
+        """The records, each complete; none where modes stand alone."""
+        if self.modes_alone:
+            return []
         return [record.completed(self, k) for k, record in enumerate(self.records)] or [self]
 
     @property

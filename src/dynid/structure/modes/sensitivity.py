@@ -70,7 +70,7 @@ def pole_sensitivities(model: StructuralModel, values: Mapping[str, float]) -> P
         {letter: shapes.T @ as_array(change) @ shapes for letter, change in slopes.items()}
         for slopes in model.slopes(values)
     ]
-    poles, U = _poles(omega, D)
+    poles, U = second_order_poles(omega, D)
     slopes = np.zeros((len(poles), len(moved)), dtype=complex)
     clusters: list[list[int]] = []  # places of poles that are one, in the order of their size
     for place, pole in enumerate(poles):
@@ -102,7 +102,7 @@ def pole_sensitivities(model: StructuralModel, values: Mapping[str, float]) -> P
     )
 
 
-def _poles(omega: Array, D: Array) -> tuple[ComplexArray, ComplexArray]:
+def second_order_poles(omega: Array, D: Array) -> tuple[ComplexArray, ComplexArray]:
     """Return the poles with Im >= 0 and their modal shapes of unit length (modes x poles).
 
     In modal coordinates [omega q, q'] the undamped system is antisymmetric: its eigenvalues are exact to

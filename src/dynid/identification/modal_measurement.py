@@ -1,0 +1,154 @@
+"""Measured modes: natural frequencies, damping ratios and mode shapes at sensors, with their scatter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import UsageError
+from dynid.structure.matrices import Label
+
+Array = NDArray[np.float64]
+
+#: Quantities of a mode, in the order of the channels.
+QUANTITIES = ("frequency", "damping", "shape")
+
+
+class Scatter(NamedTuple):
+    """Standard deviations relative to the value: of frequencies, damping ratios, and shapes.
+
+    That of shapes is relative to the largest component of each shape.
+    """
+
+    frequency: float
+    damping: float
+    shape: float
+
+
+#: Scatter of quantities for which none is given: usual values of a careful modal survey.
+USUAL = Scatter(0.005, 0.2, 0.05)
+#: Least scatter where one is given: a scatter of few tests may be zero by chance, as that of a reference is.
+FLOORS = Scatter(0.001, 0.02, 0.02)
+
+
+@dataclass(frozen=True, eq=False)
+class ModalMeasurement:
+    """Modes of a structure, as a modal survey gives them.
+
+    Parameters
+    ----------
+    omega
+        Natural frequencies (r), rad/s.
+    dofs
+        DOFs of the sensors (s); none without shapes.
+    shape
+        Mode shapes at the sensors (s x r), real or complex, each of any scale; NaN where a sensor is missing.
+    damping
+        Damping ratios (r), NaN where one is missing.
+    omega_std, damping_std, shape_std
+        Standard deviations, each as its values, in their units; NaN where none is given.
+    floors
+        Least scatter where one is given; absent: `FLOORS`. Where none is given, `USUAL` counts.
+    model_error
+        Errors of the model's form, relative as `Scatter`, which add to the scatter; NaN: estimated, if the
+        residuals contradict the scatter.
+    unit
+        Unit of the frequencies in results: rad/s or Hz.
+    """
+
+    omega: Array
+    dofs: tuple[Label, ...] = ()
+    shape: NDArray[Any] | None = None
+    damping: Array | None = None
+    omega_std: Array | None = None
+    damping_std: Array | None = None
+    shape_std: Array | None = None
+    floors: Scatter = FLOORS
+    model_error: Scatter = field(default=Scatter(np.nan, np.nan, np.nan))
+    unit: str = "rad/s"
+
+    def __post_init__(self) -> None:
+        r, s = len(self.omega), len(self.dofs)
+        if not (r and np.all(np.isfinite(self.omega)) and np.all(self.omega > 0)):
+            raise UsageError("measured modes need positive frequencies", names=("measurement.modes",))
+        for name, wanted in (("damping", (r,)), ("omega_std", (r,)), ("damping_std", (r,))):
+            given = getattr(self, name)
+            if given is not None and given.shape != wanted:
+                raise UsageError(f"'{name}' is {given.shape}, but must be {wanted}")
+        for name in ("shape", "shape_std"):
+            given = getattr(self, name)
+            if given is not None and given.shape != (s, r):
+                raise UsageError(
+                    f"'{name}' is {given.shape}, but there are {s} sensors and {r} modes",
+                    names=("measurement.modes",),
+                )
+
+    @property
+    def modes(self) -> int:
+        """Number of modes."""
+        return len(self.omega)
+
+    @property
+    def shapes(self) -> NDArray[Any]:
+        """Mode shapes (s x r), the largest component of each 1 in magnitude; NaN where missing."""
+        if self.shape is None:
+            return np.zeros((0, self.modes))
+        return np.asarray(self.shape / self.sizes)
+
+    @property
+    def sizes(self) -> Array:
+        """Magnitudes of the largest components of the shapes (r); 1 of modes without a shape."""
+        if self.shape is None or not len(self.dofs):
+            return np.ones(self.modes)
+        largest = np.max(np.nan_to_num(np.abs(self.shape)), axis=0)
+        return np.where(largest > 0, largest, 1.0)
+
+    @property
+    def complex_shapes(self) -> bool:
+        """True if shapes are complex."""
+        return self.shape is not None and np.iscomplexobj(self.shape)
+
+    @property
+    def has_damping(self) -> bool:
+        """True if there is a damping ratio."""
+        return self.damping is not None and not np.isnan(self.damping).all()
+
+    def deviations(self) -> tuple[Array, Array, Array]:
+        """Return the relative scatter of frequencies (r), damping ratios (r), and shapes (s x r)."""
+        damping = np.full(self.modes, np.nan) if self.damping is None else self.damping
+        size = np.where(np.isnan(damping) | (damping == 0), 1.0, np.abs(damping))
+        return (
+            _floored(self.omega_std, self.omega, USUAL.frequency, self.floors.frequency),
+            _floored(self.damping_std, size, USUAL.damping, self.floors.damping),
+            _floored(
+                self.shape_std,
+                np.broadcast_to(self.sizes, (len(self.dofs), self.modes)),
+                USUAL.shape,
+                self.floors.shape,
+            ),
+        )
+
+
+def _floored(given: Array | None, size: Array, usual: float, floor: float) -> Array:
+    """Return deviations over sizes: those given, not below a floor, else the usual one."""
+    if given is None:
+        return np.full(size.shape, usual)
+    relative = given / size
+    return np.asarray(np.where(np.isnan(relative), max(usual, floor), np.maximum(relative, floor)))
+
+
+class ModalChannel(NamedTuple):
+    """One quantity of all modes; its values are in units of their deviations."""
+
+    name: str
+    unit: str = ""
+
+
+def channels_of(measurement: ModalMeasurement) -> Sequence[ModalChannel]:
+    """Return the quantities that were measured."""
+    there = (True, measurement.has_damping, bool(len(measurement.dofs)))
+    return [ModalChannel(name) for name, yes in zip(QUANTITIES, there, strict=True) if yes]

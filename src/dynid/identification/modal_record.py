@@ -1,0 +1,601 @@
+"""Likelihood of measured modes: frequencies, damping ratios, and shapes of a free scale, Gaussian each.
+
+Every evaluation pairs measured modes with those of the model anew, by MAC and frequency. Modes of the model
+that are nearly equal have no shapes of their own: the measured shape is compared with the best one of their
+span. The scale of a shape is solved for (variable projection), and derivatives are exact.
+
+Values are in units of their deviations. Where the model's form is in error, that error adds to the scatter:
+``sigma^2 = scatter^2 + (e size)^2``, with e of each quantity estimated so that the residuals have the sum of
+squares that their degrees of freedom let expect (restricted maximum likelihood in its simplest form).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.defaults import LACK_OF_FIT
+from dynid.errors import UsageError
+from dynid.identification.calibration import CalibrationDerivatives
+from dynid.identification.information import Information, information
+from dynid.identification.likelihood import Likelihood
+from dynid.identification.linear_system import LinearSystem
+from dynid.identification.measurement import RecordData
+from dynid.identification.modal_measurement import ModalChannel, ModalMeasurement, channels_of
+from dynid.identification.parametric_model import system_of
+from dynid.identification.prediction import Trajectory
+from dynid.identification.priors import Priors
+from dynid.identification.record_likelihood import RecordFit, RecordLikelihood, ScatterTest, weights
+from dynid.identification.saturated_model import SaturatedCoordinates
+from dynid.identification.statistics import chi_squared_tail, root_mean_square
+from dynid.parameters import Parameter, named, rates, starts, values
+from dynid.structure.correlation import mac, paired
+from dynid.structure.model import StructuralModel
+from dynid.structure.modes.derivatives import ModalSolution, has_damping, lowest_modes, modal_basis
+
+Array = NDArray[np.float64]
+
+# Modes beside the measured ones that are computed, so that crossings are seen; up to which part of the
+# highest measured frequency; and the most of them.
+_SPARE, _BEYOND, _MOST = 4, 1.5, 200
+# Part of the highest measured frequency up to which the derivatives of modes are in a basis.
+_WITH_SLOPES = 1.25
+#: Frequencies nearer to each other, relative, have one span of shapes.
+CLOSE = 1e-4
+# More DOFs than this are reduced to the lowest modes and their derivatives.
+_MOST_DOFS = 250
+
+
+@dataclass(frozen=True, eq=False)
+class ModalFit(RecordFit):
+    """A fit of measured modes.
+
+    Attributes
+    ----------
+    pairs
+        Modes of the model that the measured ones are paired with (r), from 0.
+    omega, damping
+        Their natural frequencies (r), rad/s, and damping ratios.
+    shapes
+        Their shapes at the sensors, scaled to the measured ones (s x r).
+    mac
+        Modal assurance criterion of all measured and computed shapes (r x m).
+    own_mac
+        That of each pair (r); NaN without a shape.
+    """
+
+    pairs: NDArray[np.int_] = field(default_factory=lambda: np.zeros(0, dtype=int))
+    omega: Array = field(default_factory=lambda: np.zeros(0))
+    damping: Array = field(default_factory=lambda: np.zeros(0))
+    shapes: NDArray[Any] = field(default_factory=lambda: np.zeros((0, 0)))
+    mac: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    own_mac: Array = field(default_factory=lambda: np.zeros(0))
+
+
+@dataclass(frozen=True, eq=False)
+class ModalRecord(RecordLikelihood):
+    """Likelihood of measured modes with a structure.
+
+    Attributes
+    ----------
+    model
+        The structure, full or reduced.
+    measurement
+        The measured modes.
+    data
+        The measured values over their deviations (values x quantities), NaN where there is none.
+    error
+        Errors of the model's form, relative (quantities).
+    sharing
+        Number of records that share the parameters.
+    count
+        How many modes of the model are computed.
+    close
+        Frequencies nearer to each other, relative, have one span of shapes.
+    """
+
+    model: StructuralModel
+    measurement: ModalMeasurement
+    data: RecordData
+    error: Array
+    sharing: int = 1
+    count: int = 0
+    close: float = CLOSE
+    left_out: tuple[int, ...] = ()
+
+    @classmethod
+    def of(cls, model: StructuralModel, measurement: ModalMeasurement, count: int, sharing: int = 1) -> Self:
+        """Return the likelihood of modes with the scatter that is given.
+
+        Raises
+        ------
+        UsageError
+            If a sensor's DOF does not exist, or a damping ratio is measured and the structure has none.
+        """
+        if measurement.has_damping and not has_damping(model):
+            raise UsageError(
+                "damping ratios are measured, but the structure has no damping",
+                remedy="Give it one, or leave the damping ratios out.",
+                names=("measurement.modes",),
+            )
+        known = np.nan_to_num(
+            [getattr(measurement.model_error, one.name) for one in channels_of(measurement)]
+        )
+        record = cls(model, measurement, RecordData(np.zeros((0, 0))), known, sharing, count)
+        return record.with_error(known)
+
+    def with_error(self, error: Array, left_out: tuple[int, ...] | None = None) -> Self:
+        """Return the likelihood with other errors of the model's form (quantities).
+
+        `left_out`: modes whose frequencies do not count, from 0.
+        """
+        left_out = self.left_out if left_out is None else left_out
+        found = replace(self, error=error, left_out=left_out)
+        columns = [values.copy() for values in self._columns]
+        columns[0][list(left_out)] = np.nan
+        values = _side_by_side([a / b for a, b in zip(columns, found.spread, strict=True)])
+        return replace(found, data=RecordData(values, given=np.ones(values.shape[1])))
+
+    # Description.
+
+    @property
+    def noun(self) -> str:
+        """Noun for a set of measured modes."""
+        return "modal survey"
+
+    @property
+    def channels(self) -> Sequence[ModalChannel]:
+        """The quantities."""
+        return channels_of(self.measurement)
+
+    def row_label(self, row: int) -> str:
+        """Return the mode of a row."""
+        return f"mode {row % self.measurement.modes + 1}"
+
+    def series(self, residual: Array) -> Array:
+        """Return nothing: modes have no order in which they could be correlated."""
+        return residual[:0]
+
+    def residual_rms(self, fit: RecordFit) -> Array:
+        """Return the RMS of the residuals in units of the deviations (quantities)."""
+        return fit.size
+
+    @property
+    def unknowns(self) -> tuple[Parameter, ...]:
+        """The unknown parameters (p)."""
+        return self.model.unknowns
+
+    @property
+    def considered(self) -> tuple[Parameter, ...]:
+        """Parameters that are known with uncertainty."""
+        return tuple(one for one in self.model.parameters if one.std is not None)
+
+    @cached_property
+    def system_model(self) -> LinearSystem:
+        """The structure without loads and channels."""
+        return system_of(self.model, (), ())
+
+    @property
+    def nuisances(self) -> int:
+        """Number of scales of shapes."""
+        return int(self._scales.sum())
+
+    @cached_property
+    def _scales(self) -> NDArray[np.int_]:
+        """Number of real scales of each shape (r)."""
+        there = np.count_nonzero(~np.isnan(self.measurement.shapes), axis=0) > 0
+        return np.asarray(there * (2 if self.measurement.complex_shapes else 1), dtype=int)
+
+    # Values and their deviations.
+
+    @cached_property
+    def _columns(self) -> list[Array]:
+        """Measured values of each quantity: r frequencies, r damping ratios, the shapes' components."""
+        found = [self.measurement.omega]
+        if self.measurement.has_damping:
+            assert self.measurement.damping is not None
+            found.append(self.measurement.damping)
+        if len(self.measurement.dofs):
+            found.append(_real(self.measurement.shapes))
+        return found
+
+    @cached_property
+    def scatter_and_size(self) -> list[tuple[Array, Array]]:
+        """Scatter of the values of each quantity, and their sizes, to which errors of the form relate."""
+        frequency, damping, shape = self.measurement.deviations()
+        omega, zeta = self.measurement.omega, self.measurement.damping
+        found = [(frequency * omega, omega)]
+        if self.measurement.has_damping:
+            assert zeta is not None
+            size = np.where(zeta == 0, 1.0, np.abs(zeta))
+            found.append((damping * size, size))
+        if len(self.measurement.dofs):
+            # Of a complex component half of the variance in each part.
+            each = shape / np.sqrt(2) if self.measurement.complex_shapes else shape
+            flat = _real(each + 1j * each) if self.measurement.complex_shapes else each.ravel()
+            found.append((flat, np.full(len(flat), 1 / np.sqrt(len(flat) // shape.size or 1))))
+        return found
+
+    @cached_property
+    def spread(self) -> list[Array]:
+        """Deviations of the values of each quantity: scatter and error of the form."""
+        each = zip(self.scatter_and_size, self.error, strict=True)
+        return [np.hypot(scatter, error * size) for (scatter, size), error in each]
+
+    # Prediction.
+
+    @cached_property
+    def damped(self) -> bool:
+        """True if damping is taken into account."""
+        return (self.measurement.has_damping or self.measurement.complex_shapes) and has_damping(self.model)
+
+    @cached_property
+    def rows(self) -> Array:
+        """Rows that read the sensors (s x n)."""
+        return np.array([self.model.row(dof) for dof in self.measurement.dofs]).reshape(-1, self.model.size)
+
+    @property
+    def near(self) -> float:
+        """Frequency of the size of the lowest elastic ones, rad/s."""
+        return float(self.measurement.omega.min())
+
+    def solution(self, at: Mapping[str, float]) -> ModalSolution:
+        """Return the modes of the model at values of the parameters."""
+        return lowest_modes(self.model, at, self.count, self.near, damped=self.damped)
+
+    def fit(self, eta: Array, values: Array, noise: Array | None = None) -> ModalFit:  # noqa: ARG002
+        """Predict the modes at coordinates of the parameters, and compare them with `values`."""
+        at = named(self.unknowns, eta)
+        solution = self.solution(at)
+        found = self._predicted(solution, self.model.slopes(at))
+        rate = rates(self.unknowns, eta)
+        spread = self.spread
+        outputs = _side_by_side([a / b for a, b in zip(found.columns, spread, strict=True)])
+        slopes = [a * rate / b[:, None] for a, b in zip(found.slopes, spread, strict=True)]
+        by_parameter = np.stack([_filled(part, len(outputs)) for part in slopes], axis=1)
+        residual = values - outputs
+        counts, size = np.count_nonzero(~np.isnan(residual), axis=0), root_mean_square(residual)
+        return ModalFit(
+            eta,
+            Trajectory(outputs, np.zeros((len(outputs), 0))),
+            residual,
+            counts,
+            size,
+            self.noise_in(counts, size),
+            by_parameter=by_parameter,
+            pairs=found.pairs,
+            omega=found.columns[0],
+            damping=found.damping,
+            shapes=found.shapes,
+            mac=found.mac,
+            own_mac=found.own_mac,
+        )
+
+    def _predicted(self, solution: ModalSolution, slopes: Any) -> _Predicted:
+        """Return the modes that are paired with the measured ones, and their derivatives."""
+        measured, r, s = self.measurement, self.measurement.modes, len(self.measurement.dofs)
+        target, omega = measured.shapes, solution.omega
+        if len(omega) < r:
+            raise UsageError(
+                f"{r} modes are measured, but the model has {len(omega)}",
+                remedy="Refine the model, or leave modes out.",
+                names=("measurement.modes",),
+            )
+        at_sensors = self.rows @ solution.shapes
+        table = np.array([_mac_of(target[:, k], at_sensors) for k in range(r)])
+        pairs = paired(table, measured.omega, omega)
+        wide = bool(self.measurement.complex_shapes)
+        p = len(slopes)
+        poles, zeta = np.zeros(r, dtype=complex), np.zeros(r)
+        by_pole, shapes = np.zeros((r, p), dtype=complex), np.full((s, r), np.nan, dtype=target.dtype)
+        by_shape, own = np.full((s, r, p), np.nan, dtype=target.dtype), np.full(r, np.nan)
+        known: dict[int, Any] = {}
+        shape_scatter = measured.deviations()[2]
+        error = self.error[-1] if s else 0.0
+        for k, place in enumerate(pairs.tolist()):
+            span = np.flatnonzero(np.abs(omega - omega[place]) <= self.close * omega[place])
+            span = np.array([place, *[j for j in span.tolist() if j != place]])
+            psi = solution.shapes[:, span]
+            there = ~np.isnan(target[:, k])
+            if not there.any():  # of equal modes without a shape the mean
+                poles[k] = solution.poles[place]
+                each = [solution.pole_slopes(solution.poles[j], solution.shapes[:, j], slopes) for j in span]
+                by_pole[k] = np.mean(each, axis=0)
+                continue
+            for j in span.tolist():
+                if j not in known:
+                    moved = solution.shape_slopes(j, span.tolist(), slopes)
+                    known[j] = _turned(at_sensors[:, j], self.rows @ moved, wide=wide)
+            own_shapes = np.column_stack([known[j][0] for j in span.tolist()])
+            moves = np.stack([known[j][1] for j in span.tolist()], axis=1)
+            weight = 1 / np.hypot(shape_scatter[:, k], error)[there]
+            columns = weight[:, None] * own_shapes[there]
+            Q, R = np.linalg.qr(columns)
+            part = np.linalg.lstsq(R, Q.conj().T @ (weight * target[there, k]), rcond=None)[0]
+            shapes[there, k] = own_shapes[there] @ part
+            change = weight[:, None] * np.tensordot(moves[there], part, axes=([1], [0]))
+            change = change - Q @ (Q.conj().T @ change)
+            by_shape[there, k] = change / weight[:, None]
+            own[k] = _mac_of(target[:, k], shapes[:, [k]])[0]
+            if len(span) == 1:
+                poles[k], shape = solution.poles[place], psi[:, 0]
+            else:
+                shape = psi @ part
+                share = np.abs(part) ** 2
+                poles[k] = share @ solution.poles[span] / share.sum()
+            by_pole[k] = solution.pole_slopes(complex(poles[k]), shape, slopes)
+        size = np.abs(poles)
+        by_omega = np.real(poles.conj()[:, None] * by_pole) / size[:, None]
+        zeta = -poles.real / size
+        columns_found, slopes_found = [size], [by_omega]
+        if measured.has_damping:
+            columns_found.append(zeta)
+            slopes_found.append((-by_pole.real - zeta[:, None] * by_omega) / size[:, None])
+        if s:
+            columns_found.append(_real(shapes))
+            slopes_found.append(np.stack([_real(by_shape[..., j]) for j in range(p)], axis=1))
+        return _Predicted(columns_found, slopes_found, pairs, zeta, shapes, table, own)
+
+    # Residuals and information.
+
+    def slopes(self, fit: RecordFit, noise: Array) -> Array:
+        """Return the derivatives by the coordinates over noise (values x p), free of the shapes' scales."""
+        assert fit.by_parameter is not None
+        weight = weights(noise, fit.residual)
+        return (np.nan_to_num(fit.by_parameter) * weight[..., None]).reshape(-1, len(self.unknowns))
+
+    def taken(self, fit: RecordFit, noise: Array) -> Array:  # noqa: ARG002
+        """Return the number of scales of each quantity (quantities)."""
+        return np.array([self.nuisances if one.name == "shape" else 0.0 for one in self.channels])
+
+    def by_row(self, level: NDArray[Any]) -> NDArray[Any]:
+        """Return numbers of quantities row by row."""
+        return np.tile(level, len(self.data.values))
+
+    def on(self, data: RecordData) -> Self:
+        """Return the likelihood of other values of the same modes."""
+        return replace(self, data=data)
+
+    def information(self, fit: RecordFit, noise: Array) -> Information:
+        """Return the information on the parameters of a fit."""
+        names = tuple(unknown.name for unknown in self.unknowns)
+        weight = weights(noise, fit.residual)
+        slopes = self.slopes(fit, noise)
+        signal = float(np.linalg.norm(np.nan_to_num(fit.predicted.outputs) * weight))
+        count = int(np.count_nonzero(weight)) - self.nuisances
+        found = information(names, slopes, np.zeros((len(slopes), 0)), signal, count)
+        return replace(found, values=values(self.unknowns, fit.eta), rates=rates(self.unknowns, fit.eta))
+
+    def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:  # noqa: ARG002
+        """Return nothing: modes are tested against their scatter; see `tested`."""
+        return []
+
+    def calibration(self, fit: RecordFit, noise: Array) -> CalibrationDerivatives:
+        """Return no derivatives: shapes have a free scale, and frequencies no gain."""
+        slopes = self.slopes(fit, noise)
+        return CalibrationDerivatives((), np.zeros(0), slopes, np.zeros((len(slopes), 0)))
+
+    # Error of the model's form.
+
+    @property
+    def modelled(self) -> bool:
+        """True if errors of the model's form are estimated."""
+        return bool(self._estimated.any())
+
+    @cached_property
+    def _estimated(self) -> NDArray[np.bool_]:
+        return np.isnan([getattr(self.measurement.model_error, one.name) for one in self.channels])
+
+    def renewed(self, fit: RecordFit, known: Array, *, settling: bool = False) -> Self:  # noqa: ARG002
+        """Return the likelihood with the errors of the model's form that belong to the residuals of a fit.
+
+        Without an error so far, one is estimated only if the residuals contradict the scatter.
+        """
+        share = np.sum((self.slopes(fit, np.ones(len(self.error))) @ known) ** 2, axis=1)
+        share = share.reshape(len(fit.residual), -1).sum(axis=0)
+        degrees = np.maximum(fit.counts - self.taken(fit, fit.noise) - share, 0.0)
+        left = [column * spread for column, spread in zip(fit.residual.T, self._padded, strict=True)]
+        if not self.error[self._estimated].any():
+            squares = float(np.nansum(fit.residual**2))
+            whole = max(1, round(float(degrees.sum())))
+            if chi_squared_tail(whole, squares) > LACK_OF_FIT.value:
+                return self
+        error = self.error.copy()
+        for k in np.flatnonzero(self._estimated):
+            there = ~np.isnan(left[k])
+            scatter, size = (part[: len(there)] for part in self._padded_parts[k])
+            error[k] = _form_error(left[k][there], scatter[there], size[there], float(degrees[k]))
+        return self.with_error(error)
+
+    @cached_property
+    def _padded(self) -> list[Array]:
+        rows = len(self.data.values)
+        return [_filled(part, rows) for part in self.spread]
+
+    @cached_property
+    def _padded_parts(self) -> list[tuple[Array, Array]]:
+        rows = len(self.data.values)
+        return [(_filled(a, rows), _filled(b, rows)) for a, b in self.scatter_and_size]
+
+    def with_noise_of(self, other: Any) -> Self:
+        """Return the likelihood with the errors of the form of another one."""
+        return self.with_error(other.error)
+
+    def continuing(self, other: Any) -> Self:
+        """Return the likelihood with the errors of the form of another one."""
+        return self.with_error(other.error)
+
+    @property
+    def known_error(self) -> Array:
+        """Errors of the form that are given, not estimated (quantities)."""
+        return np.where(self._estimated, 0.0, self.error)
+
+    def tested(self, fit: RecordFit, root: Array) -> ScatterTest:
+        """Return the residuals over the scatter, without the errors of the form that were estimated."""
+        assert isinstance(fit, ModalFit)
+        assert fit.by_parameter is not None
+        bare = self.with_error(self.known_error)
+        factors = [a / b for a, b in zip(self._padded, bare._padded, strict=True)]
+        residual = fit.residual * np.column_stack(factors)
+        share = np.sum((self.slopes(fit, np.ones(len(self.error))) @ root) ** 2, axis=1)
+        share = share.reshape(len(fit.residual), -1).sum(axis=0)
+        scaled = replace(fit, by_parameter=fit.by_parameter * np.column_stack(factors)[..., None])
+        off = fit.omega / self.measurement.omega - 1
+        explained = [1 - float(np.sqrt(np.mean(off**2)))]
+        if np.isfinite(fit.own_mac).any():
+            explained.append(float(np.nanmean(fit.own_mac)))
+        return ScatterTest(
+            np.nansum(residual**2, axis=0),
+            np.maximum(fit.counts - self.taken(fit, fit.noise) - share, 0.0),
+            bare.slopes(scaled, np.ones(len(self.error))),
+            int(fit.counts.sum()) - self.nuisances,
+            float(np.clip(min(explained), 0.0, 1.0)),
+        )
+
+    def log_determinant(self) -> float:
+        """Return the sum of the logarithms of the deviations."""
+        if not self.modelled:
+            return 0.0
+        each = np.column_stack(self._padded)
+        return float(np.sum(np.log(each[~np.isnan(self.data.values)])))
+
+    def by_spans(self, close: float) -> Self:
+        """Return the likelihood in which modes that are this close have one span: it has no veering."""
+        return replace(self, close=close)
+
+
+@dataclass(frozen=True, eq=False)
+class _Predicted:
+    """Predicted values of each quantity, their slopes (values x p), and what they are of."""
+
+    columns: list[Array]
+    slopes: list[Array]
+    pairs: NDArray[np.int_]
+    damping: Array
+    shapes: NDArray[Any]
+    mac: Array
+    own_mac: Array
+
+
+def _mac_of(measured: NDArray[Any], shapes: NDArray[Any]) -> Array:
+    """Return the MAC of a measured shape (s, NaN where missing) with others (s x m); 0 without a shape."""
+    there = ~np.isnan(measured)
+    return np.asarray(mac(measured[there, None], shapes[there])[0])
+
+
+def _turned(shape: NDArray[Any], moved: NDArray[Any], *, wide: bool) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return a shape at the sensors (s) and its slopes (s x p), turned to be as real as can be.
+
+    Shapes are complex only where damping makes them so; `wide`: the measured ones are complex, too.
+    """
+    if wide or not np.iscomplexobj(shape):
+        return shape, moved
+    square = shape @ shape
+    turn = np.exp(-0.5j * np.angle(square))
+    rate = -np.imag((shape @ moved) / square)
+    return (turn * shape).real, (turn * (moved + 1j * rate * shape[:, None])).real
+
+
+def _real(shapes: NDArray[Any]) -> Array:
+    """Return components of shapes (s x r) as real numbers one below the other, imaginary ones last."""
+    flat = shapes.ravel()
+    return np.concatenate([flat.real, flat.imag]) if np.iscomplexobj(flat) else flat
+
+
+def _filled(values: Array, rows: int) -> Array:
+    """Return values with rows of NaN below them."""
+    return np.concatenate([values, np.full((rows - len(values), *values.shape[1:]), np.nan)])
+
+
+def _side_by_side(columns: Sequence[Array]) -> Array:
+    """Return columns of any length side by side, filled with NaN."""
+    rows = max(map(len, columns))
+    return np.column_stack([_filled(column, rows) for column in columns])
+
+
+def _form_error(residual: Array, scatter: Array, size: Array, degrees: float) -> float:
+    """Return e >= 0 with ``sum r^2 / (scatter^2 + (e size)^2) = degrees``, by bisection of its logarithm."""
+
+    def excess(error: float) -> float:
+        return float(np.sum(residual**2 / (scatter**2 + (error * size) ** 2))) - degrees
+
+    if degrees <= 0 or excess(0.0) <= 0:
+        return 0.0
+    low, high = 1e-6, 1.0
+    if excess(low) <= 0:
+        return 0.0
+    while excess(high) > 0:
+        high *= 2
+    for _ in range(60):
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if excess(middle) > 0 else (low, middle)
+    return high
+
+
+@dataclass(frozen=True, eq=False)
+class ModalLikelihood(Likelihood):
+    """The likelihood of measured modes alone."""
+
+    records: tuple[ModalRecord, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ModalGuide(ModalLikelihood):
+    """The likelihood of modes on the way to that of all records; what modes do not determine stays near `at`.
+
+    Attributes
+    ----------
+    at
+        Coordinates (p), the means of wide priors of parameters that have none.
+    """
+
+    at: Array = field(default_factory=lambda: np.zeros(0))
+
+    @cached_property
+    def priors(self) -> Priors:
+        """Priors and limits of the parameters, none without a prior."""
+        own = Priors.of(self.unknowns)
+        spread = np.array([one.first_spread for one in self.unknowns])
+        means = np.where(own.given, own.means, self.at)
+        return replace(own, means=means, deviations=np.where(own.given, own.deviations, spread))
+
+
+def modes_needed(model: StructuralModel, measurement: ModalMeasurement, at: Mapping[str, float]) -> int:
+    """Return how many modes of the model are computed.
+
+    A few more than are measured, and all up to 1.5 times the highest measured frequency at these values.
+    """
+    near, highest = float(measurement.omega.min()), _BEYOND * float(measurement.omega.max())
+    count = measurement.modes + _SPARE
+    while count < min(model.size, _MOST):
+        omega = lowest_modes(model, at, count, near, damped=False).omega
+        if len(omega) < count or omega[-1] > highest:
+            return max(measurement.modes + _SPARE, int(np.count_nonzero(omega <= highest)) + 1)
+        count *= 2
+    return min(count, model.size, _MOST)
+
+
+def is_large(model: StructuralModel) -> bool:
+    """Return True if modes of a structure are better computed in a basis of its lowest ones."""
+    return model.is_sparse or model.size > _MOST_DOFS
+
+
+def modal_model(
+    model: StructuralModel, measurement: ModalMeasurement, at: Mapping[str, float], count: int
+) -> StructuralModel:
+    """Return the model that modes are computed with: the structure, or of a large one a basis there."""
+    if not is_large(model):
+        return model
+    damped = (measurement.has_damping or measurement.complex_shapes) and has_damping(model)
+    near, highest = float(measurement.omega.min()), _WITH_SLOPES * float(measurement.omega.max())
+    return modal_basis(model, at, count, near, highest, damped=damped)
+
+
+def start_values(model: StructuralModel) -> dict[str, float]:
+    """Return the starts of the unknown parameters by name."""
+    return named(model.unknowns, starts(model.unknowns))

@@ -1,0 +1,114 @@
+"""The block `measurement.modes`: measured frequencies, damping ratios and mode shapes."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+
+from dynid.scene.schema.base import Dof, FilePath, Section
+from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
+
+Component = (
+    Annotated[Value, Tag("real")] | Annotated[list[Value], Field(min_length=2, max_length=2), Tag("complex")]
+)
+"""A component of a shape, or [real, imaginary] of a complex one."""
+
+
+def _component_kind(raw: Any) -> str:
+    return "complex" if isinstance(raw, list) else "real"
+
+
+def _std_kind(raw: Any) -> str:
+    return "each" if isinstance(raw, dict) else "one"
+
+
+ShapeStd = Annotated[
+    Annotated[NotNegative, Tag("one")] | Annotated[dict[Dof, NotNegative], Tag("each")],
+    Discriminator(_std_kind),
+]
+
+
+class ModeModel(Section):
+    """One measured mode: its frequency, damping ratio and shape at sensors, each with its scatter."""
+
+    frequency: Positive
+    frequency_std: NotNegative | None = None
+    damping: Value | None = None
+    damping_std: NotNegative | None = None
+    shape: dict[Dof, Annotated[Component, Discriminator(_component_kind)]] = {}
+    shape_std: ShapeStd | None = None
+
+    @model_validator(mode="after")
+    def _scatter_is_of_something(self) -> Self:
+        if self.damping is None and self.damping_std is not None:
+            raise fault("'damping_std' is the scatter of a 'damping'")
+        if not self.shape and self.shape_std is not None:
+            raise fault("'shape_std' is the scatter of a 'shape'")
+        if isinstance(self.shape_std, dict):
+            for dof in self.shape_std:
+                if dof not in self.shape:
+                    raise fault(f"'shape_std' names {dof}, which the shape does not")
+        return self
+
+
+def _path_alone(raw: Any) -> Any:
+    return {"path": raw} if isinstance(raw, str) else raw
+
+
+class SensorFileModel(Section):
+    """A MATLAB file with the numbers of the sensors' DOFs."""
+
+    path: FilePath
+    name: str
+
+
+class ModesFileModel(Section):
+    """A file of measured modes, and the names of quantities in it where they are not the usual ones."""
+
+    path: FilePath
+    frequency: str | None = None
+    frequency_std: str | None = None
+    frequency_tests: str | None = None
+    eigenvalue: str | None = None
+    eigenvalue_std: str | None = None
+    damping: str | None = None
+    damping_std: str | None = None
+    shape: str | None = None
+    shape_std: str | None = None
+    tests: str | None = None
+    dofs: str | None = None
+    modes: list[Annotated[int, Field(ge=1, strict=True)]] | None = Field(default=None, min_length=1)
+
+    @property
+    def names(self) -> dict[str, str]:
+        """The names of quantities that are given."""
+        keys = self.model_fields_set - {"path", "modes"}
+        return {key: name for key in keys if (name := getattr(self, key)) is not None}
+
+
+class ScatterModel(Section):
+    """Standard deviations relative to frequency, damping ratio, and the largest component of a shape."""
+
+    frequency: NotNegative | None = None
+    damping: NotNegative | None = None
+    shape: NotNegative | None = None
+
+
+class MeasuredModesModel(Section):
+    """Measured modes, listed or in a file."""
+
+    unit: Literal["rad/s", "Hz"] | None = None
+    values: list[ModeModel] = []
+    file: Annotated[ModesFileModel, BeforeValidator(_path_alone)] | None = None
+    sensors: list[Dof] | SensorFileModel | None = None
+    floor: ScatterModel = ScatterModel()
+    model_error: ScatterModel = ScatterModel()
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if bool(self.values) == (self.file is not None):
+            raise fault("measured modes are either listed as 'values' or read from a 'file'")
+        if self.sensors is not None and self.file is None:
+            raise fault("'sensors' are those of the rows in a 'file'; listed shapes name their DOFs")
+        return self

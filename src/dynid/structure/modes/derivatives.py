@@ -1,0 +1,349 @@
+"""The lowest modes of a structure at values of its parameters, and their exact derivatives.
+
+Natural frequencies are magnitudes of poles, damping ratios minus their cosines. Without damping modes are
+real.
+
+Derivatives of modes: with ``Z = lambda^2 M + lambda C + K`` and the modes Psi of a span that contains psi,
+``B = (2 lambda M + C) Psi``, the bordered system ``[Z B; B^T 0] [psi'; x] = [-Z' psi; 0]`` is regular where Z
+is not: R. B. Nelson, AIAA J. 14 (1976) 1201–1205; I.-W. Lee, G.-H. Jung, *Mech. Mach. Theory* 32 (1997). It
+gives the part of psi' outside the span, also of close and multiple modes; the part within is that of another
+scale, and of a rotation in the span.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import Singular
+from dynid.lti.floating import guarded
+from dynid.structure.matrices import Array, Matrix, as_array, is_sparse
+from dynid.structure.model import StructuralModel
+from dynid.structure.modes.modes import modes
+from dynid.structure.modes.sensitivity import second_order_poles
+
+ComplexArray = NDArray[np.complex128]
+Vectors = NDArray[Any]
+"""Vectors in columns, real without damping."""
+
+# Poles with a smaller imaginary part, relative, do not oscillate.
+_STILL = 1e-9
+# Most steps of Newton's method from an undamped mode to a damped one, and the last one, relative.
+_MOST_STEPS, _LAST_STEP = 20, 1e-12
+# Part of the largest inverse eigenvalue below which a motion has no mass.
+_MASSLESS = 1e-13
+# Least part of the largest entry of its column that a diagonal pivot may be.
+_PIVOT = 0.01
+# Dense structures up to this size have all their eigenvectors computed: derivatives then cost nothing.
+_MOST_WHOLE = 400
+# Frequencies that differ by less, relative, are equal.
+_EQUAL = 1e-6
+# Columns of a basis that are dependent on others to this part are left out.
+_DEPENDENT = 1e-9
+
+
+class Inverse(NamedTuple):
+    """All eigenpairs of ``M v = mu (K + s M) v``, `mu` descending, with ``v^T (K + s M) v = 1``.
+
+    Eigenvalues ``lambda = 1 / mu - s``; motions without mass have mu = 0.
+    """
+
+    mu: Array
+    vectors: Array
+    shift: float
+
+    def solve(self, square: float, span: Sequence[int], forces: Array) -> Array:
+        """Return x without parts in a span of modes, ``(K - square M) x = forces`` outside that span."""
+        divisor = 1 - self.mu * (square + self.shift)
+        divisor[list(span)] = np.inf
+        return np.asarray(self.vectors @ ((self.vectors.T @ forces) / divisor[:, None]))
+
+
+@dataclass(frozen=True, eq=False)
+class ModalSolution:
+    """The lowest modes at values of the parameters.
+
+    Attributes
+    ----------
+    model, values
+        The structure, and the values of its unknown parameters by name.
+    poles
+        Poles with a positive imaginary part (m), ascending in magnitude, 1/s.
+    shapes
+        Mode shapes (n x m), of unit modal mass; complex with damping.
+    matrices
+        Mass, damping and stiffness with the joints.
+    inverse
+        All eigenvectors of a dense structure without damping; None of others.
+    """
+
+    model: StructuralModel
+    values: Mapping[str, float]
+    poles: ComplexArray
+    shapes: Vectors
+    matrices: tuple[Matrix, Matrix, Matrix]
+    inverse: Inverse | None = None
+
+    @property
+    def omega(self) -> Array:
+        """Natural frequencies (m), rad/s."""
+        return np.abs(self.poles)
+
+    @property
+    def zeta(self) -> Array:
+        """Damping ratios (m)."""
+        size = np.abs(self.poles)
+        return np.asarray(-self.poles.real / np.where(size > 0, size, 1.0))
+
+    @property
+    def damped(self) -> bool:
+        """True if the modes are those of a damped structure."""
+        return np.iscomplexobj(self.shapes)
+
+    def _forces(self, pole: complex, shape: Vectors, slopes: Sequence[Mapping[str, Matrix]]) -> Vectors:
+        """Return ``-Z' psi`` for each parameter (n x p)."""
+        powers: dict[str, Any] = {"M": pole**2, "C": pole, "K": 1.0}
+        if not self.damped:
+            powers = {"M": (pole**2).real, "C": 0.0, "K": 1.0}
+        found = np.zeros((len(shape), len(slopes)), dtype=self.shapes.dtype)
+        for j, changes in enumerate(slopes):
+            for letter, change in changes.items():
+                if powers[letter] != 0:
+                    found[:, j] -= powers[letter] * np.asarray(change @ shape)
+        return found
+
+    def _border(self, pole: complex, span: Vectors) -> Vectors:
+        """Return ``(2 lambda M + C) Psi`` (n x k), without damping ``2 M Psi``."""
+        M, C, _ = self.matrices
+        B = 2 * np.asarray(M @ span)
+        return pole * B + np.asarray(C @ span) if self.damped else B
+
+    @guarded("the derivatives of the modes")
+    def pole_slopes(
+        self, pole: complex, shape: Vectors, slopes: Sequence[Mapping[str, Matrix]]
+    ) -> ComplexArray:
+        """Return the derivatives of a pole by the parameters (p).
+
+        Parameters
+        ----------
+        pole, shape
+            The pole and its shape (n); of equal poles a shape of their span that stays one.
+        slopes
+            Derivatives of the matrices by each parameter (p), as of `StructuralModel.slopes`.
+        """
+        work = shape @ self._forces(pole, shape, slopes)
+        found = np.asarray(work / (shape @ self._border(pole, shape)))
+        if not self.damped:  # of -omega^2 / 2, from which that of the pole j omega follows
+            found = found / pole if pole else np.zeros(len(slopes))
+        return np.asarray(found, dtype=complex)
+
+    @guarded("the derivatives of the modes")
+    def shape_slopes(
+        self, place: int, span: Sequence[int], slopes: Sequence[Mapping[str, Matrix]]
+    ) -> Vectors:
+        """Return the derivatives of a shape by the parameters, without their parts in a span (n x p).
+
+        Parameters
+        ----------
+        place
+            The mode, from 0.
+        span
+            The modes at its frequency: itself alone, or also close and equal ones.
+        slopes
+            As of `pole_slopes`.
+        """
+        pole = complex(self.poles[place])
+        forces = self._forces(pole, self.shapes[:, place], slopes)
+        if self.inverse is not None:
+            return self.inverse.solve(pole.imag**2, span, forces)
+        matrices: tuple[Any, Any, Any] = self.matrices
+        M, C, K = matrices
+        Z: Any = K + (pole**2 if self.damped else (pole**2).real) * M
+        if self.damped:
+            Z = Z + pole * C
+        return _bordered(Z, self._border(pole, self.shapes[:, list(span)]), forces)
+
+
+def _bordered(Z: Any, B: Vectors, forces: Vectors) -> Vectors:
+    """Return x of ``[Z B; B^T 0] [x; y] = [forces; 0]``."""
+    n, k = B.shape
+    # Rows and columns are scaled to pivots of one size: translations and rotations differ.
+    size = np.sqrt(np.abs(Z.diagonal()))
+    size = 1 / np.where(size > 0, size, 1.0)
+    B = size[:, None] * B
+    B = B / np.linalg.norm(B, axis=0)
+    right = np.concatenate([size[:, None] * forces, np.zeros((k, forces.shape[1]))])
+    if is_sparse(Z):
+        from scipy.sparse import block_array, csc_array, diags_array
+        from scipy.sparse.linalg import splu
+
+        scaled, border = diags_array(size) @ csc_array(Z) @ diags_array(size), csc_array(B)
+        whole: Any = block_array([[scaled, border], [border.T, None]], format="csc")
+        # The border alone needs pivots: a loose threshold keeps the ordering, and a step of refinement the
+        # digits.
+        factor = splu(whole, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=_PIVOT)
+        right = right.astype(whole.dtype)
+        found = factor.solve(right)
+        found = found + factor.solve(right - whole @ found)
+    else:
+        whole = np.zeros((n + k, n + k), dtype=np.result_type(Z.dtype, B.dtype))
+        whole[:n, :n] = size[:, None] * as_array(Z) * size
+        whole[:n, n:], whole[n:, :n] = B, B.T
+        found = np.linalg.solve(whole, right)
+    return np.asarray(size[:, None] * found[:n])
+
+
+def has_damping(model: StructuralModel) -> bool:
+    """Return True if a structure has damping, known or unknown."""
+    known = model.with_known_joints()[1]
+    entries = known.data if is_sparse(known) else known
+    if np.any(entries) or model.modal is not None:
+        return True
+    return any(term.letter == "C" for term in (*model.terms, *model.joint_terms)) or any(
+        one.name.endswith(".c") for one in model.joint_unknowns
+    )
+
+
+@guarded("the modes of the structure")
+def lowest_modes(
+    model: StructuralModel, values: Mapping[str, float], count: int, near: float, *, damped: bool
+) -> ModalSolution:
+    """Return the lowest modes of a structure.
+
+    Parameters
+    ----------
+    model
+        The structure, full or reduced.
+    values
+        Its unknown parameters by name.
+    count
+        How many modes; fewer where there are not so many.
+    near
+        An angular frequency, rad/s, of the size of the lowest elastic ones.
+    damped
+        True to take damping into account.
+
+    Raises
+    ------
+    Singular
+        If a motion has neither mass nor stiffness, or the stiffness is indefinite.
+    """
+    matrices = M, C, K = model.with_joints(values)
+    if is_sparse(M):
+        found = modes(M, C, K, count=min(count, model.size - 1), proof=False)
+        along = (1j * found.omega[:count]).astype(np.complex128)
+        undamped = ModalSolution(model, values, along, found.shapes[:, :count], matrices)
+        return _newton(undamped) if damped else undamped
+    if damped:
+        return _damped(model, values, count, matrices)
+    whole = len(M) <= _MOST_WHOLE
+    square, shapes, inverse = _undamped(as_array(M), as_array(K), len(M) if whole else count, near**2)
+    poles: ComplexArray = np.asarray(1j * np.sqrt(np.maximum(square[:count], 0.0)), dtype=np.complex128)
+    return ModalSolution(model, values, poles, shapes[:, :count], matrices, inverse if whole else None)
+
+
+def _undamped(M: Array, K: Array, count: int, shift: float) -> tuple[Array, Array, Inverse]:
+    """Return the lowest eigenvalues, vectors of unit modal mass, and the pencil ``M - mu (K + s M)`` solved.
+
+    Low ones are exact to rounding of their own size; directions without mass have mu = 0.
+    """
+    from scipy.linalg import LinAlgError, eigh
+
+    n = len(M)
+    scale = np.sqrt(np.abs(K.diagonal() + shift * M.diagonal()))
+    scale = 1 / np.where(scale > 0, scale, 1.0)
+    left = scale[:, None] * scale
+    try:
+        mu, shapes = eigh(
+            M * left, (K + shift * M) * left, subset_by_index=[max(0, n - count), n - 1], check_finite=False
+        )
+    except LinAlgError:
+        raise Singular(
+            "the stiffness is indefinite, or a motion has neither mass nor stiffness",
+            remedy="Check the values of the parameters: a mode needs positive stiffness.",
+        ) from None
+    inverse = Inverse(mu[::-1], scale[:, None] * shapes[:, ::-1], shift)
+    heavy = inverse.mu > _MASSLESS * inverse.mu[0]
+    mu, shapes = inverse.mu[heavy], inverse.vectors[:, heavy]
+    return 1 / mu - shift, shapes / np.sqrt(mu), inverse
+
+
+def _damped(
+    model: StructuralModel,
+    values: Mapping[str, float],
+    count: int,
+    matrices: tuple[Matrix, Matrix, Matrix],
+) -> ModalSolution:
+    """Return the lowest damped modes, in coordinates of all undamped ones."""
+    M, C, K = (as_array(matrix) for matrix in matrices)
+    found = modes(M, C, K, backend="dense")
+    poles, U = second_order_poles(found.omega, found.shapes.T @ C @ found.shapes)
+    kept = np.flatnonzero(poles.imag > _STILL * np.abs(poles))[:count]
+    return ModalSolution(model, values, poles[kept], found.shapes @ U[:, kept], matrices)
+
+
+def _newton(start: ModalSolution) -> ModalSolution:
+    """Return the damped modes next to undamped ones, by Newton's method on ``Z(lambda) psi = 0``."""
+    M, C, K = start.matrices
+    poles, shapes = start.poles.copy(), start.shapes.astype(complex)
+    for r in np.flatnonzero(poles):
+        pole, shape = poles[r], shapes[:, r]
+        for _ in range(_MOST_STEPS):
+            Z = pole**2 * M + pole * C + K
+            b = 2 * pole * np.asarray(M @ shape) + np.asarray(C @ shape)
+            # Z (psi + d) + b dlambda = 0 with b^T d = 0: the direction of psi + d; then its quotient.
+            moved = _bordered(Z, b[:, None], -np.asarray(Z @ shape)[:, None])[:, 0]
+            shape = shape + moved
+            parts = [complex(shape @ np.asarray(matrix @ shape)) for matrix in (M, C, K)]
+            roots = np.roots(parts)
+            new = roots[np.argmin(np.abs(roots - pole))]
+            change, pole = abs(new - pole), new
+            if change <= _LAST_STEP * abs(pole) and np.linalg.norm(moved) <= 1e-10 * np.linalg.norm(shape):
+                break
+        poles[r], shapes[:, r] = pole, shape
+    order = np.argsort(np.abs(poles), kind="stable")
+    return ModalSolution(start.model, start.values, poles[order], shapes[:, order], start.matrices)
+
+
+def modal_basis(
+    model: StructuralModel,
+    values: Mapping[str, float],
+    count: int,
+    near: float,
+    highest: float,
+    *,
+    damped: bool,
+) -> StructuralModel:
+    """Return a structure in coordinates of its lowest modes and their derivatives.
+
+    Frequencies and shapes of these modes are those of the whole structure at these values; elsewhere the
+    errors of frequencies are of fourth order in the change of the parameters.
+
+    Parameters
+    ----------
+    model
+        The structure.
+    values, count, near, damped
+        As of `lowest_modes`.
+    highest
+        Highest frequency, rad/s, of a mode whose derivatives are exact, too.
+    """
+    solution = lowest_modes(model, values, count, near, damped=damped)
+    slopes = model.slopes(values)
+    columns = [solution.shapes]
+    for place, omega in enumerate(solution.omega.tolist()):
+        if omega <= highest:
+            near_by = {place, *np.flatnonzero(np.abs(solution.omega - omega) <= _EQUAL * omega).tolist()}
+            columns.append(solution.shape_slopes(place, sorted(near_by), slopes))
+    every = np.concatenate(columns, axis=1)
+    if np.iscomplexobj(every):
+        every = np.concatenate([every.real, every.imag], axis=1)
+    size = np.linalg.norm(every, axis=0)
+    every = every[:, size > 0] / size[size > 0]
+    U, s, _ = np.linalg.svd(every, full_matrices=False)
+    T = U[:, s > _DEPENDENT * s[0]]
+    return model.projected(T, tuple(f"q{k}" for k in range(1, T.shape[1] + 1)))

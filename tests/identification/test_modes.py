@@ -1,0 +1,276 @@
+"""Identification from measured modes: derivatives, pairing, repeated modes, free scales, other records."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dynid.errors import NotIdentifiable, UsageError
+from dynid.identification.identify_modes import ModalProblem, identify_modes
+from dynid.identification.measurement import Experiment, Measurement
+from dynid.identification.modal_measurement import ModalMeasurement, Scatter
+from dynid.identification.modal_record import ModalRecord
+from dynid.identification.simulation import Simulation
+from dynid.lti.signals import Multisine
+from dynid.structure.correlation import comac, mac, paired
+from dynid.structure.modes.derivatives import lowest_modes, modal_basis
+from dynid.structure.response import Channel, Load
+from tests.identification.modal_cases import DOFS, chain, measured, plate, true_modes
+
+KNOWN = Scatter(0.0, 0.0, 0.0)
+
+
+def parameter(result, name):
+    return np.asarray(result.value(f"identification/parameters/{name}"))
+
+
+def modes(result, name):
+    return np.asarray(result.value(f"identification/modes/{name}"))
+
+
+def diagnostic(result, name):
+    return result.value(f"identification/diagnostics/{name}")
+
+
+def truth(model):
+    return np.log([one.true for one in model.unknowns])
+
+
+def slope(record, eta, which, step=2e-3):
+    """Derivative of the residuals over their deviations by Richardson's extrapolated differences."""
+
+    def difference(h):
+        moved = [record.fit(eta + sign * h * np.eye(len(eta))[which], record.data.values) for sign in (1, -1)]
+        return (moved[0].residual - moved[1].residual) / (2 * h)
+
+    table = [difference(step / 2**k) for k in range(3)]
+    first = [(4 * table[k + 1] - table[k]) / 3 for k in range(2)]
+    return -(16 * first[1] - first[0]) / 15
+
+
+@pytest.mark.parametrize(
+    ("damped", "complex_shapes"),
+    [(False, False), (True, False), (True, True)],
+    ids=["real", "damped", "complex"],
+)
+def test_derivatives_of_predicted_modes_are_exact(damped, complex_shapes):
+    model = chain(damping=damped)
+    modal = measured(model, noise=0.0, damping=damped, complex_shapes=complex_shapes)
+    record = ModalRecord.of(model, modal, 6)
+    eta = truth(model)
+    fit = record.fit(eta, record.data.values)
+    assert np.nanmax(np.abs(fit.residual)) < 1e-9
+    for k in range(len(eta)):
+        wanted = slope(record, eta, k)
+        size = np.nanmax(np.abs(wanted))
+        np.testing.assert_allclose(fit.by_parameter[..., k], wanted, rtol=0, atol=1e-8 * size)
+
+
+@pytest.mark.parametrize("damped", [False, True])
+def test_survey_without_scatter_gives_the_true_values(damped):
+    model = chain(0.6, damping=damped)
+    result = identify_modes(model, measured(model, noise=0.0, damping=damped, model_error=KNOWN))
+    np.testing.assert_allclose(parameter(result, "estimate"), parameter(result, "true"), rtol=1e-5)
+    np.testing.assert_allclose(modes(result, "mac"), 1.0, rtol=1e-12)
+    np.testing.assert_allclose(modes(result, "frequency_error"), 0.0, atol=1e-9)
+    assert diagnostic(result, "converged")
+
+
+def test_scale_and_sign_of_shapes_have_no_effect():
+    model, modal = chain(), measured(chain(), model_error=KNOWN)
+    factor = np.array([3.0, -0.01, 1e5, -7.0])
+    other = replace(modal, shape=modal.shape * factor, shape_std=modal.shape_std * np.abs(factor))
+    first, second = (parameter(identify_modes(model, one), "estimate") for one in (modal, other))
+    np.testing.assert_allclose(first, second, rtol=1e-9)
+
+
+def test_standard_errors_are_those_of_the_linearised_model():
+    """Against the information of all values with the scales as unknowns, by differences."""
+    model = chain()
+    modal = measured(model, noise=0.0, model_error=KNOWN)
+    result = identify_modes(model, modal)
+    eta, scatter = truth(model), modal.deviations()
+
+    def predicted(point):
+        values = dict(zip([one.name for one in model.unknowns], np.exp(point[:2]), strict=True))
+        poles, shapes = true_modes(model, values)
+        at = np.array([model.row(dof) for dof in DOFS]) @ shapes[:, :4]
+        at = at / at[np.argmax(np.abs(modal.shapes), axis=0), range(4)]
+        signs = modal.shapes[np.argmax(np.abs(modal.shapes), axis=0), range(4)]
+        return np.concatenate(
+            [np.abs(poles[:4]) / modal.omega / scatter[0], (at * signs * point[2:] / scatter[2]).ravel()]
+        )
+
+    point = np.concatenate([eta, np.ones(4)])
+    step = 1e-4
+    J = np.column_stack(
+        [(predicted(point + step * e) - predicted(point - step * e)) / (2 * step) for e in np.eye(6)]
+    )
+    wanted = np.exp(eta) * np.sqrt(np.diag(np.linalg.inv(J.T @ J))[:2])
+    np.testing.assert_allclose(parameter(result, "standard_error"), wanted, rtol=1e-5)
+
+
+def test_modes_that_cross_are_paired_by_their_shapes():
+    """At the start the order of the two lowest modes is the other one."""
+    model = plate(split=1.2, start=1.0)
+    model = model.with_parameters(
+        [replace(model.parameters[0], start=150.0), replace(model.parameters[1], start=80.0)]
+    )
+    result = identify_modes(model, measured(model, modes=(0, 1, 2, 3), dofs=(1, 2, 3, 4), model_error=KNOWN))
+    assert modes(result, "model_mode_start").tolist() == [2, 1, 4, 3]
+    assert modes(result, "model_mode").tolist() == [1, 2, 3, 4]
+    assert np.all(np.abs(parameter(result, "estimate") / parameter(result, "true") - 1) < 0.02)
+
+
+def test_a_wrong_order_in_the_survey_does_no_harm():
+    model = chain()
+    orders = ((0, 1, 2), (2, 0, 1))
+    surveys = [measured(model, modes=order, noise=0.0, model_error=KNOWN) for order in orders]
+    first, second = (identify_modes(model, one) for one in surveys)
+    np.testing.assert_allclose(parameter(first, "estimate"), parameter(second, "estimate"), rtol=1e-5)
+    assert modes(second, "model_mode").tolist() == [3, 1, 2]
+
+
+def test_a_mode_that_was_not_measured_is_left_out():
+    model = chain(0.7)
+    result = identify_modes(model, measured(model, modes=(0, 2, 3), noise=0.0, model_error=KNOWN))
+    assert modes(result, "model_mode").tolist() == [1, 3, 4]
+    np.testing.assert_allclose(parameter(result, "estimate"), parameter(result, "true"), rtol=1e-5)
+
+
+def test_shapes_of_equal_modes_are_compared_by_their_span():
+    """Any rotation of the measured shapes of a repeated mode fits as well."""
+    model = plate(1.0)
+    modal = measured(model, dofs=(1, 2, 3, 4), noise=0.0, model_error=KNOWN)
+    turn = np.array([[np.cos(0.6), -np.sin(0.6)], [np.sin(0.6), np.cos(0.6)]])
+    shapes = modal.shapes.copy()
+    shapes[:, :2], shapes[:, 2:] = shapes[:, :2] @ turn, shapes[:, 2:] @ turn
+    result = identify_modes(model, replace(modal, shape=shapes, shape_std=0.02 * np.ones(shapes.shape)))
+    np.testing.assert_allclose(parameter(result, "estimate"), [100.0, 100.0], rtol=1e-6)
+    np.testing.assert_allclose(modes(result, "mac"), 1.0, rtol=1e-9)
+
+
+def test_nearly_equal_modes_have_finite_errors():
+    model = plate(1 + 1e-7)
+    result = identify_modes(model, measured(model, dofs=(1, 2, 3, 4), model_error=KNOWN))
+    assert np.all(parameter(result, "standard_error") < 1.0)
+    assert np.all(np.abs(parameter(result, "estimate") - 100) < 5 * parameter(result, "standard_error"))
+
+
+def test_frequencies_alone_and_missing_sensors():
+    model = chain()
+    modal = measured(model, noise=0.0, model_error=KNOWN)
+    alone = ModalMeasurement(modal.omega, omega_std=modal.omega_std, model_error=KNOWN)
+    result = identify_modes(model, alone)
+    np.testing.assert_allclose(parameter(result, "estimate"), parameter(result, "true"), rtol=1e-6)
+    assert "identification/modes/mac" not in result
+    shapes = modal.shape.copy()
+    shapes[1, 0] = shapes[2, 3] = np.nan
+    result = identify_modes(model, replace(modal, shape=shapes))
+    np.testing.assert_allclose(parameter(result, "estimate"), parameter(result, "true"), rtol=1e-6)
+
+
+def test_scatter_of_zero_is_raised_to_the_floor():
+    """A reference has the same value in all tests, and must not fix the shape."""
+    model = chain()
+    modal = measured(model, model_error=KNOWN)
+    std = modal.shape_std.copy()
+    std[0] = 0.0
+    result = identify_modes(model, replace(modal, shape_std=std))
+    wanted = replace(modal, shape_std=np.maximum(std, 0.02 * modal.sizes))
+    other = identify_modes(model, wanted)
+    np.testing.assert_allclose(parameter(result, "estimate"), parameter(other, "estimate"), rtol=1e-12)
+
+
+def test_records_and_modes_add_up():
+    """The information of a record and of modes is the sum of both."""
+    model = chain(damping=True)
+    modal = measured(model, model_error=KNOWN)
+    loads = (Load(6, Multisine([50.0] * 3, [30.0, 90.0, 160.0])),)
+    channels = (Channel(2, "acceleration"), Channel(5, "acceleration"))
+    taken = Experiment(loads, Measurement(0.005, 300, channels, Simulation(0.05, 4)))
+    both = identify_modes(model, modal, [taken])
+    assert diagnostic(both, "converged")
+    off = np.abs(parameter(both, "estimate") - parameter(both, "true")) / parameter(both, "standard_error")
+    assert np.all(off < 4)
+    with pytest.raises(NotIdentifiable, match=r"upper\.c"):
+        identify_modes(model, modal)
+    assert "identification/measurement/measured" in both
+    assert "modes.frequency" in both["identification/diagnostics/channel"].data
+
+
+def test_error_of_the_form_is_estimated_only_where_the_scatter_is_contradicted():
+    model = chain()
+    right = identify_modes(model, measured(model, seed=5))
+    assert np.all(modes(right, "model_error") == 0)
+    modal = measured(model, seed=5)
+    rng = np.random.default_rng(2)
+    off = replace(modal, omega=modal.omega * (1 + 0.05 * rng.standard_normal(4)))
+    wrong = identify_modes(model, off)
+    assert 0.01 < modes(wrong, "model_error")[0] < 0.2
+    assert np.all(parameter(wrong, "standard_error") > 2 * parameter(right, "standard_error"))
+    assert diagnostic(wrong, "lack_of_fit_p") < 1e-3
+
+
+def test_basis_of_modes_and_derivatives_has_both_exactly():
+    model = chain(damping=False)
+    values = {one.name: one.true for one in model.unknowns}
+    small = modal_basis(model, values, 1, 30.0, 1e9, damped=False)
+    assert small.size == 3
+    full, reduced = (lowest_modes(one, values, 1, 30.0, damped=False) for one in (model, small))
+    np.testing.assert_allclose(reduced.omega, full.omega, rtol=1e-12)
+    for place in range(1):
+        exact, found = (
+            one.pole_slopes(one.poles[place], one.shapes[:, place], one.model.slopes(values)).imag
+            for one in (full, reduced)
+        )
+        np.testing.assert_allclose(found, exact, rtol=1e-9)
+
+
+def test_sparse_structure_gives_the_same_estimate():
+    model = chain(0.8)
+    modal = measured(model, model_error=KNOWN)
+    dense, sparse = (identify_modes(one, modal) for one in (model, model.stored_sparse()))
+    np.testing.assert_allclose(parameter(dense, "estimate"), parameter(sparse, "estimate"), rtol=1e-5)
+    errors = [parameter(one, "standard_error") for one in (dense, sparse)]
+    np.testing.assert_allclose(*errors, rtol=1e-4)
+
+
+def test_pairs_are_those_of_the_least_sum():
+    table = np.array([[0.9, 0.2, 0.1], [0.3, 0.1, 0.8]])
+    assert paired(table, np.array([10.0, 20.0]), np.array([10.0, 19.0, 30.0])).tolist() == [0, 2]
+    flat = np.zeros((2, 3))
+    assert paired(flat, np.array([10.0, 20.0]), np.array([0.0, 11.0, 19.0])).tolist() == [1, 2]
+
+
+def test_coordinate_mac_names_the_sensor_that_disagrees():
+    shapes = np.array([[1.0, 0.5], [0.8, -1.0], [0.3, 0.2]])
+    other = shapes.copy()
+    other[1] = [0.8, 1.0]
+    other[2] = [0.0, 0.9]
+    found = comac(shapes, other)
+    assert found[0] == pytest.approx(1.0)
+    assert found[2] == pytest.approx((0.2 * 0.9) ** 2 / ((0.3**2 + 0.2**2) * 0.9**2))
+    assert mac(shapes, shapes).diagonal() == pytest.approx(1.0)
+
+
+def test_damping_without_a_damper_is_refused():
+    modal = replace(measured(chain()), damping=np.full(4, 0.01))
+    with pytest.raises(UsageError, match="the structure has no damping"):
+        identify_modes(chain(), modal)
+
+
+def test_more_modes_than_the_model_has_are_refused():
+    modal = ModalMeasurement(np.linspace(10, 100, 9))
+    with pytest.raises(UsageError, match="9 modes are measured, but the model has 6"):
+        identify_modes(chain(), modal)
+
+
+def test_forecast_of_the_bounds_is_that_of_the_estimate():
+    from dynid.identification.identifiability import modal_identifiability
+
+    model, modal = chain(), measured(chain(), noise=0.0, model_error=KNOWN)
+    found = modal_identifiability(ModalProblem.of(model, modal))
+    bound = found.value("identification/identifiability/bound")
+    result = identify_modes(model, modal)
+    np.testing.assert_allclose(bound, parameter(result, "cramer_rao"), rtol=1e-6)
