@@ -62,6 +62,8 @@ LIBRARIES = {
     "control": {"result", "bench"},  # state equations for users; a peer
     "xarray": {"result"},
     "typst": {"report.figure"},
+    "meshio": {"structure.readers.mesh"},
+    "skfem": set(),  # an oracle of tests
     "matplotlib": set(),  # figures are written as SVG
     "numba": {"lti", "identification", "bondgraph.program.doubled"},
 }

@@ -121,7 +121,7 @@ class StructureBuilder(SceneBuilder):
     Parameters
     ----------
     structure
-        One of `lumped`, `beam`, `frame`, `space_frame`, `matrices` with its keys, as in YAML.
+        One of `lumped`, `beam`, `frame`, `space_frame`, `solid`, `matrices` with its keys, as in YAML.
     title
         Title of the scene.
     """

@@ -138,7 +138,7 @@ def test_dofs_that_a_file_does_not_have_are_all_found(dynid, folder):
          "node 1 belongs to no member"),
         ("matrices: {mass: m.mtx}", "{}", "the matrices are 'mass' and 'stiffness'"),
         ("matrices: {mass: m.mtx, state_space: s.mat}", "{}", "a 'state_space' holds mass"),
-        (BEAM + "\n  lumped: {masses: [1]}", "{}", "a structure is one of lumped, beam, frame, space_frame"),
+        (BEAM + "\n  lumped: {masses: [1]}", "{}", "is one of lumped, beam, frame, space_frame, solid"),
     ],
 )  # fmt: skip
 def test_checking_finds_what_a_structure_lacks(dynid, folder, structure, joints, said):

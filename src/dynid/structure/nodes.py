@@ -36,7 +36,7 @@ class Nodes:
     notes
         What else their file says, in words: coordinate systems, constraints that are not applied.
     doubts
-        Sentences on what contradicts the nodes, or does not confirm them.
+        Sentences on what contradicts the nodes, does not confirm them, or makes their model inaccurate.
 
     Raises
     ------

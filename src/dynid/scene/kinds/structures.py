@@ -33,7 +33,9 @@ if TYPE_CHECKING:
         FileModel,
         FrameModel,
         LumpedModel,
+        MaterialModel,
         MatricesModel,
+        SolidModel,
         SpaceFrameModel,
     )
     from dynid.structure.damping import ModalDamping, ProportionalDamping
@@ -117,6 +119,8 @@ def bare_structure(
             return _frame(structure.frame, parameters)
         if structure.space_frame is not None:
             return _space_frame(structure.space_frame, parameters)
+        if structure.solid is not None:
+            return _solid(folder, structure.solid, parameters)
         assert structure.matrices is not None
         return _matrices(folder, structure.matrices, parameters)
 
@@ -149,7 +153,8 @@ def _real(quantity: Quantity | None) -> Real:
 #: Units of quantities of structures by their keys; those of springs and dampers depend on their directions.
 _UNITS = {
     "masses": "kg", "m": "kg", "J": "kg.m^2", "EA": "N", "EI": "N.m^2", "EIy": "N.m^2", "EIz": "N.m^2",
-    "GJ": "N.m^2", "rhoA": "kg/m", "rhoJ": "kg.m", "length": "m", "alpha": "1/s", "beta": "s",
+    "GJ": "N.m^2", "rhoA": "kg/m", "rhoJ": "kg.m", "E": "Pa", "rho": "kg/m^3", "length": "m",
+    "alpha": "1/s", "beta": "s",
 }  # fmt: skip
 
 
@@ -277,6 +282,26 @@ def _space_frame(part: SpaceFrameModel, parameters: Sequence[Parameter]) -> Stru
             RigidMass(one.node, _real(one.m), _vector(one.J), _vector(one.offset)) for one in part.masses
         ],
         springs=[Spring(one.node, one.direction, _real(one.k), _real(one.c)) for one in part.springs],
+        damping=_damping(part.damping),
+        parameters=parameters,
+    )
+
+
+def _solid(folder: Path, part: SolidModel, parameters: Sequence[Parameter]) -> StructuralModel:
+    from dynid.structure.readers.mesh import read_mesh
+    from dynid.structure.solid import Material, SetSupport, solid
+    from dynid.units import si_factor
+
+    def material(given: MaterialModel) -> Material:
+        return Material(given.E.real, float(given.nu), given.rho.real)
+
+    materials = part.materials
+    return solid(
+        read_mesh(folder / part.mesh, si_factor(part.unit, ("m",))),
+        {name: material(one) for name, one in materials.items()}
+        if isinstance(materials, dict)
+        else material(materials),
+        supports=[SetSupport(one.place, tuple(one.fix)) for one in part.supports],
         damping=_damping(part.damping),
         parameters=parameters,
     )

@@ -1,4 +1,4 @@
-"""Structures of a scene: lumped masses, beams, frames or imported matrices, and their damping."""
+"""Structures of a scene: lumped masses, beams, frames, solids or imported matrices, and their damping."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
+    AfterValidator,
     BeforeValidator,
     Discriminator,
     Field,
@@ -20,13 +21,17 @@ from dynid.scene.schema.dof_labels import Freedom, beam_labels, frame_labels
 from dynid.scene.schema.quantities import (
     NotNegative,
     Positive,
+    Quantity,
     Uncertain,
     UncertainNotNegative,
     UncertainPositive,
     UncertainSpring,
+    Value,
     fault,
 )
 from dynid.scene.schema.references import FILE, NODE
+from dynid.scene.schema.units import UnitName
+from dynid.units import unit_fits
 
 #: The most elements and nodes that a scene may ask for.
 MOST_ELEMENTS = 100_000
@@ -291,6 +296,79 @@ class LumpedModel(Section):
         return list(range(1, len(self.masses) + 1))
 
 
+def _poisson(nu: Quantity) -> Quantity:
+    if not -1 < nu.value < 0.5:
+        raise fault(f"Poisson's ratio lies between -1 and 0.5, not at {float(nu):g}")
+    return nu
+
+
+class MaterialModel(Section):
+    """An isotropic elastic material."""
+
+    E: UncertainPositive
+    nu: Annotated[Value, AfterValidator(_poisson)]
+    rho: UncertainNotNegative
+
+
+class SetSupportModel(Section):
+    """Support of all nodes of a set of a mesh, or of one node."""
+
+    set: str | None = None
+    node: int | None = Field(default=None, ge=0, strict=True)
+    fix: list[Literal["x", "y", "z"]] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        if (self.set is None) == (self.node is None):
+            raise fault("a support is at a 'set' of nodes of the mesh, or at one 'node'")
+        return self
+
+    @property
+    def place(self) -> str | int:
+        """The name of the set, or the number of the node."""
+        place = self.node if self.set is None else self.set
+        assert place is not None
+        return place
+
+
+def _set_as_text(raw: Any) -> Any:
+    """Return a support whose set is written as a number, that of a group without a name."""
+    if isinstance(raw, dict) and type(raw.get("set")) is int:
+        return {**raw, "set": str(raw["set"])}
+    return raw
+
+
+def _names_as_texts(raw: Any) -> Any:
+    return {str(name): value for name, value in raw.items()} if isinstance(raw, dict) else raw
+
+
+def _is_length(unit: str) -> str:
+    if not unit_fits(unit, ["m"]):
+        raise fault(f"'{unit}' is no unit of length")
+    return unit
+
+
+def _one_material_or_groups(raw: Any) -> str:
+    one = not isinstance(raw, dict) or any(not isinstance(value, dict) for value in raw.values())
+    return "one" if one else "groups"
+
+
+class SolidModel(Section):
+    """A solid from a mesh of elements."""
+
+    mesh: FilePath
+    unit: Annotated[UnitName, AfterValidator(_is_length)] = "m"
+    materials: Annotated[
+        Annotated[MaterialModel, Tag("one")]
+        | Annotated[
+            dict[str, MaterialModel], Field(min_length=1), BeforeValidator(_names_as_texts), Tag("groups")
+        ],
+        Discriminator(_one_material_or_groups),
+    ]
+    supports: list[Annotated[SetSupportModel, BeforeValidator(_set_as_text)]] = []
+    damping: DampingModel | None = None
+
+
 def _path_alone(raw: Any) -> Any:
     return {"path": raw} if isinstance(raw, str) else raw
 
@@ -363,12 +441,13 @@ class MatricesModel(Section):
 
 
 class StructureModel(Section):
-    """The structure without its joints: one of five kinds."""
+    """The structure without its joints: one of six kinds."""
 
     lumped: LumpedModel | None = None
     beam: BeamModel | None = None
     frame: FrameModel | None = None
     space_frame: SpaceFrameModel | None = None
+    solid: SolidModel | None = None
     matrices: MatricesModel | None = None
 
     @model_validator(mode="after")

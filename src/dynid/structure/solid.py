@@ -1,0 +1,296 @@
+"""Solids of isotropic elastic materials from meshes, with consistent mass."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.arithmetic.dependent import Dependent, Real
+from dynid.defaults import DENSE_STRUCTURES
+from dynid.errors import UsageError
+from dynid.lti.floating import guarded
+from dynid.parameters import Parameter
+from dynid.structure.assembly import damped_structure, not_negative
+from dynid.structure.damping import ModalDamping, ProportionalDamping
+from dynid.structure.dependent_matrix import DependentMatrix
+from dynid.structure.joints import Joint
+from dynid.structure.labels import DIRECTIONS
+from dynid.structure.matrices import Array, Matrix, nothing
+from dynid.structure.model import StructuralModel
+from dynid.structure.nodes import Nodes
+from dynid.structure.readers.mesh import Block, SolidMesh
+from dynid.structure.solid_elements import ELEMENTS, Places, integrated, stiffness
+from dynid.structure.solid_mesh import check_elements, doubled_nodes, surface
+from dynid.suggestions import did_you_mean
+
+# Entries of element matrices that are made at once.
+_ENTRIES = 4_000_000
+# Beyond this Poisson's ratio fully integrated elements lock under volume-preserving strain.
+_INCOMPRESSIBLE = 0.49
+_LISTED = 8
+
+
+@dataclass(frozen=True)
+class Material:
+    """An isotropic elastic material: Young's modulus, Pa, Poisson's ratio, and density, kg/m3."""
+
+    E: Real
+    nu: float
+    rho: Real
+
+
+@dataclass(frozen=True)
+class SetSupport:
+    """Directions x, y, z in which all nodes of a set, or one node, cannot move."""
+
+    at: str | int
+    fix: tuple[str, ...]
+
+
+@guarded("the matrices of the solid", UsageError)
+def solid(
+    mesh: SolidMesh,
+    materials: Material | Mapping[str, Material],
+    *,
+    supports: Iterable[SetSupport] = (),
+    damping: ProportionalDamping | ModalDamping | None = None,
+    joints: Iterable[Joint] = (),
+    parameters: Iterable[Parameter] = (),
+) -> StructuralModel:
+    """Return the structure of a meshed solid; its free DOFs node by node, ``1:x 1:y 1:z`` first.
+
+    Nodes that belong to no solid element are left out. What may be wrong with the mesh, or too coarse in
+    it, is in the nodes' `doubts`.
+
+    Parameters
+    ----------
+    mesh
+        The mesh.
+    materials
+        The material, or those of its groups of elements.
+    supports
+        Supports of sets of nodes, or of single nodes.
+    damping
+        Damping of the material.
+    joints
+        The joints, between DOFs such as ``20:z``.
+    parameters
+        Unknown parameters, on which E, rho and damping may depend.
+
+    Raises
+    ------
+    UsageError
+        If elements are folded, inverted or overlap, an element has no material or two, or a set, a node or a
+        number makes no sense.
+    """
+    check_elements(mesh)
+    found = surface(mesh)
+    layers = list(_layers(mesh, materials))
+    used = np.unique(np.concatenate([block.cells.ravel() for block in mesh.blocks]))
+    compact = np.full(len(mesh.xyz), -1)
+    compact[used] = np.arange(len(used))
+    numbers = [mesh.numbers[place] for place in used]
+    sets = {name: compact[members][compact[members] >= 0] for name, members in mesh.sets.items()}
+    free = np.ones((len(used), 3), dtype=bool)
+    at = {number: place for place, number in enumerate(numbers)}
+    for place, support in enumerate(supports):
+        for direction in support.fix:
+            free[_supported(place, support, sets, at), DIRECTIONS[:3].index(direction)] = False
+    if not free.any():
+        raise UsageError("the supports leave nothing to move", names=("supports",))
+    M, K = _matrices(mesh, layers, compact, np.flatnonzero(free))
+    labels = [f"{numbers[node]}:{DIRECTIONS[axis]}" for node, axis in np.argwhere(free).tolist()]
+    nodes = Nodes(
+        tuple(numbers),
+        mesh.xyz[used],
+        sets={name: tuple(numbers[one] for one in members) for name, members in sets.items() if len(members)},
+        lines=tuple((numbers[a], numbers[b]) for a, b in compact[found.edges].tolist()),
+        doubts=tuple(_doubts(mesh, layers, found.parts)),
+    )
+    C = DependentMatrix(nothing(len(labels), sparse=len(labels) > DENSE_STRUCTURES.value))
+    return damped_structure(M, C, K, damping, joints, labels, parameters, nodes)
+
+
+class _Layer(NamedTuple):
+    """Elements of one material; `members`: for each block the places of its elements."""
+
+    material: Material
+    members: tuple[Places, ...]
+
+
+def _layers(mesh: SolidMesh, materials: Material | Mapping[str, Material]) -> Iterator[_Layer]:
+    """Yield the materials with their elements."""
+    if isinstance(materials, Material):
+        _check("the material", "materials", materials)
+        yield _Layer(materials, tuple(np.arange(len(block.cells)) for block in mesh.blocks))
+        return
+    given = [np.full(len(block.cells), -1) for block in mesh.blocks]
+    names = list(materials)
+    for place, (name, material) in enumerate(materials.items()):
+        where = f"materials.{name}"
+        _check(f"the material of '{name}'", where, material)
+        if name not in mesh.groups:
+            there = did_you_mean(name, mesh.groups) or f"; it has {_list(mesh.groups) or 'none'}"
+            raise UsageError(f"the mesh has no group of solid elements '{name}'{there}", names=(where,))
+        for owner, members in zip(given, mesh.groups[name], strict=True):
+            if np.any(owner[members] >= 0):
+                other = names[int(owner[members].max())]
+                raise UsageError(f"the groups '{other}' and '{name}' have elements in common", names=(where,))
+            owner[members] = place
+        yield _Layer(material, mesh.groups[name])
+    missing = sum(int((owner < 0).sum()) for owner in given)
+    if missing:
+        rest = [name for name in mesh.groups if name not in materials]
+        raise UsageError(
+            f"{missing} of {sum(map(len, given))} elements have no material",
+            remedy=f"Groups without one: {_list(rest)}." if rest else "They belong to no group of the mesh.",
+            names=("materials",),
+        )
+
+
+def _list(names: Iterable[str]) -> str:
+    each = list(names)
+    return ", ".join(each[:_LISTED]) + ", …" * (len(each) > _LISTED)
+
+
+def _check(what: str, where: str, material: Material) -> None:
+    try:
+        not_negative(f"rho of {what}", material.rho)
+        if not 0 < float(material.E) < math.inf:
+            raise UsageError(f"E of {what} must be positive and finite")
+        if not -1 < material.nu < 0.5:
+            raise UsageError(f"nu of {what} must lie between -1 and 0.5, not at {material.nu:g}")
+    except UsageError as error:
+        raise UsageError(error.problem, remedy=error.remedy, names=(where,)) from None
+
+
+def _supported(
+    place: int, support: SetSupport, sets: Mapping[str, Places], at: Mapping[int, int]
+) -> Places | int:
+    """Return the places of the nodes of a support."""
+    if isinstance(support.at, int):
+        if support.at not in at:
+            raise UsageError(f"the solid has no node {support.at}", names=(f"supports.{place}.node",))
+        return at[support.at]
+    if support.at not in sets:
+        hint = did_you_mean(support.at, sets) or f"; it has {_list(sets) or 'none'}"
+        raise UsageError(f"the mesh has no set '{support.at}'{hint}", names=(f"supports.{place}.set",))
+    if not len(sets[support.at]):
+        raise UsageError(
+            f"no node of the set '{support.at}' belongs to a solid element", names=(f"supports.{place}.set",)
+        )
+    return sets[support.at]
+
+
+class _Share(NamedTuple):
+    """Elements of a block with their Lamé constants, Pa, and densities, kg/m3 (e each)."""
+
+    block: Block
+    first: Array
+    shear: Array
+    density: Array
+
+
+def _matrices(
+    mesh: SolidMesh, layers: Sequence[_Layer], compact: Places, free: Places
+) -> tuple[DependentMatrix, DependentMatrix]:
+    """Return mass and stiffness over the free DOFs: one part of all known numbers, one for each unknown."""
+    dense = len(free) <= DENSE_STRUCTURES.value
+
+    def sums(chosen: Sequence[tuple[_Layer, float, float]]) -> tuple[Matrix, Matrix]:
+        """Return mass and stiffness of layers with numbers E and rho."""
+        shares = [
+            _share(Block(block.kind, compact[block.cells[members]]), layer.material.nu, E, rho)
+            for layer, E, rho in chosen
+            for block, members in zip(mesh.blocks, layer.members, strict=True)
+            if len(members)
+        ]
+        return _assembled(shares, mesh.xyz[compact >= 0], free, dense)
+
+    def known(value: Real) -> float:
+        return 0.0 if isinstance(value, Dependent) else float(value)
+
+    constant = sums([(layer, known(layer.material.E), known(layer.material.rho)) for layer in layers])
+    M, K = (DependentMatrix(matrix) for matrix in constant)
+    for layer in layers:
+        E, rho = layer.material.E, layer.material.rho
+        if isinstance(E, Dependent) or isinstance(rho, Dependent):
+            mass, stiff = sums([(layer, 1.0, 1.0)])
+            M = DependentMatrix(M.constant, (*M.terms, (rho, mass))) if isinstance(rho, Dependent) else M
+            K = DependentMatrix(K.constant, (*K.terms, (E, stiff))) if isinstance(E, Dependent) else K
+    return M, K
+
+
+def _share(block: Block, nu: float, E: float, rho: float) -> _Share:
+    shear = E / 2 / (1 + nu)
+    each = np.ones(len(block.cells))
+    return _Share(block, 2 * nu / (1 - 2 * nu) * shear * each, shear * each, rho * each)
+
+
+def _assembled(shares: Sequence[_Share], xyz: Array, free: Places, dense: bool) -> tuple[Matrix, Matrix]:
+    """Return mass and stiffness (over `free` of 3 N DOFs) of elements whose cells count the rows of `xyz`."""
+    from scipy.sparse import bsr_array, csr_array, eye_array, kron  # heavy import, for solids only
+
+    count = len(xyz)
+    pairs = [
+        (share.block.cells[:, :, None] * count + share.block.cells[:, None, :]).ravel() for share in shares
+    ]
+    keys, slots = np.unique(np.concatenate(pairs), return_inverse=True)
+    del pairs
+    rows, columns = np.divmod(keys, count)
+    starts = np.searchsorted(rows, np.arange(count + 1))
+    blocks, masses, at = np.zeros((9, len(keys))), np.zeros(len(keys)), 0
+    for share in shares:
+        n = share.block.cells.shape[1]
+        step = max(_ENTRIES // (3 * n) ** 2, 1)
+        for start in range(0, len(share.block.cells), step):
+            part = slice(start, start + step)
+            cells = share.block.cells[part]
+            strain, mass = integrated(ELEMENTS[share.block.kind], xyz[cells])
+            stiff = stiffness(strain, share.first[part], share.shear[part])
+            here = slots[at : at + mass.size]
+            at += mass.size
+            for place in range(9):
+                values = stiff[:, :, place // 3, :, place % 3].ravel()
+                blocks[place] += np.bincount(here, values, len(keys))
+            masses += np.bincount(here, (mass * share.density[part, None, None]).ravel(), len(keys))
+    shape = (3 * count, 3 * count)
+    K: Any = bsr_array((blocks.T.reshape(-1, 3, 3), columns, starts), shape=shape).tocsc()
+    M: Any = kron(csr_array((masses, columns, starts), shape=(count, count)), eye_array(3), format="csc")
+    mass, stiff = (matrix[:, free][free] for matrix in (M, K))
+    return (mass.toarray(), stiff.toarray()) if dense else (mass, stiff)
+
+
+def _doubts(mesh: SolidMesh, layers: Sequence[_Layer], parts: NDArray[np.int32]) -> Iterator[str]:
+    """Yield what may be wrong with a mesh or too coarse in it, a sentence each."""
+    counts = {block.kind: 0 for block in mesh.blocks}
+    for block in mesh.blocks:
+        counts[block.kind] += len(block.cells)
+    if counts.get("tetra"):
+        yield (
+            f"the mesh has {counts['tetra']:,} linear tetrahedra, which lock: they are much too stiff in "
+            "bending, and frequencies are too high; make elements of second order (gmsh: -order 2)"
+        )
+    for kind, name in (("hexahedron", "hexahedra"), ("wedge", "wedges")):
+        if counts.get(kind):
+            yield (
+                f"the mesh has {counts[kind]:,} linear {name}, which are too stiff in bending unless several "
+                "lie across each thickness; elements of second order are not"
+            )
+    if any(layer.material.nu > _INCOMPRESSIBLE for layer in layers):
+        yield f"Poisson's ratio is above {_INCOMPRESSIBLE}: the elements lock as the volume cannot change"
+    several = int(parts.max()) + 1
+    if several > 1:
+        sizes = sorted(np.bincount(parts).tolist(), reverse=True)
+        shown = ", ".join(f"{size:,}" for size in sizes[:_LISTED]) + ", …" * (several > _LISTED)
+        doubled = doubled_nodes(mesh.xyz[np.unique(np.concatenate([b.cells.ravel() for b in mesh.blocks]))])
+        nodes = f"; {doubled:,} pairs of nodes lie at one place: merge them if the parts belong together"
+        yield (
+            f"the mesh has {several} parts without a common face (of {shown} elements)"
+            f"{nodes if doubled else ''}; joints or supports must hold each"
+        )

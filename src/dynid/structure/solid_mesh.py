@@ -1,0 +1,135 @@
+"""Checks of solid meshes: orientation of elements, shared faces, parts, edges of the surface."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import UsageError
+from dynid.structure.matrices import Array
+from dynid.structure.readers.mesh import Block, SolidMesh
+from dynid.structure.solid_elements import ELEMENTS, Places, jacobians
+
+# A Jacobian below this part of the largest of its element is zero.
+_FLAT = 1e-10
+# Nodes nearer to each other than this part of the size of the mesh are at one place.
+_SAME = 1e-8
+_CHUNK = 20_000
+
+
+class Surface(NamedTuple):
+    """What the faces of a mesh say.
+
+    Parameters
+    ----------
+    edges
+        Edges of the outer faces, between corners (places, m x 2).
+    parts
+        Of each element, block by block, the part that it belongs to: elements of a part are joined by faces.
+    """
+
+    edges: Places
+    parts: NDArray[np.int32]
+
+
+def check_elements(mesh: SolidMesh) -> None:
+    """Refuse meshes of elements that do not fit together, and elements that are inverted or flat.
+
+    Elements that all have the opposite orientation, as in a mirrored mesh, are as good.
+
+    Raises
+    ------
+    UsageError
+        Naming the nodes of the first.
+    """
+    orders = {ELEMENTS[block.kind].order for block in mesh.blocks if len(block.cells)}
+    if len(orders) > 1:
+        raise UsageError(
+            "the mesh mixes elements of first and second order, whose nodes do not fit",
+            remedy="Make all elements of second order.",
+            names=("mesh",),
+        )
+    signs = []
+    for block in mesh.blocks:
+        for start in range(0, len(block.cells), _CHUNK):
+            cells = block.cells[start : start + _CHUNK]
+            det = np.linalg.det(jacobians(ELEMENTS[block.kind], mesh.xyz[cells]))
+            low, high, size = det.min(axis=1), det.max(axis=1), np.abs(det).max(axis=1)
+            length = np.ptp(mesh.xyz[cells], axis=1).max(axis=1)
+            bad = (low <= _FLAT * size) & (high >= -_FLAT * size) | (size <= _FLAT * length**3)
+            if np.any(bad):
+                _refuse(mesh, Block(block.kind, cells), int(np.argmax(bad)), "is flat or folded")
+            signs.append((Block(block.kind, cells), np.sign(low)))
+    positive = sum(int((sign > 0).sum()) for _, sign in signs)
+    total = sum(len(sign) for _, sign in signs)
+    rare = -1.0 if 2 * positive >= total else 1.0
+    for block, sign in signs:
+        if 0 < positive < total and np.any(sign == rare):
+            _refuse(mesh, block, int(np.argmax(sign == rare)), "is inverted")
+
+
+def _refuse(mesh: SolidMesh, block: Block, at: int, what: str) -> None:
+    nodes = block.cells[at]
+    named = ", ".join(str(mesh.numbers[node]) for node in nodes[: len(ELEMENTS[block.kind].corners)])
+    x, y, z = mesh.xyz[nodes].mean(axis=0)
+    raise UsageError(
+        f"the {block.kind} of nodes {named} near ({x:.4g}, {y:.4g}, {z:.4g}) m {what}",
+        remedy="Repair the mesh there.",
+        names=("mesh",),
+    )
+
+
+def surface(mesh: SolidMesh) -> Surface:
+    """Return the edges of a mesh's surface, and its parts.
+
+    Raises
+    ------
+    UsageError
+        If more than two elements share a face.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components  # heavy imports, for meshes only
+
+    count, elements = len(mesh.xyz), 0
+    keys, owners, corners = [], [], []
+    for block in mesh.blocks:
+        for face in ELEMENTS[block.kind].faces:
+            nodes = block.cells[:, face]
+            a, b, c = np.sort(nodes, axis=1)[:, :3].T  # three corners say which face it is
+            keys.append((a * count + b) * count + c)
+            owners.append(elements + np.arange(len(nodes)))
+            corners.append(nodes)
+        elements += len(block.cells)
+    _, first, inverse, times = np.unique(
+        np.concatenate(keys), return_index=True, return_inverse=True, return_counts=True
+    )
+    if times.max() > 2:
+        each = [nodes for nodes in corners for nodes in nodes]
+        named = ", ".join(str(mesh.numbers[node]) for node in each[first[int(np.argmax(times))]])
+        raise UsageError(
+            f"{times.max()} elements share the face of nodes {named}: elements overlap",
+            remedy="Repair the mesh there.",
+            names=("mesh",),
+        )
+    owner = np.concatenate(owners)
+    order = np.argsort(inverse, kind="stable")
+    pairs = order[np.repeat(times == 2, times)].reshape(-1, 2)
+    links = coo_array((np.ones(len(pairs)), owner[pairs].T), shape=(elements, elements))
+    parts = connected_components(links, directed=False)[1]
+    outer, at, edges = times[inverse] == 1, 0, []
+    for nodes in corners:
+        free = nodes[outer[at : at + len(nodes)]]
+        at += len(nodes)
+        edges += [free[:, [k, (k + 1) % nodes.shape[1]]] for k in range(nodes.shape[1])]
+    low, high = np.sort(np.concatenate(edges), axis=1).T
+    return Surface(np.column_stack(np.divmod(np.unique(low * count + high), count)), parts)
+
+
+def doubled_nodes(xyz: Array) -> int:
+    """Return the number of pairs of nodes at one place."""
+    from scipy.spatial import cKDTree  # heavy import, for meshes of several parts
+
+    size = float(np.ptp(xyz, axis=0).max())
+    return len(cKDTree(xyz).query_pairs(_SAME * size))
