@@ -91,7 +91,7 @@ def test_changes_of_any_size_leave_responses_exact(seed):
     made = system(model)
     found, whole = (
         made.paired_response(values, omega, PAIRS)[0],
-        made._whole_response(values, omega, PAIRS)[0],
+        made._whole_response(values, omega, PAIRS, slopes=False)[0],
     )
     exact = np.array(in_many_digits(model, values, omega).tolist(), dtype=complex)
     least = np.abs(exact).max(axis=0)

@@ -218,7 +218,7 @@ class FrfSystem:
             None if freed is None else cls.of(freed, functions),
         )
 
-    def response(self, omega: Array, eta: Array | None = None) -> Response:
+    def response(self, omega: Array, eta: Array | None = None, *, slopes: bool = True) -> Response:
         """Return the responses at lines (L), rad/s, and their exact slopes by the coordinates.
 
         Parameters
@@ -227,6 +227,8 @@ class FrfSystem:
             The lines.
         eta
             Coordinates of the unknown parameters (p); absent: their true values, and no slopes.
+        slopes
+            False: no slopes (p = 0).
 
         Raises
         ------
@@ -237,18 +239,19 @@ class FrfSystem:
         """
         unknowns = self.system.unknowns
         at = true_values(unknowns) if eta is None else named(unknowns, eta)
-        H, slopes = self.system.paired_response(at, omega, self.pairs, slopes=eta is not None)
+        slopes = slopes and eta is not None
+        H, moved = self.system.paired_response(at, omega, self.pairs, slopes=slopes)
         if not self.instruments.ideal:
             given = self.instruments.gains, self.instruments.delays
             (gain, by_gain), (delay, by_delay) = (self.instruments.numbers(one, at) for one in given)
             late = -1j * omega[:, None]
             turned = np.exp(late * delay)
-            moved = by_gain.T + (late * gain)[..., None] * by_delay.T
-            slopes = turned[..., None] * (
-                gain[:, None] * slopes + H[..., None] * moved[..., : slopes.shape[2]]
+            changed = by_gain.T + (late * gain)[..., None] * by_delay.T
+            moved = turned[..., None] * (
+                gain[:, None] * moved + H[..., None] * changed[..., : moved.shape[2]]
             )
             H = turned * gain * H
-        return Response(H, slopes if eta is None else slopes * rates(unknowns, eta))
+        return Response(H, moved * rates(unknowns, eta) if eta is not None and slopes else moved)
 
 
 def frf_data(model: Model, measurement: FrfMeasurement) -> RecordData:

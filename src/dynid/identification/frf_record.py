@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.defaults import DENSE_STRUCTURES
+from dynid.identification.band_limited_system import band_limited
 from dynid.identification.calibration import (
     DELAY,
     GAIN_CHANGE,
@@ -168,21 +169,26 @@ class FrfRecord(RecordLikelihood):
 
     def fit(self, eta: Array, values: Array, noise: Array | None = None) -> RecordFit:  # noqa: ARG002
         """Predict the responses at coordinates of the parameters and compare them with `values`."""
-        found = self.system.response(self.measurement.omega, eta)
-        if self.magnitudes:
-            outputs = _logarithms(np.abs(found.values))
-            there = np.where(found.values == 0, 1.0, found.values)
-            by_parameter = (found.slopes / there[..., None]).real
-        else:
-            profile = self.measurement.profile
-            outputs = stacked(found.values / profile)
-            by_parameter = stacked(found.slopes / profile[..., None])
+        outputs, by_parameter = self._compared(eta)
         none = np.zeros((len(outputs), 0))
         residual = values - outputs
         predicted = Trajectory(outputs, none)
         counts, size = np.count_nonzero(~np.isnan(residual), axis=0), root_mean_square(residual)
         level = self.noise_in(counts, size)
         return RecordFit(eta, predicted, residual, counts, size, level, by_parameter=by_parameter)
+
+    def size_at(self, eta: Array) -> Array:
+        """Return the RMS of the residuals at these coordinates (channels)."""
+        return root_mean_square(self.data.values - self._compared(eta, slopes=False)[0])
+
+    def _compared(self, eta: Array, *, slopes: bool = True) -> tuple[Array, Array]:
+        """Return the predicted values as they are compared, and their derivatives by the coordinates."""
+        found = self.system.response(self.measurement.omega, eta, slopes=slopes)
+        if self.magnitudes:
+            there = np.where(found.values == 0, 1.0, found.values)
+            return _logarithms(np.abs(found.values)), (found.slopes / there[..., None]).real
+        profile = self.measurement.profile
+        return stacked(found.values / profile), stacked(found.slopes / profile[..., None])
 
     def slopes(self, fit: RecordFit, noise: Array) -> Array:
         """Return the derivatives by the coordinates over noise (values x p), 0 where a value is missing."""
@@ -262,6 +268,11 @@ class FrfRecord(RecordLikelihood):
         """Return the residuals line after line, real and imaginary parts side by side."""
         return residual if self.magnitudes else np.concatenate(np.split(residual, 2), axis=1)
 
+    def band_limited(self, band: float) -> FrfRecord | None:
+        """Return the responses of the model's modes below `band` times the highest line, if that pays."""
+        found = band_limited(self.system.system, self.measurement.omega, self.system.pairs, band)
+        return None if found is None else replace(self, system=replace(self.system, system=found))
+
     def by_magnitude(self) -> FrfRecord:
         """Return the same responses compared by the logarithms of their magnitudes."""
         sizes = np.abs(unstacked(self.data.values)) * self.measurement.profile
@@ -282,6 +293,16 @@ class FrfLikelihood(Likelihood):
     def by_magnitude(self) -> FrfLikelihood:
         """Return the likelihood of the logarithms of magnitudes."""
         return FrfLikelihood(tuple(record.by_magnitude() for record in self.records))
+
+    def with_weights_of(self, other: Any) -> FrfLikelihood:
+        """Return the likelihood with the weights by line of one of the same responses with another model."""
+        each = zip(self.records, other.records, strict=True)
+        return FrfLikelihood(tuple(replace(end, system=record.system) for record, end in each))
+
+    def band_limited(self, band: float) -> FrfLikelihood | None:
+        """Return the likelihood with the model's modes below `band` times the highest line, if that pays."""
+        found = [limited for record in self.records if (limited := record.band_limited(band)) is not None]
+        return FrfLikelihood(tuple(found)) if len(found) == len(self.records) else None
 
 
 def frf_likelihood(model: Model, measurement: FrfMeasurement, data: RecordData) -> FrfLikelihood:

@@ -5,7 +5,7 @@ The states are displacements and velocities, as of K. T. Yang 1997, eq 12.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -51,6 +51,7 @@ class StructureSystem(LinearSystem):
         self._driven = drive(model, loads, channels)
         self._shaken = any(load.dof is None for load in loads)
         self._lines: tuple[Any, CondensedLines | None] | None = None
+        self._last: tuple[Any, tuple[ComplexArray, ComplexArray]] | None = None
 
     def _at(self, values: Mapping[str, float]) -> Excitation:
         """Return directions and rows; the force by which a moving ground acts depends on the masses."""
@@ -179,16 +180,26 @@ class StructureSystem(LinearSystem):
         Singular
             If a line lies on an undamped pole, to rounding.
         """
-        condensed = self._condensed(omega, pairs) if slopes else None
+        key = tuple(values.items()), omega.tobytes(), tuple(pairs), slopes
+        if self._last is None or self._last[0] != key:  # a noise model is renewed at the same values
+            self._last = key, self._evaluated(values, omega, pairs, slopes=slopes)
+        return self._last[1]
+
+    def _evaluated(
+        self, values: Mapping[str, float], omega: Array, pairs: Sequence[tuple[int, int]], *, slopes: bool
+    ) -> tuple[ComplexArray, ComplexArray]:
+        """Return the responses and derivatives of `paired_response`."""
+        # One evaluation alone, without slopes as of a simulation, is not worth condensing for.
+        condensed = self._condensed(omega, pairs) if slopes or self._lines is not None else None
         if condensed is None:
             return self._whole_response(values, omega, pairs, slopes=slopes)
         receptance, motion, right = condensed.solve(*self.model.dense(values))
-        driven, read = (motion[:, :, ends] for ends in condensed.pairs)
         factor = self._factors(omega, pairs)
-        H = factor * receptance
-        moved = self._moved(values, omega, factor, (driven, read), condensed.coordinates)
+        H, moved = factor * receptance, np.zeros((*factor.shape, 0), dtype=complex)
+        if slopes:
+            moved = self._moved(values, omega, factor, (motion, condensed.pairs), condensed.coordinates.block)
         if not right.all():
-            H[~right], moved[~right] = self._whole_response(values, omega[~right], pairs)
+            H[~right], moved[~right] = self._whole_response(values, omega[~right], pairs, slopes=slopes)
         return H, moved
 
     def _whole_response(
@@ -197,7 +208,7 @@ class StructureSystem(LinearSystem):
         omega: Array,
         pairs: Sequence[tuple[int, int]],
         *,
-        slopes: bool = True,
+        slopes: bool,
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the responses and derivatives of `paired_response` from solutions with all DOFs."""
         M, C, K = self.model.dense(values)
@@ -212,12 +223,11 @@ class StructureSystem(LinearSystem):
                 remedy="Leave that line out, or give the structure some damping.",
                 names=("measurement.frf", "measurement"),
             )
-        driven, read = solved[:, :, where[0]], solved[:, :, where[1]]
         factor = self._factors(omega, pairs)
-        H = factor * np.einsum("cn,lnc->lc", ends[where[1]], driven)
+        H = factor * np.einsum("cn,lnc->lc", ends[where[1]], solved[:, :, where[0]])
         if not slopes:
             return H, np.zeros((*H.shape, 0), dtype=complex)
-        return H, self._moved(values, omega, factor, (driven, read))
+        return H, self._moved(values, omega, factor, (solved, where))
 
     def _ends(self, pairs: Sequence[tuple[int, int]]) -> tuple[Array, NDArray[np.intp]]:
         """Return the distinct directions (e x n), and the places of each pair's force and read-out there."""
@@ -235,26 +245,34 @@ class StructureSystem(LinearSystem):
         values: Mapping[str, float],
         omega: Array,
         factor: ComplexArray,
-        motions: tuple[ComplexArray, ComplexArray],
-        coordinates: ActiveCoordinates | None = None,
+        motions: tuple[ComplexArray, NDArray[np.intp]],
+        within: Callable[[Array], Array] = lambda matrix: matrix,
     ) -> ComplexArray:
         """Return the derivatives of responses (L x pairs x p) by the values of the parameters.
 
-        `motions`: by the force and by a force in the read-out's direction, in all DOFs or in these
-        coordinates (L x a x pairs).
+        `motions`: those by forces in some directions, in some coordinates (L x a x e), and the places of each
+        pair's force and read-out among the directions; `within` returns a matrix in these coordinates.
         """
-        driven, read = motions
+        motion, (force, read) = motions
+        forces, of_pair = np.unique(force, return_inverse=True)
         moved = np.zeros((*factor.shape, len(self.unknowns)), dtype=complex)
         powers = {"K": np.ones(len(omega)), "C": 1j * omega, "M": -(omega**2)}
         for k, changes in enumerate(self.model.slopes(values)):
             for letter, matrix in changes.items():
-                change = as_array(matrix)
-                if coordinates is not None:
-                    change = coordinates.block(change)
+                change = within(as_array(matrix))
                 here = np.flatnonzero(change.any(axis=0))
-                bent = change[np.ix_(here, here)] @ driven[:, here]
-                moved[..., k] -= factor * powers[letter][:, None] * np.sum(read[:, here] * bent, axis=1)
+                own = motion[:, here]
+                bent = np.tensordot(
+                    own[:, :, forces], change[np.ix_(here, here)], (1, 0)
+                )  # L x forces x here
+                products = np.einsum("lhp,lph->lp", own[:, :, read], bent[:, of_pair])
+                moved[..., k] -= factor * powers[letter][:, None] * products
         return moved
+
+    def solved_size(self, omega: Array, pairs: Sequence[tuple[int, int]]) -> int:
+        """Return the number of equations that an evaluation of responses solves at each line."""
+        condensed = self._condensed(omega, pairs)
+        return self.model.size if condensed is None else condensed.coordinates.count
 
     def _condensed(self, omega: Array, pairs: Sequence[tuple[int, int]]) -> CondensedLines | None:
         """Return the lines condensed to what unknown parameters act on; None where that does not pay."""

@@ -8,7 +8,9 @@ then passes of the filter whose assumed noise is annealed, and then segments fro
 Frequency responses: the misfit of a response has a local minimum wherever a measured and a predicted
 resonance do not overlap; that of the logarithms of magnitudes slopes towards the resonances from afar. So
 where the likelihood ends in residuals that are not noise, magnitudes are fitted first, from the given start
-and then from others.
+and then from others. A large structure is searched with its modes in the band of the lines
+(`band_limited_system`); the last iterations are those of the whole model, and where that does not confirm the
+search, it is repeated with more modes.
 
 One attempt is enough where its residuals are noise and the parameters are well determined. Otherwise further
 starts are drawn: a Latin hypercube in coordinates around the given start, within limits and priors. The best
@@ -20,7 +22,7 @@ starts are used up.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import cycle
 from typing import NamedTuple, TypeAlias
@@ -30,6 +32,7 @@ from numpy.typing import NDArray
 
 from dynid.defaults import AGREEING_STARTS, MOST_STARTS
 from dynid.errors import DynidError
+from dynid.identification.band_limited_system import BAND
 from dynid.identification.estimators.estimate import Estimate, EstimationStage, Sweep
 from dynid.identification.estimators.filter_passes import annealed_passes, last, run_passes
 from dynid.identification.estimators.maximum_likelihood import Refined, refine, with_noise
@@ -63,13 +66,16 @@ _SAME, _AS_GOOD = 0.02, 0.02
 _EXACT = 1e-6
 # … and others if their whiteness has this p-value or more, and the model no lack of fit.
 _WHITE = 1e-4
-# Part of the mean square of the records that residuals may be where their noise is coloured.
+# Part of the mean square of the records that residuals may be where their noise is coloured or proportional.
 _COLOURED = 0.25
 # A parameter is vague beyond this standard error of its coordinate: other optima may be as white. To look for
 # them, starts are drawn, besides those so many standard errors away (of at most so much).
 _VAGUE, _AWAY, _FARTHEST = 0.05, 3.0, 2.0
 # Beyond this one the parameter is not identifiable, whatever the start.
 _BLIND = 10.0
+# A search with the modes of a band is confirmed by an estimate of the whole model that differs by less than
+# this part of its standard errors.
+_CONFIRMED = 0.1
 # Lengths of segments that are fitted one after the other, as fractions 1/n of a record; starts are chosen by
 # the shortest. No route is the best for all records: short segments have fewer local optima, but are less
 # sensitive.
@@ -147,9 +153,9 @@ class Search:
     ) -> tuple[bool, ModelComparison | None]:
         """Return True if residuals are accepted, and the comparison of models if that was needed."""
         ratio, whiteness_p = stage.residual_ratio, likelihood.whiteness(fit)
-        # Nothing is explained, in few values or in many; an autoregression whitens the residuals of a wrong
+        # Nothing is explained, in few values or in many; a noise model whitens the residuals of a wrong
         # optimum, too, which are about as large as the signal.
-        if np.mean(ratio**2) >= (_COLOURED if likelihood.coloured else 1):
+        if np.mean(ratio**2) >= (_COLOURED if likelihood.modelled else 1):
             return False, None
         if self.accept_small and is_explained(ratio, whiteness_p):
             return True, None
@@ -369,10 +375,50 @@ class FrfAuto:
         DynidError
             The first error, if no attempt was completed.
         """
+        band = BAND
+        while (limited := likelihood.band_limited(band)) is not None:
+            try:
+                found = self._searched(limited, origin).best()
+            except DynidError:  # the whole model says more exactly what is wrong
+                break
+            end = likelihood if found.likelihood is None else likelihood.with_weights_of(found.likelihood)
+            whole = Search(end, accept_small=self.accept_small)
+            whole.attempt("the whole model", partial(guided, (), found.fit.eta))
+            if whole.tried and (whole.accepted or self._agree(found, whole.tried[0])):
+                return _completed(found, whole.tried[0], likelihood)
+            band *= 2  # more modes, until the whole model confirms the search
+        return self._searched(likelihood, origin).best()
+
+    def _searched(self, likelihood: FrfLikelihood, origin: Array) -> Search:
+        """Return a completed search, in one model."""
         search, magnitudes = Search(likelihood, accept_small=self.accept_small), likelihood.by_magnitude()
         search.attempt("the start", lambda: (origin, []))
         if not search.accepted:
             search.attempt("magnitudes", partial(guided, [magnitudes], origin))
         if self.multi_start and not search.accepted:
             search.draw(magnitudes, [[magnitudes]], origin)
-        return search.best()
+        return search
+
+    @staticmethod
+    def _agree(found: Estimate, whole: Attempt) -> bool:
+        """Return True if an estimate is that of the whole model, to a fraction of its standard errors."""
+        deviations = whole.likelihood.information(whole.fit, whole.fit.noise).deviations()
+        return bool(np.all(np.abs(whole.fit.eta - found.fit.eta) <= _CONFIRMED * deviations))
+
+
+def _completed(found: Estimate, whole: Attempt, likelihood: FrfLikelihood) -> Estimate:
+    """Return an estimate whose last iterations are those of the whole model."""
+    stages = [
+        replace(whole.stage, name=stage.name, iterations=stage.iterations + whole.stage.iterations)
+        if stage.eta is found.fit.eta
+        else stage
+        for stage in found.stages
+    ]
+    return replace(
+        found,
+        fit=whole.fit,
+        stages=stages,
+        likelihood=whole.likelihood if likelihood.modelled else None,
+        disputed=found.disputed and not whole.accepted,
+        comparison=whole.comparison,
+    )

@@ -48,6 +48,8 @@ _LONGEST = 1.5
 _DAMPING, _LEAST, _MOST = 1e-3, 1e-10, 1e6
 #: A step is the last if the distance left is below this part of the standard errors, or this size.
 _PART, _SIZE = 1e-3, 1e-11
+#: A step below this part of that one which does not improve is rounding: shorter ones are not tried.
+_ROUNDED = 1e-3
 L = TypeVar("L", bound=Likelihood)
 #: Most iterations, and the step (in standard errors) that is the last.
 _MOST_ITERATIONS, _LAST_STEP = 100, 1e-3
@@ -124,18 +126,20 @@ def refine(likelihood: Likelihood, eta: Array, iterations: int = 50) -> Refined:
         information = likelihood.information(fit, noise)
         residual = likelihood.weighted(fit, noise)
         held = likelihood.priors.blocked(fit.eta, information.projected.T @ residual)
-        better = None
+        better, least = None, np.maximum(_PART * information.deviations(), smallest)
         while better is None and damping <= _MOST:
             step = _damped_step(information.without(held), residual, damping, likelihood.priors.units)
             step = np.where(held, 0.0, step)
             target = likelihood.priors.clipped(fit.eta + step)
             better, step = _improved(likelihood, target, noise, misfit), target - fit.eta
             damping *= 1.0 if better else 10.0
+            if better is None and np.all(np.abs(step) <= _ROUNDED * least):
+                break
         if better is None:  # no step improves: rounding is all that is left
             return Refined(fit, number - 1)
         fit, misfit = better
         check_run_away(likelihood.unknowns, fit.eta, eta)
-        size = float(np.max(np.abs(step) / np.maximum(_PART * information.deviations(), smallest)))
+        size = float(np.max(np.abs(step) / least))
         # The sum of all steps to come, after two of these sizes: a geometric series.
         left = size * size / (before - size) if size < before / 2 else size
         if left <= 1.0:
