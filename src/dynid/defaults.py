@@ -158,6 +158,10 @@ CALIBRATION = Level(
     "estimate by more than {value:g} standard errors",
 )
 MOST_STARTS = Limit(24, "an identification tries at most {value} starts besides the given one")
+SEARCH_WORK = Limit(
+    500_000_000_000,
+    "a search of frequency responses takes at most {value:,} multiplications, or 64 evaluations",
+)
 AGREEING_STARTS = Limit(5, "starts are drawn until {value} of them, and half of all, end at the best optimum")
 
 SATURATED = Limit(128, "a saturated model has at most {value} regressors a channel besides the scene's own")

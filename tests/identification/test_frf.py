@@ -1,12 +1,16 @@
 """Joints from frequency response functions: exact recovery, error bars, poor initial guesses, refusals."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
+from dynid import defaults
 from dynid.errors import Diverged, NotIdentifiable, Singular, UsageError
+from dynid.identification import frf_record
+from dynid.identification.estimators import auto
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.frf_measurement import Frf, FrfMeasurement, FrfSystem, frf_data
 from dynid.identification.identifiability import frf_identifiability
@@ -66,6 +70,32 @@ def test_slopes_are_those_of_differences():
         two = [FrfSystem.of(model, CHANNELS).response(LINES, eta + sign * step).values for sign in (1, -1)]
         # central differences: truncation and rounding leave about 1e-10 of the largest
         assert slopes[..., k] == pytest.approx((two[0] - two[1]) / 2e-5, abs=1e-8 * np.abs(slopes).max())
+
+
+def test_a_search_that_nothing_ends_is_cut_off_with_a_remedy(monkeypatch):
+    """Responses of no structure: no residuals are noise, and starts end in different places."""
+    values = exact() * np.exp(3j * np.sin(np.arange(len(LINES)))[:, None])
+    monkeypatch.setattr(frf_record, "_LEAST_EVALUATIONS", 60)
+    monkeypatch.setattr(frf_record, "SEARCH_WORK", defaults.Limit(0, ""))
+    asked = []
+    monkeypatch.setattr(FrfSystem, "response", counting(asked, FrfSystem.response))
+    monkeypatch.setattr(auto, "AGREEING_STARTS", defaults.Limit(100, ""))
+    result = identify_frf(suspension(0.5), FrfMeasurement(LINES, CHANNELS, values))
+    assert diagnostic(result, "verdict").startswith("NOT converged: the search was cut off")
+    assert re.search(
+        "cut off after [0-9]+ evaluations.*start nearer", "\n".join(diagnostic(result, "warnings"))
+    )
+    assert 60 <= len(asked) < 400  # one attempt goes on to its end
+
+
+def counting(asked, evaluate):
+    """Return a function that notes its calls."""
+
+    def counted(*given, **options):
+        asked.append(given)
+        return evaluate(*given, **options)
+
+    return counted
 
 
 @pytest.mark.parametrize("factor", [0.01, 0.05, 10, 100])

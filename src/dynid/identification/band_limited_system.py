@@ -53,13 +53,22 @@ class BandLimitedSystem(StructureSystem):
         super().__init__(system.model, system.loads, system.channels)
         self.band = band
 
+    def basis(self, values: Mapping[str, float], omega: Array, pairs: Sequence[tuple[int, int]]) -> Array:
+        """Return the modes in the band of the lines, and residual vectors (n x r)."""
+        M, _, K = self.model.dense(values)
+        return band_basis(M, K, self.directions(pairs), self.band * float(omega[-1]))
+
+    def solved_size(self, omega: Array, pairs: Sequence[tuple[int, int]]) -> int:
+        """Return the number of columns of the basis at the starts."""
+        return int(self.basis({one.name: one.start for one in self.unknowns}, omega, pairs).shape[1])
+
     def _evaluated(
         self, values: Mapping[str, float], omega: Array, pairs: Sequence[tuple[int, int]], *, slopes: bool
     ) -> tuple[ComplexArray, ComplexArray]:
         """Return the responses and derivatives of `paired_response`, from the modes in the band."""
         ends, where = self._ends(pairs)
-        M, C, K = self.model.dense(values)
-        V = band_basis(M, K, self.directions(pairs), self.band * float(omega[-1]))
+        _, C, K = self.model.dense(values)
+        V = self.basis(values, omega, pairs)
         k, c, b = V.T @ K @ V, V.T @ C @ V, V.T @ ends.T
         factor = self._factors(omega, pairs)
         rows = np.eye(len(k)) if slopes else b.T
@@ -120,14 +129,12 @@ def band_limited(
     """Return the system that a search works with; None where the whole one takes as little or less work."""
     if not isinstance(system, StructureSystem) or system.model.size < _LEAST_DOFS:
         return None
-    values = {one.name: one.start for one in system.unknowns}
-    M, _, K = system.model.dense(values)
     found = BandLimitedSystem(system, band)
     try:
-        V = band_basis(M, K, found.directions(pairs), band * float(omega[-1]))
+        size = found.solved_size(omega, pairs)
     except np.linalg.LinAlgError:  # a motion has no mass
         return None
-    return found if V.shape[1] <= min(_PART * len(M), system.solved_size(omega, pairs)) else None
+    return found if size <= min(_PART * system.model.size, system.solved_size(omega, pairs)) else None
 
 
 def band_basis(M: Array, K: Array, directions: Array, top: float) -> Array:

@@ -240,6 +240,7 @@ class FrfSystem:
         unknowns = self.system.unknowns
         at = true_values(unknowns) if eta is None else named(unknowns, eta)
         slopes = slopes and eta is not None
+        self.system.evaluations += 1
         H, moved = self.system.paired_response(at, omega, self.pairs, slopes=slopes)
         if not self.instruments.ideal:
             given = self.instruments.gains, self.instruments.delays

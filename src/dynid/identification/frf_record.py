@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.defaults import DENSE_STRUCTURES
+from dynid.defaults import DENSE_STRUCTURES, SEARCH_WORK
 from dynid.identification.band_limited_system import band_limited
 from dynid.identification.calibration import (
     DELAY,
@@ -48,6 +48,9 @@ from dynid.parameters import Parameter, named, rates, values
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
+
+# Fewest evaluations that a search may take.
+_LEAST_EVALUATIONS = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,6 +271,12 @@ class FrfRecord(RecordLikelihood):
         """Return the residuals line after line, real and imaginary parts side by side."""
         return residual if self.magnitudes else np.concatenate(np.split(residual, 2), axis=1)
 
+    @property
+    def multiplications(self) -> float:
+        """Approximate number of multiplications of one evaluation."""
+        omega, of = self.measurement.omega, self.system
+        return len(omega) * float(max(1, of.system.solved_size(omega, of.pairs))) ** 3
+
     def band_limited(self, band: float) -> FrfRecord | None:
         """Return the responses of the model's modes below `band` times the highest line, if that pays."""
         found = band_limited(self.system.system, self.measurement.omega, self.system.pairs, band)
@@ -293,6 +302,12 @@ class FrfLikelihood(Likelihood):
     def by_magnitude(self) -> FrfLikelihood:
         """Return the likelihood of the logarithms of magnitudes."""
         return FrfLikelihood(tuple(record.by_magnitude() for record in self.records))
+
+    @property
+    def most_evaluations(self) -> float:
+        """Most evaluations that a search may take, from the work of one."""
+        work = sum(record.multiplications for record in self.records)
+        return max(_LEAST_EVALUATIONS, SEARCH_WORK.value // work)
 
     def with_weights_of(self, other: Any) -> FrfLikelihood:
         """Return the likelihood with the weights by line of one of the same responses with another model."""

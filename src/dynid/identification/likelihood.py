@@ -7,6 +7,7 @@ A prior counts as an independent measurement.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -90,6 +91,16 @@ class Likelihood:
     def priors(self) -> Priors:
         """Priors and limits of the parameters."""
         return Priors.of(self.unknowns)
+
+    @property
+    def evaluations(self) -> int:
+        """How often responses were computed so far."""
+        return sum(record.system_model.evaluations for record in self.records)
+
+    @property
+    def most_evaluations(self) -> float:
+        """Most evaluations that a search may take."""
+        return math.inf
 
     @property
     def names(self) -> list[str]:

@@ -98,11 +98,14 @@ class LinearSystem(ABC):
         The states (n).
     signals
         The acting inputs, one a load.
+    evaluations
+        How often frequency responses were computed.
     """
 
     unknowns: tuple[Parameter, ...]
     states: tuple[StateVariable, ...]
     signals: list[Signal]
+    evaluations: int = 0
 
     @abstractmethod
     def at(self, values: Mapping[str, float]) -> Matrices:
@@ -175,6 +178,10 @@ class LinearSystem(ABC):
         return H[:, channels, loads], moved[:, channels, loads, :] if slopes else moved[
             :, channels, loads, :0
         ]
+
+    def solved_size(self, omega: Array, pairs: Sequence[tuple[int, int]]) -> int:  # noqa: ARG002
+        """Return the number of equations that an evaluation of responses solves at each line."""
+        return len(self.states)
 
     def response(self, values: Mapping[str, float], omega: Array) -> tuple[ComplexArray, ComplexArray]:
         """Return frequency responses (L x channels x loads), and their derivatives by the values (… x p).

@@ -38,7 +38,9 @@ def verdict(posterior: Posterior) -> str:
         posterior.comparison,
     )
     k, noun = int(np.argmax(distance)), posterior.noun
-    if posterior.estimate.disputed:
+    if posterior.estimate.disputed and posterior.estimate.cut_off:
+        found = "the search was cut off, this may be a local optimum (start nearer to the true values)"
+    elif posterior.estimate.disputed:
         found = (
             "the starts end at different optima, this may be a local one (start nearer to the true values)"
         )
@@ -79,6 +81,12 @@ def warnings(posterior: Posterior) -> list[str]:
 def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
     """Warn of lack of fit, contradicted priors, and uncertain or hardly distinguishable parameters."""
     compared = posterior.comparison
+    if posterior.estimate.cut_off:
+        yield (
+            f"the search for the optimum was cut off after {posterior.estimate.cut_off} evaluations, its "
+            "limit for so many lines and DOFs: start nearer to the true values, reduce the structure, give "
+            "fewer lines, or correct the noise model (measurement.noise) if residuals grow with the response"
+        )
     if compared.lacks_fit and compared.explained:
         worst = posterior.channels[int(np.argmin(compared.channel_lack_of_fit_p))].name
         yield (

@@ -16,7 +16,7 @@ One attempt is enough where its residuals are noise and the parameters are well 
 starts are drawn: a Latin hypercube in coordinates around the given start, within limits and priors. The best
 ones by the misfit of a likelihood with fewer local optima (`guide`) are tried first; each is improved on such
 likelihoods before the true one. The search ends when several starts end at the best optimum, or when the
-starts are used up.
+starts are used up; of frequency responses of large models also after a number of evaluations.
 """
 
 from __future__ import annotations
@@ -60,6 +60,8 @@ _PRIOR = 4.0
 _STEPS = 15
 # Most steps of an attempt, and further ones where it is the best so far and has not converged.
 _MOST_STEPS, _FURTHER_STEPS = 50, 200
+# Part of the evaluations that are left which ranking starts may take, and fewest starts of a round.
+_RANKING, _FEWEST = 0.5, 8
 # Two ends are one optimum if the coordinates agree to this, or the misfits to this.
 _SAME, _AS_GOOD = 0.02, 0.02
 # Residuals below this part of a channel's RMS are accepted whatever their colour …
@@ -126,6 +128,8 @@ class Search:
         self.tried: list[Attempt] = []
         self.failure: DynidError | None = None
         self.drawn = 0
+        self.before = likelihood.evaluations
+        self.cut_off = False
 
     def attempt(self, name: str, begun: Callable[[], SearchStart], *, drawn: bool = False) -> None:
         """Begin, and go from there to the nearest optimum."""
@@ -138,7 +142,8 @@ class Search:
                 best = min((tried.stage.misfit for tried in self.tried), default=np.inf)
                 if steps == _MOST_STEPS and self.likelihood.misfit(fit) < best:
                     # Further steps, as in a narrow valley, are for the best attempt alone.
-                    fit, further = refine(self.likelihood, fit.eta, _FURTHER_STEPS)
+                    most = int(min(_FURTHER_STEPS, max(1, self.left)))
+                    fit, further = refine(self.likelihood, fit.eta, most)
                     steps += further
                 likelihood, (fit, steps) = with_noise(self.likelihood, Refined(fit, steps))
         except DynidError as error:  # from a poor start an attempt may diverge, from another one not
@@ -179,11 +184,18 @@ class Search:
         """
         turn = cycle(routes)
         affine = self.likelihood.records[0].system_model.affine is not None
-        for seed, (count, reach, part) in enumerate(_ROUNDS if affine else (_NEAR, *_ROUNDS)):
+        for seed, (most, reach, part) in enumerate(_ROUNDS if affine else (_NEAR, *_ROUNDS)):
+            count = int(min(most, _RANKING * self.left))
+            if count < _FEWEST:
+                self.cut_off = True
+                return
             starts = drawn_starts(self.likelihood.priors, origin, count, reach, seed)
             ranked: dict[bool, Iterator[int]] = {}
             taken: set[int] = set()
-            for place in range(1, round(part * MOST_STARTS.value) + 1):
+            for place in range(1, min(count, round(part * MOST_STARTS.value)) + 1):
+                if self.left <= 0:
+                    self.cut_off = True
+                    return
                 route = next(turn)
                 is_guided = bool(route)
                 if is_guided not in ranked:
@@ -206,6 +218,11 @@ class Search:
             away = side * units * U[:, 0] * min(_AWAY * s[0], _FARTHEST)
             eta = self.likelihood.priors.clipped(fit.eta + away)
             self.attempt("a start nearby", partial(guided, (), eta), drawn=False)
+
+    @property
+    def left(self) -> float:
+        """Number of evaluations that are left."""
+        return self.likelihood.most_evaluations - (self.likelihood.evaluations - self.before)
 
     @property
     def best_tried(self) -> Attempt:
@@ -271,6 +288,7 @@ class Search:
             {"starts": self.drawn + 1, "starts_agreed": self.agreeing},
             likelihood=best.likelihood if self.likelihood.modelled else None,
             disputed=not (best.accepted or self.agreed),
+            cut_off=self.likelihood.evaluations - self.before if self.cut_off else 0,
             comparison=best.comparison,
         )
 
@@ -420,5 +438,6 @@ def _completed(found: Estimate, whole: Attempt, likelihood: FrfLikelihood) -> Es
         stages=stages,
         likelihood=whole.likelihood if likelihood.modelled else None,
         disputed=found.disputed and not whole.accepted,
+        cut_off=0 if whole.accepted else found.cut_off,
         comparison=whole.comparison,
     )

@@ -69,6 +69,8 @@ class Estimate:
         The likelihood that `fit` maximises, where it is not the given one: that of a robust loss.
     disputed
         True: starts ended at different optima, none of which leaves white residuals; this one may be local.
+    cut_off
+        The number of evaluations after which a search was cut off; 0 of one that ended by itself.
     comparison
         Comparison of the model at `fit` with others, if it was made already.
     """
@@ -79,6 +81,7 @@ class Estimate:
     counts: Mapping[str, int] = field(default_factory=dict)
     likelihood: Likelihood | None = None
     disputed: bool = False
+    cut_off: int = 0
     comparison: ModelComparison | None = None
 
 
