@@ -237,6 +237,19 @@ def test_coordinate_systems_of_bulk_data(tmp_path):
     assert "2 coordinate systems" in found.nodes.notes
 
 
+def test_continuations_with_names(tmp_path):
+    """Large and small fields in one card, as NX writes them; the name of a continuation is no card."""
+    found = bulk(
+        tmp_path,
+        "CORD2R*  3                               25.             0.             *     FM\n"
+        "*     FM 0.              50.             1.0-6           4.7-14         *     FN\n"
+        "+     FN 25.     25.     0.\n"
+        "GRID*    8               3               1.              2.             *G8\n"
+        "*G8      3.              0\n",
+    )
+    np.testing.assert_allclose(found.nodes.xyz, [[28, 1, 2]], atol=1e-6)
+
+
 def test_sets_points_and_constraints_of_bulk_data(tmp_path):
     found = bulk(
         tmp_path,
@@ -264,6 +277,7 @@ def test_sets_points_and_constraints_of_bulk_data(tmp_path):
         ("GRID,1\nINCLUDE 'model.bdf'\n", "too many files include each other"),
         ("GRID,1\nINCLUDE 'none.bdf'\n", "none.bdf is no file"),
         ("GRID,1,,1e999\n", "model.bdf"),
+        ("GRID,1,,0.,0.,0.\n=,*1,,*10.,==\n=8220\n", "model.bdf repeats cards (=)"),
     ],
 )
 def test_damaged_bulk_data(tmp_path, text, said):

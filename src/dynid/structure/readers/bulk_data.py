@@ -129,6 +129,9 @@ def nodes_of(path: Path, cards: Mapping[str, Sequence[Card]], orders: Sequence[D
     found = [*orders, *_orders(cards, every)]
     used = {grid.output for grid in physical.values()} | {grid.input for grid in physical.values()}
     notes = [counted(len(scalars), "scalar point")] * bool(scalars)
+    fluid = len(grids) - len(physical)
+    if fluid:
+        notes.append(f"{counted(fluid, 'point')} of a fluid")
     if used - {0}:
         notes.append(counted(len(used - {0}), "coordinate system"))
     if axes:
@@ -300,7 +303,9 @@ def _cards(path: Path) -> dict[str, list[Card]]:
     for line in _lines(path, 0, [0]):
         fields = _fields(line)
         name = fields[0].rstrip("*").rstrip().upper()
-        if name and not name.startswith("+"):
+        if name.startswith("="):
+            raise FileError(f"{path} repeats cards (=), which is not read", remedy="Write them out.")
+        if name and not name.startswith(("+", "*")):
             current = [name] if name in _KEPT else None
             if current is not None:
                 found.setdefault(name, []).append(current)

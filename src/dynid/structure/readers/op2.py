@@ -59,8 +59,14 @@ def read_nodes(path: Path) -> NodeFile:
     with read_errors(path, _WHAT):
         with _opened(path) as stored:
             blocks = set(stored.dbnames)
+            several = max(len(stored.dbnames.get(name, ())) for name in ("BGPDT", "BGPDTS"))
             with_sets = bool(blocks & {"USETTAB", "USET0", "USET"})
             tables = stored.rdn2cop2() if with_sets else None
+        if tables is None and several > 1:
+            raise FileError(
+                f"{path} has the nodes of {several} superelements",
+                remedy="Give the bulk data of one of them (.pch, .asm), or a table of nodes (.csv).",
+            )
         if tables is None and blocks & {"GEOM1", "GEOM1S"}:
             from pyyeti.nastran import op2  # heavy import, of an optional package
 

@@ -34,7 +34,7 @@ _ALONE: dict[str, Callable[[Path], ImportedMatrix]] = {
     ".sti": read_calculix,
     ".mas": read_calculix,
     **dict.fromkeys((".hb", ".rb", ".rsa", ".rua", ".matrix", ".hbmat"), read_harwell_boeing),
-    **dict.fromkeys((".out", ".txt"), read_rows),
+    **dict.fromkeys((".out", ".txt", ".mmf"), read_rows),
 }
 BULK_DATA = (".bdf", ".dat", ".nas", ".pch")
 """Nastran bulk data, whose DMIG matrices are read."""
@@ -79,9 +79,9 @@ def read_matrix(file: MatrixFile, role: str) -> ImportedMatrix:
     ----------
     file
         The file: Matrix Market or Abaqus triplets (`.mtx`, distinguished by banner or size line), CalculiX
-        (`.sti`, `.mas`), Harwell-Boeing (`.rsa`, `.matrix`, …), a script of triplets (`.m`), full rows
-        (`.txt`, `.out`), MATLAB (`.mat`), NumPy (`.npz`, `.npy`), HDF5 (`.h5`, `.hdf5`) or Nastran OUTPUT4,
-        OUTPUT2 or DMIG (`.op4`, `.op2`, `.pch`).
+        (`.sti`, `.mas`), Harwell-Boeing (`.rsa`, `.matrix`, …), a script of triplets (`.m`), full rows or
+        Matrix Market (`.txt`, `.out`, `.mmf`), MATLAB (`.mat`), NumPy (`.npz`, `.npy`), HDF5 (`.h5`,
+        `.hdf5`) or Nastran OUTPUT4, OUTPUT2 or DMIG (`.op4`, `.op2`, `.pch`).
     role
         One of `USUAL`: which matrix is meant in a file that holds several, and names none.
 

@@ -218,7 +218,7 @@ def _numbers(path: Path, skip: int, comment: str) -> NDArray[np.float64]:
 
 
 def read_rows(path: Path) -> ImportedMatrix:
-    """Read a matrix row by row, all its entries, as ``printA`` of OpenSees writes it.
+    """Read a matrix row by row, all its entries, as ``printA`` of OpenSees writes it; or Matrix Market.
 
     Raises
     ------
@@ -226,6 +226,9 @@ def read_rows(path: Path) -> ImportedMatrix:
         If the rows are no square matrix.
     """
     with read_errors(path, "rows of a matrix"):
+        with path.open(encoding="utf-8") as lines:
+            if lines.readline(100).lower().startswith(BANNER):
+                return read_matrix_market(path)
         if path.stat().st_size > 40 * MOST_NUMBERS:
             raise FileError(f"{path} is too large for a matrix with all its entries")
         table = _numbers(path, 0, "#")
