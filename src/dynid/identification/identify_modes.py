@@ -155,4 +155,6 @@ def identify_modes(
             [],
         )
         result = add_identification(Result("identification"), posterior, further=further)
-        return add_modes(result, posterior, problem.full)
+        at_start = problem.likelihood.records[-1]
+        assert isinstance(at_start, ModalRecord)
+        return add_modes(result, posterior, problem.full, at_start, problem.rebuild)

@@ -45,6 +45,8 @@ Array = NDArray[np.float64]
 _SPARE, _BEYOND, _MOST = 4, 1.5, 200
 # Part of the highest measured frequency up to which the derivatives of modes are in a basis.
 _WITH_SLOPES = 1.25
+# Errors of the form, known to a fifth at best, are settled where estimates change by this part of their bars.
+_SETTLED = 0.03
 #: Frequencies nearer to each other, relative, have one span of shapes.
 CLOSE = 1e-4
 # More DOFs than this are reduced to the lowest modes and their derivatives.
@@ -154,8 +156,19 @@ class ModalRecord(RecordLikelihood):
         return channels_of(self.measurement)
 
     def row_label(self, row: int) -> str:
-        """Return the mode of a row."""
-        return f"mode {row % self.measurement.modes + 1}"
+        """Return the mode of a row, and of a component of a shape its sensor."""
+        sensor, mode = divmod(row, self.measurement.modes)
+        at = (
+            f" at {self.measurement.dofs[sensor % len(self.measurement.dofs)]}"
+            if self.measurement.dofs
+            else ""
+        )
+        return f"mode {mode + 1}{at}"
+
+    @property
+    def outlier_remedy(self) -> str:
+        """Nothing: modes have no robust loss."""
+        return ""
 
     def series(self, residual: Array) -> Array:
         """Return nothing: modes have no order in which they could be correlated."""
@@ -387,6 +400,11 @@ class ModalRecord(RecordLikelihood):
         """True if errors of the model's form are estimated."""
         return bool(self._estimated.any())
 
+    @property
+    def noise_settled(self) -> float:
+        """Change of the estimates in standard errors below which the errors of the form count as settled."""
+        return _SETTLED
+
     @cached_property
     def _estimated(self) -> NDArray[np.bool_]:
         return np.isnan([getattr(self.measurement.model_error, one.name) for one in self.channels])
@@ -394,17 +412,16 @@ class ModalRecord(RecordLikelihood):
     def renewed(self, fit: RecordFit, known: Array, *, settling: bool = False) -> Self:  # noqa: ARG002
         """Return the likelihood with the errors of the model's form that belong to the residuals of a fit.
 
-        Without an error so far, one is estimated only if the residuals contradict the scatter.
+        There are none where the residuals do not contradict the scatter.
         """
         share = np.sum((self.slopes(fit, np.ones(len(self.error))) @ known) ** 2, axis=1)
         share = share.reshape(len(fit.residual), -1).sum(axis=0)
         degrees = np.maximum(fit.counts - self.taken(fit, fit.noise) - share, 0.0)
         left = [column * spread for column, spread in zip(fit.residual.T, self._padded, strict=True)]
-        if not self.error[self._estimated].any():
-            squares = float(np.nansum(fit.residual**2))
-            whole = max(1, round(float(degrees.sum())))
-            if chi_squared_tail(whole, squares) > LACK_OF_FIT.value:
-                return self
+        bare = self.with_error(self.known_error)._padded
+        squares = sum(float(np.nansum((a / b) ** 2)) for a, b in zip(left, bare, strict=True))
+        if chi_squared_tail(max(1, round(float(degrees.sum()))), squares) > LACK_OF_FIT.value:
+            return self.with_error(self.known_error)
         error = self.error.copy()
         for k in np.flatnonzero(self._estimated):
             there = ~np.isnan(left[k])
@@ -463,6 +480,15 @@ class ModalRecord(RecordLikelihood):
             return 0.0
         each = np.column_stack(self._padded)
         return float(np.sum(np.log(each[~np.isnan(self.data.values)])))
+
+    def begun(self, eta: Array) -> Self:
+        """Return the likelihood with the errors of the form that the residuals at first coordinates have.
+
+        With these a search begins by compromise instead of following the scatter.
+        """
+        if not self.modelled:
+            return self
+        return self.renewed(self.fit(eta, self.data.values), np.zeros((len(eta), 1)))
 
     def by_spans(self, close: float) -> Self:
         """Return the likelihood in which modes that are this close have one span: it has no veering."""

@@ -215,9 +215,19 @@ class RecordLikelihood(ABC):
         return False
 
     @property
+    def noise_settled(self) -> float:
+        """Change of the estimates in standard errors below which the noise model counts as settled."""
+        return 1e-3
+
+    @property
     def noise_remedy(self) -> str:
         """The remedy of coloured residuals, as the end of a sentence; empty where there is none."""
         return ""
+
+    @property
+    def outlier_remedy(self) -> str:
+        """The remedy of outliers that cannot be corrected; empty where there is none."""
+        return "estimator: {loss: huber}"
 
     def renewed(self, fit: RecordFit, known: Array, *, settling: bool = False) -> Self:  # noqa: ARG002
         """Return the likelihood with the noise model of this fit.

@@ -199,13 +199,14 @@ def _shape_warnings(posterior: Posterior, place: ChannelOfRecord, shape: Residua
     if count := len(shape.outliers):
         labels = ", ".join(record.row_label(int(row)) for row in shape.outliers[:_NAMED])
         others = f" and at {count - _NAMED} more" if count > _NAMED else ""
+        remedy = f", or use {record.outlier_remedy}" if record.outlier_remedy else ""
         many, it = ("an outlier", "it") if count == 1 else (f"{count} outliers", "them")
         yield (
             f"{place.name} has {many} at {labels}{others}: up to {_number(shape.largest)} standard "
             f"deviations of its residual.{_weight_lost(place, shape.share)} Correct {it} or leave {it} out "
-            "(empty cells), or use estimator: {loss: huber}"
+            f"(empty cells){remedy}"
         )
-    elif shape.kurtosis_p < HEAVY_TAILS.value:
+    elif shape.kurtosis_p < HEAVY_TAILS.value and record.outlier_remedy:
         yield (
             f"the residual of {place.name} has heavy tails (kurtosis {shape.kurtosis:.3g}, of Gaussian "
             f"noise 3; largest at {record.row_label(shape.at)}): estimator: {{loss: huber}} bounds "

@@ -25,7 +25,7 @@ from dynid.report.content.identification import (
     record_summary,
     verdict_sentences,
 )
-from dynid.report.content.modes import has_modes, modal_table
+from dynid.report.content.modes import has_modes, modal_statements, modal_table
 from dynid.report.content.plan import (
     GAIN_OF_SINES,
     PRESCRIBED,
@@ -82,6 +82,10 @@ def _measured_modes(result: Result) -> Iterable[str]:
         if len(rows) > _MODES:
             yield f"    … {counted(len(rows) - _MODES, 'more mode')} in the file"
         yield ""
+        for sentence in (said := modal_statements(result)):
+            yield from wrap(f"  {sentence}", 110, subsequent_indent="    ")
+        if said:
+            yield ""
 
 
 def _derived(result: Result) -> Iterable[str]:

@@ -9,7 +9,7 @@ lead.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -49,6 +49,8 @@ class ModalSearch:
         DynidError
             The first error, if no attempt was completed.
         """
+        begun = [r.begun(origin) if isinstance(r, ModalRecord) else r for r in likelihood.records]
+        likelihood = replace(likelihood, records=tuple(begun))
         own = tuple(record for record in likelihood.records if isinstance(record, ModalRecord))
         alone = len(own) == len(likelihood.records)
         modes = ModalGuide(own, at=origin)

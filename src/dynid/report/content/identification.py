@@ -40,7 +40,8 @@ def method(result: Result) -> str:
     if stage == "a filter pass":
         start = ", started by an EKF pass"
     else:
-        start = f" from {stage}" if f"{_MEASURED}/omega" in result else f" after {stage}"
+        begun = f"{_MEASURED}/omega" in result or has_modes(result)
+        start = f" from {stage}" if begun else f" after {stage}"
     how = {
         "filter": f"{passes} filter pass{'es' if passes > 1 else ''}",
         "output-error": "maximum likelihood",

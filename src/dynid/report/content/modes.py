@@ -48,6 +48,12 @@ def modal_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]
     return tuple(heads), rows
 
 
+def modal_statements(result: Result) -> list[str]:
+    """Return what follows from a fit to modes: errors of the model's form, what the data determine."""
+    path = f"{GROUP}/statements"
+    return [str(one) for one in result[path].data] if path in result else []
+
+
 def _signed(part: float) -> str:
     return f"{100 * part:+.2f} %"
 
@@ -65,4 +71,5 @@ def modal_sections(result: Result) -> Iterator[ReportSection]:
     if has_modes(result):
         heads, rows = modal_table(result)
         summary = Statement(f"{modal_summary(result)}.")
-        yield ReportSection("Measured modes", (summary, TextTable(heads, tuple(rows))))
+        said = [Statement(f"{one[0].upper()}{one[1:]}.") for one in modal_statements(result)]
+        yield ReportSection("Measured modes", (summary, TextTable(heads, tuple(rows)), *said))

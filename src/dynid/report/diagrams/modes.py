@@ -16,6 +16,16 @@ if TYPE_CHECKING:
     from dynid.result import Result
 
 
+#: Title, paths of frequency error and MAC, colour and mark.
+_SERIES = (
+    ("start", "frequency_error_start", "mac_start", "s3", "o"),
+    ("estimate", "frequency_error", "mac", "s1", "o"),
+    ("frequency left out", "left_out_error", "", "s2", "+"),
+    ("frequencies alone", "trade_off/frequencies/frequency_error", "trade_off/frequencies/mac", "s4", "x"),
+    ("shapes alone", "trade_off/shapes/frequency_error", "trade_off/shapes/mac", "s5", "x"),
+)
+
+
 def figures(result: Result) -> Iterator[Figure]:
     """Yield the figures of measured modes."""
     if not has_modes(result):
@@ -29,21 +39,16 @@ def _pairs(result: Result) -> Picture:
     """Draw the error of each frequency and the MAC of each pair, before and after."""
     names = tuple(str(mode) for mode in result[f"{GROUP}/mode"].data)
     place = np.arange(len(names), dtype=float)
-    given = {"start": "error_start", "estimate": "error", "predicted without it": "left_out"}
-    paths = {"predicted without it": f"{GROUP}/left_out_error"}
     layers: list[Layer] = []
-    for (title, ending), colour, mark in zip(given.items(), ("s3", "s1", "s2"), "oo+", strict=True):
-        path = paths.get(title, f"{GROUP}/frequency_{ending}")
-        if path in result:
-            layers.append(Markers(place, 100 * result[path].data, title, colour, mark, 4))
+    shown: list[Layer] = []
+    for title, error, criterion, colour, mark in _SERIES:
+        for path, scale, into in ((error, 100.0, layers), (criterion, 1.0, shown)):
+            if f"{GROUP}/{path}" in result:
+                into.append(Markers(place, scale * result[f"{GROUP}/{path}"].data, title, colour, mark, 4))
     layers.append(ReferenceLine(0.0, "", "line dashed"))
     axis = PlotAxis("mode", names=names)
     rows = [[Subplot(axis, PlotAxis("frequency error (%)"), layers, height=150.0)]]
-    if f"{GROUP}/mac" in result:
-        shown: list[Layer] = [
-            Markers(place, result[f"{GROUP}/{path}"].data, title, colour, "o", 4)
-            for path, title, colour in (("mac_start", "start", "s3"), ("mac", "estimate", "s1"))
-        ]
+    if shown:
         rows.append([Subplot(axis, PlotAxis("MAC"), shown, height=120.0)])
     heads, cells = modal_table(result)
     title = "Measured modes before and after"

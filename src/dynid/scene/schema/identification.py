@@ -225,8 +225,6 @@ class IdentificationScene(ComposedScene):
         if len(models) > 1:
             raise fault("all records are simulated with one 'model': full or reduced")
         frf = self.measurement and self.measurement.frf
-        if self.measurement and self.measurement.modes:
-            self._check_modes()
         if frf and self.excitation:
             raise fault("frequency responses are of unit forces; an 'excitation' says nothing beside 'frf'")
         if frf and self.estimator.method not in ("auto", "output-error"):
@@ -241,16 +239,19 @@ class IdentificationScene(ComposedScene):
             raise fault("the analysis needs its 'inputs'; there is no excitation to take them from")
         return self
 
-    def _check_modes(self) -> None:
-        """Refuse what measured modes do not go with."""
+    @model_validator(mode="after")
+    def _modes_fit(self) -> Self:
+        if self.measurement is None or self.measurement.modes is None:
+            return self
         if self.graph is not None:
             raise fault("measured 'modes' are of a structure, not of a graph")
         if self.estimator.method not in ("auto", "output-error"):
             raise fault(f"the method '{self.estimator.method}' is for records of time, not for 'modes'")
         if self.estimator.loss == "huber":
             raise fault("measured 'modes' have no loss 'huber'; the error of the model is estimated instead")
-        if self.measurement and self.measurement.modes_alone and self.excitation:
+        if self.measurement.modes_alone and self.excitation:
             raise fault("modes are measured without an 'excitation'; leave it out")
+        return self
 
 
 def identification_faults(source: Source, names: SceneNames) -> list[Fault]:
