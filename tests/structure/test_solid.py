@@ -8,9 +8,12 @@ import pytest
 from scipy.linalg import eigh
 from scipy.optimize import brentq
 
-from dynid.errors import UsageError
+from dynid.errors import Singular, UsageError
 from dynid.structure.damping import ProportionalDamping
+from dynid.structure.modes.modes import modes
 from dynid.structure.readers.mesh import Block
+from dynid.structure.reduction.craig_bampton import CraigBampton
+from dynid.structure.reduction.mode_selection import ModeRange
 from dynid.structure.solid import Material, SetSupport, solid
 from dynid.structure.solid_elements import ELEMENTS
 from tests.structure.boxes import box, joined_meshes
@@ -326,3 +329,31 @@ def test_what_makes_no_sense_is_refused(mesh, materials, supports, said):
     with pytest.raises(UsageError, match=said) as raised:
         solid(mesh, materials, supports=supports)
     assert raised.value.names[0].split(".")[0] in {"mesh", "materials", "supports"}
+
+
+@pytest.fixture(scope="module")
+def free_block():
+    """A free block of some 1,300 DOFs, sparse."""
+    return solid(box("tetra10", (5, 3, 2), (0.5, 0.2, 0.1)), STEEL)
+
+
+def test_a_free_solid_keeps_its_six_rigid_body_modes_in_sparse_matrices(free_block):
+    found = modes(free_block.M, free_block.C, free_block.K, count=9)
+    assert found.rigid == 6
+    exact = np.sqrt(eigh(dense(free_block.K), dense(free_block.M), eigvals_only=True, subset_by_index=[6, 8]))
+    np.testing.assert_allclose(found.omega[6:], exact, rtol=1e-7)
+
+
+def test_a_free_part_is_reduced_to_its_interface_with_its_rigid_body_modes(free_block):
+    """Constraint modes of a free part: the interface holds it; with fewer than six DOFs held it moves."""
+    interface = [f"{node}:{along}" for node in free_block.nodes.sets["x0"] for along in "xyz"]
+    made = CraigBampton(interface, ModeRange(count=40)).reduce(free_block).model
+    rigid = free_block.nodes.rigid(free_block.dofs)
+    reduced, *_ = np.linalg.lstsq(made.basis.T, rigid, rcond=None)
+    np.testing.assert_allclose(made.basis.T @ reduced, rigid, atol=1e-9)
+    found = np.sqrt(np.abs(eigh(made.K, made.M, eigvals_only=True)))
+    full = modes(free_block.M, free_block.C, free_block.K, count=9).omega
+    assert np.all(found[:6] < 1e-4 * found[6])
+    np.testing.assert_allclose(found[6:9], full[6:], rtol=2e-3)
+    with pytest.raises(Singular, match="the slaves move freely while the masters are held"):
+        CraigBampton(interface[:3], ModeRange(count=3)).reduce(free_block)
