@@ -90,14 +90,21 @@ class Nodes:
         """
         names = list(labels)
         motions = np.zeros((len(names), 6))
-        for row, label in enumerate(names):
-            node, along = node_direction(label) or (None, "")
-            if node is None or node not in self.places:
-                continue
-            place = DIRECTIONS.index(along)
-            axis = self.axes[node][place % 3] if node in self.axes else np.eye(3)[place % 3]
-            if place < 3:  # a . (e x r) = e . (r x a) for rotations about e
-                motions[row] = [*axis, *np.cross(self.xyz[self.places[node]], axis)]
-            else:
-                motions[row, 3:] = axis
+        found = (node_direction(label) for label in names)
+        moved = [
+            (row, self.places[place[0]], DIRECTIONS.index(place[1]))
+            for row, place in enumerate(found)
+            if place is not None and place[0] in self.places
+        ]
+        if not moved:
+            return motions
+        rows, nodes, places = np.array(moved).T
+        axes = np.eye(3)[places % 3]
+        for at in np.flatnonzero([self.numbers[node] in self.axes for node in nodes]):
+            axes[at] = self.axes[self.numbers[nodes[at]]][places[at] % 3]
+        along, about = places < 3, places >= 3
+        motions[rows[along], :3] = axes[along]
+        # a . (e x r) = e . (r x a) for rotations about e
+        motions[rows[along], 3:] = np.cross(self.xyz[nodes[along]], axes[along])
+        motions[rows[about], 3:] = axes[about]
         return motions

@@ -177,7 +177,7 @@ def _value(group: Any, name: str, default: Any) -> Any:
 
 def op4_shapes(path: Path) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the matrices of a file, by name."""
-    with read_errors(path, "Nastran OUTPUT4"):
+    with read_errors(path, "Nastran OUTPUT4", claims=True):
         names, sizes, *_ = _op4_reader(path).dir(str(path), verbose=False)
         if twice := [name for name, count in Counter(names).items() if count > 1]:
             raise FileError(
@@ -188,7 +188,7 @@ def op4_shapes(path: Path) -> dict[str, tuple[int, ...]]:
 
 def load_op4(path: Path, name: str) -> Matrix:
     """Return one matrix of a file, sparse where it is stored so."""
-    with read_errors(path, "Nastran OUTPUT4"):
+    with read_errors(path, "Nastran OUTPUT4", claims=True):
         check_claim(path, op4_shapes(path)[name], path.stat().st_size)
         stored = _op4_reader(path).load(str(path), [name], into="dct", justmatrix=True, sparse=True)[name]
         return as_numbers(path, name, stored)

@@ -38,11 +38,18 @@ class ImportedMatrix:
 
 
 @contextmanager
-def read_errors(path: Path, what: str) -> Iterator[None]:
-    """Turn any error of a library that parses a user's file into a `FileError`."""
+def read_errors(path: Path, what: str, *, claims: bool = False) -> Iterator[None]:
+    """Turn any error of a library that parses a user's file into a `FileError`.
+
+    `claims`: the library allocates what a record claims, so that a lack of memory is a damaged file.
+    """
     try:
         yield
-    except (DynidError, MemoryError, KeyboardInterrupt):
+    except MemoryError:
+        if not claims:
+            raise
+        raise FileError(f"{path} cannot be read as {what}: a record claims more than the memory") from None
+    except (DynidError, KeyboardInterrupt):
         raise
     except OSError as error:
         raise FileError(f"{path} cannot be read as {what}: {error.strerror or error}") from None

@@ -24,13 +24,13 @@ _SETS = ("a", "l", "f", "n", "g")
 
 def shapes(path: Path) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the matrices of a file, by name; of several with one name ``NAME@1`` and so on."""
-    with read_errors(path, _WHAT), _opened(path) as stored:
+    with read_errors(path, _WHAT, claims=True), _opened(path) as stored:
         return {name: size for name, (size, _) in _listed(stored).items()}
 
 
 def load(path: Path, name: str) -> Matrix:
     """Return one matrix of a file."""
-    with read_errors(path, _WHAT), _opened(path) as stored:
+    with read_errors(path, _WHAT, claims=True), _opened(path) as stored:
         size, number = _listed(stored)[name]
         check_claim(path, size)
         bare = name.partition("@")[0]
@@ -56,7 +56,7 @@ def read_nodes(path: Path) -> NodeFile:
     FileError
         If it cannot be read, has no nodes, or several superelements.
     """
-    with read_errors(path, _WHAT):
+    with read_errors(path, _WHAT, claims=True):
         with _opened(path) as stored:
             blocks = set(stored.dbnames)
             several = max(len(stored.dbnames.get(name, ())) for name in ("BGPDT", "BGPDTS"))
