@@ -8,9 +8,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from scipy.io import savemat
+from scipy.io import netcdf_file, savemat
 
-from dynid.errors import FileError
+from dynid.errors import DynidError, FileError, SceneError
+from dynid.scene.explanations.explanation import explain
 from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene
 from dynid.structure.imported import imported
@@ -276,3 +277,90 @@ def test_models_that_are_not_whole(tmp_path):
         model_files(tmp_path / "a.mtx")
     with pytest.raises(FileError, match="is no file"):
         model_files(tmp_path / "b.op2")
+
+
+def test_an_explanation_reports_constraints(tmp_path):
+    scene = "dynid: 1\nkind: reduction\nstructure:\n"
+    (tmp_path / "s.yaml").write_text(
+        f"{scene}  matrices: {{model: {DATA}/bracket.inp}}\n"
+        "reduction: [{method: guyan, masters: ['31:x', '32:y', '33:z']}]\n"
+    )
+    facts = dict(explain(load_scene(tmp_path / "s.yaml")).facts)
+    assert facts["nodes"] == "15 nodes; constraints, which are not applied: 1 *BOUNDARY"
+
+
+def test_faults_of_models_are_located(tmp_path):
+    head = "dynid: 1\nkind: reduction\nreduction: [{method: modal, modes: {count: 2}}]\nstructure:\n"
+    (tmp_path / "a.inp").write_text("*NODE\n1, 0.\n")
+    (tmp_path / "s.yaml").write_text(f"{head}  matrices:\n    model: a.inp\n")
+    scene = load_scene(tmp_path / "s.yaml")
+    with pytest.raises(FileError, match="has no matrices beside it") as caught:
+        run_scene(scene)
+    assert caught.value.names[0] == "structure.matrices.model"
+    (tmp_path / "s.yaml").write_text(f"{head}  matrices: {{model: a.inp, mass: m.mtx}}\n")
+    with pytest.raises(SceneError, match="a 'model' holds mass and stiffness"):
+        load_scene(tmp_path / "s.yaml")
+    (tmp_path / "s.yaml").write_text(f"{head}  matrices: {{state_space: a.mat, nodes: a.csv}}\n")
+    with pytest.raises(SceneError, match="a 'state_space' has no 'nodes'"):
+        load_scene(tmp_path / "s.yaml")
+
+
+def mutated(content, rng):
+    """A file cut, or with bytes changed, left out or repeated, mostly near its start."""
+    content = bytearray(content)
+    if rng.random() < 0.2:
+        return bytes(content[: rng.integers(len(content))])
+    for _ in range(rng.choice([1, 2, 8])):
+        at = int(rng.integers(min(len(content), 600) if rng.random() < 0.7 else len(content)))
+        match rng.integers(4):
+            case 0:
+                content[at] = rng.integers(256)
+            case 1:
+                content[at : at + 4] = rng.choice(
+                    [b"\xff\xff\xff\x7f", b"\x7f\xff\xff\xff", b"9999", b"-1e9"]
+                )
+            case 2:
+                del content[at : at + int(rng.choice([1, 8, 80]))]
+            case _:
+                content[at:at] = content[at : at + 40]
+    return bytes(content)
+
+
+@pytest.mark.parametrize(
+    "name", ["bracket.inp", "bracket.sti", "k.rsa", "k.m", "m.mat", "n.csv", "n.bdf", "e.exo"]
+)
+def test_changed_files_are_read_or_refused(tmp_path, name):
+    """Nothing but an error of this library, whatever stands in the file."""
+    if name.startswith("bracket"):
+        content = (DATA / name).read_bytes()
+    elif name == "m.mat":
+        savemat(
+            tmp_path / name,
+            {"model": {"K": K, "M": np.eye(3), "nodes": np.eye(3), "DOF": [1.01, 1.02, 1.03]}},
+        )
+        content = (tmp_path / name).read_bytes()
+    elif name == "e.exo":
+        with netcdf_file(tmp_path / name, "w") as store:
+            store.createDimension("num_nodes", 4)
+            for axis in "xyz":
+                store.createVariable(f"coord{axis}", "d", ("num_nodes",))[:] = np.arange(4.0)
+        content = (tmp_path / name).read_bytes()
+    else:
+        texts = {
+            "k.rsa": harwell_boeing(K),
+            "k.m": "a=[\n2 2 5.5;\n1 2 3.5];\na=sparse(a(:,1),a(:,2),a(:,3),3,3);\n",
+            "n.csv": "node,x,y,z,set,dofs\n1,0,0,0,a,x y\n2,1,0,0,a b,rz\n",
+            "n.bdf": "CORD2R,1,,0.,0.,0.,1.,0.,0.,\n,0.,1.,0.\nGRID,1,1,1.\nGRID*,2,1,1.\n*\n"
+            "SPOINT,4,THRU,9\nCBAR,1,1,1,1\nDMIG,K,0,6,2,0\nDMIG,K,1,1,,1,1,2.5\n",
+        }
+        content = texts[name].encode()
+    rng, path = np.random.default_rng(11), tmp_path / name
+    refused = 0
+    for _ in range(60):
+        path.write_bytes(mutated(content, rng))
+        for read in (read_nodes, lambda file: read_matrix(MatrixFile(file), "stiffness")):
+            try:
+                read(path)
+            except DynidError:
+                refused += 1
+    assert refused > 20

@@ -9,12 +9,14 @@ from functools import cache
 from typing import TYPE_CHECKING, NamedTuple
 
 from dynid.errors import DynidError, NumericalError, UsageError
+from dynid.number_format import counted
 from dynid.result import Result
 from dynid.scene.kind import KINDS
 from dynid.scene.schema.accuracy import aspects_of
 
 if TYPE_CHECKING:
     from dynid.scene.load import Scene
+    from dynid.structure.model import StructuralModel
 
 
 # The probe of `speed` on the machine of the rates of the explanations, s.
@@ -80,6 +82,15 @@ class Fact(NamedTuple):
 
     topic: str
     text: str
+
+
+def node_facts(structure: StructuralModel) -> list[Fact]:
+    """Return what the file of nodes of a structure says beside them, and what contradicts them."""
+    nodes = structure.nodes
+    if nodes is None or not (nodes.notes or nodes.doubts):
+        return []
+    said = "; ".join((counted(len(nodes.numbers), "node"), *nodes.notes))
+    return [Fact("nodes", said), *(Fact("warning", doubt) for doubt in nodes.doubts)]
 
 
 @dataclass(frozen=True)

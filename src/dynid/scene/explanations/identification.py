@@ -21,6 +21,7 @@ from dynid.scene.explanations.explanation import (
     Explanation,
     Fact,
     file_kilobytes,
+    node_facts,
     peak_megabytes,
     speed,
 )
@@ -71,6 +72,7 @@ def explain(scene: Scene) -> Explanation:
             made = method.at(expected_values(structure)).reduce(structure)
         small = structure if made is None else made.model
         facts += _of_model(structure, made, model.reduction_method)
+        facts += node_facts(structure)
         parts: dict[str, float] = {}
         kilobytes = 0.0
         if model.measurement is not None:

@@ -16,6 +16,7 @@ from dynid.scene.explanations.explanation import (
     Explanation,
     Fact,
     file_kilobytes,
+    node_facts,
     peak_megabytes,
     speed,
 )
@@ -44,6 +45,7 @@ def explain(scene: Scene) -> Explanation:
     result = Result("reduction", scene.title)
     n = structure.size
     facts = [Fact("model", f"{counted(n, 'DOF')}, {counted(len(structure.joints), 'joint')}")]
+    facts += node_facts(structure)
     made: dict[str, StructuralReduction] = {}
     seconds: dict[str, float] = {}
     try:
