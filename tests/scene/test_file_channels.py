@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 import yaml
+from scipy.linalg import eigh
 
 from dynid.errors import DynidError, SceneError
 from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene
 from tests.scene.test_frf_scenes import HEAD, HERTZ, accelerances
-from tests.tables.universal_files import function, nodes, system, units, written
+from tests.tables.universal_files import complex_mode, function, mode, nodes, system, units, written
 
 CHAIN = HEAD.replace(", true: 200", "").replace(", true: 1", "")
 BEAM = """\
@@ -391,3 +392,77 @@ def test_faults_of_the_scene_come_before_those_of_the_file(tmp_path):
         )
     assert len(caught.value.faults) >= 1
     assert "none.uff" not in str(caught.value)
+
+
+def exact_modes():
+    """Return frequencies (Hz) and shapes at nodes 3 and 5 of the beam with its spring, by dense matrices."""
+    h, EI, rhoA = 0.5, 1723.3, 0.1
+    size = np.diag([1, h, 1, h])
+    bending = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]])
+    inertia = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]])
+    K, M = np.zeros((10, 10)), np.zeros((10, 10))
+    for k in range(4):
+        at = slice(2 * k, 2 * k + 4)
+        K[at, at] += EI / h**3 * size @ bending @ size
+        M[at, at] += rhoA * h / 420 * size @ inertia @ size
+    K[8, 8] += 2000
+    values, shapes = eigh(K[2:, 2:], M[2:, 2:])
+    return np.sqrt(values) / (2 * np.pi), shapes[[2, 6]]
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_shapes_of_a_survey_are_matched(tmp_path, turned):
+    """By number along y; or by position, in mm, the deflection along -z of turned coordinates."""
+    hertz, shapes = exact_modes()
+    zero = [0.0, 0.0]
+    if turned:
+        place = [units(1e3, 1.0), nodes([1, 2], [(1000.0, 0.0, 0.0), (2000.0, 0.0, 0.0)])]
+        sets = [mode(f, [1, 2], zero, zero, -one) for f, one in zip(hertz[:3], shapes.T, strict=False)]
+        axes = "[[1, 0, 0], [0, 0, -1], [0, 1, 0]]"
+        modes = f"{{file: survey.unv, match: {{by: position, tolerance: 0.01, axes: {axes}}}}}"
+        sensors = ["w_3", "w_5"]
+    else:
+        place = []
+        sets = [mode(f, [3, 5], zero, one, zero) for f, one in zip(hertz[:3], shapes.T, strict=False)]
+        modes, sensors = "{file: survey.unv}", ["w_3", "w_5"]
+    written(tmp_path / "survey.unv", *place, *sets)
+    text = BEAM.replace("c: 1}", "c: 0}").replace(",\n         damping: {beta: 1.0e-4}}", "}")
+    text += f"measurement: {{modes: {modes}}}\n"
+    assert loaded(tmp_path, text)["measurement"]["modes"]["sensors"] == sensors
+    found = run(tmp_path, text)
+    assert found["identification/parameters/estimate"].data == pytest.approx([2000], rel=1e-4)
+    assert found["identification/modes/mac"].data == pytest.approx([1, 1, 1], abs=1e-8)
+
+
+def test_turned_shapes_have_signed_dofs(tmp_path):
+    written(tmp_path / "survey.unv", mode(3.0, [3], [0.0], [1.0], [0.0]))
+    axes = "[[-1, 0, 0], [0, -1, 0], [0, 0, 1]]"
+    text = BEAM + f"measurement: {{modes: {{file: survey.unv, match: {{axes: {axes}}}}}}}\n"
+    assert loaded(tmp_path, text)["measurement"]["modes"]["sensors"] == ["3:-y"]
+
+
+def test_shapes_that_cannot_be_matched_are_located(tmp_path):
+    written(tmp_path / "survey.unv", mode(3.0, [9], [0.0], [1.0], [0.0]))
+    said = refusal(tmp_path, BEAM + "measurement:\n  modes:\n    file: survey.unv\n")
+    assert said.startswith("x.yaml:10:5: the model has no DOFs at 1 of the 1 nodes of the test: 9")
+    more = "measurement:\n  modes: {file: survey.unv, match: {nodes: {9: 3}}"
+    assert loaded(tmp_path, BEAM + more + "}\n")["measurement"]["modes"]["sensors"] == ["w_3"]
+    assert "here the scene names the DOFs" in refusal(tmp_path, BEAM + more + ", sensors: [w_3]}\n")
+    assert "are those of channels" in refusal(
+        tmp_path, BEAM + more.replace("9: 3}", "9: 3}, units: labels") + "}\n"
+    )
+
+
+def test_complex_shapes_are_fitted_and_their_complexity_is_reported(tmp_path):
+    """Of (1, c i) after any rotation the imaginary part left over is c / sqrt(1 + c^2)."""
+    hertz, shapes = exact_modes()
+    first, zero, c = shapes[:, 0] / np.linalg.norm(shapes[:, 0]), [0j, 0j], 0.01
+    across = np.array([-first[1], first[0]])
+    values = np.exp(0.7j) * (first + 1j * c * across)
+    omega = 2 * np.pi * hertz[0]
+    pole = omega * complex(-1.0e-4 * omega / 2, 1)  # the beam's own damping
+    written(tmp_path / "survey.unv", complex_mode(pole, [3, 5], zero, values, zero))
+    found = run(tmp_path, BEAM.replace("c: 1}", "c: 0}") + "measurement: {modes: {file: survey.unv}}\n")
+    complexity = found["identification/modes/complexity_measured"].data
+    assert complexity == pytest.approx([c / np.hypot(1, c)], rel=1e-2)  # six digits in the file
+    assert found["identification/modes/mac"].data[0] > 0.999

@@ -8,7 +8,7 @@ import pytest
 
 from dynid.errors import FileError
 from dynid.tables.modal_tables import read_modes
-from dynid.tables.universal_shapes import read_shapes, real_shape
+from dynid.tables.universal_shapes import read_shapes
 from tests.tables.universal_files import complex_mode, mode, units, written
 
 
@@ -46,15 +46,7 @@ def test_complex_modes_have_their_eigenvalue(tmp_path):
     (found,) = read_shapes(path)
     assert found.frequency == pytest.approx(omega, rel=1e-5)
     assert found.damping == pytest.approx(zeta, rel=1e-4)
-    real, rest = real_shape(found.shape)
-    assert real[2, "z"] / real[1, "z"] == pytest.approx(-0.5, rel=1e-3)
-    # The imaginary part left over: that of the component beside the best real direction.
-    assert rest == pytest.approx(0.01 / 1.25, rel=1e-3)
-
-
-def test_a_real_shape_stays_and_its_complexity_is_zero():
-    shape = {(1, "x"): 2.0, (2, "x"): -1.0}
-    assert real_shape(shape) == (shape, 0.0)
+    assert found.shape[2, "z"] / found.shape[1, "z"] == pytest.approx(complex(-0.5, 0.01), rel=1e-5)
 
 
 def test_analysis_data_2414(tmp_path):

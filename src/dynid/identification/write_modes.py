@@ -6,7 +6,8 @@
 - `mac_start`, `mac`: modal assurance criterion of each pair; `mac_table_start`, `mac_table` of all pairs of
   measured and computed modes; `comac_start`, `comac`: that of each sensor over all modes.
 - `model_mode_start`, `model_mode`: the modes of the model that the measured ones are paired with, from 1.
-- `shape_measured`, `shape_start`, `shape`: shapes at the sensors, largest measured component 1.
+- `shape_measured`, `shape_start`, `shape`: shapes at the sensors, largest measured component 1; of complex
+  ones `complexity_measured`, the part of each that no phase makes real.
 - `expanded_start`, `expanded`: measured shapes at all DOFs, in the span of the modes they are paired with
   (SEREP); NaN where fewer sensors than modes were there.
 - `model_error`: errors of the model's form, relative, of each quantity, with `scatter_floor`.
@@ -33,7 +34,7 @@ from dynid.identification.modal_record import ModalFit, ModalRecord
 from dynid.identification.posterior import Posterior
 from dynid.parameters import named, starts
 from dynid.result import Result
-from dynid.structure.correlation import comac
+from dynid.structure.correlation import comac, complexity
 from dynid.structure.model import StructuralModel
 
 Array = NDArray[np.float64]
@@ -200,6 +201,8 @@ def _add_shapes(result: Result, record: ModalRecord, before: ModalFit, after: Mo
     count = max(before.mac.shape[1], after.mac.shape[1])
     result.add_axis(f"{GROUP}/computed", np.arange(1, count + 1))
     result.add(f"{GROUP}/shape_measured", measured.shapes, ("sensor", "mode"))
+    if measured.complex_shapes:
+        result.add(f"{GROUP}/complexity_measured", complexity(measured.shapes), ("mode",))
     for suffix, fit in (("_start", before), ("", after)):
         table = np.full((measured.modes, count), np.nan)
         table[:, : fit.mac.shape[1]] = fit.mac

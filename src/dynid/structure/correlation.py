@@ -48,6 +48,23 @@ def mac(a: NDArray[np.inexact], b: NDArray[np.inexact]) -> Array:
     return np.asarray(np.minimum(cosine, 1.0) ** 2)
 
 
+def complexity(shapes: NDArray[np.inexact]) -> Array:
+    """Return what no phase makes real of each shape: the norm of its imaginary part over its own.
+
+    0 for a shape of one phase, as of a normal mode; at most 0.71. The phase is that of the sum of squares,
+    which makes the real part largest.
+
+    Parameters
+    ----------
+    shapes
+        Mode shapes (n x r); NaN where a component is missing.
+    """
+    known = np.nan_to_num(shapes)
+    turned = known * np.exp(-0.5j * np.angle(np.sum(known**2, axis=0)))
+    size = np.linalg.norm(known, axis=0)
+    return np.asarray(np.linalg.norm(turned.imag, axis=0) / np.where(size > 0, size, 1.0))
+
+
 def frac(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> Array:
     """Return the frequency response assurance criterion of each response (… of omega x …).
 

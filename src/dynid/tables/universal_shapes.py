@@ -74,18 +74,6 @@ def read_shapes(path: Path, place: str = "") -> list[MeasuredShape]:
     return sorted(kept, key=lambda mode: mode.frequency)
 
 
-def real_shape(shape: Mapping[tuple[int, str], complex]) -> tuple[dict[tuple[int, str], float], float]:
-    """Return a shape turned by the phase that makes it most real, and the part of it that is left imaginary.
-
-    The part is the norm of the imaginary parts over that of the shape, 0 for a normal mode.
-    """
-    values = np.array(list(shape.values()), dtype=complex)
-    turned = values * np.exp(-0.5j * np.angle(np.sum(values**2))) if np.any(values.imag) else values
-    size = float(np.linalg.norm(turned))
-    rest = float(np.linalg.norm(turned.imag)) / size if size else 0.0
-    return dict(zip(shape, turned.real.tolist(), strict=True)), rest
-
-
 def _is_mode(data_set: Mapping[str, Any]) -> bool:
     if data_set["type"] == 2414:
         result, at_nodes = data_set["result_type"], data_set["dataset_location"] == _AT_NODES

@@ -1,4 +1,4 @@
-"""Channels that a Universal File names: `channels: all` written out, nodes matched to those of the model."""
+"""DOFs that a Universal File names, matched to those of the model: `channels: all`, and sensors of shapes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
 from dynid.errors import FileError, UsageError
-from dynid.scene.schema.measurement import AllOfFile, MatchModel
+from dynid.scene.schema.match import MatchModel
+from dynid.scene.schema.measurement import AllOfFile
 from dynid.tables.universal_units import function_units
 
 if TYPE_CHECKING:
@@ -16,8 +17,10 @@ if TYPE_CHECKING:
     from dynid.scene.load import Scene
     from dynid.scene.schema.identification import IdentificationScene
     from dynid.scene.schema.measurement import RecordModel
+    from dynid.scene.schema.modes import MeasuredModesModel
     from dynid.scene.yaml.source import Source
     from dynid.structure.matching import Matching
+    from dynid.structure.matrices import Label
     from dynid.structure.model import Motion, StructuralModel
     from dynid.structure.nodes import Nodes
     from dynid.tables.universal_file import UniversalFile, UniversalFunction
@@ -27,11 +30,12 @@ _LISTED = 6
 
 
 def completed(scene: Scene) -> Source:
-    """Return the source of a valid scene with the channels that its files name, listed one by one.
+    """Return the source of a valid scene with the channels and sensors that its files name, one by one.
 
     A record gets its channels, the columns of the file that they are, `step` and `samples` where these are
     absent, and where the scene has no excitation the forces in the file. Frequency responses get their
-    channels with reference DOFs, and the coherences of these where all are wanted.
+    channels with reference DOFs, and the coherences of these where all are wanted. Measured modes get the
+    DOFs of their shapes.
 
     Raises
     ------
@@ -42,11 +46,15 @@ def completed(scene: Scene) -> Source:
     """
     model = cast("IdentificationScene", scene.model)
     measurement = model.measurement
-    if measurement is None or not any(isinstance(one.channels, AllOfFile) for one in measurement.each):
+    if measurement is None:
+        return scene.source
+    channels = any(isinstance(one.channels, AllOfFile) for one in measurement.each)
+    shaped = _names_nodes(scene, measurement.modes)
+    if not (channels or shaped):
         return scene.source
     from dynid.scene.kinds.identification import structure_of
 
-    if model.structure is None:
+    if model.graph is not None:
         raise UsageError(
             "a Universal File names nodes and directions, which a graph has not",
             remedy="List the channels: channels: [{output: …}].",
@@ -54,6 +62,14 @@ def completed(scene: Scene) -> Source:
         )
     structure = structure_of(scene)
     data = dict(scene.source.data)
+    if shaped:
+        assert measurement.modes is not None
+        data["measurement"] = {
+            **data["measurement"],
+            "modes": _shapes(scene, measurement.modes, data["measurement"]["modes"], structure),
+        }
+    if not channels:
+        return replace(scene.source, data=data, overridden=True)
     given = data["measurement"]
     if not measurement.records:
         data["measurement"], forces = _written_out(scene, measurement, given, "measurement", structure)
@@ -71,6 +87,34 @@ def completed(scene: Scene) -> Source:
     shared = {key: value for key, value in given.items() if key != "match" and value != "all"}
     data["measurement"] = {**shared, "records": records}
     return replace(scene.source, data=data, overridden=True)
+
+
+def _names_nodes(scene: Scene, modes: MeasuredModesModel | None) -> bool:
+    """Return True if modes come from a Universal File, and the scene names no DOFs of their shapes."""
+    from dynid.tables.read import file_format
+
+    if modes is None or modes.file is None or modes.sensors is not None:
+        return False
+    return file_format(scene.folder / modes.file.path) == "uff"
+
+
+def _shapes(
+    scene: Scene, given: MeasuredModesModel, written: Mapping[str, Any], structure: StructuralModel
+) -> dict[str, Any]:
+    """Return the keys of measured modes with the DOFs of their shapes; `written` are those in the scene."""
+    from dynid.structure.labels import node_direction
+    from dynid.tables.modal_tables import read_modes
+    from dynid.tables.read import existing
+    from dynid.tables.universal_file import UniversalFile
+
+    assert given.file is not None
+    place, path = "measurement.modes", scene.folder / given.file.path
+    table = read_modes(path, given.file.names, f"{place}.file")
+    source = UniversalFile(existing(path, f"{place}.file"))
+    test = _Test(scene, given.match or MatchModel(), place, source, structure, "file")
+    ends = [node_direction(dof) for dof in table.dofs]
+    kept = {key: value for key, value in written.items() if key != "match"}
+    return {**kept, "sensors": test.signed([(int(end[0]), end[1]) for end in ends if end])}
 
 
 def _written_out(
@@ -107,9 +151,16 @@ class _Test:
     """A test in a Universal File, and where it lies in a model."""
 
     def __init__(
-        self, scene: Scene, match: MatchModel, place: str, source: UniversalFile, structure: StructuralModel
+        self,
+        scene: Scene,
+        match: MatchModel,
+        place: str,
+        source: UniversalFile,
+        structure: StructuralModel,
+        key: str = "channels",
     ) -> None:
         self.match, self.place, self.source, self.structure = match, place, source, structure
+        self.key = f"{place}.{key}"
         self.nodes = self._nodes(scene.folder)
         self.how = self._located(lambda: _matching(match))
 
@@ -132,9 +183,7 @@ class _Test:
             return made()
         except UsageError as error:
             names = [f"{self.place}.{name}" for name in error.names if self.match.model_fields_set]
-            raise UsageError(
-                error.problem, remedy=error.remedy, names=[*names, f"{self.place}.channels"]
-            ) from None
+            raise UsageError(error.problem, remedy=error.remedy, names=[*names, self.key]) from None
 
     def quantity(self, function: UniversalFunction) -> str:
         """Return what a function measures, as the file says, else as the scene does."""
@@ -169,9 +218,19 @@ class _Test:
             raise UsageError(
                 f"{end[0]}:{end[1]} of the test lies between DOFs of the model: {names}",
                 remedy="Leave the channel out.",
-                names=(f"{self.place}.channels",),
+                names=(self.key,),
             )
         return {"dof": label} if weight > 0 else {"dof": label, "gain": -1}
+
+    def signed(self, ends: Sequence[tuple[int, str]]) -> list[Label]:
+        """Return DOFs for ends, with a sign where these have the opposite direction."""
+        from dynid.structure.labels import node_direction
+
+        found: list[Label] = []
+        for one in self.dofs(ends):
+            node = node_direction(one["dof"]) if "gain" in one else None
+            found.append(one["dof"] if node is None else f"{node[0]}:-{node[1]}")
+        return found
 
     def refuse(self, functions: Sequence[tuple[int, UniversalFunction]], said: str, remedy: str) -> None:
         """Raise the fault of functions, by their numbers; none of them: no fault."""

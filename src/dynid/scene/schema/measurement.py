@@ -19,6 +19,7 @@ from dynid.defaults import NOISE_VALUES
 from dynid.errors import UsageError
 from dynid.scene.schema.base import FilePath, FrequencyGrid, MotionQuantity, Section, SignedDof
 from dynid.scene.schema.graph_variables import Output
+from dynid.scene.schema.match import MatchModel
 from dynid.scene.schema.modes import MeasuredModesModel
 from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Uncertain, Value, fault
 from dynid.scene.schema.signals import Signals, TablePlace
@@ -141,21 +142,6 @@ Channels = Annotated[
     WrapValidator(_or_all, json_schema_input_type=list[MeasuredChannelModel] | Literal["all"]),
 ]
 """Sensors, one by one, or all that a Universal File names."""
-
-_Vector = Annotated[list[Value], Field(min_length=3, max_length=3)]
-
-
-class MatchModel(Section):
-    """Where the nodes of a test, which a Universal File names, lie in the model."""
-
-    by: Literal["number", "position"] = "number"
-    tolerance: Positive | None = None
-    geometry: FilePath | None = None
-    origin: _Vector | None = None
-    axes: list[_Vector] | None = Field(default=None, min_length=3, max_length=3)
-    nodes: dict[int, int | str] = {}
-    quantity: MotionQuantity | None = None
-    units: Literal["labels", "record"] | None = None
 
 
 def _is_order(raw: Any) -> Any:

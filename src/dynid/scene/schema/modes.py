@@ -6,7 +6,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from dynid.scene.schema.base import Dof, FilePath, Section
+from dynid.scene.schema.base import Dof, FilePath, Section, SignedDof
+from dynid.scene.schema.match import MatchModel
 from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
 
 Component = (
@@ -101,7 +102,8 @@ class MeasuredModesModel(Section):
     unit: Literal["rad/s", "Hz"] | None = None
     values: list[ModeModel] = []
     file: Annotated[ModesFileModel, BeforeValidator(_path_alone)] | None = None
-    sensors: list[Dof] | SensorFileModel | None = None
+    sensors: list[SignedDof] | SensorFileModel | None = None
+    match: MatchModel | None = None
     floor: ScatterModel = ScatterModel()
     model_error: ScatterModel = ScatterModel()
 
@@ -111,4 +113,8 @@ class MeasuredModesModel(Section):
             raise fault("measured modes are either listed as 'values' or read from a 'file'")
         if self.sensors is not None and self.file is None:
             raise fault("'sensors' are those of the rows in a 'file'; listed shapes name their DOFs")
+        if self.match is not None and (self.file is None or self.sensors is not None):
+            raise fault("'match' finds the nodes of a file in the model; here the scene names the DOFs")
+        if self.match is not None and (self.match.quantity or self.match.units):
+            raise fault("'quantity' and 'units' are those of channels; leave them out")
         return self

@@ -1,0 +1,25 @@
+"""The block `match`: where the nodes of a test lie in the model."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from dynid.scene.schema.base import FilePath, MotionQuantity, Section
+from dynid.scene.schema.quantities import Positive, Value
+
+_Vector = Annotated[list[Value], Field(min_length=3, max_length=3)]
+
+
+class MatchModel(Section):
+    """Where the nodes of a test, which a Universal File names, lie in the model."""
+
+    by: Literal["number", "position"] = "number"
+    tolerance: Positive | None = None
+    geometry: FilePath | None = None
+    origin: _Vector | None = None
+    axes: list[_Vector] | None = Field(default=None, min_length=3, max_length=3)
+    nodes: dict[int, int | str] = {}
+    quantity: MotionQuantity | None = None
+    units: Literal["labels", "record"] | None = None
