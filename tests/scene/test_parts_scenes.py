@@ -186,7 +186,6 @@ analysis: {modes: {count: 6}, outputs: [{dof: "p:rz"}, {dof: "4:-x"}], inputs: [
         ("node: 1, fix", "node: 9, fix", "11:74: there is no node 9; there are 4"),
         (", true: 300", "", "17:62: a simulated measurement needs the 'true' value of this parameter"),
         ("excitation:", "structure: {lumped: {masses: [1]}}\nexcitation:", "1:1: a scene of this kind has"),
-        ("excitation:", "reduction: {method: serep}\nexcitation:", "1:1: either the parts have a"),
     ],
 )  # fmt: skip
 def test_one_mistake_is_one_sentence_at_its_place(right, wrong, fault):
@@ -230,3 +229,24 @@ def test_a_whole_assembly_is_reduced_with_points_as_masters():
     assert small.model.size == 10 + 8
     result = dynid.run(made)
     np.testing.assert_allclose(result["identification/parameters/error_percent"].data, 0, atol=1e-3)
+
+
+def test_reduced_parts_are_reduced_further_with_the_basis_that_follows_the_joints():
+    text = SCENE.replace(
+        "joints:", "reduction: {method: joint-aware, modes: {count: 9}, residuals: none}\njoints:", 1
+    )
+    made = scene(text)
+    method = reductor_of(made)
+    assert method.follows_joints
+    structure = structure_of(made)
+    small = method.reduce(structure)
+    assert small.model.basis.parent.size == 17  # 5 masters and 4 modes of the arm, 8 DOFs of full parts
+    assert small.model.size == 9
+    assert method.reduce(structure).model.basis.parent is small.model.basis.parent
+    exact = np.linalg.eigvals(np.linalg.solve(*small.model.basis.parent.dense(structure.true_values())[::2]))
+    at = method.at(structure.true_values()).reduce(structure).model
+    M, _, K = at.dense(structure.true_values())
+    found = np.linalg.eigvals(np.linalg.solve(M, K)).real
+    np.testing.assert_allclose(np.sort(found), np.sort(exact.real)[:9], rtol=1e-8)
+    result = dynid.run(made)
+    np.testing.assert_allclose(result["identification/parameters/error_percent"].data, 0, atol=0.5)

@@ -307,12 +307,9 @@ def reductor_of(scene: Scene) -> LocatedReductor | None:
         return None
     from dynid.scene.kinds.reduction import build_reductor, reductor_by_parts
 
-    part = reduction_of(scene)
-    if part is None:
-        return reductor_by_parts(
-            {n: one.reduction for n, one in (model.structures or {}).items()}, interest_of(scene)
-        )
-    return build_reductor(part, interest_of(scene), "reduction")
+    part, interest, parts = reduction_of(scene), interest_of(scene), model.part_reductions
+    first = reductor_by_parts(parts, interest) if any(parts.values()) else None
+    return first if part is None else build_reductor(part, interest, "reduction", first)
 
 
 def reduction_of(scene: Scene) -> ReductionModel | None:

@@ -39,23 +39,43 @@ if TYPE_CHECKING:
 
 
 class LocatedReductor:
-    """A method, whose errors name its place in the scene."""
+    """A method, whose errors name its place in the scene.
 
-    def __init__(self, method: Reductor, place: str) -> None:
+    Parameters
+    ----------
+    method
+        The method.
+    place
+        The dotted path of its key in the scene.
+    first
+        The reduction of the parts of the structure, which is made once and then reduced further.
+    """
+
+    def __init__(self, method: Reductor, place: str, first: LocatedReductor | None = None) -> None:
         self.method = method
         self.place = place
+        self.first = first
+        self._parts: tuple[StructuralModel, StructuralModel] | None = None
 
     def reduce(self, model: StructuralModel) -> Reduced:
         """Reduce a structure, as the method does."""
+        if self.first is not None:
+            model = self.first.of_parts(model)
         with _placed(self.place):
             if model.motions and not isinstance(self.method, ReductionByParts):
                 return reduced_with_motions(self.method, model)
             return self.method.reduce(model)
 
+    def of_parts(self, model: StructuralModel) -> StructuralModel:
+        """Return the reduced model of a structure, which is kept for the next time."""
+        if self._parts is None or self._parts[0] is not model:
+            self._parts = (model, self.reduce(model).model)
+        return self._parts[1]
+
     def at(self, values: Mapping[str, float]) -> LocatedReductor:
         """Return the method for these values of the joints, where its basis depends on them."""
         if isinstance(self.method, JointAware):
-            return LocatedReductor(self.method.at(values), self.place)
+            return LocatedReductor(self.method.at(values), self.place, self.first)
         return self
 
     @property
@@ -64,7 +84,9 @@ class LocatedReductor:
         return isinstance(self.method, JointAware)
 
 
-def build_reductor(part: ReductionModel, interest: Interest, place: str) -> LocatedReductor:
+def build_reductor(
+    part: ReductionModel, interest: Interest, place: str, first: LocatedReductor | None = None
+) -> LocatedReductor:
     """Build a reduction method from its part of a scene.
 
     Parameters
@@ -75,9 +97,11 @@ def build_reductor(part: ReductionModel, interest: Interest, place: str) -> Loca
         The DOFs and the band for which the reduced model is made.
     place
         The dotted path of the part in the scene.
+    first
+        The reduction of the parts of an assembly, which comes before.
     """
     with _placed(place):
-        return LocatedReductor(METHODS[part.method](**_options(part), interest=interest), place)
+        return LocatedReductor(METHODS[part.method](**_options(part), interest=interest), place, first)
 
 
 def reductor_by_parts(parts: Mapping[str, ReductionModel | None], interest: Interest) -> LocatedReductor:

@@ -178,15 +178,18 @@ class IdentificationScene(ComposedScene):
     @property
     def is_reduced(self) -> bool:
         """True if the structure is reduced, as a whole or part by part."""
-        return self.reduction is not None or any(part.reduction for part in (self.structures or {}).values())
+        return self.reduction is not None or any(self.part_reductions.values())
+
+    @property
+    def part_reductions(self) -> dict[str, ReductionModel | None]:
+        """The reduction of each part by itself; None of a full part."""
+        return {name: part.reduction for name, part in (self.structures or {}).items()}
 
     @property
     def reduction_method(self) -> str:
         """The method that reduces the structure, or those that reduce its parts."""
-        if self.reduction is not None:
-            return self.reduction.method
-        each = {name: part.reduction for name, part in (self.structures or {}).items() if part.reduction}
-        return ", ".join(f"{part.method} ({name})" for name, part in each.items())
+        each = [f"{part.method} ({name})" for name, part in self.part_reductions.items() if part is not None]
+        return ", ".join([*each, *([self.reduction.method] if self.reduction is not None else [])])
 
     @property
     def responses(self) -> ResponseModel | None:
@@ -211,8 +214,6 @@ class IdentificationScene(ComposedScene):
     def _asks_something(self) -> Self:
         if sum(one is not None for one in (self.structure, self.structures, self.graph)) != 1:
             raise fault("a scene of this kind has either a 'structure', or 'structures', or a 'graph'")
-        if self.reduction is not None and any(part.reduction for part in (self.structures or {}).values()):
-            raise fault("either the parts have a 'reduction' each, or the whole assembly has one")
         if self.measurement is None and self.analysis is None:
             raise fault("a scene needs a 'measurement' to identify from, or an 'analysis'")
         if self.identifiability and self.measurement is None:
