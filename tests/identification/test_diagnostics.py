@@ -222,6 +222,8 @@ def posterior(measured=MEASURED, residual=NOISE, **changed):
         contradicted_noise=[],
         noise_test=None,
         model_error=None,
+        mistakes=(),
+        several=False,
         noun="record",
         **(given | changed),
     )

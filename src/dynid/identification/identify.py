@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import Diverged, UsageError
+from dynid.errors import Diverged, DynidError, NotIdentifiable, UsageError
 from dynid.identification.estimators.auto import Auto, FrfAuto
 from dynid.identification.estimators.estimate import Estimate, Estimator, Sweep
 from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
@@ -24,6 +24,7 @@ from dynid.identification.estimators.modal_search import ModalSearch
 from dynid.identification.filter import ASTRAY
 from dynid.identification.frf_measurement import FrfMeasurement, frf_data
 from dynid.identification.frf_record import FrfLikelihood, frf_likelihood
+from dynid.identification.instrument_mistakes import instrument_mistakes
 from dynid.identification.instruments import Instruments, with_spreads
 from dynid.identification.likelihood import Likelihood
 from dynid.identification.measurement import (
@@ -195,6 +196,7 @@ def identify_all(
             rebuild,
             lambda other, values: _likelihood(models_of_records(other, experiments), experiments, values),
             dofs,
+            suggest=into is None or into.wants("identification/diagnostics/warnings"),
         )
         return add_identification(
             Result("identification") if into is None else into,
@@ -261,6 +263,7 @@ def identify_frf(
             [dof for frf in measurement.channels for dof in (frf.channel.dof, frf.force)]
             if isinstance(model, StructuralModel)
             else [],
+            suggest=True,
         )
         return add_identification(Result("identification"), posterior, further=further)
 
@@ -273,6 +276,8 @@ def posterior_of(
     rebuild: Rebuild | None,
     likelihood_of: Callable[[Any, Sequence[RecordData]], Likelihood],
     dofs: Sequence[Label],
+    *,
+    suggest: bool = False,
 ) -> tuple[Posterior, Model]:
     """Return the posterior of the parameters, and the model at the end.
 
@@ -296,8 +301,10 @@ def posterior_of(
         Returns the likelihood of given values of the records with another model.
     dofs
         DOFs of loads and sensors.
+    suggest
+        Whether mistakes of instruments are sought that explain a lack of fit.
     """
-    names, values = likelihood.names, [record.data for record in likelihood.records]
+    values = [record.data for record in likelihood.records]
     eta = starts(model.unknowns)
     search_last = isinstance(likelihood, FrfLikelihood)
     here, most_rounds = estimator, _MOST_ROUNDS
@@ -305,8 +312,7 @@ def posterior_of(
         here, most_rounds = _with(estimator, accept_small=True, multi_start=False), 2 * _MOST_ROUNDS
     before: Posterior | None = None
     for number in count(1):
-        with guarded("the estimator", Diverged, remedy=ASTRAY, names=names):
-            estimate = here.run(likelihood, eta)
+        estimate = _estimated(here, likelihood, eta, suggest)
         if likelihood.modelled and estimate.likelihood is None:  # an estimator that assumes white noise
             coloured = likelihood.renewed(estimate.fit)
             fit = coloured.fit(estimate.fit.eta)
@@ -332,7 +338,7 @@ def posterior_of(
         if number == most_rounds:
             break
         likelihood = likelihood_of(model, values).continuing(posterior.likelihood)
-    posterior.check()
+    posterior = _checked(posterior, starts(model.unknowns), suggest)
     full = isinstance(truth, StructuralModel) and truth.basis is None
     if full and isinstance(model, StructuralModel) and model.basis is not None:
         own = [record.data for record in posterior.likelihood.records]
@@ -345,6 +351,34 @@ def posterior_of(
         )
         posterior = replace(posterior, model_error=found)
     return posterior, model
+
+
+def _estimated(estimator: Any, likelihood: Likelihood, eta: Array, suggest: bool) -> Estimate:
+    """Return an estimate from coordinates (p); an error names mistakes of instruments that explain it."""
+    try:
+        with guarded("the estimator", Diverged, remedy=ASTRAY, names=likelihood.names):
+            found: Estimate = estimator.run(likelihood, eta)
+            return found
+    except Diverged as error:
+        raise _suggesting(error, instrument_mistakes(likelihood, [eta]) if suggest else ()) from error
+
+
+def _checked(posterior: Posterior, start: Array, suggest: bool) -> Posterior:
+    """Return a posterior with mistakes of instruments that explain its lack of fit; check it."""
+    if suggest and (not posterior.comparison.explained or posterior.comparison.lacks_fit):
+        found = instrument_mistakes(posterior.likelihood, [posterior.fit.eta, start])
+        posterior = replace(posterior, mistakes=tuple(found))
+    try:
+        posterior.check()
+    except (Diverged, NotIdentifiable) as error:
+        raise _suggesting(error, posterior.mistakes) from error
+    return posterior
+
+
+def _suggesting(error: DynidError, mistakes: Sequence[str]) -> DynidError:
+    """Return an error with mistakes of instruments that would explain it among its remedies."""
+    remedy = " ".join([error.remedy, *(f"{one[0].upper()}{one[1:]}" for one in mistakes)])
+    return type(error)(error.problem, remedy=remedy, names=error.names)
 
 
 def _with(estimator: Any, **options: bool) -> Any:

@@ -96,12 +96,15 @@ class Posterior:
         The estimate.
     model_error
         Error that the reduction of the model causes, if it is reduced.
+    mistakes
+        Mistakes of instruments that explain the lack of fit, in words.
     """
 
     likelihood: Likelihood
     method: str
     estimate: Estimate
     model_error: ModelError | None = None
+    mistakes: tuple[str, ...] = ()
 
     @property
     def fit(self) -> Fit:

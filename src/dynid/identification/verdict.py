@@ -87,6 +87,7 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
             "limit for so many lines and DOFs: start nearer to the true values, reduce the structure, give "
             "fewer lines, or correct the noise model (measurement.noise) if residuals grow with the response"
         )
+    yield from posterior.mistakes
     if compared.lacks_fit and compared.explained:
         worst = posterior.channels[int(np.argmin(compared.channel_lack_of_fit_p))].name
         yield (

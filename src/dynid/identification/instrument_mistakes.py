@@ -1,0 +1,278 @@
+"""Mistakes of instruments that explain a lack of fit: factors of units, signs, delays of whole samples.
+
+A record of a wrong unit, a reversed sensor, or instruments that started at different samples does not fit
+the model, or fits it with wrong parameters. Each channel is compared with the prediction: the delay of the
+largest correlation, and the factor among ±1, g, 1/g, 1000, 1/1000 that is nearest to the ratio of their RMS.
+The parameters are estimated again from the corrected channels, in turn, until the corrections stay the same:
+a search for the greatest concentrated likelihood over parameters and corrections. It starts from the
+estimate, from the start, and from the start with one mistake in all channels, or in all of one quantity.
+
+Corrections are suggested only where the model lacked fit, the likelihood grows far beyond what the choice
+among them explains, every corrected channel needs its own, and the corrected record fits.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import DynidError
+from dynid.identification.estimators.maximum_likelihood import refine
+from dynid.identification.frf_record import FrfRecord
+from dynid.identification.lack_of_fit import compare_models
+from dynid.identification.likelihood import Fit, Likelihood
+from dynid.identification.time_record import TimeRecord
+
+Array = NDArray[np.float64]
+
+_GRAVITY = 9.80665
+_COMMON = (-1.0, _GRAVITY, 1 / _GRAVITY, 1000.0, 1e-3)
+_FACTORS = np.array([sign * one for sign in (1, -1) for one in (1, _GRAVITY, 1 / _GRAVITY, 1000, 1e-3)])
+# The longest delay that is tried, in samples and as a part of the record; delays tried for all channels.
+_MOST_DELAY, _PART, _COMMON_DELAYS = 20, 0.1, (1, -1, 2, -2, 3, -3)
+# A channel whose square of the correlation with the prediction is less is left as it is.
+_CORRELATED = 0.2
+# Rounds of corrections and estimates; steps of an estimate, and of a first one.
+_ROUNDS, _STEPS, _FEW_STEPS = 6, 30, 12
+# Gain of the logarithm of the likelihood: at least, and for each channel that is corrected.
+_LEAST_GAIN, _GAIN_EACH = 20.0, 7.0
+# How many times smaller the mean square of a corrected channel's residual is than without its correction.
+_SMALLER = 2.0
+# Multiplications of one evaluation of frequency responses beyond which nothing is searched.
+_MOST_WORK = 3e7
+# Values times states beyond which only the estimate and the start are searched from.
+_LARGE = 2e5
+
+
+class Correction(NamedTuple):
+    """What is recorded is `factor` times the model, `delay` samples later."""
+
+    factor: float = 1.0
+    delay: int = 0
+
+
+_NONE = Correction()
+Corrections = list[list[Correction]]
+"""Corrections of the channels of each record."""
+
+
+class _Found(NamedTuple):
+    """Corrections, and the estimate with them."""
+
+    corrections: Corrections
+    likelihood: Likelihood
+    fit: Fit
+    value: float
+
+
+def instrument_mistakes(likelihood: Likelihood, etas: Sequence[Array]) -> list[str]:
+    """Return suggestions of corrections that explain what the model does not; none where none does.
+
+    Parameters
+    ----------
+    likelihood
+        Records that the model does not explain.
+    etas
+        Coordinates of the parameters (p) to search from: the estimate, if there is one, and the start.
+    """
+    records = likelihood.records
+    for record in records:
+        if not isinstance(record, TimeRecord | FrfRecord) or record.data.robust is not None:
+            return []
+        if isinstance(record, FrfRecord) and (
+            record.measurement.proportional or record.multiplications > _MOST_WORK
+        ):
+            return []
+    plain = _corrected(likelihood, [[_NONE] * record.data.values.shape[1] for record in records])
+    try:
+        before = _value(plain, plain.fit(etas[0]), None)
+    except (DynidError, ArithmeticError, np.linalg.LinAlgError):
+        before = math.inf
+    found = [one for eta in etas if (one := _search(likelihood, plain, eta)) is not None]
+    best = min(found, key=lambda one: one.value, default=None)
+    if best is None or not _explains(plain, best, before):
+        best = _from_common_mistakes(likelihood, plain, etas[-1])
+    return list(_sentences(plain, best)) if best is not None and _explains(plain, best, before) else []
+
+
+def _search(
+    likelihood: Likelihood, plain: Likelihood, eta: Array, first: Corrections | None = None
+) -> _Found | None:
+    """Return corrections and estimate that belong to each other; None where the estimate fails.
+
+    The `first` corrections are those of the prediction at `eta` where none are given.
+    """
+    try:
+        corrections = _chosen(plain, plain.fit(eta)) if first is None else first
+        for _ in range(_ROUNDS):
+            found = _estimated(likelihood, plain, corrections, eta, _STEPS)
+            new = _chosen(plain, found.fit)
+            if new == corrections:
+                return found
+            corrections, eta = new, found.fit.eta
+    except (DynidError, ArithmeticError, np.linalg.LinAlgError):
+        pass  # parameters that run away explain nothing
+    return None
+
+
+def _estimated(
+    likelihood: Likelihood, plain: Likelihood, corrections: Corrections, eta: Array, steps: int
+) -> _Found:
+    """Return the estimate from corrected channels."""
+    corrected = _corrected(likelihood, corrections)
+    fit = refine(corrected, eta, steps).fit
+    return _Found(corrections, corrected, fit, _value(plain, fit, corrections))
+
+
+def _from_common_mistakes(likelihood: Likelihood, plain: Likelihood, eta: Array) -> _Found | None:
+    """Return the best of the searches that start with one mistake in all channels, or in a quantity."""
+    if sum(record.data.values.size for record in plain.records) * plain.records[0].nuisances > _LARGE:
+        return None
+    quantities = [[str(getattr(one, "quantity", "")) for one in record.channels] for record in plain.records]
+    kinds = sorted({one for own in quantities for one in own})
+    mistakes = [Correction(factor) for factor in _COMMON]
+    tried = [(mistake, kind) for kind in ["", *(kinds if len(kinds) > 1 else [])] for mistake in mistakes]
+    if all(record.sampling_step is not None for record in plain.records):
+        tried += [(Correction(1.0, delay), "") for delay in _COMMON_DELAYS]
+    found = []
+    for mistake, kind in tried:
+        corrections = [[mistake if kind in ("", one) else _NONE for one in own] for own in quantities]
+        try:
+            found.append(_estimated(likelihood, plain, corrections, eta, _FEW_STEPS))
+        except (DynidError, ArithmeticError, np.linalg.LinAlgError):
+            continue
+    best = min(found, key=lambda one: one.value, default=None)
+    return None if best is None else _search(likelihood, plain, best.fit.eta, best.corrections)
+
+
+def _corrected(likelihood: Likelihood, corrections: Corrections) -> Likelihood:
+    """Return the likelihood of corrected channels, with white noise of unknown deviations."""
+    records = []
+    for record, own in zip(likelihood.records, corrections, strict=True):
+        values = record.data.recorded
+        columns = [_shifted(values[:, c], -one.delay) / one.factor for c, one in enumerate(own)]
+        data = replace(
+            record.data, values=np.column_stack(columns), noise=None, clean=None, given=None, colour=None
+        )
+        white = replace(record, colour=None) if isinstance(record, TimeRecord) else record
+        records.append(white.on(data))
+    return Likelihood(tuple(records))
+
+
+def _shifted(values: Array, delay: int) -> Array:
+    """Return samples so much later, NaN where none are."""
+    out = np.full(len(values), np.nan)
+    if delay >= 0:
+        out[delay:] = values[: len(values) - delay]
+    else:
+        out[:delay] = values[-delay:]
+    return out
+
+
+def _chosen(plain: Likelihood, fit: Fit) -> Corrections:
+    """Return the correction of each channel that a prediction suggests."""
+    return [
+        [
+            _best(record.data.values[:, c], part.predicted.outputs[:, c], record.sampling_step is not None)
+            for c in range(len(part.counts))
+        ]
+        for record, part in zip(plain.records, fit.parts, strict=True)
+    ]
+
+
+def _best(recorded: Array, predicted: Array, in_time: bool) -> Correction:
+    """Return delay and factor of a channel against its prediction; responses have no delay in samples."""
+    most = min(_MOST_DELAY, int(_PART * len(recorded))) if in_time else 0
+    squares: dict[int, float] = {}
+    ratios: dict[int, float] = {}
+    for delay in sorted(range(-most, most + 1), key=abs):
+        later = _shifted(predicted, delay)
+        both = ~(np.isnan(recorded) | np.isnan(later))
+        z, y = recorded[both], later[both]
+        zz, yy, zy = float(z @ z), float(y @ y), float(z @ y)
+        if zz > 0 and yy > 0:
+            squares[delay] = zy * zy / (zz * yy)
+            ratios[delay] = math.copysign(math.sqrt(zz / yy), zy)
+    if not squares or max(squares.values()) < _CORRELATED:
+        return _NONE
+    left = 1 - max(squares.values())
+    # The shortest of the delays that are nearly as good, as those of periodic signals are.
+    delay = next(one for one, square in squares.items() if 1 - square <= 1.05 * left + 1e-9)
+    ratio = ratios[delay]
+    alike = _FACTORS[np.sign(_FACTORS) == np.sign(ratio)]
+    return Correction(float(alike[int(np.argmin(np.abs(np.log(np.abs(alike / ratio)))))]), delay)
+
+
+def _value(plain: Likelihood, fit: Fit, corrections: Corrections | None) -> float:
+    """Return minus the logarithm of the concentrated likelihood of the channels as recorded."""
+    total = 0.0
+    for k, (record, part) in enumerate(zip(plain.records, fit.parts, strict=True)):
+        factors = 1.0 if corrections is None else np.array([abs(one.factor) for one in corrections[k]])
+        size = np.maximum(part.size * factors, 1e-9 * record.data.rms)
+        total += float(record.data.counts @ np.log(size))
+    return total
+
+
+def _explains(plain: Likelihood, found: _Found, before: float) -> bool:
+    """Return True if the corrections are needed, each of them, and the corrected records fit."""
+    changed = sum(one != _NONE for own in found.corrections for one in own)
+    if not changed or not before - found.value > _LEAST_GAIN + _GAIN_EACH * changed:
+        return False
+    for record, part, own in zip(plain.records, found.fit.parts, found.corrections, strict=True):
+        for c, one in enumerate(own):
+            uncorrected = record.data.values[:, c] - part.predicted.outputs[:, c]
+            least = _SMALLER * (part.size[c] * one.factor) ** 2
+            if one != _NONE and not float(np.nanmean(uncorrected**2)) > least:
+                return False
+    return compare_models(found.likelihood, found.fit).explained
+
+
+def _sentences(plain: Likelihood, found: _Found) -> Iterator[str]:
+    """Yield one sentence for each kind of correction."""
+    several = len(plain.records) > 1
+    places: dict[Correction, list[str]] = {}
+    channels = 0
+    for k, (record, own) in enumerate(zip(plain.records, found.corrections, strict=True), 1):
+        for channel, one in zip(record.channels, own, strict=True):
+            places.setdefault(one, []).append(f"record_{k}.{channel.name}" if several else channel.name)
+            channels += 1
+    step = plain.records[0].sampling_step or 0.0
+    for one, names in places.items():
+        if one == _NONE:
+            continue
+        parts = []
+        if one.factor != 1:
+            parts.append(f"{one.factor:.6g} times the model")
+        if one.delay:
+            early = "later" if one.delay > 0 else "earlier"
+            count = abs(one.delay)
+            parts.append(f"{count} sample{'s' * (count != 1)} ({count * step:.4g} s) {early} than the model")
+        subject = f"{', '.join(names)} {'are' if len(names) > 1 else 'is'}"
+        whole = len(names) == channels
+        yield (
+            f"the lack of fit is explained where {subject} {' and '.join(parts)}: {_remedy(one, step, whole)}"
+        )
+
+
+def _remedy(one: Correction, step: float, whole: bool) -> str:
+    """Return what may be wrong, and the key that corrects it."""
+    hints = []
+    if one.factor < 0:
+        hints.append("a reversed sensor (gain: -1)?")
+    size = abs(one.factor)
+    if size == 1 / _GRAVITY:
+        hints.append("recorded in g (unit: g)?")
+    elif size == _GRAVITY:
+        hints.append("recorded in m/s2, and taken for g?")
+    elif size != 1:
+        hints.append("a unit that is a thousand times another one (unit)?")
+    if one.delay:
+        hints.append(f"another start of its instrument (delay: {one.delay * step:.6g})?")
+    if whole:
+        hints.append("Or all of them are right, and the excitation has the inverse mistake.")
+    return " ".join(hints)

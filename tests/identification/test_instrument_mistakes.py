@@ -1,0 +1,146 @@
+"""Suggestions of mistakes of instruments: named where they explain a record, and none of good records."""
+
+import numpy as np
+import pytest
+
+from dynid.errors import DynidError
+from dynid.identification import identify as identification
+from dynid.identification.estimators.maximum_likelihood import OutputError
+from dynid.identification.frf_measurement import Frf, FrfMeasurement
+from dynid.identification.identify import identify, identify_frf
+from dynid.identification.instrument_mistakes import instrument_mistakes
+from dynid.identification.measurement import Measurement
+from dynid.identification.simulation import Simulation
+from dynid.lti.signals import Sampled
+from dynid.structure.joints import Joint, JointParameter
+from dynid.structure.lumped import Link, lumped
+from dynid.structure.response import Channel, Load
+
+STEP, SAMPLES, GRAVITY = 0.02, 300, 9.80665
+CHANNELS = (Channel(1, "acceleration"), Channel(2, "acceleration"), Channel(2, "velocity"))
+
+
+def model(mass=2.0):
+    joint = Joint("j", (1, 2), JointParameter(start=300, true=400), JointParameter(start=0.5, true=0.8))
+    return lumped((mass, 1), (Link((1,), 800, 1.5),), [joint])
+
+
+def force(seed):
+    return np.random.default_rng(1000 + seed).standard_normal(SAMPLES)
+
+
+def load(samples):
+    return [Load(1, Sampled(samples, STEP))]
+
+
+def record(seed=1, noise=0.05):
+    """Values of a good record (samples x channels)."""
+    simulation = Measurement(STEP, SAMPLES, CHANNELS, Simulation(noise, seed))
+    found = identify(model(), load(force(seed)), simulation, OutputError())
+    return np.array(found["identification/measurement/measured"].data)
+
+
+def later(values, samples):
+    out = np.roll(values, samples)
+    out[:samples] = np.nan
+    return out
+
+
+def said(values, driven=None, structure=None):
+    """Return what the warnings or the error of an identification suggest."""
+    measured = Measurement(STEP, SAMPLES, CHANNELS, values)
+    try:
+        driving = load(force(1) if driven is None else driven)
+        found = identify(structure or model(), driving, measured, OutputError())
+    except DynidError as error:
+        return error.remedy.split("The lack of fit is ")[1:]
+    every = found["identification/diagnostics/warnings"].data
+    return [one.removeprefix("the lack of fit is ") for one in every if one.startswith("the lack of fit is ")]
+
+
+@pytest.mark.parametrize(
+    ("factors", "expected"),
+    [
+        ([1, -1, 1], "explained where 2.acceleration is -1 times the model: a reversed sensor (gain: -1)?"),
+        (
+            [1 / GRAVITY, 1 / GRAVITY, 1],
+            "explained where 1.acceleration, 2.acceleration are 0.101972 times the model: recorded in g",
+        ),
+        ([1, 1, 1000], "explained where 2.velocity is 1000 times the model: a unit that is a thousand times"),
+        (
+            [1, 1, 1e-3],
+            "explained where 2.velocity is 0.001 times the model: a unit that is a thousand times",
+        ),
+        ([GRAVITY, 1, 1], "explained where 1.acceleration is 9.80665 times the model: recorded in m/s2"),
+        (
+            [-1, -1, -1],
+            "explained where 1.acceleration, 2.acceleration, 2.velocity are -1 times the model: "
+            "a reversed sensor (gain: -1)? Or all of them are right, and",
+        ),
+    ],
+)
+def test_a_factor_that_explains_the_record_is_suggested(factors, expected):
+    (found,) = said(record() * factors)
+    assert found.startswith(expected)
+
+
+@pytest.mark.parametrize("samples", [1, 3])
+def test_a_delay_of_whole_samples_is_suggested(samples):
+    values = record()
+    values[:, 2] = later(values[:, 2], samples)
+    (found,) = said(values)
+    assert f"2.velocity is {samples} sample" in found
+    assert f"(delay: {samples * STEP:g})?" in found
+
+
+def test_another_start_of_the_excitation_is_suggested():
+    values = np.column_stack([later(one, 2) for one in record().T])
+    (found,) = said(values)
+    assert "are 2 samples (0.04 s) later than the model" in found
+    assert "Or all of them are right, and the excitation" in found
+
+
+def test_a_wrong_model_is_no_mistake_of_an_instrument():
+    assert said(record(), structure=model(mass=3.0)) == []
+
+
+@pytest.mark.parametrize(
+    ("factor", "expected"), [(1 / GRAVITY, "recorded in g (unit: g)?"), (-1, "gain: -1")]
+)
+def test_a_factor_of_a_frequency_response_is_suggested(factor, expected):
+    channels = tuple(Frf(Channel(dof, "acceleration"), 1) for dof in (1, 2))
+    omega = np.linspace(5, 45, 81)
+    simulated = FrfMeasurement(omega, channels, Simulation(0.03, 3))
+    values = np.array(identify_frf(model(), simulated)["identification/measurement/measured"].data)
+    try:
+        found = identify_frf(model(), FrfMeasurement(omega, channels, values * [1, factor]))
+        every = " ".join(found["identification/diagnostics/warnings"].data)
+    except DynidError as error:
+        every = str(error)
+    assert "lack of fit is explained where 2.acceleration" in every
+    assert expected in every
+
+
+def suggested_of_good_records(monkeypatch, seeds):
+    """Return the suggestions for good records, whether their fit gives cause for them or not."""
+    found = []
+
+    def checked(posterior, start, _suggest):
+        found.append(instrument_mistakes(posterior.likelihood, [posterior.fit.eta, start]))
+        return posterior
+
+    monkeypatch.setattr(identification, "_checked", checked)
+    for seed in seeds:
+        simulation = Measurement(STEP, SAMPLES, CHANNELS, Simulation(0.05, seed))
+        identify(model(), load(force(seed)), simulation, OutputError())
+    assert len(found) == len(seeds)
+    return [one for one in found if one]
+
+
+def test_good_records_give_no_cause_for_suggestions(monkeypatch):
+    assert suggested_of_good_records(monkeypatch, range(1, 4)) == []
+
+
+@pytest.mark.slow
+def test_none_of_many_good_records_gives_cause_for_suggestions(monkeypatch):
+    assert suggested_of_good_records(monkeypatch, range(4, 64)) == []
