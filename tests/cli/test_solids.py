@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 import dynid as package
 from dynid.scene.kinds.structures import build_structure
@@ -64,6 +65,20 @@ def test_unknown_moduli_have_units(block):
     model = structure_of(block, text)
     assert {one.name: one.unit for one in model.parameters} == {"modulus": "Pa", "density": "kg/m^3"}
     assert [term.letter for term in model.terms].count("K") == 1
+
+
+def test_a_modulus_is_identified_from_measured_frequencies(block):
+    supports = [SetSupport(1, ("x", "y", "z")), SetSupport(2, ("x", "y")), SetSupport(45, ("y",))]
+    true = solid(read_mesh(Path("block.vtk"), 0.01), Material(2.2e11, 0.3, 7800.0), supports=supports)
+    omega = np.sqrt(eigh(true.K, true.M, eigvals_only=True, subset_by_index=[0, 2]))
+    values = "".join(f"\n      - {{frequency: {one!r}, frequency_std: 1}}" for one in omega.tolist())
+    text = SCENE.replace("kind: reduction", "kind: identification").partition("joints:")[0]
+    text = text.replace("E: 2.0e11", "E: modulus").replace("damping: {alpha: 0.1}", "damping: {alpha: 0}")
+    text += f"parameters: {{modulus: {{start: 1.5e11}}}}\nmeasurement:\n  modes:\n    values:{values}\n"
+    (block / "s.yaml").write_text(text)
+    result = package.run("s.yaml")
+    assert result["identification/parameters/estimate"].data == pytest.approx([2.2e11], rel=1e-8)
+    assert bool(result["identification/diagnostics/converged"].data)
 
 
 def test_a_run_compares_reductions_of_a_solid(block):
