@@ -94,16 +94,49 @@ def test_nodes_have_their_numbers_of_gmsh(tmp_path, text):
     assert model.dofs[:4] == ("7:x", "7:y", "7:z", "5:x")
 
 
+def test_numbers_that_are_not_read_are_a_doubt(tmp_path):
+    mesh = box("tetra", (1, 1, 1))
+    made = meshio.Mesh(mesh.xyz, [("tetra", mesh.blocks[0].cells)])
+    meshio.write(tmp_path / "binary.msh", made, file_format="gmsh22", binary=True)
+    found = read_mesh(tmp_path / "binary.msh")
+    assert found.numbers == tuple(range(1, 9))
+    assert found.doubts == ("the numbers of nodes in binary.msh are not read; they count from 1",)
+    assert found.doubts[0] in solid(found, UNIT).nodes.doubts
+
+
+BULK = """\
+BEGIN BULK
+GRID,101,,0.,0.,0.
+GRID,7,,1.,0.,0.
+GRID,33,,0.,1.,0.
+GRID,4,,0.,0.,1.
+CTETRA,1,1,101,7,33,4
+ENDDATA
+"""
+
+
+def test_nodes_have_their_numbers_of_nastran_and_exodus(tmp_path):
+    (tmp_path / "one.bdf").write_text(BULK)
+    found = read_mesh(tmp_path / "one.bdf")
+    assert found.numbers == (101, 7, 33, 4)
+    assert found.doubts == ()
+    mesh = box("tetra10", (1, 1, 1))
+    meshio.write(tmp_path / "one.e", meshio.Mesh(mesh.xyz, [("tetra10", mesh.blocks[0].cells)]))
+    same = read_mesh(tmp_path / "one.e")
+    assert same.doubts == ()
+    np.testing.assert_array_equal(same.xyz, mesh.xyz)
+
+
 ABAQUS = """\
 *NODE
-1, 0, 0, 0
-2, 1, 0, 0
-3, 0, 1, 0
+101, 0, 0, 0
+7, 1, 0, 0
+33, 0, 1, 0
 4, 0, 0, 1
 *ELEMENT, TYPE=C3D4, ELSET=body
-1, 1, 2, 3, 4
+1, 101, 7, 33, 4
 *NSET, NSET=base
-1, 2, 3
+101, 7, 33
 """
 
 

@@ -110,7 +110,7 @@ def solid(
         mesh.xyz[used],
         sets={name: tuple(numbers[one] for one in members) for name, members in sets.items() if len(members)},
         lines=tuple((numbers[a], numbers[b]) for a, b in compact[found.edges].tolist()),
-        doubts=tuple(_doubts(mesh, layers, found.parts)),
+        doubts=(*mesh.doubts, *_doubts(mesh, layers, found.parts)),
     )
     C = DependentMatrix(nothing(len(labels), sparse=len(labels) > DENSE_STRUCTURES.value))
     return damped_structure(M, C, K, damping, joints, labels, parameters, nodes)

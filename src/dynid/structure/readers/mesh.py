@@ -6,7 +6,7 @@ import contextlib
 import io
 import re
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -16,6 +16,7 @@ import numpy as np
 from dynid.errors import FileError
 from dynid.file_access import obstacle
 from dynid.structure.matrices import Array
+from dynid.structure.readers.read_nodes import read_nodes
 from dynid.structure.solid_elements import ELEMENTS, Places
 
 if TYPE_CHECKING:
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 # Cells without volume: they give node sets.
 _FLAT = re.compile(r"vertex|line\d*|triangle\d*|quad\d*|polygon.*")
+# Formats with numbers of nodes beside gmsh's.
+_NUMBERED = (".inp", ".bdf", ".dat", ".nas", ".exo", ".e", ".ex2")
 # Data of cells whose values are numbers of groups.
 _TAGS = ("gmsh:physical", "medit:ref")
 # Sets that meshio adds itself.
@@ -52,6 +55,8 @@ class SolidMesh:
         Named groups of elements: for each block the places of its elements in the group.
     sets
         Named sets of nodes, as places.
+    doubts
+        What may be wrong with the mesh, a sentence each.
     """
 
     numbers: tuple[int, ...]
@@ -59,6 +64,7 @@ class SolidMesh:
     blocks: tuple[Block, ...]
     groups: Mapping[str, tuple[Places, ...]] = field(default_factory=dict)
     sets: Mapping[str, Places] = field(default_factory=dict)
+    doubts: tuple[str, ...] = ()
 
 
 def read_mesh(path: Path, scale: float = 1.0) -> SolidMesh:
@@ -66,7 +72,7 @@ def read_mesh(path: Path, scale: float = 1.0) -> SolidMesh:
 
     Groups and sets are physical groups of gmsh, element and node sets of Abaqus, and those that meshio finds
     in other formats; a group without a name has its number. Groups of points, lines, faces and solids are
-    sets of their nodes as well. Nodes have their numbers in files of gmsh, and count from 1 in others.
+    sets of their nodes as well. Nodes have their numbers in the file; in formats without, they count from 1.
 
     Parameters
     ----------
@@ -116,7 +122,15 @@ def read_mesh(path: Path, scale: float = 1.0) -> SolidMesh:
             groups[name] = tuple(members[at] for at in solid)
         nodes = [block.data[member] for block, member in zip(mesh.cells, members, strict=True)]
         sets[name] = _unique(np.concatenate([sets.get(name, []), *(np.ravel(one) for one in nodes)]))
-    return SolidMesh(_numbers(content, len(xyz)), xyz * scale, blocks, groups, sets)
+    numbers = _numbers(path, content, xyz)
+    doubts = (
+        ()
+        if numbers is not None
+        else (f"the numbers of nodes in {path.name} are not read; they count from 1",)
+    )
+    if numbers is None:
+        numbers = tuple(range(1, len(xyz) + 1))
+    return SolidMesh(numbers, xyz * scale, blocks, groups, sets, doubts)
 
 
 def _block(path: Path, block: meshio.CellBlock, count: int) -> Block:
@@ -184,14 +198,37 @@ def _tagged(data: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
     return ((name, value) for name, value in data.items() if np.shape(value) == (2,))
 
 
-def _numbers(content: bytes, count: int) -> tuple[int, ...]:
-    """Return the numbers of the nodes in a file of gmsh, which meshio drops; 1 … count in other files."""
-    numbers = None
-    with contextlib.suppress(ValueError, IndexError):
-        numbers = _gmsh_numbers(content)
-    if numbers is None or len(set(numbers)) != count:
-        return tuple(range(1, count + 1))
-    return tuple(numbers)
+def _numbers(path: Path, content: bytes, xyz: Array) -> tuple[int, ...] | None:
+    """Return the numbers of the nodes in a file, which meshio drops; None where they cannot be read.
+
+    In formats without numbers they are 1 … n.
+    """
+    numbers: Sequence[Any] | None = None
+    if path.suffix.lower() == ".msh":
+        with contextlib.suppress(ValueError, IndexError):
+            numbers = _gmsh_numbers(content)
+    elif path.suffix.lower() in _NUMBERED:
+        with contextlib.suppress(FileError):
+            nodes = read_nodes(path).nodes
+            numbers = _at(xyz, nodes.xyz, nodes.numbers)
+    else:
+        return tuple(range(1, len(xyz) + 1))
+    known = numbers is not None and len(set(numbers)) == len(xyz)
+    return tuple(int(number) for number in numbers) if numbers is not None and known else None
+
+
+def _at(xyz: Array, places: Array, numbers: Sequence[Any]) -> Sequence[Any] | None:
+    """Return the numbers of nodes at positions (n x 3); None where two are at one place, or one at none."""
+    if len(places) != len(xyz):
+        return None
+    if np.array_equal(places, xyz):
+        return numbers
+    one, other = np.lexsort(xyz.T), np.lexsort(places.T)
+    if not np.array_equal(xyz[one], places[other]) or len(np.unique(xyz, axis=0)) < len(xyz):
+        return None
+    found = np.empty(len(xyz), dtype=int)
+    found[one] = np.asarray(numbers)[other]
+    return found.tolist()
 
 
 def _gmsh_numbers(content: bytes) -> list[int] | None:
