@@ -116,6 +116,13 @@ def _equations(types, values, bonds, inputs, s):
             equation([(e(at[0]), 1), (f(at[0]), -values[name] * s * signs[0])])
         elif kind == "C":
             equation([(f(at[0]), 1), (e(at[0]), -values[name] * s * signs[0])])
+        elif kind == "A":  # reads the common variable before it, takes no power, drives the balance behind it
+            (one,) = (index for index in at if bonds[index][1] == name)
+            (two,) = (index for index in at if bonds[index][0] == name)
+            (read, none) = (e, f) if types[bonds[one][0]] == "0" else (f, e)
+            driven = f if types[bonds[two][1]] == "0" else e
+            equation([(none(one), 1)])
+            equation([(driven(two), 1), (read(one), -values[name])])
         elif kind in ("MTF", "MGY"):  # values: moduli, ports of the rows, ports of the columns
             moduli, first, second = values[name]
             bond = {end: index for index, pair in enumerate(bonds) for end in pair}

@@ -26,16 +26,20 @@ from dynid.suggestions import did_you_mean
 if TYPE_CHECKING:
     from dynid.arithmetic.dependent import Dependent
 
-NodeType = Literal["Se", "Sf", "I", "C", "R", "TF", "GY", "0", "1"]
+NodeType = Literal["Se", "Sf", "I", "C", "R", "TF", "GY", "0", "1", "A"]
 Quantity = Literal["e", "f", "q", "p"]
 
-NODE_TYPES: tuple[NodeType, ...] = get_args(NodeType)
+#: An activated bond with a gain, between two junctions: the common variable of the one before it, times its value,
+#: enters the balance of the one behind it. It takes no power; control and linearised laws are made of it.
+ACTIVATED: Literal["A"] = "A"
+#: The types of nodes that are drawn.
+NODE_TYPES: tuple[NodeType, ...] = tuple(kind for kind in get_args(NodeType) if kind != ACTIVATED)
 QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 SOURCES = frozenset({"Se", "Sf"})
 STORAGES = frozenset({"I", "C"})
 TWO_PORTS = frozenset({"TF", "GY"})
 JUNCTIONS = frozenset({"0", "1"})
-VALUED = frozenset({"I", "C", "R", "TF", "GY"})
+VALUED = frozenset({"I", "C", "R", "TF", "GY", ACTIVATED})
 ONE_PORTS = SOURCES | STORAGES | {"R"}
 FIELDS = STORAGES | {"R"}
 
@@ -300,7 +304,7 @@ def graph_faults(types: Mapping[str, str], bonds: Sequence[Bond]) -> list[GraphF
             message = "has no bond; connect it or drop it"
         elif kind in ONE_PORTS and count > 1:
             message = f"has {count} bonds but only one port; put a junction between"
-        elif kind in TWO_PORTS and (inward, outward) != (1, 1):
+        elif kind in TWO_PORTS | {ACTIVATED} and (inward, outward) != (1, 1):
             message = f"needs one bond in and one bond out; it has {inward} in and {outward} out"
         else:
             continue
@@ -340,7 +344,7 @@ def spread_domains(graph: BondGraph, given: Mapping[str, str]) -> dict[str, str]
     for name in queue:
         for bond in graph.bonds_of(name):
             other = bond.head if bond.tail == name else bond.tail
-            if other not in known and graph.nodes[other].type not in TWO_PORTS:
+            if other not in known and graph.nodes[other].type not in TWO_PORTS | {ACTIVATED}:
                 known[other] = known[name]
                 queue.append(other)
     for name, node in graph.nodes.items():

@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 from itertools import count
 from typing import NamedTuple
 
-from dynid.bondgraph.graph import JUNCTIONS, SOURCES, TWO_PORTS, Bond, BondGraph
-from dynid.errors import Singular
+from dynid.bondgraph.graph import ACTIVATED, JUNCTIONS, SOURCES, TWO_PORTS, Bond, BondGraph
+from dynid.errors import Singular, UsageError
 
 #: A flow source feeds a 0 and fixes a 1; an effort source feeds a 1 and fixes a 0.
 _FIXING = {("0", "Se"), ("1", "Sf")}
@@ -61,18 +61,20 @@ class Coupling(NamedTuple):
     """The tail's balance has +c times the head's unknown, the head's has -c times the tail's.
 
     `two_port` names the TF or GY whose modulus m gives c = m, or c = 1/m where `inverse`; without one
-    c = 1.
+    c = 1. An activated bond is `one_way`: only the head's balance has an entry.
     """
 
     tail: str
     head: str
     two_port: str | None = None
     inverse: bool = False
+    one_way: bool = False
 
     @property
-    def entries(self) -> tuple[tuple[str, str, int], tuple[str, str, int]]:
-        """Row, column and sign of c in the two balances."""
-        return (self.tail, self.head, 1), (self.head, self.tail, -1)
+    def entries(self) -> tuple[tuple[str, str, int], ...]:
+        """Row, column and sign of c in the balances."""
+        back = (self.head, self.tail, -1)
+        return (back,) if self.one_way else ((self.tail, self.head, 1), back)
 
 
 class JunctionStructure:
@@ -102,7 +104,8 @@ class JunctionStructure:
             junction = self.junctions.setdefault(root, Junction(root, graph.nodes[name].type))
             junction.members.append(name)
             self.place[name] = root
-        two_ports = {name: None for name, node in graph.nodes.items() if node.type in TWO_PORTS}
+        inner = TWO_PORTS | {ACTIVATED}
+        two_ports = {name: None for name, node in graph.nodes.items() if node.type in inner}
         for tail, head in graph.bonds:
             if tail not in two_ports and head not in two_ports:
                 a, b = self._merged.get(tail), self._merged.get(head)
@@ -157,6 +160,12 @@ class JunctionStructure:
         node = self.graph.nodes[name]
         (inward,) = (bond.tail for bond in self.graph.bonds_of(name) if bond.head == name)
         (outward,) = (bond.head for bond in self.graph.bonds_of(name) if bond.tail == name)
+        if node.type == ACTIVATED:
+            coupling = Coupling(self._merged[inward], self._merged[outward], name, one_way=True)
+            if coupling.tail == coupling.head:  # a one-port on the junction, of minus the value
+                raise UsageError(f"activated bond '{name}' ends at the junction where it starts")
+            self.couplings.append(coupling)
+            return
         primary = self._side(inward, name, incoming=True)
         secondary = self._side(outward, name, incoming=False)
         alike = self.junctions[primary].kind == self.junctions[secondary].kind

@@ -169,7 +169,7 @@ class NodalNetwork:
     def _couple(self, coupling: Coupling) -> None:
         """Write both entries of a coupling; a known unknown moves to the right-hand side."""
         program, junctions = self.program, self.structure.junctions
-        tail, head, two_port, inverse = coupling
+        tail, head, two_port, inverse, one_way = coupling
         one, other = self.rows.get(tail), self.rows.get(head)
         if one is None and other is None:
             return
@@ -177,7 +177,9 @@ class NodalNetwork:
         if two_port is not None:
             size = program.inv(program.parameter(two_port)) if inverse else program.parameter(two_port)
             minus = program.neg(size)
-        if other is None and one is not None:
+        if one_way:
+            self._activate(one, other, coupling, size, minus)
+        elif other is None and one is not None:
             self._feed(one, junctions[head].fixing, minus)
         elif one is None and other is not None:
             self._feed(other, junctions[tail].fixing, size)
@@ -189,6 +191,15 @@ class NodalNetwork:
             one.entries[other], other.entries[one] = size, minus
             if two_port is not None:
                 self.retie(one, other, Tie(two_port, inverse))
+
+    def _activate(
+        self, one: Balance | None, other: Balance | None, coupling: Coupling, size: Register, minus: Register
+    ) -> None:
+        """Write the only entry of an activated bond."""
+        if one is not None and other is not None:
+            self.add_entry(other, one, minus)
+        elif other is not None:
+            self._feed(other, self.structure.junctions[coupling.tail].fixing, size)
 
     @cached_property
     def _minus_one(self) -> Register:
@@ -244,7 +255,7 @@ def reach(structure: JunctionStructure, root: str, without: str | None = None) -
     """
     depth, queue = {root: 0}, [root]
     for name in queue:
-        for tail, head, _, _ in structure.tied[name]:
+        for tail, head, *_ in structure.tied[name]:
             other = head if tail == name else tail
             if other not in depth and other != without and structure.junctions[other].fixing is None:
                 depth[other] = depth[name] + 1
