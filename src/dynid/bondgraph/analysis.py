@@ -105,6 +105,12 @@ def _add_dynamics(result: Result, reduced: ReducedGraph, analysis: Analysis) -> 
     asked = analysis.results
     if asked & {"transfer_function", "zeros", "poles", "properties", "hidden_modes"}:
         add_channels(result, reduced, analysis)
+    if "properties" in asked and analysis.opened is not None:
+        from dynid.bondgraph.results.margins import add_margins
+
+        report_progress("margins")
+        opened = analysis.opened.rounded() if analysis.reading == "binary" else analysis.opened
+        add_margins(result, opened, analysis.loops)
     if "sensitivities" in asked:
         report_progress("sensitivities")
         from dynid.bondgraph.results.sensitivities import add_sensitivities

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 NodeType = Literal["Se", "Sf", "I", "C", "R", "TF", "GY", "0", "1", "A"]
 Quantity = Literal["e", "f", "q", "p"]
 
-#: An activated bond with a gain, between two junctions: the common variable of the one before it, times its value,
-#: enters the balance of the one behind it. It takes no power; control and linearised laws are made of it.
+#: An activated bond with a gain, between two junctions: the common variable of the one before it, times its
+#: value, enters the balance of the one behind it. It takes no power; feedback is made of it.
 ACTIVATED: Literal["A"] = "A"
 #: The types of nodes that are drawn.
 NODE_TYPES: tuple[NodeType, ...] = tuple(kind for kind in get_args(NodeType) if kind != ACTIVATED)

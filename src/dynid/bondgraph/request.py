@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from dynid.bondgraph.control import Loop
+    from dynid.bondgraph.graph import BondGraph
     from dynid.bondgraph.plan import ReducedGraph
     from dynid.lti.generator import Signal
 
@@ -122,6 +124,8 @@ class Analysis:
         A bond at which the graph is decomposed, written from the source to the load; absent: nowhere.
     approximations
         Structures that enter by a reduced model: how many coordinates were kept and left out, and how.
+    opened, loops
+        Of a graph with feedback: the graph without it, and the loops, for their margins.
     """
 
     inputs: tuple[str, ...]
@@ -137,6 +141,8 @@ class Analysis:
     formulas: FormulaRequest | None = None
     port: Bond | None = None
     approximations: tuple[ScopePart, ...] = ()
+    opened: BondGraph | None = None
+    loops: tuple[Loop, ...] = ()
 
 
 # --- choice of the engine --------------------------------------------------------------------------

@@ -41,6 +41,7 @@ def lines(result: Result) -> list[str]:
     screen += [*_reduction(result), ""]
     screen += _port(result)
     screen += channel_lines(result)
+    screen += _margins(result)
     screen += equation_lines(result, "bond_graph/state_space")
     screen += response_lines(result, "bond_graph")
     return screen
@@ -73,6 +74,24 @@ def _reduction(result: Result) -> Iterable[str]:
             yield f"    … {counted(len(own) - _MOST, 'more step')} in the file"
     if len(outputs) > _MOST_OUTPUTS:
         yield f"  … {counted(len(outputs) - _MOST_OUTPUTS, 'more output')} in the file"
+
+
+def _margins(result: Result) -> Iterable[str]:
+    """Yield the margins of each feedback loop, the others closed."""
+    group = "bond_graph/margins"
+    if f"{group}/loop" not in result:
+        return
+    for place, loop in enumerate(result[f"{group}/loop"].data):
+        at = {
+            name: float(result[f"{group}/{name}"].data[place])
+            for name in ("gain", "phase", "delay", "modulus")
+        }
+        found = [f"gain margin {at['gain']:.4g}" if np.isfinite(at["gain"]) else "any larger gain"]
+        if np.isfinite(at["phase"]):
+            found += [f"phase margin {at['phase']:.4g}°", f"delay margin {at['delay']:.4g} s"]
+        yield f"  loop {loop}"
+        yield f"    {' · '.join(found)} · largest sensitivity {1 / at['modulus']:.4g}"
+    yield ""
 
 
 def _port(result: Result) -> Iterable[str]:

@@ -65,6 +65,8 @@ class DrawnGraph:
         The physical domain of every node that has one.
     boxes
         Fields and structures, junctions in `graph`, by what is written in their boxes.
+    loops
+        Feedback: pairs of the node that is measured and the source that is driven.
     """
 
     graph: BondGraph
@@ -73,6 +75,7 @@ class DrawnGraph:
     port: Bond | None
     domains: dict[str, str]
     boxes: dict[str, str] = field(default_factory=dict)
+    loops: tuple[tuple[str, str], ...] = ()
 
 
 def drawn_graph(result: Result) -> DrawnGraph:
@@ -111,13 +114,17 @@ def drawn_graph(result: Result) -> DrawnGraph:
             name = text if types.get(node) == PORT else ""
             outputs.append(Port(drawn(node), cast("Quantity", quantity), name))
         port = analysis.get("port")
+        loops = listing(mapping(scene.data, "control"), "loops")
+        driven = [(drawn(str(loop["from"]).rpartition(".")[0]), str(loop["to"])) for loop in loops]
+        inputs = [str(name) for name in analysis.get("inputs") or sources if str(name) in graph.nodes]
         return DrawnGraph(
             graph,
-            tuple(map(str, analysis.get("inputs") or sources)),
+            tuple(name for name in inputs if name not in dict(driven).values()),
             tuple(outputs),
             None if port is None else Bond(*map(drawn, chain_ends(port))),
             GraphUnits(graph).domains,
             boxes,
+            tuple(driven),
         )
 
 
@@ -156,6 +163,8 @@ def _graph_picture(name: str, title: str, result_title: str, sketch: Sketch, dra
     )
     if drawn.boxes:
         caption = "Power is positive along the half arrows. A box is a field or structure of many nodes."
+    if drawn.loops:
+        caption += " Dashed lines are feedback, from what is measured to the source that it drives."
     if any(node.opens for node in sketch.nodes):
         caption += " The box of a sub-model leads to the drawing of its inside."
     table = FigureTable(("from", "to", "effort is imposed on"), tuple(rows))
@@ -181,6 +190,7 @@ def sketch_of(drawn: DrawnGraph) -> Sketch:
         plain = [end for end in (bond.tail, bond.head) if graph.nodes[end].type not in TWO_PORTS]
         domain = next((domains[end] for end in plain if end in domains), "")
         bonds.append(SketchBond(bond.tail, bond.head, strokes.get((bond.tail, bond.head), ""), domain))
+    bonds += [SketchBond(*loop, equation_only=True) for loop in drawn.loops]
     source = next((name for name in drawn.inputs if graph.bonds_of(name)), None)
     cut = (drawn.port.tail, drawn.port.head) if drawn.port is not None else None
     return Sketch(nodes, tuple(bonds), source, next(iter(outputs), None), cut)
@@ -222,7 +232,7 @@ _DASHED = "couplings that are not bonds: the entries k between two junctions, de
 def reduction_strips(result: Result) -> Iterator[Figure]:
     """Yield the reduction strip of every output."""
     drawn = drawn_graph(result)
-    if drawn.boxes:
+    if drawn.boxes or drawn.loops:
         return
     steps = result["bond_graph/reduction/steps"].data
     for port in drawn.outputs:

@@ -133,6 +133,8 @@ def graph_analysis(
         reading=wanted.reading,
         formulas=FormulaRequest(wanted.symbolic.form, wanted.symbolic.terms) if wanted.symbolic else None,
         approximations=built.approximations,
+        opened=built.opened,
+        loops=built.loops,
     )
 
 
@@ -141,7 +143,7 @@ def built_graph(scene: Scene) -> BuiltGraph:
     model = cast("BondGraphScene", scene.model)
     wanted = model.analysis
     band = float(angular_frequencies(wanted.frequency)[-1]) if wanted.frequency else None
-    return build_graph(scene, model.graph, wanted.outputs, wanted.reading, band)
+    return build_graph(scene, model.graph, wanted.outputs, wanted.reading, band, model.control)
 
 
 def _parameters(model: BondGraphScene) -> tuple[SensitivityParameter, ...]:
@@ -157,8 +159,14 @@ def _parameters(model: BondGraphScene) -> tuple[SensitivityParameter, ...]:
     )
     rates: dict[str, dict[str, Fraction]] = {name: {} for name, dual in known.items() if name in dual.slopes}
     numbers = []
+    if inside := named_in(model.control):
+        raise UsageError(
+            f"sensitivities are by values of nodes, but controllers depend on {', '.join(sorted(inside))}",
+            remedy="Write numbers in 'control', or leave the result 'sensitivities' out.",
+            names=("control",),
+        )
     for name, node in model.graph.nodes.items():
-        inside: set[str] = set().union(*map(named_in, (node.matrix, node.structure, node.joints)))
+        inside = set().union(*map(named_in, (node.matrix, node.structure, node.joints)))
         if inside:
             raise UsageError(
                 f"sensitivities are by single values, but '{name}' depends on {', '.join(sorted(inside))}",

@@ -15,9 +15,11 @@ from dynid.model_scope import ScopePart
 from dynid.scene.schema.raw import STRUCTURE
 
 if TYPE_CHECKING:
+    from dynid.bondgraph.control import Loop
     from dynid.bondgraph.request import Reading
     from dynid.scene.load import Scene
     from dynid.scene.schema.bond_graph import GraphModel, NodeModel
+    from dynid.scene.schema.control import ControlModel
     from dynid.scene.schema.quantities import Quantity
 
 
@@ -32,17 +34,26 @@ class BuiltGraph(NamedTuple):
         The requested variables: at a port of a field or structure under the name that the scene gives it.
     approximations
         Structures that enter by a reduced model: what was kept and left out of them, and how.
+    opened, loops
+        Of a graph with feedback: the graph without it, and the loops.
     """
 
     graph: BondGraph
     outputs: tuple[Port, ...]
     approximations: tuple[ScopePart, ...]
+    opened: BondGraph | None = None
+    loops: tuple[Loop, ...] = ()
 
 
 def build_graph(
-    scene: Scene, graph: GraphModel, outputs: Iterable[Port], reading: Reading, band: float | None = None
+    scene: Scene,
+    graph: GraphModel,
+    outputs: Iterable[Port],
+    reading: Reading,
+    band: float | None = None,
+    control: ControlModel | None = None,
 ) -> BuiltGraph:
-    """Build the graph of a scene, with exact values.
+    """Build the graph of a scene, with exact values, its fields and structures expanded and its loops closed.
 
     Parameters
     ----------
@@ -57,6 +68,8 @@ def build_graph(
     band
         The highest frequency of interest, rad/s, where one is known: for reductions that keep the modes of a
         band.
+    control
+        Feedback.
 
     Raises
     ------
@@ -64,7 +77,9 @@ def build_graph(
         If a matrix is not that of a passive field or structure.
     """
     wanted: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
-    for output in outputs:
+    outputs = list(outputs)
+    measured = [loop.measured for loop in control.loops] if control else []
+    for output in dict.fromkeys([*outputs, *measured]):
         holder, _, port = output.node.rpartition(".")
         wanted[holder][port].append(output.quantity)
     taken = set(graph.nodes)
@@ -90,7 +105,16 @@ def build_graph(
         bonds += made.bonds
         variables |= made.variables
     asked = tuple(variables.get(str(output), output) for output in outputs)
-    return BuiltGraph(BondGraph(nodes, bonds), asked, tuple(approximations))
+    built = BuiltGraph(BondGraph(nodes, bonds), asked, tuple(approximations))
+    if control is None:
+        return built
+    from dynid.bondgraph.control import close_loops
+    from dynid.scene.kinds.control import loop_of
+
+    loops = [loop_of(loop, variables.get(str(loop.measured), loop.measured)) for loop in control.loops]
+    closed = close_loops(built.graph, loops)
+    asked = tuple(closed.variables.get(output, output) for output in asked)
+    return built._replace(graph=closed.graph, outputs=asked, opened=built.graph, loops=tuple(loops))
 
 
 def _expand_field(

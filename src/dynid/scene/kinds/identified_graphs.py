@@ -43,7 +43,7 @@ def identified_graph(scene: Scene) -> tuple[GraphModel, BuiltGraph]:
     measured = [one.output for record in records for one in record.channels or () if one.output is not None]
     asked = list(dict.fromkeys([*measured, *(wanted.outputs if wanted else ())]))
     reading = wanted.reading if wanted else "decimal"
-    built = build_graph(scene, model.graph, asked, reading)
+    built = build_graph(scene, model.graph, asked, reading, control=model.control)
     variables = dict(zip(asked, built.outputs, strict=True))
     initial = {
         str(name): float(given.f if given.f is not None else given.e or 0)

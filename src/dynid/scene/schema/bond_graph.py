@@ -45,7 +45,8 @@ from dynid.scene.schema.base import (
     Section,
     once,
 )
-from dynid.scene.schema.graph_variables import TEXT, Output, unknown_node
+from dynid.scene.schema.control import ControlModel, control_faults
+from dynid.scene.schema.graph_variables import TEXT, Output, SourceName, unknown_node
 from dynid.scene.schema.joints import JointModel, ParameterModel
 from dynid.scene.schema.quantities import Quantity, SceneNames, Uncertain, Value, fault, names_of
 from dynid.scene.schema.raw import (
@@ -59,6 +60,7 @@ from dynid.scene.schema.raw import (
     mapping,
     node_types,
     ports_of,
+    references,
     written_key,
 )
 from dynid.scene.schema.reduction import ReductionModel, structure_faults
@@ -247,20 +249,6 @@ def _end_fault(nodes: Mapping[str, str], end: str) -> str:
     return unknown_node(nodes, end) if kind is None else ""
 
 
-def _source_name(raw: Any, info: ValidationInfo) -> str:
-    if isinstance(raw, bool) or not isinstance(raw, str | int):
-        raise fault("an input is the name of a source")
-    name, nodes = str(raw), names_of(info).nodes
-    sources = [node for node, kind in nodes.items() if kind in SOURCES]
-    if nodes and name not in nodes:
-        raise fault(f"no node '{name}'{did_you_mean(name, sources)}")
-    if nodes and nodes[name] in (*NODE_TYPES, *MULTIPORTS, PORT) and nodes[name] not in SOURCES:
-        raise fault(
-            f"'{name}' is no source (Se, Sf); only sources can be inputs{did_you_mean(name, sources)}"
-        )
-    return name
-
-
 def _link(raw: Any, info: ValidationInfo) -> Bond:
     """Read the bond of a port: a -> b, from the source to the load."""
     ends = chain_ends(raw) if isinstance(raw, str) else []
@@ -306,10 +294,11 @@ class SubModel(Section):
 
 
 class ComposedScene(SceneModel):
-    """Keys of scenes with a graph: its models, which are gone once it is flat."""
+    """Keys of scenes with a graph: its models, which are gone once it is flat, and feedback around it."""
 
     models: dict[str, SubModel] = {}
     use: FilePath | list[FilePath] = []
+    control: ControlModel | None = None
 
 
 class SymbolicModel(Section):
@@ -322,7 +311,7 @@ class SymbolicModel(Section):
 class AnalysisModel(Section):
     """Requested results and the engine that computes them."""
 
-    inputs: Annotated[list[Annotated[str, PlainValidator(_source_name), TEXT]], once()] | None = None
+    inputs: Annotated[list[SourceName], once()] | None = None
     outputs: Annotated[list[Output], once()] = Field(min_length=1)
     results: list[ResultName] | None = None
     port: Annotated[Bond, PlainValidator(_link), TEXT] | None = None
@@ -383,7 +372,12 @@ def bond_graph_faults(source: Source, names: SceneNames) -> list[Fault]:
 
 def graph_scene_faults(source: Source, names: SceneNames) -> list[Fault]:
     """Return the faults of the bonds, domains and stored energy of a graph in a scene of any kind."""
-    own = [*_bond_faults(source), *stored_energy_faults(source), *domain_faults(source)]
+    own = [
+        *_bond_faults(source),
+        *stored_energy_faults(source),
+        *domain_faults(source),
+        *control_faults(source),
+    ]
     return [*own, *structure_node_faults(source, names)]
 
 
@@ -549,7 +543,8 @@ def calibration_faults(source: Source, path: Path, signal: dict[Any, Any]) -> li
 def _driving_faults(source: Source) -> list[Fault]:
     """Return the faults of the signals of a time response, which drive inputs."""
     inputs = [str(name) for name in listing(mapping(source.data, "analysis"), "inputs")]
-    inputs = inputs or [name for name, kind in node_types(source.data).items() if kind in SOURCES]
+    sources = node_types(source.data) | references(source.data)
+    inputs = inputs or [name for name, kind in sources.items() if kind in SOURCES]
     faults = []
     for path, signal in sections(BondGraphScene, source.data, SignalPart):
         name = signal.get("source")

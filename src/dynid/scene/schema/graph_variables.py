@@ -7,9 +7,9 @@ from typing import Annotated, Any
 
 from pydantic import PlainValidator, ValidationInfo, WithJsonSchema
 
-from dynid.bondgraph.graph import NODE_TYPES, QUANTITIES, Port, port_fault
+from dynid.bondgraph.graph import NODE_TYPES, QUANTITIES, SOURCES, Port, port_fault
 from dynid.scene.schema.quantities import fault, names_of
-from dynid.scene.schema.raw import MULTIPORTS, ports_of
+from dynid.scene.schema.raw import MULTIPORTS, PORT, ports_of
 from dynid.suggestions import did_you_mean
 
 
@@ -49,3 +49,21 @@ TEXT = WithJsonSchema({"type": "string"})
 
 Output = Annotated[Port, PlainValidator(_port), TEXT]
 """An output of a graph: NODE.e, NODE.f, NODE.q or NODE.p."""
+
+
+def _source_name(raw: Any, info: ValidationInfo) -> str:
+    if isinstance(raw, bool) or not isinstance(raw, str | int):
+        raise fault("an input is the name of a source")
+    name, nodes = str(raw), names_of(info).nodes
+    sources = [node for node, kind in nodes.items() if kind in SOURCES]
+    if nodes and name not in nodes:
+        raise fault(f"no node '{name}'{did_you_mean(name, sources)}")
+    if nodes and nodes[name] in (*NODE_TYPES, *MULTIPORTS, PORT) and nodes[name] not in SOURCES:
+        raise fault(
+            f"'{name}' is no source (Se, Sf); only sources can be inputs{did_you_mean(name, sources)}"
+        )
+    return name
+
+
+SourceName = Annotated[str, PlainValidator(_source_name), TEXT]
+"""The name of a source."""

@@ -22,7 +22,14 @@ from dynid.scene.schema.joints import JointModel, by_direction
 from dynid.scene.schema.measurement import ChannelModel, MeasurementModel, OutputModel, RecordModel
 from dynid.scene.schema.parts import PartModel, PartName, PointModel
 from dynid.scene.schema.quantities import NotNegative, Positive, SceneNames, Value, fault
-from dynid.scene.schema.raw import is_mapping_of_mappings, listing, mapping, mapping_of, node_types
+from dynid.scene.schema.raw import (
+    is_mapping_of_mappings,
+    listing,
+    mapping,
+    mapping_of,
+    node_types,
+    references,
+)
 from dynid.scene.schema.reduction import ReductionModel, structure_faults
 from dynid.scene.schema.references import sections
 from dynid.scene.schema.signals import SignalPart, Signals, TimeGrid
@@ -328,7 +335,7 @@ def _only_structures(source: Source) -> list[Fault]:
 
 def _graph_channel_faults(source: Source) -> list[Fault]:
     """Return the faults of signals and channels of a graph: its sources and outputs."""
-    types, faults = node_types(source.data), []
+    types, faults = node_types(source.data) | references(source.data), []
     sources = [name for name, kind in types.items() if kind in SOURCES]
     for path, signal in sections(IdentificationScene, source.data, SignalPart):
         for key in ("dof", "motion", "base"):

@@ -15,6 +15,7 @@ from dynid.scene.schema.raw import (
     node_types,
     reference_key,
     reference_values,
+    references,
     written_key,
 )
 from dynid.scene.yaml.source import Source
@@ -51,7 +52,7 @@ def read_names(source: Source) -> tuple[SceneNames, list[Fault]]:
         signed=frozenset(name for name, one in raw.items() if mapping_of(one).get("scale") == "linear"),
         identifying=source.data.get("kind") == "identification",
         faulty=frozenset(raw.keys() - values.keys()),
-        nodes=node_types(source.data),
+        nodes=node_types(source.data) | references(source.data),
         complete=isinstance(source.data.get("parameters", {}), dict),
     )
     return names, faults

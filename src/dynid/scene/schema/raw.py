@@ -86,6 +86,16 @@ def node_types(data: Any) -> dict[str, str]:
     return types
 
 
+def references(data: Any) -> dict[str, str]:
+    """Return the references of feedback loops: sources of the closed loop, of the type of the driven one."""
+    types, found = node_types(data), {}
+    for loop in listing(mapping(data, "control"), "loops"):
+        name = mapping_of(loop).get("reference")
+        if isinstance(name, str) and name:
+            found[name] = types.get(str(loop.get("to")), "")
+    return found
+
+
 def ports_of(types: Mapping[str, str], name: str) -> list[str]:
     """Return the ports of a node that has several, ``field.a``, in `node_types`."""
     return [port for port, kind in types.items() if kind == PORT and port.rpartition(".")[0] == name]

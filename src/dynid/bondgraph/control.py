@@ -1,0 +1,236 @@
+"""Feedback as part of a bond graph: a controller is a circuit of integrators and activated bonds.
+
+A source that a loop drives becomes a junction; what the controller gives enters its balance. The closed loop
+is then a bond graph like any other one, with exact zeros, poles, formulas, state equations and responses.
+The states of a controller are flows of unit inertias (an analogue computer).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import pairwise, zip_longest
+
+from dynid.arithmetic.dependent import Dependent, Real
+from dynid.arithmetic.ldl import reference
+from dynid.bondgraph.graph import (
+    ACTIVATED,
+    JUNCTIONS,
+    Bond,
+    BondGraph,
+    Node,
+    NodeType,
+    Port,
+    Quantity,
+    bond_sign,
+)
+from dynid.errors import UsageError
+
+Polynomial = Sequence[Real]
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A feedback: what the source gives is the reference less the controller's answer to what is measured.
+
+    Parameters
+    ----------
+    measured
+        The variable that is measured.
+    source
+        The source that is driven.
+    numerator, denominator
+        The controller, a rational function of s: coefficients in descending powers.
+    reference
+        Name of the reference, a source of the closed loop; empty: zero.
+    """
+
+    measured: Port
+    source: str
+    numerator: Polynomial
+    denominator: Polynomial
+    reference: str = ""
+
+
+@dataclass(frozen=True)
+class ClosedLoops:
+    """A graph with its loops closed.
+
+    Parameters
+    ----------
+    graph
+        The graph.
+    variables
+        Variables of the driven sources, under the names that they had: ``pump.e``.
+    """
+
+    graph: BondGraph
+    variables: dict[Port, Port]
+
+
+def close_loops(graph: BondGraph, loops: Iterable[Loop]) -> ClosedLoops:
+    """Return a graph with feedback.
+
+    Parameters
+    ----------
+    graph
+        The graph.
+    loops
+        The loops; several may measure one variable or drive one source.
+
+    Raises
+    ------
+    UsageError
+        If a controller differentiates more than once.
+    """
+    circuit, loops = _Circuit(graph), list(loops)
+    for source in dict.fromkeys(loop.source for loop in loops):
+        circuit.drive(source)
+    for loop in loops:
+        circuit.close(loop)
+    return ClosedLoops(BondGraph(circuit.nodes.values(), circuit.bonds), circuit.variables)
+
+
+class _Circuit:
+    """The nodes and bonds of a graph to which controllers are added."""
+
+    def __init__(self, graph: BondGraph) -> None:
+        self.graph = graph
+        self.nodes = dict(graph.nodes)
+        self.bonds = list(graph.bonds)
+        self.driven: dict[str, int] = {}  # by driven source 1 where its arrow points away, else -1
+        self.variables: dict[Port, Port] = {}  # of driven sources: where they are now
+        self._sensors: dict[tuple[str, str], str] = {}
+
+    def drive(self, source: str) -> None:
+        """Make a source a junction that signals feed."""
+        node, (bond,) = self.graph.nodes[source], self.graph.bonds_of(source)
+        effort = node.type == "Se"
+        self.nodes[source] = Node(source, "1" if effort else "0", domain=node.domain)
+        link = self._add("0" if effort else "1", f"{source}.link")
+        end = self._add("1" if effort else "0", f"{source}.end")
+        place = next(k for k, one in enumerate(self.bonds) if source in one)
+        outward = bond.tail == source
+        way = (
+            [source, link, end, self.bonds[place].head]
+            if outward
+            else [self.bonds[place].tail, end, link, source]
+        )
+        self.bonds[place : place + 1] = [Bond(*ends) for ends in pairwise(way)]
+        self.driven[source] = 1 if outward else -1
+        pairs: tuple[tuple[Quantity, Quantity], ...] = (("e", "p"), ("f", "q"))
+        own, other = pairs if effort else pairs[::-1]
+        self.variables |= {Port(source, q): Port(link, q, f"{source}.{q}") for q in own}
+        self.variables |= {Port(source, q): Port(end, q, f"{source}.{q}") for q in other}
+
+    def close(self, loop: Loop) -> None:
+        """Add a controller and the reference."""
+        effort = self.graph.nodes[loop.source].type == "Se"
+        if loop.reference:
+            self.nodes[loop.reference] = Node(loop.reference, "Se" if effort else "Sf")
+            ends = (loop.reference, loop.source)
+            self.bonds.append(Bond(*(ends if self.driven[loop.source] > 0 else ends[::-1])))
+        at, scale = self.measure(loop.measured, loop.source)
+        gains, remainder, monic = _divided(loop.numerator, loop.denominator)
+        if len(gains) > 2:
+            raise UsageError(
+                f"the controller of '{loop.source}' differentiates {len(gains) - 1} times",
+                remedy="Add a filter: a denominator of at most one degree less than the numerator.",
+            )
+        if any(map(reference, gains[:1])):
+            self._feed(at, loop.source, scale * gains[0])
+        if len(gains) > 1:
+            self._feed(self._rate(at, loop.source), loop.source, scale * gains[1])
+        states = [self._integrator(f"{loop.source}.x{k}") for k in range(1, len(monic))]
+        for state, following in pairwise(states):
+            self._activate(following, state, Fraction(1))
+        if states:
+            self._activate(at, states[-1], Fraction(1))
+            for state, coefficient in zip(states[:-1], monic, strict=False):
+                self._activate(state, states[-1], -coefficient)
+            if reference(monic[-2]):
+                damper = self._add("R", f"{states[-1]}_a", monic[-2])
+                self.bonds.append(Bond(states[-1], damper))
+        for state, coefficient in zip(states, remainder, strict=False):
+            self._feed(state, loop.source, scale * coefficient)
+
+    def measure(self, port: Port, owner: str) -> tuple[str, Real]:
+        """Return a junction whose common variable, times a factor, is a variable of the graph."""
+        behind, node = self.graph.behind(port), self.graph.nodes[port.node]
+        at = self.variables.get(port, port).node
+        if node.type not in JUNCTIONS and port not in self.variables:
+            kind: NodeType = "0" if behind.quantity == "e" else "1"
+            key = (port.node, kind)
+            if key not in self._sensors:
+                self._sensors[key] = sensor = self._add(kind, f"{port.node}.{behind.quantity}_sensor")
+                place = next(k for k, one in enumerate(self.bonds) if port.node in one)
+                bond = self.bonds[place]
+                self.bonds[place : place + 1] = [Bond(bond.tail, sensor), Bond(sensor, bond.head)]
+            at = self._sensors[key]
+        if self.graph.is_state(port):
+            value: Real = node.dependent or self.graph.value(port.node)
+            return at, bond_sign(self.graph, port.node) * value
+        if port.quantity in "qp":
+            state = self._integrator(f"{owner}.{port.quantity}")
+            self._activate(at, state, Fraction(1))
+            return state, Fraction(1)
+        return at, Fraction(1)
+
+    def _feed(self, at: str, source: str, gain: Real) -> None:
+        """Let a signal, times minus a gain, enter the balance of a driven source."""
+        if reference(gain) or isinstance(gain, Dependent):
+            self._activate(at, source, -self.driven[source] * gain)
+
+    def _rate(self, at: str, owner: str) -> str:
+        """Return a junction whose common variable is the rate of another one's."""
+        copy, rate = self._integrator(f"{owner}.copy"), self._add("1", f"{owner}.rate")
+        self._activate(at, rate, Fraction(1))
+        self._activate(copy, rate, Fraction(-1))  # its balance: the copy equals what is measured
+        self._activate(rate, copy, Fraction(1))
+        return rate
+
+    def _integrator(self, wanted: str) -> str:
+        """Return a junction whose flow is the integral of the signals that it is fed."""
+        junction = self._add("1", wanted)
+        self.bonds.append(Bond(junction, self._add("I", f"{junction}_I", Fraction(1))))
+        return junction
+
+    def _activate(self, tail: str, head: str, gain: Real) -> None:
+        if reference(gain) or isinstance(gain, Dependent):
+            name = self._add(ACTIVATED, f"{tail}_to_{head.rpartition('.')[2]}", gain)
+            self.bonds += [Bond(tail, name), Bond(name, head)]
+
+    def _add(self, kind: NodeType, wanted: str, value: Real | None = None) -> str:
+        name, number = wanted, 1
+        while name in self.nodes:
+            number += 1
+            name = f"{wanted}_{number}"
+        dependent = value if isinstance(value, Dependent) else None
+        exact = None if value is None else reference(value)
+        self.nodes[name] = Node(name, kind, exact, None, "", dependent, "control")
+        return name
+
+
+def _divided(numerator: Polynomial, denominator: Polynomial) -> tuple[list[Real], list[Real], list[Real]]:
+    """Divide two polynomials; return quotient, remainder and monic denominator, in ascending powers."""
+    top, bottom = _trimmed(numerator), _trimmed(denominator)
+    lead = bottom[-1]
+    monic = [coefficient / lead for coefficient in bottom]
+    rest = [coefficient / lead for coefficient in top]
+    quotient: list[Real] = []
+    while len(rest) >= len(monic):
+        factor = rest[-1]
+        quotient.insert(0, factor)
+        shift = len(rest) - len(monic)
+        lower = [Fraction(0)] * shift + [factor * coefficient for coefficient in monic]
+        rest = [one - other for one, other in zip_longest(rest, lower, fillvalue=Fraction(0))][:-1]
+    return quotient, rest, monic
+
+
+def _trimmed(polynomial: Polynomial) -> list[Real]:
+    """Return coefficients in ascending powers, without zeros at the end."""
+    ascending = list(polynomial)[::-1]
+    while len(ascending) > 1 and not reference(ascending[-1]):
+        ascending.pop()
+    return ascending

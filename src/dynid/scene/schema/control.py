@@ -1,0 +1,99 @@
+"""Feedback in the scene of a graph: loops from a variable through a controller to a source."""
+
+from __future__ import annotations
+
+from typing import Annotated, Self
+
+from pydantic import Field, model_validator
+
+from dynid.errors import Fault
+from dynid.scene.schema.base import Section
+from dynid.scene.schema.graph_variables import Output, SourceName
+from dynid.scene.schema.quantities import Quantity, Uncertain, UncertainPositive, fault
+from dynid.scene.schema.raw import is_mapping_of_mappings, listing, mapping, node_types, references
+from dynid.scene.yaml.source import Source
+
+Coefficients = Annotated[list[Uncertain], Field(min_length=1, max_length=50)]
+
+
+class PidModel(Section):
+    """Gains of a PID controller: kp + ki/s + kd s/(tf s + 1)."""
+
+    kp: Uncertain | None = None
+    ki: Uncertain | None = None
+    kd: Uncertain | None = None
+    tf: UncertainPositive | None = None
+
+    @model_validator(mode="after")
+    def _has_a_gain(self) -> Self:
+        if self.kp is None and self.ki is None and self.kd is None:
+            raise fault("a PID controller has a gain: kp, ki or kd")
+        if self.tf is not None and self.kd is None:
+            raise fault("'tf' filters the derivative; there is no 'kd'")
+        return self
+
+
+class ControllerModel(Section):
+    """A controller: a PID, a rational function of s, or a gain."""
+
+    pid: PidModel | None = None
+    numerator: Coefficients | None = None
+    denominator: Coefficients | None = None
+    gain: Uncertain | None = None
+
+    @model_validator(mode="after")
+    def _is_one_of_them(self) -> Self:
+        rational = self.numerator is not None or self.denominator is not None
+        if [self.pid is not None, rational, self.gain is not None].count(True) != 1:
+            raise fault("a controller is one of {pid: {…}}, {numerator: […], denominator: […]}, {gain: …}")
+        if rational and (self.numerator is None or self.denominator is None):
+            raise fault(
+                "'numerator' and 'denominator' belong together; coefficients in descending powers of s"
+            )
+        if self.denominator is not None and not any(entry.value for entry in self.denominator):
+            raise fault("the denominator is zero")
+        return self
+
+    def rational(self) -> tuple[list[Quantity], list[Quantity]] | None:
+        """Return numerator and denominator, where they are given."""
+        return (
+            None if self.numerator is None or self.denominator is None else (self.numerator, self.denominator)
+        )
+
+
+class LoopModel(Section):
+    """A loop: the source gives the reference less the controller's answer to what is measured."""
+
+    measured: Output = Field(alias="from")
+    source: SourceName = Field(alias="to")
+    controller: ControllerModel
+    reference: str = ""
+
+
+class ControlModel(Section):
+    """Feedback, which closes loops around the graph."""
+
+    loops: list[LoopModel] = Field(min_length=1)
+
+
+def control_faults(source: Source) -> list[Fault]:
+    """Return the faults of references, and of inputs that loops drive."""
+    types, faults, seen = node_types(source.data), list[Fault](), set[str]()
+    loops = listing(mapping(source.data, "control"), "loops")
+    for place, loop in enumerate(loops if is_mapping_of_mappings(dict(enumerate(loops))) else []):
+        name, path = loop.get("reference"), ("control", "loops", place, "reference")
+        if name is None or not isinstance(name, str):
+            continue
+        if name in types or name in seen:
+            what = "a node" if name in types else "the reference of another loop"
+            faults.append(source.fault(path, f"'{name}' is {what}; use another name"))
+        elif not name.isidentifier():
+            faults.append(source.fault(path, f"'{name}' cannot name a reference; use letters, digits and _"))
+        seen.add(name)
+    driven = {str(loop.get("to")) for loop in loops if isinstance(loop, dict)}
+    for place, name in enumerate(listing(mapping(source.data, "analysis"), "inputs")):
+        if str(name) in driven:
+            known = list(references(source.data)) or ["reference: r"]
+            message = f"'{name}' is driven by a loop; the input is its reference ({', '.join(known)})"
+            faults.append(source.fault(("analysis", "inputs", place), message))
+    return faults
