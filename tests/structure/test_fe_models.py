@@ -166,6 +166,19 @@ def test_supports_and_missing_dofs(tmp_path):
         built(tmp_path, write(tmp_path, K, table_of(xyz, numbers)))
 
 
+def test_an_order_without_supports_is_confirmed_by_the_stiffness(tmp_path):
+    """Rows of the free DOFs only, as Nastran's l-set has them: the bulk data say which are held."""
+    xyz = np.array([[i, j, k] for i in range(6) for j in (0, 1) for k in (0, 1)]) * SPACING
+    grids = "".join(
+        f"GRID,{k},,{','.join(repr(float(x)) for x in point)},,{456 if k > 2 else 123456}\n"
+        for k, point in enumerate(xyz, 1)
+    )
+    nodes = write(tmp_path, lattice(xyz)[12:, 12:], f"{grids}SPC,1,3,123\nSPC1,1,123,4\n", "m.bdf")
+    model = built(tmp_path, nodes)
+    assert model.dofs == tuple(f"{node}:{along}" for node in range(5, 25) for along in "xyz")
+    assert not model.nodes.doubts
+
+
 def test_sets_and_labels(tmp_path):
     nodes = write(tmp_path, lattice(CUBE), table_of(CUBE, NUMBERS, ",set", ["top left"] * 2 + [""] * 10))
     labels = [f"{node}:U{along}" for node in NUMBERS for along in "XYZ"]
@@ -261,6 +274,10 @@ def test_sets_points_and_constraints_of_bulk_data(tmp_path):
     assert by_name["g-set"][:7] == ("1:x", "1:y", "1:z", "1:rx", "1:ry", "1:rz", "2:x")
     assert by_name["g-set"][18:] == (11, 12, 13)
     assert "constraints, which are not applied: 1 SPC1, 1 MPC, 1 RBE2" in found.nodes.notes
+    # 456 of all nodes and all of node 3 are held; 1:x depends by the MPC, nodes 2 and 3 by the RBE2.
+    assert by_name["g-set without SPC"] == ("1:x", "1:y", "1:z", "2:x", "2:y", "2:z", 11, 12, 13)
+    assert by_name["g-set without SPC and MPC"] == ("1:y", "1:z", 11, 12, 13)
+    assert not {order.name: order.stated for order in found.orders}["g-set without SPC"]
 
 
 @pytest.mark.parametrize(

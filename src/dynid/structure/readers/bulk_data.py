@@ -1,32 +1,28 @@
-"""Nastran bulk data (`.bdf`, `.dat`, `.nas`, `.pch`): nodes, coordinate systems, order of DOFs, DMIG.
+"""Nodes in Nastran bulk data (`.bdf`, `.dat`, `.nas`, `.pch`): coordinate systems, orders of DOFs.
 
-Fields of 8 or 16 columns or separated by commas, continuations in order, `INCLUDE`. Constraints (SPC, MPC,
-rigid elements) are counted, not applied. Source: MSC Nastran Quick Reference Guide, "Bulk Data Entries".
+Constraints (SPC, MPC, rigid elements) are counted, not applied.
+Source: MSC Nastran Quick Reference Guide, "Bulk Data Entries".
 """
 
 from __future__ import annotations
 
-import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from dynid.errors import FileError
-from dynid.file_access import obstacle
 from dynid.number_format import counted
 from dynid.structure.labels import DIRECTIONS, Node
 from dynid.structure.matrices import Array, Label
 from dynid.structure.nodes import Nodes
+from dynid.structure.readers.bulk_cards import WHAT, Card, listed_points, read_cards, real, whole
 from dynid.structure.readers.element_edges import corners, edges
-from dynid.structure.readers.imported_matrix import ImportedMatrix, read_errors
+from dynid.structure.readers.imported_matrix import read_errors
 from dynid.structure.readers.node_file import DofOrder, NodeFile
 
-WHAT = "Nastran bulk data"
-# The most characters of a file and those that it includes, and how deep these are nested.
-_MOST, _DEEPEST = 1_000_000_000, 10
 _CONSTRAINTS = (
     "SPC", "SPC1", "SPCD", "MPC", "RBE1", "RBE2", "RBE3", "RBAR", "RBAR1", "RROD", "RJOINT", "RTRPLT",
     "RSPLINE", "SUPORT", "SUPORT1", "OMIT", "OMIT1",
@@ -42,9 +38,7 @@ _ELEMENTS = {
 }  # fmt: skip
 _SYSTEMS = ("CORD1R", "CORD1C", "CORD1S", "CORD2R", "CORD2C", "CORD2S")
 _ASETS = ("ASET", "ASET1", "BSET", "BSET1", "CSET", "CSET1", "QSET", "QSET1")
-_KEPT = {"GRID", "GRDSET", "SPOINT", "EXTRN", "DMIG", *_SYSTEMS, *_ASETS, *_ELEMENTS, *_CONSTRAINTS}
-
-Card = list[str]
+_KEPT = {"GRID", "GRDSET", "SPOINT", "EXTRN", *_SYSTEMS, *_ASETS, *_ELEMENTS, *_CONSTRAINTS}
 
 
 class _System(NamedTuple):
@@ -93,14 +87,14 @@ def read_nodes(path: Path) -> NodeFile:
         If the file cannot be read, has no nodes, or several superelements with nodes.
     """
     with read_errors(path, WHAT):
-        cards = _cards(path)
+        cards = read_cards(path, _KEPT)
         return nodes_of(path, cards)
 
 
 def nodes_of(path: Path, cards: Mapping[str, Sequence[Card]], orders: Sequence[DofOrder] = ()) -> NodeFile:
     """Return the nodes of cards by name; `orders` of DOFs that are known from elsewhere come first."""
     grids = _grids(path, cards)
-    scalars = sorted({point for card in cards.get("SPOINT", ()) for point in _points(card)})
+    scalars = sorted({point for card in cards.get("SPOINT", ()) for point in listed_points(card)})
     if not grids:
         raise FileError(f"{path} has no nodes (GRID)")
     systems = _systems(cards, grids)
@@ -119,7 +113,7 @@ def nodes_of(path: Path, cards: Mapping[str, Sequence[Card]], orders: Sequence[D
         if output and not np.array_equal(turned := system(output).at(point), np.eye(3)):
             axes[node] = turned
     elements = (
-        (shape, [_whole(field) for field in card[first + 1 : first + 1 + corners(shape)]])
+        (shape, [whole(field) for field in card[first + 1 : first + 1 + corners(shape)]])
         for name, (shape, first) in _ELEMENTS.items()
         for card in cards.get(name, ())
     )
@@ -147,7 +141,7 @@ def nodes_of(path: Path, cards: Mapping[str, Sequence[Card]], orders: Sequence[D
 def _orders(cards: Mapping[str, Sequence[Card]], every: Mapping[int, str]) -> Iterator[DofOrder]:
     """Yield the orders of DOFs: of an external superelement, of the a-set, of the g-set."""
     outside = [
-        (_whole(node), components)
+        (whole(node), components)
         for card in cards.get("EXTRN", ())
         for node, components in zip(card[1::2], card[2::2], strict=False)
         if node
@@ -158,16 +152,42 @@ def _orders(cards: Mapping[str, Sequence[Card]], every: Mapping[int, str]) -> It
     for name in _ASETS:
         for card in cards.get(name, ()):
             if name.endswith("1"):
-                pairs = [(node, card[1]) for node in _points(card[1:])]
+                pairs = [(node, card[1]) for node in listed_points(card[1:])]
             else:
-                pairs = [(_whole(n), c) for n, c in zip(card[1::2], card[2::2], strict=False) if n]
+                pairs = [(whole(n), c) for n, c in zip(card[1::2], card[2::2], strict=False) if n]
             for node, components in pairs:
                 kept.setdefault(node, set()).update(components or "0")
     if kept:
-        labels = (label for n in sorted(kept) for label in component_labels(n, "".join(sorted(kept[n]))))
-        yield DofOrder("a-set", tuple(labels), True)
-    labels = (label for node in sorted(every) for label in component_labels(node, every[node]))
-    yield DofOrder("g-set", tuple(labels), True)
+        analysed = (component_labels(node, "".join(sorted(kept[node]))) for node in sorted(kept))
+        yield DofOrder("a-set", tuple(label for own in analysed for label in own), True)
+    labels = tuple(label for node in sorted(every) for label in component_labels(node, every[node]))
+    yield DofOrder("g-set", labels, True)
+    held = set(_constrained(cards, _HELD))
+    dependent = set(_constrained(cards, _DEPENDENT))
+    for name, without in (("SPC", held), ("MPC", dependent), ("SPC and MPC", held | dependent)):
+        left = tuple(label for label in labels if label not in without)
+        if len(left) < len(labels):
+            yield DofOrder(f"g-set without {name}", left, False)
+
+
+#: By card the places of components and nodes: of all nodes behind a place, or of pairs.
+_Places: TypeAlias = Mapping[str, Sequence[tuple[int, int | None]]]
+_HELD: _Places = {"GRID": [(7, 1)], "SPC": [(3, 2), (6, 5)], "SPC1": [(2, None)]}
+_DEPENDENT: _Places = {"MPC": [(3, 2)], "RBE2": [(3, None)], "RBE3": [(4, 3)]}
+
+
+def _constrained(cards: Mapping[str, Sequence[Card]], kinds: _Places) -> Iterator[Label]:
+    """Yield the DOFs that constraints remove; which of their sets a run has selected is not known."""
+    default = (cards.get("GRDSET") or [[""] * 9])[0][7]
+    for name, places in kinds.items():
+        for card in cards.get(name, ()):
+            for at, node in places:
+                along = card[at] or (default if name == "GRID" else "")
+                if not along.isdecimal():
+                    continue
+                nodes = [whole(card[node])] if node is not None else listed_points(card[at:])
+                for each in nodes:
+                    yield from component_labels(each, along)
 
 
 def component_labels(node: int, components: str) -> list[Label]:
@@ -188,9 +208,9 @@ def _grids(path: Path, cards: Mapping[str, Sequence[Card]]) -> dict[int, _Grid]:
     base = (cards.get("GRDSET") or [[""] * 9])[0]
     found: dict[int, _Grid] = {}
     for card in cards.get("GRID", ()):
-        node = _whole(card[1])
-        place = np.array([_real(field) for field in card[3:6]])
-        grid = _Grid(_whole(card[2] or base[2]), place, _whole(card[6] or base[6]))
+        node = whole(card[1])
+        place = np.array([real(field) for field in card[3:6]])
+        grid = _Grid(whole(card[2] or base[2]), place, whole(card[6] or base[6]))
         old = found.setdefault(node, grid)
         if old is not grid and (old[::2] != grid[::2] or not np.allclose(old.position, place)):
             raise FileError(
@@ -206,20 +226,20 @@ def _systems(cards: Mapping[str, Sequence[Card]], grids: Mapping[int, _Grid]) ->
     for name in _SYSTEMS:
         for card in cards.get(name, ()):
             if name[4] == "2":
-                waiting[_whole(card[1])] = name, card[2:12]
+                waiting[whole(card[1])] = name, card[2:12]
             else:
                 for start in (1, 5):
                     if card[start]:
-                        waiting[_whole(card[start])] = name, card[start + 1 : start + 4]
+                        waiting[whole(card[start])] = name, card[start + 1 : start + 4]
     found = {0: _BASIC}
     while waiting:
         done = []
         for number, (name, fields) in waiting.items():
             if name[4] == "2":
-                within = [_whole(fields[0])] * 3
-                points = [np.array([_real(f) for f in fields[k : k + 3]]) for k in (1, 4, 7)]
+                within = [whole(fields[0])] * 3
+                points = [np.array([real(f) for f in fields[k : k + 3]]) for k in (1, 4, 7)]
             else:
-                ends = [grids[_whole(field)] for field in fields]
+                ends = [grids[whole(field)] for field in fields]
                 within, points = [end.input for end in ends], [end.position for end in ends]
             if all(one in found for one in within):
                 basic = [found[w].basic(point) for w, point in zip(within, points, strict=True)]
@@ -240,141 +260,3 @@ def _frame(number: int, a: Array, b: Array, c: Array) -> Array:
         raise ValueError(f"the points of coordinate system {number} lie on one line")
     x = np.cross(y, z)
     return np.array([v / np.linalg.norm(v) for v in (x, y, z)])
-
-
-def dmig_shapes(path: Path) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of the DMIG matrices of a file, by name."""
-    with read_errors(path, WHAT):
-        found = _dmig(_cards(path))
-        return {name: matrix.matrix.shape for name, matrix in found.items()}
-
-
-def load_dmig(path: Path, name: str) -> ImportedMatrix:
-    """Return one DMIG matrix of a file, with the labels of its DOFs."""
-    with read_errors(path, WHAT):
-        return _dmig(_cards(path))[name]
-
-
-def _dmig(cards: Mapping[str, Sequence[Card]]) -> dict[str, ImportedMatrix]:
-    """Return the square real matrices of DMIG cards by name.
-
-    A column is ``name, node, component, (blank)``, then ``node, component, A, B`` of each entry; a card of a
-    name with 0 as node says the form and the type.
-    """
-    heads: dict[str, Card] = {}
-    entries: dict[str, list[tuple[int, int, int, int, float]]] = {}
-    for card in cards.get("DMIG", ()):
-        name, column = card[1].upper(), _whole(card[2])
-        if column == 0:
-            heads[name] = card
-            continue
-        rows = entries.setdefault(name, [])
-        at = (column, _whole(card[3] or "0"))
-        for k in range(5, len(card) - 2, 4):
-            if card[k]:
-                rows.append((*at, _whole(card[k]), _whole(card[k + 1] or "0"), _real(card[k + 2])))
-    found = {}
-    for name, rows in entries.items():
-        form, kind = (_whole(heads[name][k] or "1") for k in (3, 4)) if name in heads else (1, 2)
-        if kind in (1, 2) and form in (1, 6) and rows:
-            found[name] = _labelled(rows, symmetric=form == 6)
-    return found
-
-
-def _labelled(rows: Sequence[tuple[int, int, int, int, float]], *, symmetric: bool) -> ImportedMatrix:
-    from scipy.sparse import coo_array  # heavy import, needed here only
-
-    ends = np.array([row[:4] for row in rows])
-    values = np.array([row[4] for row in rows])
-    dofs, inverse = np.unique(np.concatenate([ends[:, 2:], ends[:, :2]]), axis=0, return_inverse=True)
-    i, j = inverse.reshape(2, -1)
-    n = len(dofs)
-    if symmetric:  # one of two mirrored entries is there, or both
-        lone = (i != j) & ~np.isin(j * n + i, i * n + j)
-        i, j, values = (np.concatenate(pair) for pair in ((i, j[lone]), (j, i[lone]), (values, values[lone])))
-    labels = tuple(component_labels(node, str(component))[0] for node, component in dofs.tolist())
-    return ImportedMatrix(coo_array((values, (i, j)), shape=(n, n)).tocsc(), labels)
-
-
-def _cards(path: Path) -> dict[str, list[Card]]:
-    """Return the cards of a file by name, each as its fields, the name first, padded by blanks."""
-    found: dict[str, list[Card]] = {}
-    current: Card | None = None
-    for line in _lines(path, 0, [0]):
-        fields = _fields(line)
-        name = fields[0].rstrip("*").rstrip().upper()
-        if name.startswith("="):
-            raise FileError(f"{path} repeats cards (=), which is not read", remedy="Write them out.")
-        if name and not name.startswith(("+", "*")):
-            current = [name] if name in _KEPT else None
-            if current is not None:
-                found.setdefault(name, []).append(current)
-        if current is not None:
-            current += fields[1:]
-    for cards in found.values():
-        for card in cards:
-            card.extend([""] * (13 - len(card)))
-    return found
-
-
-def _lines(path: Path, depth: int, size: list[int]) -> Iterator[str]:
-    """Yield the lines of bulk data in a file and those that it includes, without comments.
-
-    The commands above ``BEGIN BULK`` are left out; files without it are bulk data from their first line.
-    """
-    blocked = obstacle(path)
-    if blocked is not None:
-        raise FileError(f"{path} {blocked[0]}", remedy=blocked[1])
-    size[0] += path.stat().st_size
-    if depth > _DEEPEST or size[0] > _MOST:
-        raise FileError(f"{path}: too many files include each other, or they are too large")
-    with path.open(encoding="utf-8", errors="replace") as stream:
-        above = depth == 0 and any(re.match(r"\s*BEGIN\s+BULK", line, re.IGNORECASE) for line in stream)
-        stream.seek(0)
-        for raw in stream:
-            line = raw.split("$")[0].rstrip()
-            word = line[:9].strip().upper()
-            if word.startswith("BEGIN"):
-                above = False
-            elif word.startswith("ENDDATA"):
-                return
-            elif line and not above:
-                if word.startswith("INCLUDE"):
-                    name = line.strip()[7:].strip().strip("'\"")
-                    yield from _lines(path.parent / name, depth + 1, size)
-                else:
-                    yield line
-
-
-def _fields(line: str) -> list[str]:
-    """Return the fields of a line: its name, then eight small ones or four large ones."""
-    wide = "*" in line[:8]
-    count = 4 if wide else 8
-    if "," in line:
-        fields = [field.strip() for field in line.split(",")][: count + 1]
-    else:
-        line, size = line.expandtabs(8), 16 if wide else 8
-        fields = [line[:8].strip(), *(line[k : k + size].strip() for k in range(8, min(len(line), 72), size))]
-    return fields + [""] * (count + 1 - len(fields))
-
-
-def _points(fields: Iterable[str]) -> list[int]:
-    """Return the points of a list of fields behind a name, with ``THRU``."""
-    given = [field.upper() for field in list(fields)[1:] if field]
-    if "THRU" in given:
-        first, last = _whole(given[0]), _whole(given[-1])
-        if last - first > 10_000_000:
-            raise ValueError(f"{first} THRU {last} are too many points")
-        return list(range(first, last + 1))
-    return [_whole(field) for field in given]
-
-
-def _whole(field: str) -> int:
-    return int(field) if field else 0
-
-
-def _real(field: str) -> float:
-    """Return a number of Nastran: ``1.5-3`` and ``1.5D-3`` are 0.0015."""
-    if not field:
-        return 0.0
-    return float(re.sub(r"(?<=[0-9.])([+-])", r"e\1", field.upper().replace("D", "E")))

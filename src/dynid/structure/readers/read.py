@@ -10,7 +10,7 @@ from typing import NamedTuple
 from dynid.errors import FileError
 from dynid.file_access import dataset_of, obstacle
 from dynid.structure.matrices import Label, Matrix
-from dynid.structure.readers import binary, bulk_data, matlab, op2
+from dynid.structure.readers import binary, dmig, matlab, op2
 from dynid.structure.readers.calculix import read_calculix
 from dynid.structure.readers.harwell_boeing import read_harwell_boeing
 from dynid.structure.readers.imported_matrix import ImportedMatrix
@@ -180,7 +180,7 @@ def _container(path: Path) -> Container:
     if kind == ".op2":
         return Container(op2.shapes, op2.load)
     if kind in BULK_DATA:
-        return Container(bulk_data.dmig_shapes, bulk_data.load_dmig)
+        return Container(dmig.shapes, dmig.load)
     if kind in (".npz", ".npy"):
         return Container(binary.numpy_shapes, binary.load_numpy)
     if kind == ".mat":
