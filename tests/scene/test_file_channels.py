@@ -21,6 +21,7 @@ structure:
 joints:
   tip: {dofs: [w_5], k: {start: 1.0e3, true: 2.0e3}, c: 1}
 """
+QUARTER = "[[1, 0, 0], [0, 0, -1], [0, 1, 0]]"  # its z is the model's y
 FORCE = {"ordinate_spec_data_type": 13}
 
 
@@ -153,6 +154,10 @@ def test_the_geometry_may_be_a_file_of_its_own(tmp_path):
     written(tmp_path / "run.uff", function(np.zeros(20), response=(7, -3)))
     match = "match: {by: position, tolerance: 0.01, geometry: geometry.unv}"
     data = loaded(tmp_path, BEAM + f"measurement: {{file: {{path: run.uff}}, channels: all, {match}}}\n")
+    assert data["measurement"]["channels"] == [{"dof": "w_4", "gain": -1, "quantity": "acceleration"}]
+    (tmp_path / "nodes.csv").write_text("node,x,y,z\n7,1.5,0.001,0\n")
+    table = f"match: {{by: position, tolerance: 0.01, geometry: nodes.csv, axes: {QUARTER}}}"
+    data = loaded(tmp_path, BEAM + f"measurement: {{file: {{path: run.uff}}, channels: all, {table}}}\n")
     assert data["measurement"]["channels"] == [{"dof": "w_4", "gain": -1, "quantity": "acceleration"}]
     other = match.replace("geometry.unv", "run.uff")
     said = refusal(tmp_path, BEAM + f"measurement: {{file: {{path: run.uff}}, channels: all, {other}}}\n")
@@ -466,3 +471,46 @@ def test_complex_shapes_are_fitted_and_their_complexity_is_reported(tmp_path):
     complexity = found["identification/modes/complexity_measured"].data
     assert complexity == pytest.approx([c / np.hypot(1, c)], rel=1e-2)  # six digits in the file
     assert found["identification/modes/mac"].data[0] > 0.999
+
+
+SPACE = """\
+dynid: 1
+kind: identification
+structure:
+  space_frame:
+    nodes: [[0, 0, 0], [1, 0, 0]]
+    members: [{nodes: [1, 2], EA: 1.0e6, EIy: 1.0e3, EIz: 2.0e3, GJ: 1.0e3, rhoA: 1, rhoJ: 0.01}]
+    supports: [{node: 1, fix: [x, y, z, rx, ry, rz]}]
+    damping: {beta: 1.0e-4}
+joints:
+  tip: {dofs: ["2:y"], k: {start: 1.0e3, true: 2.0e3}}
+"""
+
+
+def test_a_slanting_sensor_is_a_sum_of_dofs(tmp_path):
+    """The tip's motion along (0, 0.6, 0.8), and a force along (0, 0.8, -0.6), from a displacement system."""
+    text = SPACE + (
+        "motions: {s: {2:y: 0.6, 2:z: 0.8}, f: {2:y: 0.8, 2:z: -0.6}}\n"
+        "measurement:\n  channels: [{dof: s, quantity: acceleration, reference: {dof: f}}]\n"
+        "  frf: {simulate: {lines: {start: 5, stop: 60, points: 56, scale: linear, unit: Hz}}}\n"
+    )
+    values = run(tmp_path, text)["identification/measurement/measured"].data[:, 0]
+    written(
+        tmp_path / "h.unv",
+        system(4, (0, 0, 0), (1, 0, 0), (0, -0.6, -0.8)),  # its z is -(0, 0.6, 0.8), its y (0, -0.8, 0.6)
+        nodes([2], [(1.0, 0.0, 0.0)], systems=4),
+        function(values, kind=4, response=(2, -3), reference=(2, -2), step=1.0, start=5.0),
+    )
+    listed = SPACE + "measurement: {frf: {file: {path: h.unv}}, channels: all}\n"
+    data = loaded(tmp_path, listed)
+    z, y = data["motions"]["test 2:z"], data["motions"]["test 2:y"]
+    assert z == pytest.approx({"2:y": -0.6, "2:z": -0.8}, rel=1e-5)
+    assert y == pytest.approx({"2:y": -0.8, "2:z": 0.6}, rel=1e-5)
+    found = run(tmp_path, listed)
+    assert found["identification/parameters/estimate"].data == pytest.approx([2000], rel=1e-3)
+
+
+def test_the_dofs_of_a_motion_exist(tmp_path):
+    text = SPACE + "motions: {s: {2:y: 0.6, 7:z: 0.8}}\nanalysis: {modes: {count: 1}}\n"
+    with pytest.raises(DynidError, match="there is no DOF '7:z'"):
+        run(tmp_path, text)

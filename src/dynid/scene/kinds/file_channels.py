@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, cast
+from itertools import count
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from dynid.errors import FileError, UsageError
 from dynid.scene.schema.match import MatchModel
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
     from dynid.scene.load import Scene
     from dynid.scene.schema.identification import IdentificationScene
-    from dynid.scene.schema.measurement import RecordModel
+    from dynid.scene.schema.measurement import MeasurementModel, RecordModel
     from dynid.scene.schema.modes import MeasuredModesModel
     from dynid.scene.yaml.source import Source
     from dynid.structure.matching import Matching
@@ -60,33 +61,56 @@ def completed(scene: Scene) -> Source:
             remedy="List the channels: channels: [{output: …}].",
             names=("measurement.channels",),
         )
-    structure = structure_of(scene)
+    test_model = _Model(structure_of(scene), {})
     data = dict(scene.source.data)
     if shaped:
         assert measurement.modes is not None
-        data["measurement"] = {
-            **data["measurement"],
-            "modes": _shapes(scene, measurement.modes, data["measurement"]["modes"], structure),
-        }
-    if not channels:
-        return replace(scene.source, data=data, overridden=True)
+        modes = _shapes(scene, measurement.modes, data["measurement"]["modes"], test_model)
+        data["measurement"] = {**data["measurement"], "modes": modes}
+    if channels:
+        data |= _with_channels(scene, measurement, data, test_model)
+    if test_model.motions:
+        data["motions"] = {**data.get("motions", {}), **test_model.motions}
+    return replace(scene.source, data=data, overridden=True)
+
+
+class _Model(NamedTuple):
+    """A model, and the weighted sums of its DOFs that sensors between them measure, by name."""
+
+    structure: StructuralModel
+    motions: dict[Label, Motion]
+
+    def named(self, end: tuple[int, str], motion: Motion) -> dict[str, Any]:
+        """Return `dof` of a motion that is measured at an end, and `gain` of the opposite direction."""
+        (label, weight), *others = motion.items()
+        if others:
+            weight, along = (-1.0, end[1][1:]) if end[1].startswith("-") else (1.0, end[1])
+            parts = {dof: weight * one for dof, one in motion.items()}
+            names = (f"test{k or ''} {end[0]}:{along}" for k in count())
+            label = next(name for name in names if self.motions.get(name, parts) == parts)
+            self.motions[label] = parts
+        return {"dof": label} if weight > 0 else {"dof": label, "gain": -1}
+
+
+def _with_channels(
+    scene: Scene, measurement: MeasurementModel, data: Mapping[str, Any], model: _Model
+) -> dict[str, Any]:
+    """Return the measurement with its channels, and the excitation where the file gives it."""
     given = data["measurement"]
     if not measurement.records:
-        data["measurement"], forces = _written_out(scene, measurement, given, "measurement", structure)
-        if forces and "excitation" not in data:
-            data["excitation"] = forces
-        return replace(scene.source, data=data, overridden=True)
+        listed, forces = _written_out(scene, measurement, given, "measurement", model)
+        driven = {"excitation": forces} if forces and "excitation" not in data else {}
+        return {"measurement": listed, **driven}
     records = []
     for number, (one, own) in enumerate(zip(measurement.each, given["records"], strict=True)):
         if isinstance(one.channels, AllOfFile):
-            listed, forces = _written_out(scene, one, own, f"measurement.records.{number}", structure)
-            driven = any("excitation" in part for part in (data, given, own))
-            records.append(listed if driven else {**listed, "excitation": forces})
+            listed, forces = _written_out(scene, one, own, f"measurement.records.{number}", model)
+            stated = any("excitation" in part for part in (data, given, own))
+            records.append(listed if stated else {**listed, "excitation": forces})
         else:
             records.append(own)
     shared = {key: value for key, value in given.items() if key != "match" and value != "all"}
-    data["measurement"] = {**shared, "records": records}
-    return replace(scene.source, data=data, overridden=True)
+    return {"measurement": {**shared, "records": records}}
 
 
 def _names_nodes(scene: Scene, modes: MeasuredModesModel | None) -> bool:
@@ -99,7 +123,7 @@ def _names_nodes(scene: Scene, modes: MeasuredModesModel | None) -> bool:
 
 
 def _shapes(
-    scene: Scene, given: MeasuredModesModel, written: Mapping[str, Any], structure: StructuralModel
+    scene: Scene, given: MeasuredModesModel, written: Mapping[str, Any], model: _Model
 ) -> dict[str, Any]:
     """Return the keys of measured modes with the DOFs of their shapes; `written` are those in the scene."""
     from dynid.structure.labels import node_direction
@@ -111,14 +135,14 @@ def _shapes(
     place, path = "measurement.modes", scene.folder / given.file.path
     table = read_modes(path, given.file.names, f"{place}.file")
     source = UniversalFile(existing(path, f"{place}.file"))
-    test = _Test(scene, given.match or MatchModel(), place, source, structure, "file")
+    test = _Test(scene, given.match or MatchModel(), place, source, model, "file")
     ends = [node_direction(dof) for dof in table.dofs]
     kept = {key: value for key, value in written.items() if key != "match"}
     return {**kept, "sensors": test.signed([(int(end[0]), end[1]) for end in ends if end])}
 
 
 def _written_out(
-    scene: Scene, given: RecordModel, written: Mapping[str, Any], place: str, structure: StructuralModel
+    scene: Scene, given: RecordModel, written: Mapping[str, Any], place: str, model: _Model
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Return the keys of a record, or of frequency responses, with those that its file gives; and the forces.
 
@@ -137,7 +161,7 @@ def _written_out(
             "names no nodes and directions",
             "List the channels; 'all' are those of a Universal File (.uff, .unv).",
         )
-    test = _Test(scene, given.match or MatchModel(), place, UniversalFile(file), structure)
+    test = _Test(scene, given.match or MatchModel(), place, UniversalFile(file), model)
     kept = {key: value for key, value in written.items() if key != "match"}
     if given.frf is None:
         listed, columns, forces = _record(given, test)
@@ -156,20 +180,27 @@ class _Test:
         match: MatchModel,
         place: str,
         source: UniversalFile,
-        structure: StructuralModel,
+        model: _Model,
         key: str = "channels",
     ) -> None:
-        self.match, self.place, self.source, self.structure = match, place, source, structure
+        self.match, self.place, self.source, self.model = match, place, source, model
         self.key = f"{place}.{key}"
         self.nodes = self._nodes(scene.folder)
         self.how = self._located(lambda: _matching(match))
 
     def _nodes(self, folder: Path) -> Nodes | None:
+        from dynid.structure.readers.read_nodes import read_nodes
+        from dynid.tables.read import file_format
         from dynid.tables.universal_geometry import read_test_nodes, test_nodes
 
         if self.match.geometry is None:
             return None if {15, 2411}.isdisjoint(self.source.kinds) else test_nodes(self.source)
         path, place = folder / self.match.geometry, f"{self.place}.match.geometry"
+        if file_format(path) != "uff":
+            try:
+                return read_nodes(path).nodes
+            except FileError as error:
+                raise FileError(error.problem, remedy=error.remedy, names=(place,)) from None
         found = read_test_nodes(path, place)
         if found is None:
             raise FileError(
@@ -207,20 +238,9 @@ class _Test:
         from dynid.structure.matching import matched_dofs
 
         found: list[Motion] = self._located(
-            lambda: matched_dofs(self.structure, ends, self.how, self.nodes),
+            lambda: matched_dofs(self.model.structure, ends, self.how, self.nodes),
         )
-        return [self._named(end, motion) for end, motion in zip(ends, found, strict=True)]
-
-    def _named(self, end: tuple[int, str], motion: Motion) -> dict[str, Any]:
-        (label, weight), *others = motion.items()
-        if others:
-            names = ", ".join(f"{weight:.3g} of {label}" for label, weight in motion.items())
-            raise UsageError(
-                f"{end[0]}:{end[1]} of the test lies between DOFs of the model: {names}",
-                remedy="Leave the channel out.",
-                names=(self.key,),
-            )
-        return {"dof": label} if weight > 0 else {"dof": label, "gain": -1}
+        return [self.model.named(end, motion) for end, motion in zip(ends, found, strict=True)]
 
     def signed(self, ends: Sequence[tuple[int, str]]) -> list[Label]:
         """Return DOFs for ends, with a sign where these have the opposite direction."""

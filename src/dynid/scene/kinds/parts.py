@@ -41,7 +41,7 @@ def build_assembly(scene: Scene, model: IdentificationScene) -> StructuralModel:
     FileError, UsageError
         As `build_structure`; if a point or a joint between points makes no sense.
     """
-    if model.structure is not None and not model.points:
+    if model.structure is not None and not (model.points or model.motions):
         return build_structure(scene, model.structure, model.joints)
     whole = _bare(scene, model)
     from dynid.structure.points import with_points
@@ -60,6 +60,12 @@ def build_assembly(scene: Scene, model: IdentificationScene) -> StructuralModel:
         joints += made
         motions |= own
     whole = whole.with_motions(motions)
+    for name, sum_of in model.motions.items():
+        try:
+            weights = {whole.label(dof): float(weight) for dof, weight in sum_of.items()}
+            whole = whole.with_motions({name: weights})
+        except UsageError as error:
+            raise UsageError(error.problem, remedy=error.remedy, names=(f"motions.{name}",)) from error
     if faults := dof_faults(scene.source, type(model), whole.dof_names):
         raise SceneError(faults)
     return whole.joined(joints)

@@ -170,6 +170,7 @@ class IdentificationScene(ComposedScene):
     structures: dict[PartName, PartModel] | None = Field(default=None, min_length=1)
     graph: GraphModel | None = None
     points: dict[PartName, PointModel] = {}
+    motions: dict[str, Annotated[dict[Dof, Value], Field(min_length=1)]] = {}
     joints: dict[str, JointModel] = {}
     reduction: ReductionModel | None = None
     excitation: Signals = []
@@ -318,6 +319,7 @@ def _only_structures(source: Source) -> list[Fault]:
     """Return the faults of keys beside a graph that belong to structures."""
     remedies = {
         ("points",): "a graph has nodes, not points",
+        ("motions",): "a graph has no DOFs; leave 'motions' out",
         ("joints",): "a graph has no joints; its unknowns are entries of 'parameters' that its values name",
         ("reduction",): "a graph is not reduced; leave 'reduction' out",
         ("plan", "quantities"): "a graph has efforts and flows; list 'candidates' such as {output: J.f}",

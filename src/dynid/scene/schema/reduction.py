@@ -279,7 +279,8 @@ def structure_faults(
         ]
     else:
         faults, labels = own_faults(source, (*at, "structure"), given, names)
-        known = labels and not mapping(part, "points")  # which have motions: known as the model is built
+        # Points and motions have names like DOFs, which are known as the model is built.
+        known = labels and not (mapping(part, "points") or mapping(part, "motions"))
         faults = (
             dof_faults(source, model, DofNames(labels), at) if labels and known and not faults else faults
         )
