@@ -56,6 +56,23 @@ def test_calculix():
     assert modes(free.M, free.C, free.K, 8).rigid == 6
 
 
+def test_abaqus_with_nodes_and_components(tmp_path):
+    """Lines ``node, component, node, component, value`` beside the input file of the job."""
+    dofs = (DATA / "bracket.dof").read_text().replace(".", ", ").splitlines()
+    for name, ending in (("STIF1", ".sti"), ("MASS1", ".mas")):
+        entries = (line.split() for line in (DATA / f"bracket{ending}").read_text().splitlines())
+        lines = [f"{dofs[int(row) - 1]}, {dofs[int(column) - 1]}, {value}" for row, column, value in entries]
+        (tmp_path / f"job_{name}.mtx").write_text("\n".join(lines))
+    text = (DATA / "bracket.inp").read_text().replace("NSET=TIP", "NSET=Tip")
+    (tmp_path / "job.inp").write_text(text, encoding="utf-8-sig")  # with a byte order mark, as Mecway's
+    model, other = model_of(tmp_path / "job.inp"), model_of(DATA / "bracket.inp")
+    assert model.dofs[:4] == ("25:1", "25:2", "25:3", "26:1")
+    np.testing.assert_array_equal(model.K, other.K)
+    np.testing.assert_array_equal(model.row("42:z"), other.row("42:z"))
+    assert model.nodes.sets["Tip"] == (31, 32, 33, 34, 35)
+    assert not model.nodes.doubts
+
+
 def test_opensees():
     """Full rows of printA, DOFs by the table of nodes."""
     model = imported(
@@ -188,6 +205,7 @@ def test_truncated_files_of_calculix(tmp_path, damaged, cut):
     ("text", "said"),
     [
         ("", "has no nodes"),
+        ("1, 0., 0.\n", "it does not start with a keyword"),
         ("*NODE\n1, 0., x\n", "cannot be read as an input file"),
         ("*PART, NAME=A\n*NODE\n1, 0.\n*PART, NAME=B\n*NODE\n1, 2.\n", "has several parts"),
         ("*NODE\n1, 0.\n*NGEN\n1, 5\n", "has *NGEN, which is not read"),

@@ -52,7 +52,7 @@ def _lines(path: Path, depth: int, size: list[int]) -> Iterator[str]:
     size[0] += path.stat().st_size
     if depth > _DEEPEST or size[0] > _MOST:
         raise FileError(f"{path}: too many files include each other, or they are too large")
-    with path.open(encoding="utf-8", errors="replace") as stream:
+    with path.open(encoding="utf-8-sig", errors="replace") as stream:
         above = depth == 0 and any(re.match(r"\s*BEGIN\s+BULK", line, re.IGNORECASE) for line in stream)
         stream.seek(0)
         for raw in stream:

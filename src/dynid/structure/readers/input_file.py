@@ -60,6 +60,7 @@ def read_nodes(path: Path) -> NodeFile:
     with read_errors(path, _WHAT):
         places: dict[int, list[float]] = {}
         sets: dict[str, list[int]] = {}
+        written: dict[str, str] = {}  # names of sets as they are written first; their case does not count
         elements: list[tuple[str, list[int]]] = []
         held: Counter[str] = Counter()
         parts = 0
@@ -72,12 +73,14 @@ def read_nodes(path: Path) -> NodeFile:
                     f"{path} has {what}, which is not read",
                     remedy="Write an input file without parts, or a table of nodes (.csv).",
                 )
+            name = block.parameters.get("NSET", "")
+            written.setdefault(name.upper(), name)
             if block.keyword == "NODE":
                 numbers = _nodes(places, block)
-                if "NSET" in block.parameters:
-                    sets.setdefault(block.parameters["NSET"], []).extend(numbers)
+                if name:
+                    sets.setdefault(name.upper(), []).extend(numbers)
             elif block.keyword == "NSET":
-                sets.setdefault(block.parameters.get("NSET", ""), []).extend(_members(sets, block))
+                sets.setdefault(name.upper(), []).extend(_members(sets, block))
             elif block.keyword == "ELEMENT":
                 elements += _elements(block)
             elif block.keyword in _CONSTRAINTS:
@@ -89,7 +92,7 @@ def read_nodes(path: Path) -> NodeFile:
         numbers = list(places)
         xyz = np.array([places[number] for number in numbers])
         known = {
-            name: tuple(dict.fromkeys(node for node in members if node in places))
+            written[name]: tuple(dict.fromkeys(node for node in members if node in places))
             for name, members in sets.items()
         }
         lines = {edge for shape, ends in elements if places.keys() >= {*ends} for edge in edges(shape, ends)}
@@ -160,9 +163,9 @@ def _blocks(path: Path) -> Iterator[_Block]:
         elif continued.endswith(","):  # the parameters of a keyword go on
             continued += line
         else:
-            assert current is not None or not line
-            if current is not None:
-                current.lines.append([word.strip() for word in line.split(",")])
+            if current is None:
+                raise ValueError("it does not start with a keyword (*…)")
+            current.lines.append([word.strip() for word in line.split(",")])
             continue
         if continued.endswith(","):
             continue
@@ -170,7 +173,7 @@ def _blocks(path: Path) -> Iterator[_Block]:
             yield current
         keyword, *parameters = (word.strip() for word in continued[1:].split(","))
         pairs = (word.partition("=") for word in parameters)
-        given = {name.strip().upper(): value.strip().strip('"').upper() for name, _, value in pairs}
+        given = {name.strip().upper(): value.strip().strip('"') for name, _, value in pairs}
         current = _Block(" ".join(keyword.upper().split()), given, [])
         continued = ""
     if current is not None:
@@ -185,7 +188,7 @@ def _lines(path: Path, depth: int, size: list[int]) -> Iterator[str]:
     size[0] += path.stat().st_size
     if depth > _DEEPEST or size[0] > _MOST:
         raise FileError(f"{path}: too many files include each other, or they are too large")
-    with path.open(encoding="utf-8", errors="replace") as stream:
+    with path.open(encoding="utf-8-sig", errors="replace") as stream:
         for raw in stream:
             line = raw.strip()
             if not line or line.startswith("**"):
