@@ -150,3 +150,42 @@ def test_an_inverted_element_is_located_at_the_mesh(dynid, folder):
     assert code == 2
     assert "s.yaml:5:5: the tetra10 of nodes" in err
     assert "is inverted" in err
+
+
+TWO = """\
+dynid: 1
+kind: identification
+structures:
+  one:
+    solid: {mesh: one.inp, materials: {E: 2.1e11, nu: 0.3, rho: 7800}}
+    reduction: {modes: {count: 3}}
+  other:
+    solid: {mesh: other.inp, materials: {E: 7.0e10, nu: 0.3, rho: 2700}}
+points:
+  p: {part: one, set: x1, spread: distributed}
+  q: {part: other, set: x0, spread: distributed}
+joints:
+  bush: {points: [p, q], k: {x: 1.0e3, y: 1.0e9, z: 1.0e9, rx: 2, ry: 1.0e9, rz: 1.0e9}}
+analysis: {modes: {count: 8}}
+"""
+
+
+def test_two_meshed_parts_on_a_soft_bushing_move_as_rigid_bodies(folder):
+    """Along the axis and about it the bushing is soft; the frequencies are those of two rigid bodies."""
+    sizes = {"one": (0.2, 0.1, 0.06), "other": (0.3, 0.1, 0.06)}
+    for name, (a, b, c) in sizes.items():
+        start = 0.0 if name == "one" else 0.2
+        mesh = box(
+            "tetra10", (2, 1, 1), (a, b, c), lambda xyz, start=start: xyz + np.array([start, -0.05, -0.03])
+        )
+        sets = {end: mesh.sets[end] for end in ("x0", "x1")}
+        meshio.write(
+            f"{name}.inp", meshio.Mesh(mesh.xyz, [("tetra10", mesh.blocks[0].cells)], point_sets=sets)
+        )
+    (folder / "s.yaml").write_text(TWO)
+    omega = package.run("s.yaml")["structure/modes/omega"].data
+    masses = [7800 * 0.2 * 0.006, 2700 * 0.3 * 0.006]
+    turning = [m / 12 * (0.1**2 + 0.06**2) for m in masses]
+    exact = sorted([np.sqrt(1e3 * sum(1 / m for m in masses)), np.sqrt(2 * sum(1 / J for J in turning))])
+    assert omega[6:] == pytest.approx(exact, rel=1e-5)
+    assert np.all(omega[:6] < 1e-2 * omega[6])
