@@ -1,9 +1,9 @@
-"""Mode shapes of beams, plane frames and chains: still, and animated where the reader allows motion."""
+"""Mode shapes of structures whose geometry is known: still, and animated where the reader allows motion."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.report.drawing.space import GROUP as SPACE
+from dynid.report.drawing.space import Space
 from dynid.report.drawing.structure_scene import StructureGeometry, geometry_of
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture
 from dynid.report.notation import short
@@ -27,28 +29,67 @@ _WIDTH, _PAD, _SPAN = 250.0, 16.0, 34.0
 _LABEL = re.compile(r"(u|w|theta)_(\d+)")
 
 Displacements = Mapping[int, Mapping[str, float]]
+#: Points of lines at rest and their displacements, on the paper.
+Lines = Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
+LinesOf = Callable[[int], Lines]
+#: Most lines that are drawn one by one, and in all modes together.
+_APART, MOST_LINES = 60, 6300
 
 
 def figures(result: Result) -> Iterator[Figure]:
     """Yield the mode shapes, still and animated."""
-    geometry = geometry_of(scene_of(result))
-    if geometry is None or not result[f"{GROUP}/shape"].data.size:
+    if not result[f"{GROUP}/shape"].data.size:
+        return
+    found = _lines_by(result)
+    if found is None:
         return
     for name, title, animated in (
         ("modes", "Mode shapes", False),
         ("modes-animated", "Mode shapes, animated", True),
     ):
-        yield Figure(name, title, partial(_picture, result, geometry, name, title, animated))
+        yield Figure(name, title, partial(_picture, result, *found, name, title, animated))
 
 
-def _picture(result: Result, geometry: StructureGeometry, name: str, title: str, animated: bool) -> Picture:
+def _lines_by(result: Result) -> tuple[LinesOf, bool] | None:
+    """Return the function that gives the lines in a mode, and whether their points are masses.
+
+    None without geometry.
+
+    Of a scene's chain, beam or plane frame with all its DOFs they follow from these, of others from the
+    motion of the nodes that the result holds.
+    """
+    data = scene_of(result).data
+    geometry = geometry_of(scene_of(result)) if "structure" in data and "points" not in data else None
+    labels = [str(label) for label in result[f"{GROUP}/dof"].data]
+    if geometry is not None and labels == [str(label) for label in geometry.labels]:
+        return lambda mode: _bent(geometry, _displacements(result, mode)), not geometry.members
+    if f"{SPACE}/displacement" not in result:
+        return None
+    space = Space(result)
+    most = MOST_LINES // min(len(result[f"{SPACE}/displacement"].data), MODES)
+    return lambda mode: space.polylines(mode, most), False
+
+
+def _displacements(result: Result, mode: int) -> Displacements:
+    """Return the entries of a mode shape by node and direction."""
+    moved: dict[int, dict[str, float]] = {}
+    shape = result[f"{GROUP}/shape"].data[:, mode].tolist()
+    for label, value in zip(map(str, result[f"{GROUP}/dof"].data), shape, strict=True):
+        match = _LABEL.fullmatch(label)
+        node = int(match[2]) if match else int(label) if label.isdecimal() else 0
+        moved.setdefault(node, {})[match[1] if match else "w"] = value
+    return moved
+
+
+def _picture(result: Result, lines_of: LinesOf, dots: bool, name: str, title: str, animated: bool) -> Picture:
     omega, shapes = result[f"{GROUP}/omega"].data, result[f"{GROUP}/shape"].data
     damping = result[f"{GROUP}/damping"].data if f"{GROUP}/damping" in result else np.full(len(omega), np.nan)
     labels = [str(label) for label in result[f"{GROUP}/dof"].data]
     count, unit = min(len(omega), MODES), frequency_unit(result)
-    xs, ys = zip(*geometry.points.values(), strict=True)
-    left, top, tall = min(xs), max(ys), max(ys) - min(ys)
-    scale = _WIDTH / max((max(xs) - min(xs)) or 1.0, tall)
+    points = np.concatenate([rest for rest, _ in lines_of(0)])
+    (left, low), (right, top) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    tall = top - low
+    scale = _WIDTH / (max(right - left, tall) or 1.0)
     # Columns of a frame sway, so that neighbouring modes may move towards each other.
     side, apart = (_SPAN + 4, 2 * _SPAN + 10) if tall else (8.0, 44.0)
     row_height = scale * tall + 2 * _SPAN + 40
@@ -69,13 +110,8 @@ def _picture(result: Result, geometry: StructureGeometry, name: str, title: str,
         heading = f"mode {mode + 1}: {short(unit.factor * float(omega[mode]))} {unit.name}"
         heading += f", ζ {short(float(damping[mode]), 2)}" if np.isfinite(damping[mode]) else ""
         svg.text(x + _WIDTH / 2, y + 6, heading, "small strong")
-        moved: dict[int, dict[str, float]] = {}
-        for label, value in zip(labels, shapes[:, mode].tolist(), strict=True):
-            match = _LABEL.fullmatch(label)
-            node = int(match[2]) if match else int(label) if label.isdecimal() else 0
-            moved.setdefault(node, {})[match[1] if match else "w"] = value
-        origin = (x - scale * left, y + 20 + _SPAN + scale * top)
-        _draw_shape(svg, geometry, moved, scale, origin, f"swing{mode}" if animated else "")
+        origin = (x - scale * left + (_WIDTH - scale * (right - left)) / 2, y + 20 + _SPAN + scale * top)
+        _draw_shape(svg, lines_of(mode), scale, origin, f"swing{mode}" if animated else "", dots=dots)
     state = (
         "animated in slow motion, still where the system requests less motion"
         if animated
@@ -93,15 +129,8 @@ def _picture(result: Result, geometry: StructureGeometry, name: str, title: str,
     return Picture(svg.render(width, _PAD + TITLE + 22 + -(-count // ROW) * row_height), about, table)
 
 
-def _draw_shape(
-    svg: Svg, geometry: StructureGeometry, moved: Displacements, scale: float, origin: Point, swing: str
-) -> None:
-    """Draw the structure at rest and displaced; the largest displacement has a fixed length."""
-
-    def place(point: Point) -> Point:
-        return origin[0] + scale * point[0], origin[1] - scale * point[1]
-
-    # Points along the members and their displacements: cubic across a member, linear along it (Hermite).
+def _bent(geometry: StructureGeometry, moved: Displacements) -> Lines:
+    """Return points along the members and their displacements: cubic across a member, linear along it."""
     lines, t = list[tuple[NDArray[np.float64], NDArray[np.float64]]](), np.linspace(0, 1, FINE + 1)
     for nodes in geometry.members:
         points, displacements = [], []
@@ -125,15 +154,30 @@ def _draw_shape(
         masses = sorted(geometry.points)
         rest = np.array([geometry.points[n] for n in masses])
         lines = [(rest, np.array([[0.0, moved.get(n, {}).get("w", 0.0)] for n in masses]))]
+    return lines
+
+
+def _draw_shape(svg: Svg, lines: Lines, scale: float, origin: Point, swing: str, *, dots: bool) -> None:
+    """Draw the structure at rest and displaced; the largest displacement has a fixed length."""
+
+    def path(points: NDArray[np.float64]) -> str:
+        return path_of((origin[0] + scale * x, origin[1] - scale * y) for x, y in points.tolist())
+
     largest = max(float(np.abs(by).max()) for _, by in lines) or 1.0
     reach = _SPAN / scale / largest
-    for rest, by in lines:
-        svg.element("path", "hair", d=path_of(map(place, map(tuple, rest.tolist()))))
-        there, back = ([place((x, y)) for x, y in (rest + sign * reach * by).tolist()] for sign in (1, -1))
+    together = len(lines) > _APART
+    rests = [path(rest) for rest, _ in lines]
+    theres, backs = ([path(rest + sign * reach * by) for rest, by in lines] for sign in (1, -1))
+    if together:  # one path with many parts
+        rests, theres, backs = ["".join(rests)], ["".join(theres)], ["".join(backs)]
+    for rest, there, back in zip(rests, theres, backs, strict=True):
+        svg.element("path", "hair", d=rest)
+        cls = "s1 fine" if together else "s1"
         if swing:
-            style = f"--there: path('{path_of(there)}'); --back: path('{path_of(back)}')"
-            svg.element("path", f"s1 {svg.name}-{swing}", d=path_of(there), style=style)
-            continue
-        svg.element("path", "s1", d=path_of(there))
-        for point in there if not geometry.members else ():
-            svg.circle(*point, 3.5, "s1 dot")
+            style = f"--there: path('{there}'); --back: path('{back}')"
+            svg.element("path", f"{cls} {svg.name}-{swing}", d=there, style=style)
+        else:
+            svg.element("path", cls, d=there)
+    for still, by in lines if dots and not swing else ():
+        for x, y in (still + reach * by).tolist():
+            svg.circle(origin[0] + scale * x, origin[1] - scale * y, 3.5, "s1 dot")

@@ -32,13 +32,20 @@ _ROW, _MASS, _LEADING, _PAD = 26.0, 64.0, 13.0, 16.0
 
 def figures(result: Result) -> Iterator[Figure]:
     """Yield the schematic of a result's structure, where its scene defines one with a geometry."""
+    geometry = plane_geometry(result)
+    if geometry is not None:
+        attached = attachments_of(scene_of(result), geometry.labels)
+        yield Figure("structure", "Structure", lambda: _picture(result.title, geometry, attached))
+
+
+def plane_geometry(result: Result) -> StructureGeometry | None:
+    """Return the geometry of a chain, beam or plane frame that is drawn as a schematic; None of others."""
     scene = scene_of(result)
     if "structure" not in scene.data or "points" in scene.data:
-        return
+        return None
     geometry = geometry_of(scene)
-    if geometry is not None and len(geometry.points) <= (MASSES if geometry.masses else NODES):
-        attached = attachments_of(scene, geometry.labels)
-        yield Figure("structure", "Structure", lambda: _picture(result.title, geometry, attached))
+    few = geometry is not None and len(geometry.points) <= (MASSES if geometry.masses else NODES)
+    return geometry if few else None
 
 
 def _picture(title: str, geometry: StructureGeometry, attached: Attachments) -> Picture:

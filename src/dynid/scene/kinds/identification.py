@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 from dynid.progress import report_progress
 from dynid.result import Result
 from dynid.scene.kinds.estimators import estimator_of, frf_estimator_of, further_of, modal_estimator_of
+from dynid.scene.kinds.geometry import add_geometry
 from dynid.scene.kinds.measurements import (
     channel_of,
     experiments,
@@ -82,6 +83,7 @@ def run(scene: Scene) -> Result:
         result.annotate("structure" if model.measurement is None else "identification", doubt=made.doubt)
     if model.responses is not None:
         result.merge(responses(scene, model, structure if made is None else made.model, values))
+    add_geometry(result, model, structure, None if made is None else made.model)
     add_identification_scope(result, model, structure, made)
     return result
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 from dynid.defaults import RESIDUALS
 from dynid.errors import NumericalError, UsageError
 from dynid.result import Result
+from dynid.scene.kinds.geometry import add_geometry
 from dynid.scene.kinds.measurements import channel_of, shown
 from dynid.scene.kinds.scope import add_reduction_scope
 from dynid.scene.kinds.signals import angular_frequencies
@@ -176,6 +177,7 @@ def run(scene: Scene) -> Result:
         structure, methods_of(model), responses=_responses(model, structure), parts=model.substructures
     )
     result.merge(made)
+    add_geometry(result, model, structure)
     names = result_names([part.method for part in model.reduction])
     add_reduction_scope(
         result, model, {name: part.method for name, part in zip(names, model.reduction, strict=True)}

@@ -1,0 +1,343 @@
+"""Structures by the positions of their nodes, in two or three dimensions: sensors, loads, joints, supports.
+
+A plane structure is seen along z; any other from above and aside, in parallel projection.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.report.drawing.structure import pin, plane_geometry
+from dynid.report.figure import CellValue, Figure, FigureTable, Picture
+from dynid.report.svg import SMALL, Point, Svg, path_of, text_width
+from dynid.structure.geometry import outer_lines
+
+if TYPE_CHECKING:
+    from dynid.result import Result
+
+Array = NDArray[np.float64]
+
+GROUP = "structure/geometry"
+#: Azimuth and elevation of the eye, degrees.
+_AZIMUTH, _ELEVATION = -60.0, 22.0
+#: Size of the picture and length of an arrow, px; most nodes with numbers, supports and arrows with texts.
+_WIDTH, _HEIGHT, _ARROW, _NUMBERED, _WRITTEN = 620.0, 440.0, 30.0, 26, 40
+#: Margin, px; most lines that are bold, and nodes that are drawn.
+_PAD, _FEW = 24.0, 200
+#: Points along a line that bends; most lines that are bent, and that are drawn.
+_FINE, _BENT, _MOST = 8, 400, 6000
+
+
+class Space:
+    """The geometry in a result, and its projection onto the paper.
+
+    Parameters
+    ----------
+    result
+        With the group `structure/geometry`.
+    """
+
+    def __init__(self, result: Result) -> None:
+        self.result = result
+        self.nodes = [str(name) for name in result[f"{GROUP}/node"].data]
+        self.position = self.array("position", 3)
+        self.edges = result[f"{GROUP}/edge"].data
+        self.lines = int(result.group_attrs.get(GROUP, {}).get("lines", len(self.edges)))
+
+    def array(self, name: str, width: int) -> Array:
+        """Return an array of the geometry; one without rows where it is absent."""
+        path = f"{GROUP}/{name}"
+        return np.asarray(self.result[path].data) if path in self.result else np.zeros((0, width))
+
+    def names(self, what: str) -> list[str]:
+        """Return the names of sensors, loads or joints."""
+        path = f"{GROUP}/{what}"
+        return [str(name) for name in self.result[path].data] if path in self.result else []
+
+    @cached_property
+    def is_plane(self) -> bool:
+        """True if everything lies and moves in x-y, rotations about z."""
+        flat = not np.ptp(self.position[:, 2])
+        for what in ("sensor", "load"):
+            turns, along = self.array(f"{what}_turns", 1).ravel(), self.array(f"{what}_direction", 3)
+            flat = flat and not any(
+                np.abs(one[:2] if turning else one[2:]).max() > 1e-9
+                for turning, one in zip(turns, along, strict=True)
+            )
+        return flat and not self.array("displacement", 3)[..., 2].any()
+
+    @cached_property
+    def view(self) -> Array:
+        """Directions on the paper, to the right and up (2 x 3)."""
+        if self.is_plane:
+            return np.eye(3)[:2]
+        a, e = np.radians([_AZIMUTH, _ELEVATION])
+        right = [-np.sin(a), np.cos(a), 0.0]
+        return np.array([right, [-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e)]])
+
+    def flat(self, points: Array) -> Array:
+        """Return points or displacements (… x 3) on the paper (… x 2), y upwards."""
+        return np.asarray(points @ self.view.T)
+
+    def polylines(self, mode: int | None = None, most: int = _MOST) -> list[tuple[Array, Array]]:
+        """Return lines at rest and their displacements on the paper; those of beams bend (Hermite).
+
+        Parameters
+        ----------
+        mode
+            The mode, from 0; absent: at rest only.
+        most
+            Most lines, the outer ones.
+        """
+        edges = outer_lines(self.edges, most)
+        moved, turned = np.zeros_like(self.position), None
+        if mode is not None:
+            moved, rotation = self.array("displacement", 3)[mode], self.array("rotation", 3)
+            turned = rotation[mode] if len(rotation) and len(edges) <= _BENT else None
+        flat, flatly = self.flat(self.position), self.flat(moved)
+        if not len(edges):  # nodes without lines are short strokes
+            stroke = np.array([[-1.0, 0.0], [1.0, 0.0]]) * 0.008 * (np.ptp(flat, axis=0).max() or 1.0)
+            return [(point + stroke, by + 0 * stroke) for point, by in zip(flat, flatly, strict=True)]
+        chains: list[list[int]] = []
+        for a, b in edges.tolist():
+            if chains and chains[-1][-1] == a:  # lines that follow one another are one
+                chains[-1].append(b)
+            else:
+                chains.append([a, b])
+        if turned is None:
+            return [(flat[chain], flatly[chain]) for chain in chains]
+        return [self._bent(chain, moved, turned) for chain in chains]
+
+    def _bent(self, chain: Sequence[int], moved: Array, turned: Array) -> tuple[Array, Array]:
+        """Return points along lines and their displacements: cubic across a line, linear along it."""
+        t = np.linspace(0, 1, _FINE + 1)[:, None]
+        points, displacements = [], []
+        for a, b in pairwise(chain):
+            start, along = self.position[a], self.position[b] - self.position[a]
+            chord = moved[b] - moved[a]
+            # What the rotations of the ends add to the straight line between them.
+            slopes = [np.cross(turned[node], along) - chord for node in (a, b)]
+            slopes = [slope - _onto(slope, along) for slope in slopes]
+            bend = slopes[0] * (t - 2 * t**2 + t**3) + slopes[1] * (t**3 - t**2)
+            points.append(start + t * along)
+            displacements.append(moved[a] + t * chord + bend)
+        return self.flat(np.concatenate(points)), self.flat(np.concatenate(displacements))
+
+
+def _onto(vector: Array, along: Array) -> Array:
+    """Return the part of a vector along another one."""
+    size = float(along @ along)
+    return along * (vector @ along) / size if size else along
+
+
+def figures(result: Result) -> Iterator[Figure]:
+    """Yield the picture of the geometry in a result, where no schematic is drawn."""
+    if plane_geometry(result) is None:
+        space = Space(result)
+        yield Figure("structure", "Structure", lambda: _Drawing(space, result.title).picture())
+
+
+class _Drawing:
+    """The structure with what is attached to it; y downwards, px."""
+
+    def __init__(self, space: Space, title: str) -> None:
+        self.space, self.title = space, title
+        flat = space.flat(space.position)
+        low, high = flat.min(axis=0), flat.max(axis=0)
+        width, height = (high - low).tolist()
+        self.scale = min(_WIDTH / width if width else np.inf, _HEIGHT / height if height else np.inf)
+        self.scale = self.scale if np.isfinite(self.scale) else 1.0
+        self.low, self.high = low, high
+        self.boxes: list[tuple[float, float, float, float]] = []
+        self.strokes: list[Point] = []
+        self.texts: list[tuple[Point, str, str]] = []
+        self.svg = Svg("structure", f"Structure of {title}")
+
+    def at(self, point: Array) -> Point:
+        """Return the place of a point (3) on the paper."""
+        x, y = self.space.flat(point)
+        return self.scale * float(x - self.low[0]), self.scale * float(self.high[1] - y)
+
+    def picture(self) -> Picture:
+        """Return the figure."""
+        space, svg = self.space, self.svg
+        self._draw_lines()
+        self._draw_supports()
+        self._draw_joints()
+        for what, cls in (("load", "s2"), ("sensor", "s3")):
+            self._draw_arrows(what, cls)
+        if len(space.nodes) <= _NUMBERED:
+            each = zip(space.nodes, space.position, strict=True)
+            self.texts += [(self.at(point), name, "small muted") for name, point in each]
+        for text in self.texts:
+            self._write(*text)
+        self._draw_axes()
+        parts = [(len(space.names(what)), what) for what in ("joint", "load", "sensor")]
+        texts = [f"{count} {what}{'s' * (count != 1)}" for count, what in parts if count]
+        about = f"The structure, {len(space.nodes)} nodes" + (f", with {', '.join(texts)}." if texts else ".")
+        if len(space.edges) < space.lines:
+            about += f" {len(space.edges):,} of its {space.lines:,} lines are drawn."
+        if not space.is_plane:
+            about += " Seen from above and aside, in parallel projection."
+        left, top, right, bottom = (
+            pick(box[place] for box in self.boxes) for place, pick in enumerate((min, min, max, max))
+        )
+        size = right - left + 2 * _PAD, bottom - top + 2 * _PAD
+        return Picture(svg.render(*size, left - _PAD, top - _PAD), about, self._table())
+
+    def _table(self) -> FigureTable:
+        rows: list[tuple[CellValue, ...]] = []
+        for what in ("joint", "load", "sensor"):
+            places = self.space.array(f"{what}_position", 3)
+            along = self.space.array(f"{what}_direction", 3)
+            for k, name in enumerate(self.space.names(what)):
+                ends = places[k].reshape(-1, 3)
+                way = "" if what == "joint" else ", ".join(f"{value + 0.0:.3g}" for value in along[k])
+                rows.append((name, what, *map(float, ends[0]), way))
+        return FigureTable(("name", "what", "x, m", "y, m", "z, m", "direction"), tuple(rows))
+
+    def _draw_lines(self) -> None:
+        space, svg = self.space, self.svg
+        paths = [path_of(self._placed(rest)) for rest, _ in space.polylines() if len(rest) > 1]
+        if len(space.edges) <= _FEW:
+            for a, b in space.edges.tolist():
+                self._keep_clear(self.at(space.position[a]), self.at(space.position[b]))
+        if paths:
+            svg.element("path", "bond" if len(space.edges) <= _FEW else "hair", d="".join(paths))
+        flat = space.flat(space.position)
+        few = len(flat) <= _FEW
+        extreme = {int(pick(flat[:, axis])) for pick in (np.argmin, np.argmax) for axis in (0, 1)}
+        for node in range(len(flat)) if few or not paths else extreme:
+            x, y = self.at(space.position[node])
+            self.boxes.append((x, y, x, y))
+            if few or not paths:
+                svg.circle(x, y, 2.2, "solid")
+
+    def _keep_clear(self, start: Point, end: Point) -> None:
+        """Keep texts off a line."""
+        steps = int(max(abs(end[0] - start[0]), abs(end[1] - start[1])) // 4) + 2
+        self.strokes += zip(
+            np.linspace(start[0], end[0], steps), np.linspace(start[1], end[1], steps), strict=True
+        )
+
+    def _placed(self, points: Array) -> Iterator[Point]:
+        for x, y in points.tolist():
+            yield self.scale * (x - float(self.low[0])), self.scale * (float(self.high[1]) - y)
+
+    def _draw_supports(self) -> None:
+        held = self.space.array("held", 3).astype(bool)
+        some = [node for node, ways in enumerate(held) if ways.any()]
+        for node in some:
+            x, y = self.at(self.space.position[node])
+            ways = ", ".join(way for way, fixed in zip("xyz", held[node], strict=True) if fixed)
+            self.svg.open(tip=f"node {self.space.nodes[node]}: {ways} held")
+            if len(some) <= _WRITTEN:
+                pin(self.svg, x, y)
+                self.boxes.append((x - 18, y + 3, x + 18, y + 27))
+            else:
+                self.svg.rect(x - 2.5, y - 2.5, 5, 5, "solid")
+            self.svg.close()
+
+    def _draw_joints(self) -> None:
+        places = self.space.array("joint_position", 3)
+        for name, ends in zip(self.space.names("joint"), places, strict=True):
+            points = [self.at(end) for end in ends]
+            self.svg.open(tip=f"joint {name}")
+            if points[0] != points[1]:
+                self.svg.line(*points, cls="bond mark")
+                self._keep_clear(*points)
+            for x, y in dict.fromkeys(points):
+                self.svg.circle(x, y, 5, "line mark")
+            self.svg.close()
+            middle = (points[0][0] + points[1][0]) / 2, (points[0][1] + points[1][1]) / 2
+            self.texts.append((middle, name, "small marked"))
+
+    def _draw_arrows(self, what: str, cls: str) -> None:
+        """Draw loads, which point at their nodes, and sensors, which point away from them."""
+        space, names = self.space, self.space.names(what)
+        turns = space.array(f"{what}_turns", 1).ravel()
+        ways = space.array(f"{what}_direction", 3)
+        for k, (name, point) in enumerate(zip(names, space.array(f"{what}_position", 3), strict=True)):
+            x, y = self.at(point)
+            dx, dy = (float(one) for one in space.flat(ways[k]))
+            size = float(np.hypot(dx, dy))
+            self.svg.open(tip=f"{what} {name}")
+            if size < 0.15:  # along the line of sight, or about it
+                self.svg.circle(x, y, 6, f"frame {cls}")
+                self.svg.circle(x, y, 2, f"{cls} dot")
+                tip = (x, y)
+            else:
+                step = (_ARROW * dx / size, -_ARROW * dy / size)
+                start, end = ((-1.15, -0.15), (0.15, 1.15))[what == "sensor"]
+                points = [(x + share * step[0], y + share * step[1]) for share in (start, end)]
+                _arrow(self.svg, points[0], points[1], cls, double=bool(turns[k]))
+                tip = points[what == "sensor"]
+                self.boxes.append((*points[0], *points[0]))
+                self.boxes.append((*points[1], *points[1]))
+                self._keep_clear(*points)
+            self.svg.close()
+            if len(names) <= _WRITTEN:
+                self.texts.append((tip, name, f"small {cls}"))
+
+    def _draw_axes(self) -> None:
+        """Draw the basic directions at the lower left."""
+        left, bottom = min(box[0] for box in self.boxes), max(box[3] for box in self.boxes)
+        x, y = left + 24.0, bottom + 44.0
+        for name, way in zip("xyz", np.eye(3), strict=True):
+            dx, dy = (float(one) for one in self.space.flat(way))
+            if dx or dy:
+                self.svg.line((x, y), (x + 22 * dx, y - 22 * dy), cls="frame")
+                self.svg.text(x + 30 * dx, y - 30 * dy + 3, name, "small muted")
+        self.boxes.append((left, y - 36, x + 36, y + 22))
+
+    def _write(self, at: Point, text: str, cls: str) -> None:
+        """Write a text beside a point where nothing else is written; else it is left to the table."""
+        width = text_width(text, SMALL)
+        strokes = np.array(self.strokes).reshape(-1, 2)
+        for dx, dy, anchor in _BESIDE:
+            x, y = at[0] + dx, at[1] + dy
+            left = x - {"start": 0.0, "middle": width / 2, "end": width}[anchor]
+            box = (left, y - 0.8 * SMALL, left + width, y + 0.25 * SMALL)
+            if ((strokes > box[:2]) & (strokes < box[2:])).all(axis=1).any():
+                continue
+            if all(
+                box[2] <= other[0] or other[2] <= box[0] or box[3] <= other[1] or other[3] <= box[1]
+                for other in self.boxes
+            ):
+                self.boxes.append(box)
+                self.svg.text(x, y, text, cls, anchor=anchor)
+                return
+
+
+_BESIDE = tuple(
+    (dx, dy, anchor)
+    for far in (0, 12, 24)
+    for dx, dy, anchor in (
+        (7, 13 + far, "start"),
+        (7, -6 - far, "start"),
+        (-7, -6 - far, "end"),
+        (-7, 13 + far, "end"),
+        (10, 3.5, "start"),
+        (-10, 3.5, "end"),
+        (0, -10 - far, "middle"),
+        (0, 18 + far, "middle"),
+    )
+)
+
+
+def _arrow(svg: Svg, start: Point, end: Point, cls: str, *, double: bool) -> None:
+    """Draw an arrow; one of a rotation has two heads."""
+    length = max(float(np.hypot(end[0] - start[0], end[1] - start[1])), 1e-9)
+    along = ((end[0] - start[0]) / length, (end[1] - start[1]) / length)
+    svg.line(start, (end[0] - 5 * along[0], end[1] - 5 * along[1]), cls=f"bond {cls}")
+    for back in (0.0, 7.0) if double else (0.0,):
+        tip = (end[0] - back * along[0], end[1] - back * along[1])
+        base = (tip[0] - 9 * along[0], tip[1] - 9 * along[1])
+        sides = [(base[0] - side * along[1], base[1] + side * along[0]) for side in (4, -4)]
+        svg.polygon(tip, *sides, cls=f"{cls} dot")

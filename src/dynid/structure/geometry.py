@@ -1,0 +1,182 @@
+"""Geometry of a structure as a result: nodes, lines, supports, sensors, loads, joints, motion in modes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.result import Result
+from dynid.structure.labels import DIRECTIONS, Node, node_direction
+from dynid.structure.matrices import Array, Label
+from dynid.structure.model import StructuralModel
+from dynid.structure.nodes import Nodes
+
+GROUP = "structure/geometry"
+#: Most lines that are kept of a mesh, evenly spaced; most modes.
+MOST_LINES, MOST_MODES = 6000, 12
+
+
+class Place(NamedTuple):
+    """Place and direction of a displacement: basic coordinates, m; a unit vector; True of a rotation."""
+
+    position: Array
+    direction: Array
+    turns: bool
+
+
+def place_of(model: StructuralModel, dof: Label) -> Place | None:
+    """Return where a DOF or a motion is, and its direction, the sign of its name included.
+
+    A motion is at the mean of its nodes, by the sizes of their weights. None where no node is known.
+
+    Raises
+    ------
+    UsageError
+        If there is no such DOF.
+    """
+    if model.nodes is None:
+        return None
+    sign, label = model.dof_names.find_signed(dof)
+    position, direction, whole, turning = np.zeros(3), np.zeros(3), 0.0, 0.0
+    for one, weight in model.motions.get(str(label), {label: 1.0}).items():
+        node, along = node_direction(one) or (None, "")
+        if node is None or node not in model.nodes.places or not weight:
+            return None
+        place = DIRECTIONS.index(along)
+        position += abs(weight) * model.nodes.xyz[model.nodes.places[node]]
+        direction += sign * weight * axes_of(model.nodes, node)[place % 3]
+        whole += abs(weight)
+        turning += abs(weight) * (place >= 3)
+    size = float(np.linalg.norm(direction))
+    return Place(position / whole, direction / size, turning > whole / 2) if size else None
+
+
+def axes_of(nodes: Nodes, node: Node) -> Array:
+    """Return the directions of a node's DOFs (3 x 3, in rows)."""
+    return np.asarray(nodes.axes[node]) if node in nodes.axes else np.eye(3)
+
+
+def geometry(
+    model: StructuralModel,
+    sensors: Iterable[tuple[str, Label]] = (),
+    loads: Iterable[Label] = (),
+    *,
+    supports: bool = True,
+) -> Result:
+    """Return what a picture of a structure needs; an empty result where its nodes are not known.
+
+    Parameters
+    ----------
+    model
+        The full structure, with its joints.
+    sensors
+        Name and DOF of each.
+    loads
+        DOFs of forces.
+    supports
+        True if displacements that are no DOFs are held; else they may be no part of the model.
+
+    Returns
+    -------
+    Result
+        ``structure/geometry/``: `node`, `position` (node x xyz), `edge` (line x end: places of the two nodes
+        in `node`, from 0), `held` (node x direction x y z of the node's own axes); `sensor`, `load`, each
+        with `_position`, `_direction` (… x xyz) and `_turns` (a rotation); `joint`, `joint_position` (joint x
+        end x xyz; of one to ground both ends are the same). Of large meshes the outer lines and their nodes;
+        the attribute `lines` of the group counts all.
+    """
+    result, nodes = Result("structure"), model.nodes
+    if nodes is None:
+        return result
+    every = np.array([[nodes.places[a], nodes.places[b]] for a, b in nodes.lines], dtype=np.int64)
+    edges = outer_lines(every.reshape(-1, 2), MOST_LINES)
+    rows = np.arange(len(nodes.numbers))
+    if len(edges) and len(rows) > MOST_LINES:
+        rows = np.unique(edges)
+    numbers = [nodes.numbers[row] for row in rows]
+    result.add_axis(f"{GROUP}/xyz", ["x", "y", "z"])
+    result.add_axis(f"{GROUP}/node", [str(node) for node in numbers])
+    result.add(f"{GROUP}/position", nodes.xyz[rows], ("node", "xyz"), "m")
+    result.add(f"{GROUP}/edge", np.searchsorted(rows, edges), ("line", "end"))
+    result.annotate(GROUP, lines=len(nodes.lines))
+    if supports:
+        result.add(f"{GROUP}/held", _held(model, numbers), ("node", "xyz"))
+    known = [(name, place) for name, dof in sensors if (place := place_of(model, dof))]
+    _add_places(result, "sensor", known)
+    _add_places(result, "load", [(str(dof), place) for dof in loads if (place := place_of(model, dof))])
+    ends = {
+        joint.name: [place.position for dof in joint.dofs if (place := place_of(model, dof))]
+        for joint in model.joints
+    }
+    ends = {name: found for name, found in ends.items() if found}
+    if ends:
+        result.add_axis(f"{GROUP}/joint", list(ends))
+        both = [
+            [found[0], max(found, key=lambda one: float(np.linalg.norm(one - found[0])))]
+            for found in ends.values()
+        ]
+        result.add(f"{GROUP}/joint_position", both, ("joint", "end", "xyz"), "m")
+    return result
+
+
+def outer_lines(edges: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+    """Return at most so many lines (m x 2), those whose nodes have the fewest neighbours: edges, faces."""
+    if len(edges) <= most:
+        return edges
+    neighbours = np.bincount(edges.ravel())[edges].sum(axis=1)
+    return edges[np.sort(np.argsort(neighbours, kind="stable")[:most])]
+
+
+def _held(model: StructuralModel, numbers: Sequence[Node]) -> Array:
+    """Return the displacements (node x xyz) that are no DOFs although other nodes have them."""
+    free = {node_direction(label) for label in (*model.dofs, *model.motions)}
+    ways = [way for way in DIRECTIONS[:3] if any(one and one[1] == way for one in free)]
+    return np.array([[way in ways and (node, way) not in free for way in DIRECTIONS[:3]] for node in numbers])
+
+
+def _add_places(result: Result, what: str, found: Sequence[tuple[str, Place]]) -> None:
+    if found:
+        result.add_axis(f"{GROUP}/{what}", [name for name, _ in found])
+        places = [place for _, place in found]
+        result.add(f"{GROUP}/{what}_position", [one.position for one in places], (what, "xyz"), "m")
+        result.add(f"{GROUP}/{what}_direction", [one.direction for one in places], (what, "xyz"))
+        result.add(f"{GROUP}/{what}_turns", [one.turns for one in places], (what,))
+
+
+def add_motion(result: Result, model: StructuralModel) -> None:
+    """Add the motion of the nodes in the modes of a result, in basic coordinates, to its geometry.
+
+    Parameters
+    ----------
+    result
+        With `geometry` and the modes of `model`.
+    model
+        The structure, full or reduced.
+
+    Notes
+    -----
+    Adds `displacement` and `rotation` (mode x node x xyz), the latter where there are rotations, of the
+    first modes.
+    """
+    if model.nodes is None or f"{GROUP}/node" not in result or "structure/modes/shape" not in result:
+        return
+    shapes = model.expand(np.asarray(result["structure/modes/shape"].data)[:, :MOST_MODES])
+    places = {name: at for at, name in enumerate(result[f"{GROUP}/node"].data.tolist())}
+    moved = np.zeros((2, shapes.shape[1], len(places), 3))
+    labels = model.dof_names.labels
+    rows = {label: row for row, label in enumerate(labels)}
+    every = list(zip(labels, shapes, strict=True))
+    for name, motion in model.motions.items():
+        every.append((name, np.sum([weight * shapes[rows[one]] for one, weight in motion.items()], axis=0)))
+    for label, motion in every:
+        node, along = node_direction(label) or (None, "")
+        if node is not None and node in model.nodes.places and str(node) in places:
+            at = DIRECTIONS.index(along)
+            moved[at // 3, :, places[str(node)]] += np.outer(motion, axes_of(model.nodes, node)[at % 3])
+    result.add_axis(f"{GROUP}/mode", np.arange(1, shapes.shape[1] + 1))
+    result.add(f"{GROUP}/displacement", moved[0], ("mode", "node", "xyz"))
+    if moved[1].any():
+        result.add(f"{GROUP}/rotation", moved[1], ("mode", "node", "xyz"))
