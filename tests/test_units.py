@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dynid.bondgraph.graph import UNITS
 from dynid.errors import UsageError
 from dynid.units import (
     UnknownUnitError,
@@ -248,3 +249,10 @@ def test_pint_is_not_imported_for_units_that_are_built_in():
         "assert si_factor('nautical_mile', ['m']) == 1852; assert 'pint' in sys.modules"
     )
     subprocess.run([sys.executable, "-W", "ignore", "-c", code], check=True)
+
+
+def test_units_of_the_domains_of_bond_graphs_are_known():
+    for domain in UNITS.values():
+        for unit in domain.values():
+            (found,) = readings(unit)
+            assert found.factor == 1, unit

@@ -264,3 +264,90 @@ def test_the_file_of_a_data_logger_gives_the_estimate_of_the_record_in_si(tmp_pa
     found = estimates(run_scene(load_scene(ROOT / "configs/machine_logger.yaml")))
     expected = estimates(run_scene(load_scene(tmp_path / "si.yaml")))
     np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+GRAPH = """\
+dynid: 1
+kind: identification
+parameters: {R: {start: 1, true: 2}, J: {start: 0.02, true: 0.01}}
+graph:
+  nodes:
+    U: Se
+    circuit: 1
+    R: {type: R, value: R}
+    L: {type: I, value: 0.05, domain: electrical}
+    motor: {type: GY, value: 0.1}
+    rotor: 1
+    J: {type: I, value: J, domain: rotational}
+    b: {type: R, value: 1.0e-3}
+  bonds: [U -> circuit -> motor -> rotor -> J, circuit -> L, circuit -> R, rotor -> b]
+excitation: [{source: U, kind: multisine, amplitude: [6, 6], frequency: [2, 20]}]
+measurement:
+  step: 0.01
+  samples: 200
+  channels: [{output: L.f}, {output: J.f}]
+  simulate: {noise_ratio: 0.02, seed: 1}
+"""
+
+
+def test_variables_of_graphs_have_units_of_their_domains(tmp_path):
+    def run(text):
+        (tmp_path / "scene.yaml").write_text(text)
+        return run_scene(load_scene(tmp_path / "scene.yaml"))
+
+    group = "identification/measurement"
+    si = run(GRAPH)
+    values, driven = si[f"{group}/measured"].data, si[f"{group}/input"].data[:, 0]
+    rows = np.column_stack([driven * 1e3, values[:, 0] * 1e3, values[:, 1] * 30 / np.pi])
+    lines = [",".join(map(repr, row)) for row in rows.tolist()]
+    (tmp_path / "x.csv").write_text("\n".join(["U [mV],i (mA),n [rpm]", *lines]))
+    (tmp_path / "si.csv").write_text(
+        "\n".join(
+            [
+                "U,i,n",
+                *(f"{u!r},{i!r},{n!r}" for u, (i, n) in zip(driven.tolist(), values.tolist(), strict=True)),
+            ]
+        )
+    )
+    measured = GRAPH.replace(
+        "kind: multisine, amplitude: [6, 6], frequency: [2, 20]", "kind: file, path: F, column: U"
+    )
+    measured = measured.replace("simulate: {noise_ratio: 0.02, seed: 1}", "file: {path: F, columns: [i, n]}")
+    expected = estimates(run(measured.replace("path: F", "path: si.csv")))
+    lab = measured.replace("path: F", "path: x.csv")
+    np.testing.assert_allclose(estimates(run(lab)), expected, rtol=1e-8)
+    given = lab.replace("{output: J.f}", "{output: J.f, unit: rpm}").replace(
+        "{output: L.f}", "{output: L.f, unit: mA}"
+    )
+    np.testing.assert_allclose(estimates(run(given)), expected, rtol=1e-8)
+    with pytest.raises(UsageError, match=r"the unit Hz does not fit: J\.f is in rad/s") as caught:
+        run(measured.replace("path: F", "path: si.csv").replace("{output: J.f}", "{output: J.f, unit: Hz}"))
+    assert caught.value.names[0] == "measurement.channels.1.unit"
+    with pytest.raises(UsageError, match="the unit N does not fit: U is in V"):
+        run(GRAPH.replace("frequency: [2, 20]", "frequency: [2, 20], amplitude_unit: N"))
+    kilo = GRAPH.replace("amplitude: [6, 6]", "amplitude: [6.0e-3, 6.0e-3], amplitude_unit: kV")
+    np.testing.assert_allclose(run(kilo)[f"{group}/input"].data[:, 0], driven, rtol=1e-12)
+
+
+def test_inputs_of_a_bond_graph_have_units(tmp_path):
+    def response(signal):
+        (tmp_path / "scene.yaml").write_text(f"""\
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {{F: Se, body: 1, m: {{type: I, value: 2, domain: mechanical}}, d: {{type: R, value: 3}}}}
+  bonds: [F -> body -> m, body -> d]
+analysis:
+  outputs: [m.f]
+  results: [time_response]
+  time: {{stop: 1, step: 0.1, input: {signal}}}
+""")
+        return run_scene(load_scene(tmp_path / "scene.yaml"))["bond_graph/time_response/response"].data
+
+    expected = response("{kind: step, amplitude: 5}")
+    found = response("{kind: step, amplitude: 5.0e-3, amplitude_unit: kN}")
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    (tmp_path / "f.csv").write_text("Time [ms];F [kN]\n" + "\n".join(f"{100 * k};0,005" for k in range(11)))
+    np.testing.assert_allclose(response("{kind: file, path: f.csv, hold: zero}"), expected, rtol=1e-12)
+    with pytest.raises(UsageError, match="the unit V does not fit: the input is in N"):
+        response("{kind: step, amplitude: 5, amplitude_unit: V}")
