@@ -351,3 +351,24 @@ analysis:
     np.testing.assert_allclose(response("{kind: file, path: f.csv, hold: zero}"), expected, rtol=1e-12)
     with pytest.raises(UsageError, match="the unit V does not fit: the input is in N"):
         response("{kind: step, amplitude: 5, amplitude_unit: V}")
+
+
+def test_the_clock_of_a_record_is_reported_and_dropped_samples_count_as_missing(run, record):
+    _, a, v = record
+    kept = np.delete(np.arange(300), [40, 41, 200])
+    columns = {"Time (s)": (0.02 * kept).round(6), "a1": a[kept], "v2": v[kept]}
+    scene = SCENE.replace(
+        "kind: file, path: DATA, column: F", "kind: multisine, amplitude: [3, 2, 2], frequency: [5, 13, 31]"
+    )
+    found = run(columns, scene)
+    assert "by its times the record has dropped 3 samples: they count as missing" in list(
+        found["identification/diagnostics/warnings"].data
+    )
+    attributes = found.group_attrs["identification/measurement"]
+    assert (attributes["clock_dropped"], attributes["clock_duplicated"]) == (3, 0)
+    assert attributes["clock_step"] == pytest.approx(0.02, rel=1e-6)
+    missing = np.flatnonzero(np.isnan(found["identification/measurement/measured"].data[:, 0]))
+    assert missing.tolist() == [40, 41, 200]
+    whole = estimates(run({"a1": a, "v2": v}, scene))
+    p = len(whole) // 2
+    assert np.all(np.abs(estimates(found) - whole)[:p] < whole[p:])

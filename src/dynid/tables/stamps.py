@@ -25,11 +25,11 @@ _EVEN = 1e-3
 _UNEVEN = 0.1
 """Largest distance of a sample from its place in a record whose stamps are uneven, in steps."""
 
-_WINDOW = 64
-"""Samples over which the step is measured where single differences of stamps are rounded too coarsely."""
+_WINDOW, _USUAL = 64, 0.25
+"""Samples over which the usual step is measured; its largest relative difference from that of the scene."""
 
-_COARSE = 0.05
-"""Rounding of stamps, in steps, beyond which single differences show no step; four times more, no drops."""
+_COARSE = 0.7
+"""Rounding of stamps, in steps, beyond which they show no dropped samples."""
 
 
 class Clock(NamedTuple):
@@ -160,15 +160,20 @@ def clock_of(
         mean, away = _line(rows, times[rows])
         return Clock(mean, mean / step - 1, _rms(away))
     rounding = float(resolution.max()) + 4 * float(np.spacing(np.abs(times[rows]).max()))
-    if len(rows) < len(times) or np.any(np.diff(times) < 0) or rounding > 4 * _COARSE * step:
-        return wrong
-    window = 1 if rounding < _COARSE * step else min(_WINDOW, len(times) - 1)
+    window = min(_WINDOW, len(times) - 1)
     usual = float(np.median(times[window:] - times[:-window])) / window
-    if not usual > 0:
+    typical = (usual, float(np.median(np.diff(times))))
+    if (
+        len(rows) < len(times)
+        or np.any(np.diff(times) < 0)
+        or rounding > _COARSE * step
+        or min(abs(one - step) for one in typical) > _USUAL * step
+    ):
         return wrong
-    places = np.concatenate([[0], np.cumsum(np.round(np.diff(times) / usual).astype(np.intp))])
+    places = np.round((times - times[0]) / step).astype(np.intp)
     mean, away = _line(places, times)
-    places = np.round((times - (times - away - mean * places)[0]) / mean).astype(np.intp)
+    first = float((times - away - mean * places)[0])
+    places = np.round((times - first) / mean).astype(np.intp)
     places -= places[0]
     mean, away = _line(places, times)
     dropped = int(places[-1] + 1 - len(np.unique(places)))
