@@ -52,6 +52,9 @@ def test_a_block_whose_nodes_stand_in_another_order():
         MatrixFile(FE / "block_a_Maa.m"), MatrixFile(FE / "block_a_Kaa.m"), nodes=FE / "block_a-eig.exo"
     )
     assert len(model.nodes.numbers) == 525
+    # The program's own order, of which SDynPy's documentation has the file block_a_gid.m, starts so.
+    gid = [26, 211, 283, 29, 30, 217, 355, 103, 212, 284]
+    assert model.dofs[:30:3] == tuple(f"{node}:x" for node in gid)
     assert model.row("20:z").sum() == 1
     R = model.nodes.rigid(model.dofs)
     assert (np.abs(model.K @ R).max(axis=0) < 1e-8 * (np.abs(model.K) @ np.abs(R)).max(axis=0)).all()
