@@ -6,13 +6,17 @@ import numpy as np
 import pytest
 
 from dynid.errors import NotIdentifiable, UsageError
+from dynid.identification.estimators.modal_search import ModalSearch
 from dynid.identification.identify_modes import ModalProblem, identify_modes
 from dynid.identification.measurement import Experiment, Measurement
 from dynid.identification.modal_measurement import ModalMeasurement, Scatter
-from dynid.identification.modal_record import ModalRecord
+from dynid.identification.modal_record import ModalLikelihood, ModalRecord
 from dynid.identification.simulation import Simulation
 from dynid.lti.signals import Multisine
+from dynid.parameters import starts
 from dynid.structure.correlation import comac, mac, paired
+from dynid.structure.joints import Joint, JointParameter
+from dynid.structure.lumped import Link, lumped
 from dynid.structure.modes.derivatives import lowest_modes, modal_basis
 from dynid.structure.response import Channel, Load
 from tests.identification.modal_cases import DOFS, chain, measured, plate, true_modes
@@ -274,3 +278,67 @@ def test_forecast_of_the_bounds_is_that_of_the_estimate():
     bound = found.value("identification/identifiability/bound")
     result = identify_modes(model, modal)
     np.testing.assert_allclose(bound, parameter(result, "cramer_rao"), rtol=1e-6)
+
+
+def standardised_errors(seed, damping, form=(0.0, 0.0)):
+    """Errors of the estimated coordinates over their standard errors, of one survey with scatter."""
+    model = chain(0.8, damping=damping)
+    modal = measured(model, seed, damping=damping)
+    rng = np.random.default_rng(seed + 1_000_000)
+    modal = replace(
+        modal,
+        omega=modal.omega * (1 + form[0] * rng.standard_normal(4)),
+        shape=modal.shape + form[1] * modal.sizes * rng.standard_normal(modal.shape.shape),
+    )
+    likelihood = ModalLikelihood((ModalRecord.of(model, modal, 6),))
+    found = ModalSearch().run(likelihood, starts(model.unknowns))
+    likelihood = found.likelihood or likelihood
+    information = likelihood.information(found.fit, likelihood.likeliest(found.fit))
+    return (found.fit.eta - truth(model)) / information.deviations()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("damping", [False, True])
+def test_intervals_cover(damping):
+    """95 % intervals over 500 surveys, with the scatter that they have."""
+    errors = np.array([standardised_errors(seed, damping) for seed in range(500)])
+    cover = np.mean(np.abs(errors) < 1.96)
+    assert 0.93 < cover < 0.97
+
+
+@pytest.mark.slow
+def test_intervals_cover_nearly_with_an_error_of_the_form():
+    """Errors of 2 % and 5 % that are not known: of four frequencies they are known to half at best."""
+    errors = np.array([standardised_errors(seed, damping=False, form=(0.02, 0.05)) for seed in range(150)])
+    assert np.mean(np.abs(errors) < 1.96) > 0.89
+
+
+def veering(k1, k2, coupling=1.0):
+    """Two chains of equal masses with a weak coupling: their frequencies veer where k1 = k2."""
+    links = [Link((1, 3), coupling)]
+    joints = [
+        Joint("a", (1,), JointParameter(start=k1, true=100.0)),
+        Joint("b", (3,), JointParameter(start=k2, true=110.0)),
+    ]
+    links += [Link((1, 2), 150.0), Link((3, 4), 150.0)]
+    return lumped([1.0, 1.0, 1.0, 1.0], links, joints)
+
+
+def test_frequencies_that_veer_are_passed():
+    """From the other side of the veering the shapes have to change over."""
+    model = veering(112.0, 98.0)
+    modal = measured(model, noise=0.3, dofs=(1, 2, 3, 4), model_error=KNOWN)
+    result = identify_modes(model, modal)
+    off = np.abs(parameter(result, "estimate") - parameter(result, "true"))
+    assert np.all(off < 4 * parameter(result, "standard_error"))
+    assert np.all(modes(result, "mac") > 0.99)
+    assert diagnostic(result, "converged")
+
+
+def test_expanded_shapes_are_those_of_all_dofs():
+    model = chain()
+    result = identify_modes(model, measured(model, noise=0.0, model_error=KNOWN))
+    _, shapes = true_modes(model)
+    np.testing.assert_allclose(np.diag(mac(modes(result, "expanded"), shapes[:, :4])), 1.0, rtol=1e-8)
+    at = np.array([model.row(dof) for dof in DOFS]) @ modes(result, "expanded")
+    np.testing.assert_allclose(at, modes(result, "shape_measured"), atol=1e-7)

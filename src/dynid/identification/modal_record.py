@@ -5,8 +5,10 @@ that are nearly equal have no shapes of their own: the measured shape is compare
 span. The scale of a shape is solved for (variable projection), and derivatives are exact.
 
 Values are in units of their deviations. Where the model's form is in error, that error adds to the scatter:
-``sigma^2 = scatter^2 + (e size)^2``, with e of each quantity estimated so that the residuals have the sum of
-squares that their degrees of freedom let expect (restricted maximum likelihood in its simplest form).
+``sigma^2 = scatter^2 + (e size)^2``. Of each quantity e solves ``sum r^2 / sigma^2 = nu - 2``, nu being the
+degrees of freedom of its residuals: the posterior mean of a variance with Jeffreys' prior (A. Gelman et al.,
+Bayesian Data Analysis, 3rd ed. 2013, sec. 2.6). The likeliest one, with nu, is often far too small where
+nu is 3 or 4, and intervals then do not cover.
 """
 
 from __future__ import annotations
@@ -426,7 +428,8 @@ class ModalRecord(RecordLikelihood):
         for k in np.flatnonzero(self._estimated):
             there = ~np.isnan(left[k])
             scatter, size = (part[: len(there)] for part in self._padded_parts[k])
-            error[k] = _form_error(left[k][there], scatter[there], size[there], float(degrees[k]))
+            expected = max(float(degrees[k]) - 2, float(degrees[k]) / 3)
+            error[k] = _form_error(left[k][there], scatter[there], size[there], expected)
         return self.with_error(error)
 
     @cached_property

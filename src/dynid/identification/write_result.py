@@ -39,7 +39,8 @@ Everything is below ``identification/``:
     that are more than round-off; coloured ones are whitened first.
 
 Frequency responses have `parameters`, `considered`, `stages`, `measurement` and `diagnostics`, and
-`model_error`; their `measurement` has complex values (omega x channel), with the `noise`, `given_noise` or
+`model_error`; their `measurement` has complex values (omega x channel), their agreement with the model
+before and after (`frac_start`, `frac`), and the `noise`, `given_noise` or
 `deviation` of these. Their residuals are white where neither real nor imaginary parts are correlated from
 line to line.
 
@@ -72,8 +73,9 @@ from dynid.identification.residual_tests import autocorrelation, consistency, is
 from dynid.identification.time_record import TimeRecord, state_deviations
 from dynid.identification.verdict import CONTRADICTED, verdict, warnings
 from dynid.identification.write_derived import DERIVED, DerivedRequest, add_derived
-from dynid.parameters import rates, values
+from dynid.parameters import rates, starts, values
 from dynid.result import Result
+from dynid.structure.correlation import frac
 from dynid.structure.excitation import inputs_of
 from dynid.structure.response import common_unit, source_names
 
@@ -480,6 +482,13 @@ def _add_responses(result: Result, record: FrfRecord, fit: RecordFit) -> None:
     result.add(f"{group}/unit", units, ("channel",))
     result.add(f"{group}/measured", record.responses(record.data.recorded), dims, unit)
     result.add(f"{group}/predicted", record.responses(fit.predicted.outputs), dims, unit)
+    measured = record.responses(record.data.recorded)
+    result.add(f"{group}/frac", frac(measured, record.responses(fit.predicted.outputs)), ("channel",))
+    if result.wants(f"{group}/frac_start"):
+        begun = record.fit(starts(record.unknowns), record.data.values)
+        result.add(
+            f"{group}/frac_start", frac(measured, record.responses(begun.predicted.outputs)), ("channel",)
+        )
     if record.data.noise is not None:
         result.add(f"{group}/noise", np.sqrt(2) * record.data.noise, ("channel",), unit)
     if measurement.deviation is not None:
