@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from textwrap import wrap
@@ -50,15 +51,19 @@ def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...],
     from dynid.scene.load import load_scene
 
     code = faults = 0
+    began, loading = time.process_time(), 0.0
     for name in scenes:
         try:
             scene = load_scene(name, overrides)
+            loading = (
+                loading or time.process_time() - began
+            )  # the first one: later ones find all modules loaded
             obstacles, exit_code = _obstacles(scene)
             if obstacles:
                 click.echo("\n".join(obstacles), err=True)
                 code = max(code, exit_code)
                 continue
-            lines, exit_code = _explained(scene, quiet) if explaining else ([], 0)
+            lines, exit_code = _explained(scene, quiet, loading) if explaining else ([], 0)
             code = max(code, exit_code)
         except SceneError as error:
             click.echo(str(error), err=True)
@@ -111,7 +116,7 @@ def _problem(error: DynidError) -> str:
     return error.problem
 
 
-def _explained(scene: Scene, quiet: bool) -> tuple[list[str], int]:
+def _explained(scene: Scene, quiet: bool, loading: float) -> tuple[list[str], int]:
     """Return the lines that explain a valid scene, and the exit code of its run as far as it is known."""
     from dynid.cli.progress import showing
     from dynid.cli.run import LocatedError
@@ -126,10 +131,10 @@ def _explained(scene: Scene, quiet: bool) -> tuple[list[str], int]:
             explained = explain_study(make_plan(scene), f"{Path(scene.source.file).stem}.h5")
         else:
             try:
-                explained = explain(scene)
+                explained = explain(scene, trying=True)
             except FileError as error:
                 raise LocatedError(scene, error) from error
-    lines = list(explanation_lines(explained))
+    lines = list(explanation_lines(explained, loading))
     if explained.obstacle is None:
         return lines, 0
     if scene.kind == "study":  # a sample that fails is a row of its file
@@ -144,8 +149,11 @@ def _explained(scene: Scene, quiet: bool) -> tuple[list[str], int]:
     ], code
 
 
-def explanation_lines(explained: Explanation) -> Iterator[str]:
-    """Yield the screen of an explanation: facts, causality, identifiability and cost, one after the other."""
+def explanation_lines(explained: Explanation, loading: float = 0.0) -> Iterator[str]:
+    """Yield the screen of an explanation: facts, causality, identifiability and cost, one after the other.
+
+    `loading`: seconds in which a scene is read, a part of every run.
+    """
     from dynid.cli.summary.causality import causality_lines
     from dynid.cli.summary.identification import identifiability_lines
 
@@ -156,7 +164,10 @@ def explanation_lines(explained: Explanation) -> Iterator[str]:
     ]
     if (cost := explained.cost) is not None:
         memory, file = size_text(1e6 * cost.megabytes), size_text(1e3 * cost.kilobytes)
-        total = f"{seconds_text(cost.seconds)}, {memory} of memory; a file of about {file}"
+        total = f"{seconds_text(loading + cost.seconds)}, {memory} of memory; a file of about {file}"
+        if cost.trial is not None:
+            said = "measured by a trial run" if cost.trial.complete else "from the beginning of a trial run"
+            total += f" ({said})"
         large = sorted(cost.parts.items(), key=lambda part: -part[1])
         large = [(name, each) for name, each in large if each > max(_LEAST, _SHARE * cost.seconds)]
         shares = "; ".join(f"{name} {seconds_text(each)}" for name, each in large)

@@ -15,20 +15,23 @@ from dynid.scene.kind import KINDS
 from dynid.scene.schema.accuracy import aspects_of
 
 if TYPE_CHECKING:
+    from dynid.scene.explanations.trial import Trial
     from dynid.scene.load import Scene
     from dynid.structure.model import StructuralModel
 
 
 # The probe of `speed` on the machine of the rates of the explanations, s.
 _REFERENCE = 1.0e-3
+# Runs that are expected to take longer, s, are not tried: parts of them may not report for minutes.
+_TRIED = 30.0
 
 
 @dataclass(frozen=True)
 class CostEstimate:
     """Expected cost of a run.
 
-    The time is estimated from operation counts and rates measured once, or from parts of the work itself;
-    it is right within a factor of a few.
+    Without a trial the time is estimated from operation counts and rates measured once, or from parts of the
+    work itself; it is right within a factor of a few, with one within a factor of two.
 
     Parameters
     ----------
@@ -38,16 +41,19 @@ class CostEstimate:
         Memory of the process at its peak.
     kilobytes
         Size of the result's file.
+    trial
+        The beginning of the run, or the whole of it, measured.
     """
 
     parts: Mapping[str, float]
     megabytes: float
     kilobytes: float
+    trial: Trial | None = None
 
     @property
     def seconds(self) -> float:
         """Seconds of all of it."""
-        return sum(self.parts.values())
+        return sum(self.parts.values()) if self.trial is None else self.trial.seconds
 
 
 @cache
@@ -115,13 +121,15 @@ class Explanation:
     obstacle: DynidError | None = field(default=None)
 
 
-def explain(scene: Scene) -> Explanation:
+def explain(scene: Scene, *, trying: bool = False) -> Explanation:
     """Return the explanation of a valid scene, of any kind but `study`.
 
     Parameters
     ----------
     scene
         The scene.
+    trying
+        True: its time is measured by a trial run, of a few seconds at the most.
 
     Returns
     -------
@@ -138,6 +146,11 @@ def explain(scene: Scene) -> Explanation:
         explained: Explanation = KINDS[scene.kind].load("explain")(scene)
     except (NumericalError, UsageError) as error:  # before any fact is known
         return Explanation(Result(scene.kind, scene.title), [], obstacle=error)
+    cost = explained.cost
+    if trying and cost is not None and cost.seconds < _TRIED:
+        from dynid.scene.explanations.trial import trial
+
+        explained = replace(explained, cost=replace(cost, trial=trial(scene)))
     explained.result.attrs["scene"] = scene.source.resolved_text()  # screens look up its frequency unit
     tried = getattr(scene.model, "accuracy", None)
     if tried is None:
