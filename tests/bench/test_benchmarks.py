@@ -38,6 +38,7 @@ SMALL = {
     "modes-of-solids": (300, 1e-10),
     "many-modes": (20, 1e-10),
     "structure-response": (3, 1e-8),
+    "frf-joints": (60, 0.1),
     "startup": (1, 0),
     "study": (2, 1e-15),
     "robot-arm": (1024, 0.25),
