@@ -250,7 +250,10 @@ def compare_models(likelihood: Likelihood, fit: Fit, whiteness_p: float | None =
     # Records that a filter has coloured are not tested for whiteness.
     plain = all(record.data.passed == 1 for record in records)
     white = likelihood.whiteness(fit) if plain and whiteness_p is None else whiteness_p
-    root = likelihood.information(fit, likelihood.likeliest(fit)).root
+
+    def root() -> Array:
+        return likelihood.information(fit, likelihood.likeliest(fit)).root
+
     found = [record.tested(part, root) for record, part in zip(records, fit.parts, strict=True)]
     saturated = [k for k, table in enumerate(found) if table is None]
     return ModelComparison(

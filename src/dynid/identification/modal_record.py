@@ -13,7 +13,7 @@ nu is 3 or 4, and intervals then do not cover.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
@@ -455,14 +455,14 @@ class ModalRecord(RecordLikelihood):
         """Errors of the form that are given, not estimated (quantities)."""
         return np.where(self._estimated, 0.0, self.error)
 
-    def tested(self, fit: RecordFit, root: Array) -> ScatterTest:
+    def tested(self, fit: RecordFit, root: Callable[[], Array]) -> ScatterTest:
         """Return the residuals over the scatter, without the errors of the form that were estimated."""
         assert isinstance(fit, ModalFit)
         assert fit.by_parameter is not None
         bare = self.with_error(self.known_error)
         factors = [a / b for a, b in zip(self._padded, bare._padded, strict=True)]
         residual = fit.residual * np.column_stack(factors)
-        share = np.sum((self.slopes(fit, np.ones(len(self.error))) @ root) ** 2, axis=1)
+        share = np.sum((self.slopes(fit, np.ones(len(self.error))) @ root()) ** 2, axis=1)
         share = share.reshape(len(fit.residual), -1).sum(axis=0)
         scaled = replace(fit, by_parameter=fit.by_parameter * np.column_stack(factors)[..., None])
         off = fit.omega / self.measurement.omega - 1

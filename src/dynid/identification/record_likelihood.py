@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol, Self
@@ -251,10 +251,10 @@ class RecordLikelihood(ABC):
         """Return the likelihood with the errors of the model's form that another one has found."""
         return self
 
-    def tested(self, fit: RecordFit, root: Array) -> ScatterTest | None:  # noqa: ARG002
+    def tested(self, fit: RecordFit, root: Callable[[], Array]) -> ScatterTest | None:  # noqa: ARG002
         """Return the residuals over the scatter that is given; None where a saturated model tests them.
 
-        `root`: a root of the covariance of the coordinates (p x p).
+        `root` returns a root of the covariance of the coordinates (p x p); all must be identifiable.
         """
         return None
 
