@@ -121,3 +121,11 @@ def test_a_column_of_times_in_another_unit_is_refused(written):
     path = written("clock [V];v\n0;1\n1;1\n")
     with pytest.raises(FileError, match=r"has 'clock' in V, which is no time"):
         read_columns(path, ["v"], step=1, layout=TableLayout(time="clock"), place="f")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16"])
+def test_texts_of_instruments_are_read_in_their_encodings(tmp_path, encoding):
+    (tmp_path / "x.csv").write_bytes("Zeit [µs];Beschl. [m/s²]\n0;1,5\n2;2,5\n".encode(encoding))
+    found = read_columns(tmp_path / "x.csv", None, step=2e-6)
+    assert found.values[:, 0].tolist() == [1.5, 2.5]
+    assert found.headings[0][:2] == ("Beschl.", "m/s²")

@@ -13,6 +13,7 @@ from dynid.tables.table import DataFile, DataTable, time_column
 from dynid.units import is_units_row, unit_of_field
 
 _MISSING = ("", "nan", "na", "n/a")
+_NO_TEXT = re.compile("[\x00-\x08\x0e-\x1f\u0900-\uffff]")
 _DECIMAL = r"[-+]?(\d+[.,]\d*|\d*[.,]\d+)([eE][-+]?\d+)?"
 ACCEPTED = "A missing sample is an empty field, nan, NA or n/a."
 
@@ -72,12 +73,7 @@ def read_text(
 
 def _lines(file: DataFile) -> list[tuple[int, str]]:
     """Return the lines from the first row to the last that is not empty, with their numbers."""
-    try:
-        text = file.path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        file.refuse("is not a text in UTF-8", "Tables are text in UTF-8, or HDF5 (.h5).")
-    except OSError as error:
-        file.refuse(f"cannot be read: {error.strerror}")
+    text = _text(file)
     rows = [
         (number, line) for number, line in enumerate(text.split("\n"), 1) if not line.lstrip().startswith("#")
     ]
@@ -85,6 +81,20 @@ def _lines(file: DataFile) -> list[tuple[int, str]]:
     if not filled:
         file.refuse("holds no data")
     return rows[filled[0] : filled[-1] + 1]
+
+
+def _text(file: DataFile) -> str:
+    """Return the text of a file: UTF-8, UTF-16 with its mark, else the Windows code page of instruments."""
+    for encoding in ("utf-8-sig", "utf-16", "cp1252"):
+        try:
+            text = file.path.read_text(encoding=encoding)
+        except UnicodeError:
+            continue
+        except OSError as error:
+            file.refuse(f"cannot be read: {error.strerror}")
+        if encoding == "utf-8-sig" or not _NO_TEXT.search(text):
+            return text
+    file.refuse("is not a text", "Tables are text in UTF-8, or HDF5 (.h5).")
 
 
 def _row(file: DataFile, number: int, line: str, dialect: Dialect, count: int) -> list[str]:
