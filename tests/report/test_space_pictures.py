@@ -147,3 +147,36 @@ analysis: {{modes: {{count: 2}}}}
     assert made["structure"].svg.count("<circle") >= 3
     assert "@keyframes" in made["modes-animated"].svg
     assert "held" not in made["structure"].svg
+
+
+MODES = """
+parameters: {EI: {start: 60}}
+measurement:
+  modes:
+    unit: Hz
+    values:
+      - {frequency: 0.66, shape: {"2:x": 0.3, "2:y": 0.2, "3:y": 1.0, "3:z": 0.3}}
+      - {frequency: 0.75, shape: {"2:x": 0.5, "2:y": 0.2, "3:y": -.1, "3:z": -1.0}}
+"""
+
+
+def test_measured_shapes_stand_beside_those_of_the_model():
+    text = SCENE.replace("REDUCTION", "").replace("EIy: 80", "EIy: EI")
+    text = text[: text.index("analysis")] + MODES
+    made = run(text)
+    figure = drawn(made)["measured-shapes"]
+    assert figure.svg.count("<circle") == 16
+    assert "measured 2: 0.75 Hz, MAC" in figure.svg
+    shape = made["identification/modes/shape"].data
+    assert figure.table.rows[2][:3] == ("3:y", 1.0, shape[2, 0])
+    arrows = paths(figure.svg, "s1")
+    assert len(arrows) == 8
+    # A sensor along z moves upright on the paper, and as the model says.
+    step = arrows[3][0][1] - arrows[3][0][0]
+    assert step[0] == pytest.approx(0, abs=0.011)
+    assert -step[1] == pytest.approx(34 * shape[3, 0] * Space(made).view[1][2], abs=0.02)
+    # A reversed sensor, with the other sign in its shape, is the same measurement.
+    other = run(text.replace('"2:x": 0', '"2:-x": -0'))
+    path = "identification/parameters/estimate"
+    np.testing.assert_allclose(other[path].data, made[path].data, rtol=1e-9)
+    np.testing.assert_array_equal(other["structure/geometry/shape_sensor_direction"].data[0], [-1, 0, 0])

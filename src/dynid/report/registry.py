@@ -86,6 +86,7 @@ FAMILIES: tuple[FigureFamily, ...] = (
     FigureFamily(f"{_DIAGRAMS}.derived:figures", paths=("identification/derived/frequency_response/",)),
     FigureFamily(f"{_DIAGRAMS}.reduction:figures", paths=("reduction/method",)),
     FigureFamily(f"{_DIAGRAMS}.plan:figures", paths=("plan/",)),
+    FigureFamily(f"{_DIAGRAMS}.measured_shapes:figures", paths=("structure/geometry/shape_sensor",)),
     FigureFamily(f"{_DIAGRAMS}.mode_shapes:figures", paths=("structure/modes/shape",), scene=True),
     FigureFamily(f"{_DIAGRAMS}.work_precision:figures", paths=("bench/", "accuracy/")),
     FigureFamily(f"{_DIAGRAMS}.study_samples:figures", kinds=("study",)),

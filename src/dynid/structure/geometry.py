@@ -104,9 +104,8 @@ def geometry(
     result.annotate(GROUP, lines=len(nodes.lines))
     if supports:
         result.add(f"{GROUP}/held", _held(model, numbers), ("node", "xyz"))
-    known = [(name, place) for name, dof in sensors if (place := place_of(model, dof))]
-    _add_places(result, "sensor", known)
-    _add_places(result, "load", [(str(dof), place) for dof in loads if (place := place_of(model, dof))])
+    add_places(result, model, "sensor", sensors)
+    add_places(result, model, "load", ((str(dof), dof) for dof in loads))
     ends = {
         joint.name: [place.position for dof in joint.dofs if (place := place_of(model, dof))]
         for joint in model.joints
@@ -137,7 +136,26 @@ def _held(model: StructuralModel, numbers: Sequence[Node]) -> Array:
     return np.array([[way in ways and (node, way) not in free for way in DIRECTIONS[:3]] for node in numbers])
 
 
-def _add_places(result: Result, what: str, found: Sequence[tuple[str, Place]]) -> None:
+def add_places(result: Result, model: StructuralModel, what: str, named: Iterable[tuple[str, Label]]) -> None:
+    """Add names of DOFs with their places to the geometry in a result, those whose nodes are known.
+
+    Parameters
+    ----------
+    result
+        The result.
+    model
+        The structure.
+    what
+        What they are: the name of the axis.
+    named
+        Name and DOF of each.
+
+    Raises
+    ------
+    UsageError
+        If there is no such DOF.
+    """
+    found = [(name, place) for name, dof in named if (place := place_of(model, dof))]
     if found:
         result.add_axis(f"{GROUP}/{what}", [name for name, _ in found])
         places = [place for _, place in found]

@@ -170,7 +170,7 @@ class _Drawing:
         self._draw_lines()
         self._draw_supports()
         self._draw_joints()
-        for what, cls in (("load", "s2"), ("sensor", "s3")):
+        for what, cls in (("load", "s2"), ("sensor", "s3"), ("shape_sensor", "s3")):
             self._draw_arrows(what, cls)
         if len(space.nodes) <= _NUMBERED:
             each = zip(space.nodes, space.position, strict=True)
@@ -178,7 +178,8 @@ class _Drawing:
         for text in self.texts:
             self._write(*text)
         self._draw_axes()
-        parts = [(len(space.names(what)), what) for what in ("joint", "load", "sensor")]
+        sensors = len(space.names("sensor")) + len(space.names("shape_sensor"))
+        parts = [*((len(space.names(what)), what) for what in ("joint", "load")), (sensors, "sensor")]
         texts = [f"{count} {what}{'s' * (count != 1)}" for count, what in parts if count]
         about = f"The structure, {len(space.nodes)} nodes" + (f", with {', '.join(texts)}." if texts else ".")
         if len(space.edges) < space.lines:
@@ -193,13 +194,13 @@ class _Drawing:
 
     def _table(self) -> FigureTable:
         rows: list[tuple[CellValue, ...]] = []
-        for what in ("joint", "load", "sensor"):
+        for what in ("joint", "load", "sensor", "shape_sensor"):
             places = self.space.array(f"{what}_position", 3)
             along = self.space.array(f"{what}_direction", 3)
             for k, name in enumerate(self.space.names(what)):
                 ends = places[k].reshape(-1, 3)
                 way = "" if what == "joint" else ", ".join(f"{value + 0.0:.3g}" for value in along[k])
-                rows.append((name, what, *map(float, ends[0]), way))
+                rows.append((name, what.removeprefix("shape_"), *map(float, ends[0]), way))
         return FigureTable(("name", "what", "x, m", "y, m", "z, m", "direction"), tuple(rows))
 
     def _draw_lines(self) -> None:
@@ -267,17 +268,17 @@ class _Drawing:
             x, y = self.at(point)
             dx, dy = (float(one) for one in space.flat(ways[k]))
             size = float(np.hypot(dx, dy))
-            self.svg.open(tip=f"{what} {name}")
+            self.svg.open(tip=f"{what.removeprefix('shape_')} {name}")
             if size < 0.15:  # along the line of sight, or about it
                 self.svg.circle(x, y, 6, f"frame {cls}")
                 self.svg.circle(x, y, 2, f"{cls} dot")
                 tip = (x, y)
             else:
                 step = (_ARROW * dx / size, -_ARROW * dy / size)
-                start, end = ((-1.15, -0.15), (0.15, 1.15))[what == "sensor"]
+                start, end = ((-1.15, -0.15), (0.15, 1.15))[what != "load"]
                 points = [(x + share * step[0], y + share * step[1]) for share in (start, end)]
                 _arrow(self.svg, points[0], points[1], cls, double=bool(turns[k]))
-                tip = points[what == "sensor"]
+                tip = points[what != "load"]
                 self.boxes.append((*points[0], *points[0]))
                 self.boxes.append((*points[1], *points[1]))
                 self._keep_clear(*points)

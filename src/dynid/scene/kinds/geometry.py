@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from dynid.scene.kinds.measurements import channel_of, shown
-from dynid.structure.geometry import add_motion, geometry
+from dynid.structure.geometry import add_motion, add_places, geometry
 
 if TYPE_CHECKING:
     from dynid.result import Result
@@ -13,6 +13,15 @@ if TYPE_CHECKING:
     from dynid.scene.schema.measurement import ChannelModel
     from dynid.scene.schema.reduction import ReductionScene
     from dynid.structure.model import StructuralModel
+
+
+#: Where a result has measured shapes.
+_SHAPES = "identification/modes"
+
+
+def dof_of(name: str) -> int | str:
+    """Return the DOF that a name in a result means: a number, or a text."""
+    return int(name) if name.isdecimal() else name
 
 
 def add_geometry(
@@ -57,4 +66,7 @@ def add_geometry(
     parts = [model.structure, *(getattr(model, "structures", None) or {}).values()]
     imported = any(part is not None and part.matrices is not None for part in parts)
     result.merge(geometry(structure, named, acting, supports=not imported))
+    if f"{_SHAPES}/sensor" in result:
+        names = [str(name) for name in result[f"{_SHAPES}/sensor"].data]
+        add_places(result, structure, "shape_sensor", ((name, dof_of(name)) for name in names))
     add_motion(result, structure if reduced is None else reduced)

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from dynid.scene.schema.base import Dof, FilePath, Section, SignedDof
+from dynid.scene.schema.base import FilePath, Section, SignedDof
 from dynid.scene.schema.match import MatchModel
 from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
 
@@ -25,7 +25,7 @@ def _std_kind(raw: Any) -> str:
 
 
 ShapeStd = Annotated[
-    Annotated[NotNegative, Tag("one")] | Annotated[dict[Dof, NotNegative], Tag("each")],
+    Annotated[NotNegative, Tag("one")] | Annotated[dict[SignedDof, NotNegative], Tag("each")],
     Discriminator(_std_kind),
 ]
 
@@ -37,7 +37,7 @@ class ModeModel(Section):
     frequency_std: NotNegative | None = None
     damping: Value | None = None
     damping_std: NotNegative | None = None
-    shape: dict[Dof, Annotated[Component, Discriminator(_component_kind)]] = {}
+    shape: dict[SignedDof, Annotated[Component, Discriminator(_component_kind)]] = {}
     shape_std: ShapeStd | None = None
 
     @model_validator(mode="after")
