@@ -262,7 +262,7 @@ def test_an_error_that_nobody_thought_of_says_where_it_happened(dynid, monkeypat
 def test_setting_a_parameter_that_the_scene_does_not_have_is_refused(dynid):
     code, out, err = dynid("run", "small.yaml", "--set", "parameters.mass=3")
     assert (code, out) == (2, "")
-    assert err == "--set parameters.mass:1:1: the scene has no parameter 'mass'\n"
+    assert err == "--set parameters.mass:1:1: the scene has no parameter 'mass'; did you mean 'm'?\n"
 
 
 def test_setting_a_part_of_a_joint_that_the_scene_does_not_have_is_refused(dynid, folder):
