@@ -250,3 +250,15 @@ def test_reduced_parts_are_reduced_further_with_the_basis_that_follows_the_joint
     np.testing.assert_allclose(np.sort(found), np.sort(exact.real)[:9], rtol=1e-8)
     result = dynid.run(made)
     np.testing.assert_allclose(result["identification/parameters/error_percent"].data, 0, atol=0.5)
+
+
+def test_an_assembly_and_its_modes_are_drawn():
+    from dynid.report.registry import figures
+
+    text = SCENE[: SCENE.index("excitation:")].replace("reduction: {modes: {count: 4}}", "reduction: {}")
+    text += "analysis: {modes: {count: 3}, outputs: [{dof: p:y}], inputs: [p:y], "
+    text += "frequency: {start: 1, stop: 9}}\n"  # no mode with the interface held is in that band
+    result = dynid.run(scene(text))
+    result.attrs["scene"] = text
+    drawn = {figure.name: figure.picture.svg for figure in figures(result)}
+    assert {"structure", "modes"} <= drawn.keys()

@@ -383,3 +383,14 @@ def test_what_does_not_hold_a_part_is_refused_with_the_part():
     with pytest.raises(Singular) as error:
         reduced(parts, {"root": None, "tip": part}, ("tip.2:z",))
     assert error.value.names[0] == "tip.masters"
+
+
+def test_a_part_whose_interface_is_all_of_it_has_no_modes_of_its_own():
+    _, root, tip = half_beams()
+    parts = assembled_parts({"root": root, "tip": tip})
+    every = tuple(label for label in parts.dofs if label.startswith("tip."))
+    made = reduced(parts, {"root": None, "tip": PartReduction("craig-bampton")}, every, band=1.0)
+    assert made.model.size == parts.size
+    order = [made.model.dofs.index(label) for label in parts.dofs]
+    for one, other in zip(dense(made.model), dense(parts), strict=True):
+        np.testing.assert_allclose(one[np.ix_(order, order)], other, atol=1e-9 * np.abs(other).max())

@@ -54,13 +54,15 @@ class StructureGeometry:
 
 
 def geometry_of(scene: PlainScene) -> StructureGeometry | None:
-    """Return the geometry of the structure of a scene; None where only matrices are given.
+    """Return the geometry of the structure of a scene; None of several parts, or of matrices alone.
 
     Raises
     ------
     UsageError
         Where the scene cannot be read.
     """
+    if "structure" not in scene.data:  # several parts
+        return None
     with readable():
         structure = scene.data["structure"]
         if (chain := structure.get("lumped")) is not None:

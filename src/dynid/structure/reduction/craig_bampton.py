@@ -10,12 +10,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dynid.errors import UsageError
 from dynid.lti.floating import guarded
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
-from dynid.structure.reduction.condensation import SLAVES, constraint_modes, partition
+from dynid.structure.reduction.condensation import SLAVES, Partition, constraint_modes, partition
 from dynid.structure.reduction.masters import Masters, masters_alone
-from dynid.structure.reduction.mode_selection import Interest, ModeRange, mode_rule, selected, wanted_modes
+from dynid.structure.reduction.mode_selection import (
+    Interest,
+    ModeRange,
+    SelectedModes,
+    mode_rule,
+    selected,
+    wanted_modes,
+)
 from dynid.structure.reduction.reduction import StructuralReduction, projected
 
 
@@ -55,11 +63,10 @@ class CraigBampton:
         cut = partition(model, masters_alone(model, self.masters, self.interest))
         static, condition = constraint_modes(cut)
         wanted = wanted_modes(self.modes, self.interest, None)
-        if wanted == ModeRange(count=0):
+        fixed = None if wanted == ModeRange(count=0) else self._fixed_modes(cut, model, wanted)
+        if fixed is None:
             small = projected(model, cut.basis(static), cut.labels)
             return StructuralReduction(small, cut.labels, condition=condition, inverted=SLAVES)
-        M, C, K = (cut.inner(matrix) for matrix in model.with_known_joints())
-        fixed = selected((M, C, K), wanted)
         names = (*cut.labels, *(f"fixed_mode_{number}" for number in fixed.numbers))
         # Of unit size at their largest, like the boundary's coordinates.
         shapes = fixed.shapes / np.abs(fixed.shapes).max(axis=0)
@@ -68,3 +75,17 @@ class CraigBampton:
         return StructuralReduction(
             small, cut.labels, fixed.numbers, condition, rule=rule, doubt=fixed.doubt, inverted=SLAVES
         )
+
+    def _fixed_modes(
+        self, cut: Partition, model: StructuralModel, wanted: Sequence[int] | ModeRange
+    ) -> SelectedModes | None:
+        """Return the modes with the boundary held; None where none is in the band."""
+        if not len(cut.slaves):
+            return None
+        M, C, K = (cut.inner(matrix) for matrix in model.with_known_joints())
+        try:
+            return selected((M, C, K), wanted)
+        except UsageError:
+            if self.modes is not None:
+                raise
+            return None
