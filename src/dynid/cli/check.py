@@ -40,7 +40,8 @@ def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...],
 
     With --explain, reports for each valid scene what a run would do: independent and dependent states, the
     engine or estimator and the reason for it, the identifiability of each parameter, the parts of the model
-    that are not used, and the estimated time. If this shows that the run will fail, the reason is printed.
+    that are not used, and the time. For that a run is begun and, after five seconds of processor time,
+    cut off and extrapolated. If this shows that the run will fail, the reason is printed.
 
     \b
     Examples:

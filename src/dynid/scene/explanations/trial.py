@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from dynid.scene.load import Scene
 
 #: Longest trial, processor seconds.
-LIMIT = 3.0
+LIMIT = 5.0
 #: Steps of an attempt with those of its noise model, and attempts of a search.
 _STEPS, _ATTEMPTS = 40, 6
 _START, _STEP = re.compile(r"start (\d+) of (\d+)"), re.compile("maximum likelihood, step")
