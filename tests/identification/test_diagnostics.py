@@ -223,6 +223,7 @@ def posterior(measured=MEASURED, residual=NOISE, **changed):
         noise_test=None,
         model_error=None,
         mistakes=(),
+        estimate=SimpleNamespace(cut_off=0),
         several=False,
         noun="record",
         **(given | changed),
