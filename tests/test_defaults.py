@@ -71,6 +71,8 @@ OTHERS = {
     "structure.modes.sparse": "beyond it an answer is refused",
     "structure.readers.matlab": "codes of a format",
     "structure.readers.binary": "names in a file",
+    "structure.readers.matlab_script": "a longer file is refused",
+    "identification.instrument_mistakes": "beyond it a suggestion is left out, and no result changes",
 }
 
 

@@ -50,7 +50,7 @@ def test_float_values(text, value):
 @pytest.mark.parametrize(
     ("text", "column", "words"),
     [
-        ("a.b", 2, "'.'"), ("f(x)", 1, "no function 'f'"), ("1 + sqr(2)", 5, "did you mean 'sqrt'"),
+        ("a.", 2, "'.'"), ("f(x)", 1, "no function 'f'"), ("1 + sqr(2)", 5, "did you mean 'sqrt'"),
         ("sqrt", 1, "function"), ("sqrt()", 1, "one argument"), ("sqrt(1, 2)", 1, "one argument"),
         ("min(1)", 1, "two arguments"), ("sqrt(*x)", 1, "without"), ("(1, 2)", 1, "no meaning"),
         ("()", 1, "no meaning"),

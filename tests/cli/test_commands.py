@@ -256,7 +256,15 @@ def test_the_printed_schema_accepts_the_scenes_that_come_along(dynid, kind):
 
 _KEYWORDS = {
     *("$schema", "$defs", "$ref", "oneOf", "anyOf", "allOf", "const", "enum", "type", "title", "description"),
-    *("default", "properties", "required", "additionalProperties", "propertyNames", "minProperties"),
+    *(
+        "default",
+        "properties",
+        "patternProperties",
+        "required",
+        "additionalProperties",
+        "propertyNames",
+        "minProperties",
+    ),
     *("items", "minItems", "maxItems", "minLength", "maxLength", "minimum", "maximum"),
     *("exclusiveMinimum", "exclusiveMaximum", "discriminator", "pattern", "format"),
 }
@@ -272,7 +280,9 @@ def _keywords(schema, names=False):
             if not names:
                 yield key
             if names or key not in ("const", "enum", "default", "discriminator", "required"):
-                yield from _keywords(part, names=not names and key in ("properties", "$defs"))
+                yield from _keywords(
+                    part, names=not names and key in ("properties", "patternProperties", "$defs")
+                )
 
 
 def test_the_schema_keeps_to_draft_7_which_editors_know(dynid):

@@ -323,9 +323,9 @@ def test_faults_of_graphs_are_located(right, wrong, fault):
 
 def test_a_scene_has_a_structure_or_a_graph():
     neither = GRAPH[: GRAPH.index("graph:")] + GRAPH[GRAPH.index("excitation:") :]
-    assert any("either a 'structure' or a 'graph'" in fault for fault in faults_of(neither))
+    assert any("either a 'structure', or 'structures', or a 'graph'" in fault for fault in faults_of(neither))
     both = GRAPH.replace("graph:", "structure: {lumped: {masses: [1]}}\ngraph:")
-    assert any("either a 'structure' or a 'graph'" in fault for fault in faults_of(both))
+    assert any("either a 'structure', or 'structures', or a 'graph'" in fault for fault in faults_of(both))
 
 
 @pytest.mark.parametrize("text", [CHAIN, GRAPH], ids=["chain", "graph"])

@@ -9,7 +9,7 @@
 - `shape_measured`, `shape_start`, `shape`: shapes at the sensors, largest measured component 1; of complex
   ones `complexity_measured`, the part of each that no phase makes real.
 - `expanded_start`, `expanded`: measured shapes at all DOFs, in the span of the modes they are paired with
-  (SEREP); NaN where fewer sensors than modes were there.
+  (SEREP), of as many of the nearest ones as there are sensors; NaN of a mode whose shape was not measured.
 - `model_error`: errors of the model's form, relative, of each quantity, with `scatter_floor`.
 - `left_out_error`, `left_out_deviation`, `left_out_by_scatter`: each frequency predicted with it left out,
   over the measured one less 1, and its bars, with the error of the form and by scatter alone; of modes alone.
@@ -113,7 +113,7 @@ def add_modes(
 
 
 def _expanded(record: ModalRecord, fit: ModalFit) -> NDArray[Any]:
-    """Return measured shapes at all DOFs (n x r) in the span of the modes they are paired with (SEREP).
+    """Return measured shapes at all DOFs (n x r) in the span of modes that they are paired with (SEREP).
 
     J. O'Callahan, P. Avitabile, R. Riemer, *Proc. IMAC VII* 1989, 29–37.
     """
@@ -123,8 +123,10 @@ def _expanded(record: ModalRecord, fit: ModalFit) -> NDArray[Any]:
     found = np.full(whole.shape, np.nan, dtype=np.result_type(whole, target))
     for k in range(target.shape[1]):
         there = ~np.isnan(target[:, k])
-        if np.count_nonzero(there) >= whole.shape[1]:
-            found[:, k] = whole @ np.linalg.lstsq(at_sensors[there], target[there, k], rcond=None)[0]
+        if there.any():
+            near = np.argsort(np.abs(fit.omega - fit.omega[k]), kind="stable")[: np.count_nonzero(there)]
+            parts = np.linalg.lstsq(at_sensors[np.ix_(there, near)], target[there, k], rcond=None)[0]
+            found[:, k] = whole[:, near] @ parts
     return found
 
 

@@ -37,7 +37,7 @@ class Margins:
         The smallest |1 + L|, the inverse of the largest sensitivity.
     gain_crossover, phase_crossover, modulus_at
         Frequencies of the smallest phase margin (|L| = 1), of the smallest gain margin (L real), and of the
-        smallest |1 + L|; rad/s, NaN where there is none.
+        smallest |1 + L|; rad/s, infinite where there is none.
     """
 
     gain: float
@@ -67,7 +67,7 @@ def margins(numerator: Any, denominator: Any) -> Margins:
         return _at(numerator, 1j * omega) / _at(denominator, 1j * omega)
 
     phases = [(_lag(loop(omega)), omega) for omega in _positive_roots(size_n - size_d)]
-    phase, gain_crossover = min(phases, default=(math.inf, math.nan))
+    phase, gain_crossover = min(phases, default=(math.inf, math.inf))
     delay = min((math.radians(lag) / omega for lag, omega in phases), default=math.inf)
     real_at = [(loop(omega).real, omega) for omega in _positive_roots(imaginary) if loop(omega).real < 0]
     if denominator[0] != 0 and loop(0.0).real < 0:
@@ -75,8 +75,8 @@ def margins(numerator: Any, denominator: Any) -> Margins:
     gains = [(-1 / value, omega) for value, omega in real_at]
     above = [(factor, omega) for factor, omega in gains if factor > 1]
     below = [(factor, omega) for factor, omega in gains if factor < 1]
-    gain, phase_crossover = min(above, default=(math.inf, math.nan))
-    reduction = max(below, default=(0.0, math.nan))
+    gain, phase_crossover = min(above, default=(math.inf, math.inf))
+    reduction = max(below, default=(0.0, math.inf))
     if not above:
         phase_crossover = reduction[1]
     one = _squared(_on_axis(numerator + denominator))
@@ -89,7 +89,7 @@ def margins(numerator: Any, denominator: Any) -> Margins:
     elif numerator.degree() == denominator.degree():
         limit = float(int(numerator.leading_coefficient())) / float(int(denominator.leading_coefficient()))
         sizes.append((abs(1 + limit), math.inf))
-    modulus, modulus_at = min(sizes, default=(math.inf, math.nan))
+    modulus, modulus_at = min(sizes, default=(math.inf, math.inf))
     return Margins(gain, reduction[0], phase, delay, modulus, gain_crossover, phase_crossover, modulus_at)
 
 
