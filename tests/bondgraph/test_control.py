@@ -130,6 +130,25 @@ def test_margins_of_a_double_integrator_with_lead():
     assert found.delay == pytest.approx(math.atan(omega) / omega, rel=1e-13)
 
 
+@pytest.mark.parametrize(
+    ("top", "bottom"), [([1], [1, 0, 1]), ([1, 1], [1, 0, 1]), ([1, 1], [2, 1, 2, 1]), ([3], [4, 0, 5, 0, 1])]
+)
+def test_loops_with_undamped_poles_have_margins(top, bottom):
+    """At a pole on the axis L is infinite: no crossing is there."""
+    found = margins(fmpz_poly(top), fmpz_poly(bottom))
+    assert math.isfinite(found.modulus)
+    assert found.gain == math.inf
+
+
+def test_a_loop_at_its_limit_has_a_gain_margin_of_1():
+    """L = 2/(s (s + 1)^2) at ω = 1."""
+    found = margins(fmpz_poly([2]), fmpz_poly([0, 1, 2, 1]))
+    assert not found.stable
+    assert found.gain == pytest.approx(1, abs=1e-12)
+    assert found.phase == pytest.approx(0, abs=1e-6)
+    assert found.modulus == pytest.approx(0, abs=1e-12)
+
+
 def test_a_conditionally_stable_loop_has_two_gain_margins():
     """L = K (s + 1)^2/s^3 is stable above K = 1/2 only."""
     found = margins(fmpz_poly([2, 4, 2]), fmpz_poly([0, 0, 0, 1]))

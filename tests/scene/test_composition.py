@@ -216,6 +216,16 @@ def test_models_are_read_from_files_that_use_files(tmp_path):
     assert content(built_graph(load_scene(own)).graph) == content(built_graph(scene(MOTOR)).graph)
 
 
+def test_two_files_may_use_the_same_one(tmp_path):
+    models = MOTOR[MOTOR.index("models:") : MOTOR.index("parameters: {Rm")]
+    (tmp_path / "motor.yaml").write_text(models)
+    (tmp_path / "one.yaml").write_text("use: motor.yaml\n")
+    (tmp_path / "two.yaml").write_text("use: ./motor.yaml\n")
+    own = tmp_path / "scene.yaml"
+    own.write_text(MOTOR.lstrip("\n").replace(models, "use: [one.yaml, two.yaml]\n"))
+    assert content(built_graph(load_scene(own)).graph) == content(built_graph(scene(MOTOR)).graph)
+
+
 def test_a_result_holds_the_models_of_other_files(tmp_path):
     models = MOTOR[MOTOR.index("models:") : MOTOR.index("parameters: {Rm")]
     (tmp_path / "motor.yaml").write_text(models)

@@ -109,6 +109,42 @@ CASES = {
     "loudspeaker": (loudspeaker, {"supply": "Se", "air": "Se"}, "x.Mms.f", "supply"),
     "tuned_damper": (tuned_damper, {"host": "Sf"}, "s_host.e", "host"),
 }
+
+
+def at_the_shaft(s, p):
+    """Return speed over torque, the supply short-circuited; torque and speed positive outwards."""
+    return -1 / (p.J * s + p.b + p.k**2 / (p.L * s + p.R))
+
+
+def at_the_load(s, p):
+    return -1 / (p.J2 * s + p.b2 + p.n**2 * (p.J1 * s + p.b1))
+
+
+def at_the_rod(s, p):
+    """Return velocity over force outwards, both chambers closed."""
+    a, b, leak = p.V_a / p.beta * s + p.leak, p.V_b / p.beta * s + p.leak, p.leak
+    force = np.linalg.solve([[a, -leak], [-leak, b]], [p.A_a, -p.A_b]) @ [p.A_a, -p.A_b]
+    return -1 / (p.m * s + p.friction + force)
+
+
+def at_the_body(s, p):
+    strut = p.b_s + p.k_s / s
+    wheel = p.m_u * s + p.k_t / s
+    return 1 / (p.m_s * s + strut * wheel / (strut + wheel))
+
+
+def at_the_cone(s, p):
+    """Return volume flow over pressure outwards, the supply short-circuited."""
+    return -(p.Sd**2) / (p.Mms * s + p.Rms + 1 / (p.Cms * s) + p.Bl**2 / (p.Le * s + p.Re))
+
+
+PORTS = {
+    "dc_motor": (at_the_shaft, {"supply": "Se", "shaft": "Se"}, "shaft"),
+    "gear": (at_the_load, {"drive": "Se", "load": "Se"}, "load"),
+    "hydraulic_cylinder": (at_the_rod, {"a": "Sf", "b": "Sf", "rod": "Se"}, "rod"),
+    "quarter_car": (at_the_body, {"road": "Sf", "body": "Se"}, "body"),
+    "loudspeaker": (at_the_cone, {"supply": "Se", "air": "Se"}, "air"),
+}
 #: Values with which no effect hides behind another one.
 OTHERS = {
     "hydraulic_cylinder": {"A_b": 1.2e-3, "V_b": 3e-4, "leak": 2e-10},
@@ -133,6 +169,15 @@ def test_a_model_has_the_transfer_function_of_the_textbook(name, others):
     found = responses(name, given, kinds, [output])[output, port]
     # Two sums of the same few terms in double precision, rounded in different order.
     np.testing.assert_allclose(found, [formula(s, p) for s in POINTS], rtol=1e-13)
+
+
+@pytest.mark.parametrize("name", PORTS)
+def test_a_model_answers_at_its_other_port_as_the_textbook_says(name):
+    formula, kinds, port = PORTS[name]
+    given = OTHERS.get(name, {})
+    p = Values(values(name, **given))
+    found = responses(name, given, kinds, [f"s_{port}.f"])[f"s_{port}.f", port]
+    np.testing.assert_allclose(found, [formula(s, p) for s in POINTS], rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -13,18 +13,25 @@ from dataclasses import dataclass
 from typing import Any
 
 from dynid.lti.certified_roots import certified_roots
+from dynid.lti.stability import all_left
 
 #: Imaginary parts of roots below this, relative to their size, belong to real roots: the certified radii are
 #: of the order of rounding errors.
 _REAL = 1e-9
+#: Relative rounding errors of a loop at its limit of stability.
+_LIMIT = 1e-9
 
 
 @dataclass(frozen=True)
 class Margins:
     """Margins of a closed loop 1 + L = 0; infinite where nothing limits them.
 
+    Where the closed loop is unstable, they are the changes at which a root crosses the axis.
+
     Parameters
     ----------
+    stable
+        Whether the closed loop is stable.
     gain
         Factor on L, above 1, that makes the loop unstable.
     gain_reduction
@@ -40,6 +47,7 @@ class Margins:
         smallest |1 + L|; rad/s, infinite where there is none.
     """
 
+    stable: bool
     gain: float
     gain_reduction: float
     phase: float
@@ -69,19 +77,20 @@ def margins(numerator: Any, denominator: Any) -> Margins:
     phases = [(_lag(loop(omega)), omega) for omega in _positive_roots(size_n - size_d)]
     phase, gain_crossover = min(phases, default=(math.inf, math.inf))
     delay = min((math.radians(lag) / omega for lag, omega in phases), default=math.inf)
-    real_at = [(loop(omega).real, omega) for omega in _positive_roots(imaginary) if loop(omega).real < 0]
+    real = [(loop(omega).real, omega) for omega in _positive_roots(_without(imaginary, size_d))]
+    real_at = [(value, omega) for value, omega in real if value < 0]
     if denominator[0] != 0 and loop(0.0).real < 0:
         real_at.append((loop(0.0).real, 0.0))
     gains = [(-1 / value, omega) for value, omega in real_at]
-    above = [(factor, omega) for factor, omega in gains if factor > 1]
-    below = [(factor, omega) for factor, omega in gains if factor < 1]
+    above = [(factor, omega) for factor, omega in gains if factor >= 1 - _LIMIT]
+    below = [(factor, omega) for factor, omega in gains if factor < 1 - _LIMIT]
     gain, phase_crossover = min(above, default=(math.inf, math.inf))
     reduction = max(below, default=(0.0, math.inf))
     if not above:
         phase_crossover = reduction[1]
     one = _squared(_on_axis(numerator + denominator))
     stationary = one.derivative() * size_d - one * size_d.derivative()
-    sizes = [(abs(1 + loop(omega)), omega) for omega in _positive_roots(stationary)]
+    sizes = [(abs(1 + loop(omega)), omega) for omega in _positive_roots(_without(stationary, size_d))]
     if denominator[0] != 0:
         sizes.append((abs(1 + loop(0.0)), 0.0))
     if numerator.degree() < denominator.degree():
@@ -90,12 +99,23 @@ def margins(numerator: Any, denominator: Any) -> Margins:
         limit = float(int(numerator.leading_coefficient())) / float(int(denominator.leading_coefficient()))
         sizes.append((abs(1 + limit), math.inf))
     modulus, modulus_at = min(sizes, default=(math.inf, math.inf))
-    return Margins(gain, reduction[0], phase, delay, modulus, gain_crossover, phase_crossover, modulus_at)
+    stable = bool(all_left(certified_roots(numerator + denominator)))
+    return Margins(
+        stable, gain, reduction[0], phase, delay, modulus, gain_crossover, phase_crossover, modulus_at
+    )
 
 
 def _lag(value: complex) -> float:
     """Return the phase lag, degrees in [0, 360), that turns a value of modulus 1 to -1."""
-    return math.degrees(cmath.phase(-value)) % 360.0
+    lag = math.degrees(cmath.phase(-value)) % 360.0
+    return 0.0 if lag > 360.0 - _LIMIT else lag
+
+
+def _without(polynomial: Any, other: Any) -> Any:
+    """Return a polynomial without the roots of another one: crossings are not at poles of the loop."""
+    while polynomial != 0 and (shared := polynomial.gcd(other)).degree() > 0:
+        polynomial = polynomial // shared
+    return polynomial
 
 
 def _on_axis(polynomial: Any) -> tuple[Any, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from importlib.resources import files
@@ -44,7 +45,8 @@ def with_models(source: Source) -> Source:
     """
     faults: list[Fault] = []
     models, marks = dict(mapping(source.data, "models")), dict(source.marks)
-    for used in _used(source, (str(Path(source.file)),), faults):
+    files = {used.file: used for used in _used(source, (os.path.normpath(source.file),), faults)}  # each once
+    for used in files.values():
         for name, model in mapping(used.data, "models").items():
             if name in models:
                 other = marks["models", name].file
@@ -80,7 +82,7 @@ def _used(source: Source, above: tuple[str, ...], faults: list[Fault]) -> Iterat
         if not isinstance(name, str) or not name:
             faults.append(source.fault(path, "'use' names files of models"))
             continue
-        file = str(Path(source.file).parent / name)
+        file = os.path.normpath(Path(source.file).parent / name)
         if file in above or len(above) > _DEEPEST:
             faults.append(source.fault(path, f"'{name}' uses itself"))
             continue

@@ -76,20 +76,25 @@ def _reduction(result: Result) -> Iterable[str]:
         yield f"  … {counted(len(outputs) - _MOST_OUTPUTS, 'more output')} in the file"
 
 
+_MARGINS = ("gain", "gain_reduction", "phase", "delay", "modulus")
+
+
 def _margins(result: Result) -> Iterable[str]:
     """Yield the margins of each feedback loop, the others closed."""
     group = "bond_graph/margins"
     if f"{group}/loop" not in result:
         return
     for place, loop in enumerate(result[f"{group}/loop"].data):
-        at = {
-            name: float(result[f"{group}/{name}"].data[place])
-            for name in ("gain", "phase", "delay", "modulus")
-        }
+        at = {name: float(result[f"{group}/{name}"].data[place]) for name in _MARGINS}
+        yield f"  loop {loop}"
+        if not result[f"{group}/stable"].data[place]:
+            yield "    the closed loop is not stable: it has no margins"
+            continue
         found = [f"gain margin {at['gain']:.4g}" if np.isfinite(at["gain"]) else "any larger gain"]
+        if at["gain_reduction"] > 0:
+            found.append(f"least gain {at['gain_reduction']:.4g} of this one")
         if np.isfinite(at["phase"]):
             found += [f"phase margin {at['phase']:.4g}°", f"delay margin {at['delay']:.4g} s"]
-        yield f"  loop {loop}"
         yield f"    {' · '.join(found)} · largest sensitivity {1 / at['modulus']:.4g}"
     yield ""
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from dynid.arithmetic.dependent import Real
+from dynid.arithmetic.dependent import Dependent, Real
+from dynid.arithmetic.ldl import reference
 from dynid.bondgraph.control import Loop
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ def _controller(controller: ControllerModel) -> tuple[list[Real], list[Real]]:
 def _pid(pid: PidModel) -> tuple[list[Real], list[Real]]:
     """Return kp + ki/s + kd s/(tf s + 1) as one quotient; without an integral there is no pole at 0."""
     kp, ki, kd, tf = (_number(gain) for gain in (pid.kp, pid.ki, pid.kd, pid.tf))
-    if pid.ki is None:
+    if not reference(ki) and not isinstance(ki, Dependent):
         return [kp * tf + kd, kp], [tf, Fraction(1)]
     return [kp * tf + kd, kp + ki * tf, ki], [tf, Fraction(1), Fraction(0)]
 
