@@ -342,3 +342,35 @@ def test_expanded_shapes_are_those_of_all_dofs():
     np.testing.assert_allclose(np.diag(mac(modes(result, "expanded"), shapes[:, :4])), 1.0, rtol=1e-8)
     at = np.array([model.row(dof) for dof in DOFS]) @ modes(result, "expanded")
     np.testing.assert_allclose(at, modes(result, "shape_measured"), atol=1e-7)
+
+
+def test_frequency_that_the_rest_does_not_replace_has_no_prediction():
+    """Two frequencies for two stiffnesses: neither follows from the other; of three one does."""
+    from dynid.report.content.modes import modal_table
+
+    joints = [Joint(name, at, JointParameter(start=900.0)) for name, at in (("a", (1,)), ("b", (1, 2)))]
+    model = lumped([1.0, 1.0], [], joints)
+    result = identify_modes(model, ModalMeasurement(np.array([20.0, 52.0])))
+    for name in ("error", "deviation", "by_scatter"):
+        assert np.isnan(modes(result, f"left_out_{name}")).all()
+    heads, rows = modal_table(result)
+    assert [row[heads.index("left out")] for row in rows] == ["–", "–"]
+    assert "identification/parameters/estimate" in result
+    whole = identify_modes(
+        chain(), replace(measured(chain(), noise=0.0), shape=None, shape_std=None, dofs=())
+    )
+    np.testing.assert_allclose(modes(whole, "left_out_error"), 0.0, atol=1e-4)
+
+
+def test_end_of_the_trade_off_that_fails_is_left_out(monkeypatch):
+    from dynid.identification import modal_diagnosis
+
+    modal = measured(chain(), seed=5)
+    record = ModalRecord.of(chain(), modal, 6)
+    assert set(modal_diagnosis.trade_off(record, truth(chain()), None)) == {"frequencies", "shapes"}
+
+    def singular(*_):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr(modal_diagnosis, "refine", singular)
+    assert modal_diagnosis.trade_off(record, truth(chain()), None) == {}

@@ -24,6 +24,8 @@ from dynid.progress import report_progress
 
 Array = NDArray[np.float64]
 
+# What a fit to a part of the data may raise: the rest may not determine the parameters.
+_FAILURES = (DynidError, ArithmeticError, np.linalg.LinAlgError)
 # Most steps with a frequency left out, and to an end of the trade-off.
 _STEPS = 25
 # An error that takes the weight from a quantity.
@@ -42,7 +44,7 @@ class LeftOut(NamedTuple):
     Attributes
     ----------
     error
-        Relative errors of the predictions (r).
+        Relative errors of the predictions (r); NaN where the other data do not determine the parameters.
     deviation
         Their standard deviations by parameters, scatter and error of the form (r).
     by_scatter
@@ -74,21 +76,26 @@ def left_out(record: ModalRecord, eta: Array) -> LeftOut:
     bare = record.with_error(record.known_error)
     for k in range(r):
         report_progress(f"frequency {k + 1} left out")
-        likelihood = ModalLikelihood((record.with_error(record.error, (k,)),))
+        both = [ModalLikelihood((one.with_error(one.error, (k,)),)) for one in (record, bare)]
         try:
-            end = refine(likelihood, eta, _STEPS).fit
-        except DynidError:
+            _information(both[0], eta).check()
+            end = refine(both[0], eta, _STEPS).fit
+            roots = [_information(one, end.eta).root for one in both]
+        except _FAILURES:
             continue
         fit = end.parts[0]
         assert isinstance(fit, ModalFit)
         assert fit.by_parameter is not None
         error[k] = fit.omega[k] / measured[k] - 1
         slope = fit.by_parameter[k, 0] * record.spread[0][k] / measured[k]
-        for one, bars in ((record, deviation), (bare, by_scatter)):
-            own = ModalLikelihood((one.with_error(one.error, (k,)),))
-            root = own.information(own.fit(end.eta), own.likeliest(own.fit(end.eta))).root
+        for one, root, bars in zip((record, bare), roots, (deviation, by_scatter), strict=True):
             bars[k] = np.hypot(np.linalg.norm(slope @ root), one.spread[0][k] / measured[k])
     return LeftOut(error, deviation, by_scatter)
+
+
+def _information(likelihood: ModalLikelihood, eta: Array) -> Information:
+    fit = likelihood.fit(eta)
+    return likelihood.information(fit, likelihood.likeliest(fit))
 
 
 class End(NamedTuple):
@@ -99,7 +106,9 @@ class End(NamedTuple):
 
 
 def trade_off(record: ModalRecord, eta: Array, rebuild: Rebuild | None) -> dict[str, End]:
-    """Return the fits to `frequencies` alone and to `shapes` alone, priors as given.
+    """Return the fits to `frequencies` alone and to `shapes` alone, as far as these determine the parameters.
+
+    Priors count in both, and so do damping ratios where they are measured.
 
     Parameters
     ----------
@@ -119,7 +128,7 @@ def trade_off(record: ModalRecord, eta: Array, rebuild: Rebuild | None) -> dict[
                 if rebuild is not None:
                     own = replace(own, model=rebuild(named(own.unknowns, end)))
             fit = own.fit(end, own.data.values)
-        except DynidError:
+        except _FAILURES:
             continue
         found[name] = End(fit.omega / own.measurement.omega - 1, fit.own_mac)
     return found

@@ -55,7 +55,7 @@ def modal_statements(result: Result) -> list[str]:
 
 
 def _signed(part: float) -> str:
-    return f"{100 * part:+.2f} %"
+    return "–" if np.isnan(part) else f"{100 * part:+.2f} %"
 
 
 def _percent(part: float) -> str:
