@@ -1,5 +1,6 @@
 """Pictures of structures by their nodes: everything is there, points where it acts, moves as it should."""
 
+import re
 import xml.etree.ElementTree as ET
 
 import numpy as np
@@ -180,3 +181,24 @@ def test_measured_shapes_stand_beside_those_of_the_model():
     path = "identification/parameters/estimate"
     np.testing.assert_allclose(other[path].data, made[path].data, rtol=1e-9)
     np.testing.assert_array_equal(other["structure/geometry/shape_sensor_direction"].data[0], [-1, 0, 0])
+
+
+def test_complex_shapes_are_drawn_in_the_phase_of_the_measured_ones():
+    """A factor of any phase in a measured shape turns the drawing of neither shape."""
+    text = SCENE.replace("REDUCTION", "").replace("EIy: 80", "EIy: EI")
+    head = text[: text.index("analysis")]
+
+    def tables(phases):
+        made = MODES
+        for line, phase in zip([one for one in MODES.splitlines() if "shape" in one], phases, strict=True):
+            turn = complex(np.exp(1j * phase))
+            own = re.sub(
+                r'": (-?[.\d]+)',
+                lambda m, turn=turn: f'": [{float(m[1]) * turn.real}, {float(m[1]) * turn.imag}]',
+                line,
+            )
+            made = made.replace(line, own)
+        return [row[1:] for row in drawn(run(head + made))["measured-shapes"].table.rows]
+
+    straight, turned = (np.array(tables(phases)) for phases in ((0.0, 0.0), (1.5, -0.8)))
+    np.testing.assert_allclose(turned, straight, atol=1e-6)

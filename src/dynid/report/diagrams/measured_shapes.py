@@ -32,7 +32,10 @@ def _picture(result: Result) -> Picture:
     space = Space(result)
     names = [str(name) for name in result[f"{SPACE}/shape_sensor"].data]
     rows = [[str(name) for name in result[f"{GROUP}/sensor"].data].index(name) for name in names]
-    measured, model = (np.real(result[f"{GROUP}/{name}"].data)[rows] for name in ("shape_measured", "shape"))
+    both = [result[f"{GROUP}/{name}"].data[rows] for name in ("shape_measured", "shape")]
+    # A complex shape has any phase: that of the largest real part, one for both.
+    turn = np.exp(-0.5j * np.angle(np.nansum(both[0] ** 2, axis=0)))
+    measured, model = (np.real(turn * one) for one in both)
     count = min(measured.shape[1], _MODES)
     places = space.flat(space.array("shape_sensor_position", 3))
     ways = space.flat(space.array("shape_sensor_direction", 3))
