@@ -374,3 +374,28 @@ def test_end_of_the_trade_off_that_fails_is_left_out(monkeypatch):
 
     monkeypatch.setattr(modal_diagnosis, "refine", singular)
     assert modal_diagnosis.trade_off(record, truth(chain()), None) == {}
+
+
+def test_whiteness_of_records_stands_beside_modes():
+    from dynid.report.content.identification import verdict_sentences
+    from dynid.report.registry import figures
+
+    model = chain(damping=True)
+    loads = (Load(6, Multisine([50.0] * 3, [30.0, 90.0, 160.0])),)
+    channels = (Channel(2, "acceleration"), Channel(5, "acceleration"))
+    taken = Experiment(loads, Measurement(0.005, 300, channels, Simulation(0.05, 4)))
+    result = identify_modes(model, measured(model, model_error=KNOWN), [taken])
+    names = [str(name) for name in diagnostic(result, "channel")]
+    there = [not name.startswith("modes.") for name in names]
+    assert there.count(True) == 2
+    for name in ("autocorrelation_band", "channel_whiteness_p"):
+        assert (~np.isnan(diagnostic(result, name))).tolist() == there
+    r = diagnostic(result, "autocorrelation")
+    assert (~np.isnan(r)).all(axis=0).tolist() == there
+    measurement = [result[f"identification/measurement/{one}"].data for one in ("measured", "predicted")]
+    residual = measurement[0] - measurement[1]
+    for place, left in zip(np.flatnonzero(there), (residual - residual.mean(axis=0)).T, strict=True):
+        assert r[0, place] == pytest.approx(left[1:] @ left[:-1] / (left @ left), abs=1e-6)
+    assert any("white residuals are not rejected" in one for one in verdict_sentences(result))
+    figure = next(one for one in figures(result) if one.name == "whiteness")
+    assert len(figure.draw().table.rows[0]) == 3

@@ -37,6 +37,8 @@ Everything is below ``identification/``:
     `channel_noise_p` and `noise_ratio` (observed over given) by channel.
   - `residual_<mean|kurtosis|largest>` with their p-values and the number of `outliers`: shape of residuals
     that are more than round-off; coloured ones are whitened first.
+  - `autocorrelation` by `lag`, with its `autocorrelation_band`, and `channel_whiteness_p`: NaN of measured
+    modes, which have no order; left out where there is nothing else.
 
 Frequency responses have `parameters`, `considered`, `stages`, `measurement` and `diagnostics`, and
 `model_error`; their `measurement` has complex values (omega x channel), their agreement with the model
@@ -295,16 +297,16 @@ def _add_residual_tests(result: Result, posterior: Posterior) -> None:
 def _add_autocorrelation(result: Result, posterior: Posterior) -> None:
     """Add the autocorrelation of the residuals and their whiteness, channel by channel."""
     group, series = _DIAGNOSTICS, [posterior.series(place) for place in posterior.channels]
-    if not all(map(len, series)):  # modes have no order
+    each = {k: autocorrelation(one) for k, one in enumerate(series) if len(one)}  # modes have no order
+    if not each:
         return
-    each = [autocorrelation(one) for one in series]
-    lags = min(len(r) for r, _ in each)
+    lags = min(len(r) for r, _ in each.values())
     result.add_axis(f"{group}/lag", np.arange(1, lags + 1))
-    # Real and imaginary parts are alike: their mean.
-    joined = np.column_stack([r[:lags].mean(axis=1) for r, _ in each])
+    joined, band, white = np.full((lags, len(series)), np.nan), *np.full((2, len(series)), np.nan)
+    for k, (r, own) in each.items():  # real and imaginary parts are alike: their mean
+        joined[:, k], band[k] = r[:lags].mean(axis=1), np.mean(own) / np.sqrt(len(own))
+        white[k] = posterior.channel_whiteness_p(posterior.channels[k])
     result.add(f"{group}/autocorrelation", joined, ("lag", "channel"))
-    white = [posterior.channel_whiteness_p(place) for place in posterior.channels]
-    band = [float(np.mean(band) / np.sqrt(len(band))) for _, band in each]
     result.add(f"{group}/autocorrelation_band", band, ("channel",))
     result.add(f"{group}/channel_whiteness_p", white, ("channel",))
 

@@ -276,7 +276,7 @@ def verdict_sentences(result: Result) -> Iterator[str]:
         residuals = f"white residuals are not rejected (p = {p:.2g}; level {level})"
     yield str(result.value(f"{_DIAGNOSTICS}/verdict"))
     yield left
-    if not has_modes(result):
+    if not has_modes(result) or f"{_DIAGNOSTICS}/autocorrelation" in result:  # modes alone have no order
         yield residuals
     yield from noise_sentences(result)
     rejected = is_rejected(result)

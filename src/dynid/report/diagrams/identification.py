@@ -315,7 +315,9 @@ def _over_frequency(result: Result, group: str, name: str, title: str) -> Pictur
 def _whiteness(result: Result, group: str) -> Picture:
     lag, values = result[f"{group}/lag"].data, result[f"{group}/autocorrelation"].data
     bands = result[f"{group}/autocorrelation_band"].data
-    channels = texts(result, f"{group}/channel")
+    there = np.flatnonzero(~np.isnan(bands))  # modes have no order
+    names, values, bands = texts(result, f"{group}/channel"), values[:, there], bands[there]
+    channels = [names[k] for k in there.tolist()]
     subplots = []
     for place, channel in enumerate(channels[:CHANNELS]):
         band = float(bands[place])
