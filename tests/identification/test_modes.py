@@ -5,18 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dynid.arithmetic.dependent import Dependent
 from dynid.errors import NotIdentifiable, UsageError
 from dynid.identification.estimators.modal_search import ModalSearch
 from dynid.identification.identify_modes import ModalProblem, identify_modes
 from dynid.identification.measurement import Experiment, Measurement
 from dynid.identification.modal_measurement import ModalMeasurement, Scatter
-from dynid.identification.modal_record import ModalLikelihood, ModalRecord
+from dynid.identification.modal_record import ModalLikelihood, ModalRecord, _turned
 from dynid.identification.simulation import Simulation
 from dynid.lti.signals import Multisine
-from dynid.parameters import starts
+from dynid.parameters import Parameter, starts
 from dynid.structure.correlation import comac, mac, paired
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
+from dynid.structure.model import StructuralModel, Term
 from dynid.structure.modes.derivatives import lowest_modes, modal_basis
 from dynid.structure.response import Channel, Load
 from tests.identification.modal_cases import DOFS, chain, measured, plate, true_modes
@@ -152,6 +154,11 @@ def test_shapes_of_equal_modes_are_compared_by_their_span():
     result = identify_modes(model, replace(modal, shape=shapes, shape_std=0.02 * np.ones(shapes.shape)))
     np.testing.assert_allclose(parameter(result, "estimate"), [100.0, 100.0], rtol=1e-6)
     np.testing.assert_allclose(modes(result, "mac"), 1.0, rtol=1e-9)
+    phases = np.exp(1j * np.array([0.3, 2.0, -1.0, 0.7]))
+    other = identify_modes(
+        model, replace(modal, shape=shapes * phases, shape_std=0.02 * np.ones(shapes.shape))
+    )
+    np.testing.assert_allclose(parameter(other, "estimate"), [100.0, 100.0], rtol=1e-6)
 
 
 def test_nearly_equal_modes_have_finite_errors():
@@ -399,3 +406,36 @@ def test_whiteness_of_records_stands_beside_modes():
     assert any("white residuals are not rejected" in one for one in verdict_sentences(result))
     figure = next(one for one in figures(result) if one.name == "whiteness")
     assert len(figure.draw().table.rows[0]) == 3
+
+
+def directions_of_motion(count):
+    """Three masses in a row, moving in one direction, or alike in two; a spring to the ground of each."""
+    each = np.array([[1.0, -1.0, 0.0], [-1.0, 3.0, -2.0], [0.0, -2.0, 2.0]]) * 60.0
+    ground = np.diag([1.0, 0.0, 0.0])
+    size, places = 3 * count, [np.kron(np.diag(np.eye(count)[k]), ground) for k in range(count)]
+    given = [Dependent.parameter(name, 100.0) for name in ("kx", "ky")[:count]]
+    K = np.kron(np.eye(count), each) + 100.0 * sum(places)
+    terms = tuple(Term("K", k, place) for k, place in zip(given, places, strict=True))
+    unknowns = tuple(Parameter(name, 100.0, true=100.0) for name in ("kx", "ky")[:count])
+    return StructuralModel(np.eye(size), np.zeros((size, size)), K, parameters=unknowns, terms=terms)
+
+
+def test_equal_modes_that_the_sensors_do_not_tell_apart():
+    """Sensors along x see nothing of the equal modes along y: values and slopes are those of x alone."""
+    rng = np.random.default_rng(3)
+    modal = ModalMeasurement(np.array([5.0, 12.0, 17.0]), (1, 2, 3), rng.standard_normal((3, 3)))
+    alone, both = (
+        ModalRecord.of(directions_of_motion(count), modal, 3 * count).with_error(np.zeros(2))
+        for count in (1, 2)
+    )
+    wanted, found = (one.fit(truth(one.model), one.data.values) for one in (alone, both))
+    np.testing.assert_allclose(found.residual, wanted.residual, atol=1e-8)
+    np.testing.assert_allclose(found.by_parameter[..., 0], wanted.by_parameter[..., 0], atol=1e-7)
+    np.testing.assert_allclose(np.nan_to_num(found.by_parameter[..., 1]), 0.0, atol=1e-7)
+
+
+def test_shape_that_no_phase_makes_more_real_stays():
+    shape, moved = np.array([1.0, 1j]), np.array([[1.0 + 2j], [3.0]])
+    found = _turned(shape, moved, wide=False)
+    np.testing.assert_array_equal(found[0], [1.0, 0.0])
+    np.testing.assert_array_equal(found[1], [[1.0], [3.0]])

@@ -51,6 +51,8 @@ _WITH_SLOPES = 1.25
 _SETTLED = 0.03
 #: Frequencies nearer to each other, relative, have one span of shapes.
 CLOSE = 1e-4
+# Shapes at the sensors, of equal frequencies, are dependent below this part of the largest singular value.
+_DEPENDENT = 1e-6
 # More DOFs than this are reduced to the lowest modes and their derivatives.
 _MOST_DOFS = 250
 
@@ -330,16 +332,20 @@ class ModalRecord(RecordLikelihood):
             moves = np.stack([known[j][1] for j in span.tolist()], axis=1)
             weight = 1 / np.hypot(shape_scatter[:, k], error)[there]
             columns = weight[:, None] * own_shapes[there]
-            Q, R = np.linalg.qr(columns)
-            part = np.linalg.lstsq(R, Q.conj().T @ (weight * target[there, k]), rcond=None)[0]
+            Q, size, Vh = np.linalg.svd(columns, full_matrices=False)
+            rank = np.count_nonzero(size > _DEPENDENT * size[0])
+            Q = Q[:, :rank]
+            part = Vh[:rank].conj().T @ (Q.conj().T @ (weight * target[there, k]) / size[:rank])
             shapes[there, k] = own_shapes[there] @ part
             change = weight[:, None] * np.tensordot(moves[there], part, axes=([1], [0]))
             change = change - Q @ (Q.conj().T @ change)
             by_shape[there, k] = change / weight[:, None]
             own[k] = _mac_of(target[:, k], shapes[:, [k]])[0]
-            if len(span) == 1:
+            if len(span) == 1 or not part.any():
                 poles[k], shape = solution.poles[place], psi[:, 0]
             else:
+                # Without damping all of a shape has one phase.
+                part = part if solution.damped else _turned(part, part[:, None], wide=False)[0]
                 shape = psi @ part
                 share = np.abs(part) ** 2
                 poles[k] = share @ solution.poles[span] / share.sum()
@@ -520,11 +526,14 @@ def _mac_of(measured: NDArray[Any], shapes: NDArray[Any]) -> Array:
 def _turned(shape: NDArray[Any], moved: NDArray[Any], *, wide: bool) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return a shape at the sensors (s) and its slopes (s x p), turned to be as real as can be.
 
-    Shapes are complex only where damping makes them so; `wide`: the measured ones are complex, too.
+    One that all phases make as real is not turned. Shapes are complex only where damping makes them so;
+    `wide`: the measured ones are complex, too.
     """
     if wide or not np.iscomplexobj(shape):
         return shape, moved
     square = shape @ shape
+    if square == 0:
+        return shape.real, moved.real
     turn = np.exp(-0.5j * np.angle(square))
     rate = -np.imag((shape @ moved) / square)
     return (turn * shape).real, (turn * (moved + 1j * rate * shape[:, None])).real
