@@ -439,3 +439,21 @@ def test_shape_that_no_phase_makes_more_real_stays():
     found = _turned(shape, moved, wide=False)
     np.testing.assert_array_equal(found[0], [1.0, 0.0])
     np.testing.assert_array_equal(found[1], [[1.0], [3.0]])
+
+
+def test_scatter_that_is_missing_in_a_mode_is_the_usual_one():
+    """As it is where none is given at all; floors are those of a scatter that is given."""
+    floors = Scatter(0.02, 0.5, 0.2)
+    std = np.array([np.nan, 0.01, 3.0])
+    modal = ModalMeasurement(np.array([10.0, 20.0, 30.0]), omega_std=std, floors=floors)
+    np.testing.assert_allclose(modal.deviations()[0], [0.005, 0.02, 0.1])
+    np.testing.assert_allclose(replace(modal, omega_std=None).deviations()[0], 0.005)
+
+
+def test_scatter_of_a_damping_ratio_of_zero_is_the_one_that_counts():
+    model = chain(damping=True)
+    modal = measured(model, noise=0.0, damping=True, model_error=KNOWN)
+    ratio, std = modal.damping.copy(), modal.damping_std.copy()
+    ratio[1], std[1] = 0.0, 0.05
+    result = identify_modes(model, replace(modal, damping=ratio, damping_std=std))
+    assert modes(result, "damping_std")[1] == pytest.approx(0.05)

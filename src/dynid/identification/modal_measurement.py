@@ -138,7 +138,7 @@ def _floored(given: Array | None, size: Array, usual: float, floor: float) -> Ar
     if given is None:
         return np.full(size.shape, usual)
     relative = given / size
-    return np.asarray(np.where(np.isnan(relative), max(usual, floor), np.maximum(relative, floor)))
+    return np.asarray(np.where(np.isnan(relative), usual, np.maximum(relative, floor)))
 
 
 class ModalChannel(NamedTuple):

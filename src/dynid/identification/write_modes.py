@@ -6,15 +6,16 @@
 - `mac_start`, `mac`: modal assurance criterion of each pair; `mac_table_start`, `mac_table` of all pairs of
   measured and computed modes; `comac_start`, `comac`: that of each sensor over all modes.
 - `model_mode_start`, `model_mode`: the modes of the model that the measured ones are paired with, from 1.
-- `shape_measured`, `shape_start`, `shape`: shapes at the sensors, largest measured component 1; of complex
-  ones `complexity_measured`, the part of each that no phase makes real.
+- `shape_measured`, `shape_start`, `shape`: shapes at the sensors, the largest measured component of
+  magnitude 1; of complex ones `complexity_measured`, the part of each that no phase makes real.
 - `expanded_start`, `expanded`: measured shapes at all DOFs, in the span of the modes they are paired with
   (SEREP), of as many of the nearest ones as there are sensors; NaN of a mode whose shape was not measured.
 - `model_error`: errors of the model's form, relative, of each quantity, with `scatter_floor`.
 - `left_out_error`, `left_out_deviation`, `left_out_by_scatter`: each frequency predicted with it left out,
-  over the measured one less 1, and its bars, with the error of the form and by scatter alone; of modes alone.
-- `trade_off/<frequencies|shapes>/{frequency_error, mac}`: the fits to frequencies alone and to shapes alone,
-  where the form is in error.
+  over the measured one less 1, and its bars, with the error of the form and by scatter alone; of modes alone,
+  NaN where the rest does not determine the parameters.
+- `trade_off/<frequencies|shapes>/{frequency_error, mac}`: the fits to frequencies alone and to shapes alone
+  (damping ratios, where measured, count in both), where the form is in error.
 - `directions/`: combinations of parameters by how much better the data know them than the priors (`strength`,
   singular values of the derivatives times the priors' deviations), where all parameters have priors.
 - `statements`: what follows from these, in words.
@@ -94,7 +95,7 @@ def add_modes(
     if measured.has_damping:
         assert measured.damping is not None
         result.add(f"{GROUP}/damping_measured", measured.damping, dims)
-        result.add(f"{GROUP}/damping_std", scatter[1] * np.abs(measured.damping), dims)
+        result.add(f"{GROUP}/damping_std", record.scatter_and_size[1][0], dims)
     if len(measured.dofs):
         _add_shapes(result, record, before, after)
     if len(measured.dofs) and full.size * r <= _MOST_EXPANDED and result.wants(f"{GROUP}/expanded"):
@@ -157,6 +158,7 @@ def _add_diagnosis(
                 f"off by more than {CONTRADICTED:.0f} bars of the scatter: {shown}",
             )
     if in_error and len(record.measurement.dofs) and result.wants_below(f"{group}/trade_off"):
+        also = " and damping ratios" if record.measurement.has_damping else ""
         for name, end in trade_off(record, eta, rebuild).items():
             own = f"{group}/trade_off/{name}"
             result.add_axis(f"{own}/mode", np.arange(1, len(end.error) + 1))
@@ -164,7 +166,7 @@ def _add_diagnosis(
             result.add(f"{own}/mac", end.mac, ("mode",))
             rms = 100 * float(np.sqrt(np.mean(end.error**2)))
             said.append(
-                f"fitted to {name} alone: RMS error of frequencies {rms:.2g} %, mean MAC "
+                f"fitted to {name}{also} alone: RMS error of frequencies {rms:.2g} %, mean MAC "
                 f"{float(np.nanmean(end.mac)):.3f}"
             )
     return said
