@@ -457,3 +457,13 @@ def test_scatter_of_a_damping_ratio_of_zero_is_the_one_that_counts():
     ratio[1], std[1] = 0.0, 0.05
     result = identify_modes(model, replace(modal, damping=ratio, damping_std=std))
     assert modes(result, "damping_std")[1] == pytest.approx(0.05)
+
+
+def test_modes_with_both_records_and_responses_are_refused():
+    from dynid.identification.frf_measurement import FrfMeasurement
+
+    loads = (Load(6, Multisine([50.0], [30.0])),)
+    taken = Experiment(loads, Measurement(0.005, 30, (Channel(2, "acceleration"),), Simulation(0.05, 4)))
+    responses = object.__new__(FrfMeasurement)
+    with pytest.raises(UsageError, match="not with both"):
+        identify_modes(chain(), measured(chain()), [taken], responses)

@@ -160,6 +160,22 @@ def test_what_modes_do_not_go_with_is_refused(tmp_path, more, message):
         scene(tmp_path, more + "measurement: {modes: {values: [{frequency: 3}]}}\n")
 
 
+def test_responses_and_records_beside_modes_are_refused(tmp_path):
+    text = (
+        "measurement:\n  modes: {values: [{frequency: 3}]}\n"
+        "  frf: {simulate: {noise_ratio: 0.02, seed: 3, lines: {start: 2, stop: 35, points: 60, unit: Hz}}}\n"
+        "  channels: [{dof: 5, quantity: velocity, reference: {dof: 1}}]\n"
+    )
+    scene(tmp_path, text, TRUE)
+    with pytest.raises(DynidError, match="'step' is that of a record of time"):
+        scene(tmp_path, text + "  step: 0.01\n", TRUE)
+    record = (
+        "{step: 0.01, samples: 9, channels: [{dof: 5, quantity: velocity}], simulate: {noise_ratio: 0.1}}"
+    )
+    with pytest.raises(DynidError, match="frequency responses stand alone"):
+        scene(tmp_path, f"{text}  records: [{record}]\n", TRUE)
+
+
 def test_report_and_summary_show_the_modes():
     from dynid.cli.summary import summary
     from dynid.report.registry import figures

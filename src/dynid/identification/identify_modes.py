@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Self
 
+from dynid.errors import UsageError
 from dynid.identification.estimators.modal_search import ModalSearch
 from dynid.identification.frf_measurement import FrfMeasurement, frf_data
 from dynid.identification.frf_record import frf_likelihood
@@ -72,7 +73,13 @@ class ModalProblem:
         truth: StructuralModel | None = None,
         rebuild: Rebuild | None = None,
     ) -> Self:
-        """Return the problem; parameters as of `identify_modes`."""
+        """Return the problem; parameters and errors as of `identify_modes`."""
+        if experiments and responses is not None:
+            raise UsageError(
+                "modes are identified with records of time or with frequency responses, not with both",
+                remedy="Leave one of them out.",
+                names=("measurement.frf",),
+            )
         alone = not experiments and responses is None
         start, full = start_values(model), model
         if alone and is_large(model) and not model.is_sparse and model.basis is None:
@@ -91,8 +98,10 @@ class ModalProblem:
             if responses is not None:
                 found = frf_likelihood(other, responses, given[0]).records[0].first_weighted()
                 records.append(replace(found, sharing=waves + 1))
-            each = zip(models_of_records(other, experiments), given, experiments, strict=False)
-            records += [TimeRecord(own, values, taken, waves + 1) for own, values, taken in each]
+            else:  # the values of the modes, the last ones, are those of the measurement
+                models = models_of_records(other, experiments)
+                each = zip(models, given[: len(experiments)], experiments, strict=True)
+                records += [TimeRecord(own, values, taken, waves + 1) for own, values, taken in each]
             return Likelihood((*records, measured))
 
         given = [data(truth or full, *experiment) for experiment in experiments]
@@ -122,7 +131,7 @@ def identify_modes(
     modal
         The measured modes.
     experiments, responses
-        Records of time, or frequency responses, that share the parameters.
+        Records of time, or frequency responses, not both, that share the parameters.
     estimator
         How to estimate; absent: `ModalSearch()`.
     truth
@@ -138,6 +147,8 @@ def identify_modes(
 
     Raises
     ------
+    UsageError
+        If there are both `experiments` and `responses`.
     DynidError
         As of `identify_all` and `identify_frf`.
     """
