@@ -156,6 +156,22 @@ def test_an_order_that_is_not_stated_and_contradicted_is_refused(tmp_path):
     assert caught.value.names == ("nodes",)
 
 
+@pytest.mark.parametrize("along", [1, -1])
+def test_orders_that_fit_alike_are_refused(tmp_path, along):
+    """A row of cubes, held at one end, whose nodes in reverse are its image in a point."""
+    xyz = np.array([[i, j, k] for i in range(6) for j in (0, 1) for k in (0, 1)]) * SPACING
+    K, names = lattice(xyz), list(range(1, 25))
+    K[range(12), range(12)] += 1e8
+    nodes = write(tmp_path, K, table_of(xyz[::along], names[::along]))
+    if along == 1:  # one order only
+        assert built(tmp_path, nodes).dofs[:4] == ("1:x", "1:y", "1:z", "2:x")
+        return
+    with pytest.raises(UsageError, match="several fit the stiffness: the nodes of the file, each"):
+        built(tmp_path, nodes)
+    stated = table_of(xyz, names, ",dofs", ["x y z"] * 24)
+    assert built(tmp_path, write(tmp_path, K, stated)).dofs[0] == "1:x"
+
+
 def test_supports_and_missing_dofs(tmp_path):
     """Of a held structure the DOFs away from its supports are in balance; a column says which DOFs exist."""
     xyz = np.array([[i, j, k] for i in range(6) for j in (0, 1) for k in (0, 1)]) * SPACING

@@ -24,6 +24,8 @@ from dynid.structure.readers.node_file import DofOrder, NodeFile, usual_orders
 _BALANCED = 1e-4
 # The share of DOFs in balance that confirms an order, and the share below which it is contradicted.
 _CONFIRMED, _CONTRADICTED = 0.5, 0.1
+# Orders whose shares differ by less than this fit alike.
+_ALIKE = 0.01
 # The largest dense matrix whose rigid-body modes are counted.
 _MOST_COUNTED = 3000
 _RIGID_MODE = 1e-9
@@ -84,13 +86,14 @@ def assigned(
         return stated[0].labels, _checked(K, stated[0].labels, file.nodes, stated=True)
     others = [order for order in file.orders if not order.stated and len(order.labels) == n]
     others += usual_orders(file.nodes, n)
-    found = _likeliest(K, others, file.nodes)
-    if found is not None and found[1].share >= _CONFIRMED:
-        return found[0].labels, file.nodes
+    likeliest = _likeliest(K, others, file.nodes)
+    confirmed = bool(likeliest) and likeliest[0][1].share >= _CONFIRMED
+    if confirmed and len(likeliest) == 1:
+        return likeliest[0][0].labels, file.nodes
     matched = _by_modes(M, K, file)
     if matched:
         return matched, file.nodes
-    if found is None:
+    if not likeliest:
         sizes = ", ".join(f"{order.name} {len(order.labels)}" for order in file.orders)
         raise UsageError(
             f"the matrices have {n} DOFs, which is no order of DOFs of the {len(file.nodes.numbers)} nodes"
@@ -98,17 +101,26 @@ def assigned(
             remedy="Give 'labels', or a table of nodes (.csv) with a column 'dofs'.",
             names=("nodes",),
         )
-    return found[0].labels, _checked(K, found[0].labels, file.nodes, stated=False)
+    if confirmed:
+        raise UsageError(
+            f"the order of the DOFs is unknown, and several fit the stiffness: "
+            f"{'; '.join(order.name for order, _ in likeliest)}",
+            remedy="Give 'labels', or a table of nodes (.csv) with a column 'dofs'.",
+            names=("nodes",),
+        )
+    labels = likeliest[0][0].labels
+    return labels, _checked(K, labels, file.nodes, stated=False)
 
 
-def _likeliest(K: Matrix, orders: Sequence[DofOrder], nodes: Nodes) -> tuple[DofOrder, Balance] | None:
-    """Return the order in which most DOFs are in balance."""
-    best = None
+def _likeliest(K: Matrix, orders: Sequence[DofOrder], nodes: Nodes) -> list[tuple[DofOrder, Balance]]:
+    """Return the different orders in which most DOFs are in balance, the best one first."""
+    different: dict[tuple[Label, ...], DofOrder] = {}
     for order in orders:
-        found = balance(K, nodes, order.labels)
-        if best is None or found.share > best[1].share:
-            best = order, found
-    return best
+        different.setdefault(order.labels, order)
+    found = [(order, balance(K, nodes, order.labels)) for order in different.values()]
+    best = max((each.share for _, each in found), default=0.0)
+    alike = [pair for pair in found if pair[1].share > best - _ALIKE]
+    return sorted(alike, key=lambda pair: -pair[1].share)
 
 
 def _checked(K: Matrix, labels: Sequence[Label], nodes: Nodes, *, stated: bool) -> Nodes:
