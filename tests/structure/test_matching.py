@@ -10,6 +10,7 @@ from dynid.errors import UsageError
 from dynid.structure.matching import Matching, matched_dofs
 from dynid.structure.model import StructuralModel
 from dynid.structure.nodes import Nodes
+from dynid.structure.points import Point, with_points
 
 XYZ = np.array([(0.0, 0, 0), (1, 0, 0), (1, 1, 0), (0.25, 0.5, 2)])
 NUMBERS = (10, 20, 30, 40)
@@ -135,6 +136,21 @@ def test_double_matches_are_refused_from_both_sides():
 def test_nodes_without_dofs_are_no_candidates():
     there = model(TRANSLATIONS[:6], Nodes(NUMBERS, XYZ))
     assert "1: 1 m from 20" in refusal(there, [(1, "z")], Matching("position", 0.1), Nodes((1,), XYZ[2:3]))
+
+
+@pytest.mark.parametrize("how", [Matching(), Matching("position", 0.5)])
+def test_nodes_of_a_rigid_set_move_about_its_point(how):
+    """A sensor beside the centre of a flange has its lever arm; the centre itself is no node."""
+    flange, _ = with_points(placed(), [Point("flange", (10, 20, 30), "rigid", at=(0.9, 0.1, 0))])
+    test = Nodes((10, 20, 30), XYZ[:3] + 0.01, {20: Rotation.from_rotvec([0.3, 0, 0]).as_matrix()})
+    pure = matched_dofs(flange, [(30, "-z")], how, test)
+    assert pure == [{"30:z": -1.0}]
+    (slanting,) = matched_dofs(flange, [(20, "z")], how, test)
+    y, z = np.sin(0.3), np.cos(0.3)  # the direction; the node lies at (0.1, -0.1, 0) from the point
+    expected = {"flange:y": y, "flange:z": z, "flange:rx": -0.1 * z, "flange:ry": -0.1 * z}
+    assert slanting == pytest.approx(expected | {"flange:rz": 0.1 * y})
+    own = matched_dofs(flange, [(7, "ry")], Matching(pairs={7: "flange"}))
+    assert own == [{"flange:ry": 1.0}]
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,8 @@ class Matching:
     Parameters
     ----------
     by
-        ``number``, or ``position``: the closest node of the model that has DOFs.
+        ``number``, or ``position``: the closest node of the model that has DOFs, or moves rigidly with
+        others; no point.
     tolerance
         How far a node of the test may lie from its node of the model, m; needed for positions. With numbers
         and positions of the test it is checked; None: it is not.
@@ -88,8 +89,8 @@ def matched_dofs(
     Returns
     -------
     list of mappings
-        For each sensor the weights of the DOFs, by their own labels: one DOF with weight 1 or -1 where its
-        direction is that of a DOF.
+        For each sensor the weights of the DOFs, by their own labels: one DOF, or motion of the model, with
+        weight 1 or -1 where its direction is that of one.
 
     Raises
     ------
@@ -116,12 +117,26 @@ def matched_dofs(
                 remedy="Leave the channel out, or turn the axes of the test: match: {axes: …}.",
                 names=("match.axes", "match"),
             )
-        found.append({here[name]: sign * weight for name, weight in parts.items()})
+        found.append(_sum_of(model, {here[name]: sign * weight for name, weight in parts.items()}))
     return found
 
 
+def _sum_of(model: StructuralModel, weights: Motion) -> Motion:
+    """Return a single DOF or motion as it is, a sum of several by the DOFs' own labels."""
+    if len(weights) == 1:
+        return weights
+    total: dict[Label, float] = {}
+    for label, weight in weights.items():
+        for dof, part in model.motions.get(str(label), {label: 1.0}).items():
+            total[dof] = total.get(dof, 0.0) + weight * part
+    return total
+
+
 def _by_node(model: StructuralModel) -> dict[Node, dict[str, Label]]:
-    """Return the labels of the DOFs at each node, by direction; of a numbered DOF for all of them."""
+    """Return the labels of the DOFs at each node, by direction; of a numbered DOF for all of them.
+
+    Nodes that move rigidly with others have motions in place of DOFs.
+    """
     found: dict[Node, dict[str, Label]] = {}
     for label in model.dofs:
         node, along = (label, "") if isinstance(label, int) else node_direction(label) or (label, "")
@@ -131,6 +146,11 @@ def _by_node(model: StructuralModel) -> dict[Node, dict[str, Label]]:
                 remedy="List the channels with the labels of the structure.",
             )
         found.setdefault(node, {})[along] = label
+    places = {} if model.nodes is None else model.nodes.places
+    for name in model.motions:
+        place = node_direction(name)
+        if place is not None and place[0] in places:
+            found.setdefault(place[0], {}).setdefault(place[1], name)
     return found
 
 
@@ -218,7 +238,7 @@ def _closest(
     """Return the closest node of the model for each node of the test."""
     assert how.tolerance is not None
     nodes = _nodes_of(model)
-    candidates = [node for node in nodes.numbers if node in known]
+    candidates = [node for node in nodes.numbers if node in known and node not in nodes.points]
     xyz = nodes.xyz[[nodes.places[node] for node in candidates]]
     found: dict[Node, Node] = {}
     far, between = [], []

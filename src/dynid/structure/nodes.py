@@ -37,6 +37,8 @@ class Nodes:
         What else their file says, in words: coordinate systems, constraints that are not applied.
     doubts
         Sentences on what contradicts the nodes, does not confirm them, or makes their model inaccurate.
+    points
+        Nodes that are none of the structure: they move with a node, or with a set of nodes.
 
     Raises
     ------
@@ -51,6 +53,7 @@ class Nodes:
     lines: tuple[tuple[Node, Node], ...] = ()
     notes: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
+    points: tuple[Node, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "numbers", tuple(self.numbers))
@@ -62,7 +65,7 @@ class Nodes:
             twice = next(node for at, node in enumerate(self.numbers) if self.places[node] != at)
             raise UsageError(f"two nodes have the number {twice}", names=(str(twice),))
         ends = (node for line in self.lines for node in line)
-        for node in (*self.axes, *(node for one in self.sets.values() for node in one), *ends):
+        for node in (*self.axes, *self.points, *(node for one in self.sets.values() for node in one), *ends):
             if node not in self.places:
                 raise UsageError(f"there is no node {node}", names=(str(node),))
         for node, axes in self.axes.items():

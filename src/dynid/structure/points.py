@@ -362,6 +362,7 @@ def _with_nodes(nodes: Nodes, points: Sequence[Point], placed: Mapping[str, Plac
         numbers=(*nodes.numbers, *names),
         xyz=np.concatenate([nodes.xyz, [placed[name].xyz for name in names]]),
         lines=(*nodes.lines, *lines),
+        points=(*nodes.points, *names),
     )
 
 
