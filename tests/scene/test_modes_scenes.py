@@ -100,6 +100,17 @@ def test_matlab_file_with_scatter_of_single_tests(tmp_path):
     np.testing.assert_allclose(some.value("identification/modes/frequency_measured"), omega[[0, 2]])
 
 
+@pytest.mark.parametrize("sensors", ["", ", sensors: {path: survey.mat, name: dofs}"])
+def test_numbers_of_dofs_are_whole(tmp_path, sensors):
+    """A node with its component, 3.02, is no DOF 3."""
+    from scipy.io import savemat
+
+    shapes = {"frequency": [1.0, 3.0], "shape": [[1.0, 1], [0, 2]]}
+    savemat(tmp_path / "survey.mat", {**shapes, "dofs": [1.0, 3.02]})
+    with pytest.raises(DynidError, match=r"survey.mat has 3.02 in 'dofs', no whole number"):
+        dynid.run(scene(tmp_path, f"measurement: {{modes: {{file: survey.mat{sensors}}}}}"))
+
+
 def test_modes_together_with_a_record(tmp_path):
     measurement = (
         "excitation: [{dof: 5, kind: multisine, amplitude: [100, 100], frequency: [40, 110]}]\n"

@@ -62,6 +62,18 @@ def complex_columns(file: DataFile, wanted: Sequence[str], key: str) -> NDArray[
     return values.reshape(-1, 1) if min(values.shape) == 1 else values
 
 
+def whole_numbers(file: DataFile, name: str, key: str) -> list[int]:
+    """Return a variable of whole numbers, such as those of DOFs."""
+    values = complex_columns(file, [name], key).ravel()
+    if len(broken := values[values != np.round(values.real)]):
+        file.refuse(
+            f"has {broken[0]:g} in '{name}', no whole number",
+            "Number the DOFs, or name them in the scene: modes: {sensors: [12:z, …]}.",
+            key=key,
+        )
+    return [int(value) for value in values.real]
+
+
 def _cells(file: DataFile, name: str, key: str, row: int | None) -> list[Array]:
     """Return the arrays of a variable: one, or those of a row of cells."""
     known = names(file.path)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.structure.matrices import Label
-from dynid.tables.matlab import complex_columns
+from dynid.tables.matlab import complex_columns, whole_numbers
 from dynid.tables.read import existing, file_format
 from dynid.tables.table import DataFile
 from dynid.tables.text import complex_number, read_text
@@ -143,7 +143,7 @@ def _matlab(file: DataFile, names: Mapping[str, str]) -> ModalTable:
         file.refuse(f"'{names.get('shape_std', 'shape_std')}' is not as large as the shapes", key="shape_std")
     of_tests = found.get("tests")
     tests = None if of_tests is None else np.asarray(of_tests.real, dtype=float)
-    dofs = [int(dof) for dof in found["dofs"].real.ravel()] if "dofs" in found else []
+    dofs = whole_numbers(file, names.get("dofs", "dofs"), "dofs") if "dofs" in found else []
     return ModalTable(
         frequency,
         shape,

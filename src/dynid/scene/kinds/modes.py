@@ -120,11 +120,11 @@ def _sensors(scene: Scene, given: MeasuredModesModel) -> list[Label]:
 
     if not isinstance(given.sensors, SensorFileModel):
         return []
-    from dynid.tables.matlab import complex_columns
+    from dynid.tables.matlab import whole_numbers
     from dynid.tables.read import existing
 
     file = existing(scene.folder / given.sensors.path, f"{_PLACE}.sensors")
-    return [int(dof) for dof in complex_columns(file, [given.sensors.name], "name").real.ravel()]
+    return list(whole_numbers(file, given.sensors.name, "name"))
 
 
 def _measured(given: MeasuredModesModel, omega: Any, dofs: Sequence[Label], *rest: Any) -> ModalMeasurement:
