@@ -394,3 +394,18 @@ def test_a_part_whose_interface_is_all_of_it_has_no_modes_of_its_own():
     order = [made.model.dofs.index(label) for label in parts.dofs]
     for one, other in zip(dense(made.model), dense(parts), strict=True):
         np.testing.assert_allclose(one[np.ix_(order, order)], other, atol=1e-9 * np.abs(other).max())
+
+
+def test_a_rigid_point_moves_with_the_part_that_is_reduced():
+    _, root, tip = half_beams()
+    parts = assembled_parts({"root": root, "tip": tip})
+    nodes = tuple(node for node in parts.nodes.numbers if node.startswith("tip."))
+    points = [Point("p", ("root.2",)), Point("q", nodes[:2], "rigid")]
+    k = dict.fromkeys(DIRECTIONS, 1e6)
+    model, _ = joined(parts, points, PointJoint("tip", ("p", "q"), k), PointJoint("root", ("q",), k))
+    whole = PartReduction("craig-bampton", {"modes": ModeRange(count=18)})
+    made = reduced(model, {"root": None, "tip": whole})
+    assert made.model.size == model.size
+    np.testing.assert_allclose(frequencies(made.model, 10), frequencies(model, 10), rtol=1e-9)
+    with pytest.raises(UsageError, match=r"the DOF 'root\.\S+' is of no part"):
+        reduced(model, {"tip": whole})

@@ -58,14 +58,14 @@ class ReductionByParts:
         Raises
         ------
         UsageError, NumericalError
-            As the method of a part; `names` start with the part.
+            As the method of a part; `names` start with the part. If a DOF is of no part.
         """
         names: list[Label] = []
         bases: list[tuple[Indices, Array]] = []
         made: list[StructuralReduction] = []
+        places_of = self._places(model)
         for name, reduction in self.parts.items():
-            prefix = f"{name}." if name else ""
-            places = np.array([k for k, dof in enumerate(model.dofs) if str(dof).startswith(prefix)])
+            prefix, places = _prefix(name), places_of[name]
             if reduction is None:
                 if len(places) > _MOST_FULL:
                     said = f"the part '{name}' has {counted(len(places), 'DOF')}, too many to stay full"
@@ -98,11 +98,30 @@ class ReductionByParts:
             inverted=made[0].inverted if made else "",
         )
 
+    def _places(self, model: StructuralModel) -> Mapping[str, Indices]:
+        """Return the places of each part's DOFs, in the order of the assembly.
+
+        A DOF of a rigid point has the name of the point: it is of the part whose DOFs have become motions of
+        it. These come before the motions of joints and of users, whose names say nothing about parts.
+        """
+        part_of: dict[Label, str] = {}
+        for name, moved in [*((str(dof), (dof,)) for dof in model.dofs), *model.motions.items()]:
+            part = next((one for one in self.parts if name.startswith(_prefix(one))), None)
+            if part is not None:
+                for dof in moved:
+                    part_of.setdefault(dof, part)
+        places: dict[str, list[int]] = {name: [] for name in self.parts}
+        for k, dof in enumerate(model.dofs):
+            if dof not in part_of:
+                raise UsageError(f"the DOF '{dof}' is of no part", names=(str(dof),))
+            places[part_of[dof]].append(k)
+        return {name: np.array(listed, dtype=int) for name, listed in places.items()}
+
     def _reduced(
         self, name: str, model: StructuralModel, places: Indices, reduction: PartReduction
     ) -> tuple[StructuralReduction, Array]:
         """Return the reduction of the part at these DOFs of the assembly, and its basis."""
-        part, prefix = _cut(model, places), f"{name}." if name else ""
+        part, prefix = _cut(model, places), _prefix(name)
         given = reduction.options.get("masters")
         masters = [model.label(dof) for dof in given] if isinstance(given, Sequence) else []
         rows: dict[Label, Array] = {}
@@ -131,6 +150,11 @@ def reduced_with_motions(method: Any, model: StructuralModel) -> StructuralReduc
     assert made.model.basis is not None
     whole = projected(model, np.asarray(change @ made.T), made.model.dofs, made.model.basis.rigid)
     return replace(made, model=whole)
+
+
+def _prefix(part: str) -> str:
+    """Return what the names of a part's DOFs start with in the assembly."""
+    return f"{part}." if part else ""
 
 
 def _interfaces(model: StructuralModel, interest: Interest) -> list[Label]:
