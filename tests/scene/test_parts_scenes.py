@@ -262,3 +262,27 @@ def test_an_assembly_and_its_modes_are_drawn():
     result.attrs["scene"] = text
     drawn = {figure.name: figure.picture.svg for figure in figures(result)}
     assert {"structure", "modes"} <= drawn.keys()
+
+
+@pytest.mark.parametrize(
+    ("motions", "fault"),
+    [
+        ('"4:y": {w_3: 1}', "4:11: '4:y' is a DOF or motion already"),
+        ('"4:-y": {w_3: 1}', "4:11: '4:-y' is a DOF or motion already"),
+        ('w_3: {w_4: 1}', "4:11: 'w_3' is a DOF or motion already"),
+        ('"p:y": {w_4: 1}', "4:11: 'p:y' is a DOF or motion already"),
+        ('s: {5: 1, w_4: 1}', "4:11: the motion 's' names the DOF w_4 twice"),
+        ('s: {w_3: 0, w_4: 0}', "4:11: the motion 's' has no weight but zero"),
+        ('s: {w_3: 0, w_4: 1}', ""),
+    ],
+)  # fmt: skip
+def test_a_motion_has_a_name_of_its_own_and_names_each_dof_once(motions, fault):
+    text = (
+        "dynid: 1\nkind: identification\n"
+        "structure: {beam: {elements: 3, length: 0.5, EI: 100, rhoA: 1, supports: "
+        f"[{{node: 1, fix: [w, theta]}}]}}}}\nmotions: {{{motions}}}\n"
+        "points: {p: {node: 3}}\nanalysis: {modes: {count: 1}}\n"
+    )
+    found = faults_of(text)
+    assert len(found) == bool(fault)
+    assert not fault or found[0].startswith(fault), found

@@ -20,12 +20,14 @@ from dynid.structure.model import StructuralModel
 from dynid.suggestions import did_you_mean
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from dynid.scene.load import Scene
     from dynid.scene.schema.identification import IdentificationScene
     from dynid.scene.schema.joints import Axes, AxesModel, JointModel
     from dynid.scene.schema.parts import PointModel
     from dynid.structure.joints import Joint
-    from dynid.structure.matrices import Array
+    from dynid.structure.matrices import Array, Label
     from dynid.structure.model import Motion
     from dynid.structure.nodes import Nodes
     from dynid.structure.points import Point
@@ -62,13 +64,30 @@ def build_assembly(scene: Scene, model: IdentificationScene) -> StructuralModel:
     whole = whole.with_motions(motions)
     for name, sum_of in model.motions.items():
         try:
-            weights = {whole.label(dof): float(weight) for dof, weight in sum_of.items()}
-            whole = whole.with_motions({name: weights})
+            whole = whole.with_motions({name: _weights(name, sum_of, whole)})
         except UsageError as error:
             raise UsageError(error.problem, remedy=error.remedy, names=(f"motions.{name}",)) from error
     if faults := dof_faults(scene.source, type(model), whole.dof_names):
         raise SceneError(faults)
     return whole.joined(joints)
+
+
+def _weights(name: str, sum_of: Mapping[Any, Any], whole: StructuralModel) -> Motion:
+    """Return the weights of a motion by the DOFs' own labels."""
+    if whole.dof_names.has(name, signed=True):
+        raise UsageError(f"'{name}' is a DOF or motion already", remedy="Give the motion another name.")
+    found: dict[Label, float] = {}
+    for dof, weight in sum_of.items():
+        label = whole.label(dof)
+        if label in found:
+            raise UsageError(
+                f"the motion '{name}' names the DOF {label} twice",
+                remedy="Write it once, with the sum of its weights.",
+            )
+        found[label] = float(weight)
+    if not any(found.values()):
+        raise UsageError(f"the motion '{name}' has no weight but zero", remedy="Give weights.")
+    return found
 
 
 def _bare(scene: Scene, model: IdentificationScene) -> StructuralModel:
