@@ -177,6 +177,7 @@ analysis: {modes: {count: 6}, outputs: [{dof: "p:rz"}, {dof: "4:-x"}], inputs: [
         ("c: {y: 5}", "c: 5", "17:9: a joint between points has its 'c' by direction: c: {x: …, rz: …}"),
         ("c: {y: 5}", "c: {y: 5}, axes: {x: [1, 0, 0], y: [2, 0, 0]}", "17:103: the axes x and y of joint"),
         ("c: {y: 5}", "c: {y: 5}, axes: [[1, 0, 0], [0, 2, 0], [0, 0, 1]]", "17:3: joint bolt has axes that"),
+        ("c: {y: 5}", "c: {y: 5}, axes: [[1, 0, 0], [0, 1, 0], [0, 0, -1]]", "17:3: joint bolt has left"),
         ("c: {y: 5}", "c: [[1, 0], [0, 1]]", "17:9: 'c' is 2 x 2; between points it is 3 x 3 or 6 x 6"),
         ('dof: "arm.2:y"', 'dof: "arm.7:y"', "25:20: there is no DOF 'arm.7:y'; there are DOFs at"),
         ("post.2], k", "pst.2], k", "18:29: there is no DOF 'pst.2'; did you mean 'post.2'"),
@@ -286,3 +287,24 @@ def test_a_motion_has_a_name_of_its_own_and_names_each_dof_once(motions, fault):
     found = faults_of(text)
     assert len(found) == bool(fault)
     assert not fault or found[0].startswith(fault), found
+
+
+@pytest.mark.parametrize("node", [1, 2])
+@pytest.mark.parametrize("joint", ["k: {x: 1}", "k: {y: 1}", "k: {y: 1}, axes: {x: [1, 1, 0], y: [0, 1, 1]}",
+                                   "k: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]"])  # fmt: skip
+def test_points_that_move_alike_are_not_joined(node, joint):
+    text = f"""\
+dynid: 1
+kind: identification
+structure:
+  space_frame:
+    nodes: [[0, 0, 0], [1, 0, 0], [2, 0, 0]]
+    members: [{{nodes: [1, 3], EA: 1, EIy: 1, EIz: 1, GJ: 1, rhoA: 1}},
+              {{nodes: [1, 2], EA: 1, EIy: 1, EIz: 1, GJ: 1, rhoA: 1}}]
+points: {{p: {{nodes: [1, 2, 3], spread: rigid}}, q: {{node: {node}}}}}
+joints: {{j: {{points: [p, q], {joint}}}}}
+analysis: {{modes: {{}}}}
+"""
+    along = "y" if "y:" in joint else "x"
+    said = f"9:10: joint j does nothing: the points p and q move alike along {along}."
+    assert [fault.partition(" Join")[0] for fault in faults_of(text)] == [said]

@@ -409,3 +409,14 @@ def test_a_rigid_point_moves_with_the_part_that_is_reduced():
     np.testing.assert_allclose(frequencies(made.model, 10), frequencies(model, 10), rtol=1e-9)
     with pytest.raises(UsageError, match=r"the DOF 'root\.\S+' is of no part"):
         reduced(model, {"tip": whole})
+
+
+def test_node_0_is_held_rigidly_once():
+    part, _ = random_part(np.random.default_rng(8), rotations=True)
+    dofs = tuple(label.replace("3:", "0:") for label in part.dofs)
+    numbers = tuple(0 if number == 3 else number for number in part.nodes.numbers)
+    axes = {0 if number == 3 else number: own for number, own in part.nodes.axes.items()}
+    part = replace(part, dofs=dofs, nodes=replace(part.nodes, numbers=numbers, axes=axes, sets={}))
+    points = [Point("p", (1, 2, 0), "rigid"), Point("q", (0, 4, 5), "rigid")]
+    with pytest.raises(UsageError, match="'q' and the point 'p' both hold node 0 rigidly"):
+        with_points(part, points)

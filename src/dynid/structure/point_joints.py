@@ -25,6 +25,8 @@ Components: TypeAlias = Mapping[str, Component] | JointParameter | Block
 
 # Two places nearer than this part of their structure's size are one.
 _ONE_PLACE = 1e-6
+# Motions whose weights differ by less than this part of the largest are the same.
+_ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,8 @@ class PointJoint:
     m
         Mass, half of it at each point; or a block over the motions of its points (6 or 12).
     axes
-        Rows: directions of its frame in basic coordinates (3 x 3), orthonormal; absent: the basic ones.
+        Rows: directions of its frame in basic coordinates (3 x 3), orthonormal and right-handed; absent: the
+        basic ones.
     at
         Where the relative motion is taken, m; absent: in the middle.
     """
@@ -75,7 +78,7 @@ def components(
     Raises
     ------
     UsageError
-        If a point does not exist or does not determine a motion, or numbers make no sense.
+        If a point does not exist or does not determine a motion, both move alike, or numbers make no sense.
     """
     ends = _Ends(joint, [_point(joint, name, points) for name in joint.points], size)
     made: list[Joint] = []
@@ -103,6 +106,8 @@ class _Ends:
         axes = np.eye(3) if joint.axes is None else np.asarray(joint.axes, dtype=float)
         if axes.shape != (3, 3) or not np.allclose(axes @ axes.T, np.eye(3), atol=1e-6):
             raise _refused(joint, "has axes that are not orthonormal", "Give three orthogonal unit vectors.")
+        if np.linalg.det(axes) < 0:
+            raise _refused(joint, "has left-handed axes", "Reverse one: z is the cross product of x and y.")
         self.axes = axes
         middle = np.mean([point.xyz for point in points], axis=0)
         self.at = middle if joint.at is None else np.asarray(joint.at, dtype=float)
@@ -113,9 +118,19 @@ class _Ends:
 
         They are taken at the joint's place; with `own` at the points' own.
         """
-        return tuple(self._label(point, along, own) for point in self.points for along in directions)
+        moves = [[self._motion(point, along, own) for along in directions] for point in self.points]
+        for along, *ends in zip(directions, *moves, strict=True):
+            if len(ends) == 2 and _alike(*ends):
+                p, q = (point.name for point in self.points)
+                said = f"does nothing: the points {p} and {q} move alike along {along}"
+                raise _refused(self.joint, said, "Join points that can move apart.")
+        return tuple(
+            self._label(point, along, motion, own)
+            for point, each in zip(self.points, moves, strict=True)
+            for along, motion in zip(directions, each, strict=True)
+        )
 
-    def _label(self, point: PlacedPoint, along: str, own: bool) -> Label:
+    def _motion(self, point: PlacedPoint, along: str, own: bool) -> Motion:
         place = DIRECTIONS.index(along)
         axis, wanted = self.axes[place % 3], np.zeros(6)
         if place < 3:
@@ -127,13 +142,16 @@ class _Ends:
         else:
             wanted[3:] = axis
         try:
-            motion = point.along(wanted)
+            return point.along(wanted)
         except UsageError as error:
             raise UsageError(
                 f"joint {self.joint.name} along {along}: {error.problem}",
                 remedy=error.remedy,
                 names=(f"joints.{self.joint.name}", *error.names),
             ) from None
+
+    def _label(self, point: PlacedPoint, along: str, motion: Motion, own: bool) -> Label:
+        """Return the name of a motion: of a single DOF its own, or one among `motions`."""
         if list(motion.values()) == [1.0]:
             return next(iter(motion))
         named = f"{point.name}:{along}"
@@ -142,6 +160,12 @@ class _Ends:
         named = f"{self.joint.name}.{point.name}{'.own' if own else ''}:{along}"
         self.motions[named] = motion
         return named
+
+
+def _alike(one: Motion, other: Motion) -> bool:
+    """Return True if two motions are the same but for rounding."""
+    least = _ROUNDING * max(map(abs, [*one.values(), *other.values()]), default=0.0)
+    return all(abs(one.get(dof, 0.0) - other.get(dof, 0.0)) <= least for dof in {*one, *other})
 
 
 def _over_points(

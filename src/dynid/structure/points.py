@@ -169,7 +169,7 @@ def with_points(
         if len(point.nodes) > 1:
             _check_set(point, dofs, R, xyz, length)
         if point.spread == "rigid" and len(point.nodes) > 1:
-            if twice := next((node for node in point.nodes if node in held), None):
+            if (twice := next((node for node in point.nodes if node in held), None)) is not None:
                 raise _refused(
                     point,
                     f"and the point '{held[twice]}' both hold node {twice} rigidly",
