@@ -52,6 +52,12 @@ def nothing(n: int, *, sparse: bool) -> Matrix:
     return csc_array((n, n), dtype=np.float64)
 
 
+def congruent(T: Any, matrix: Matrix) -> Any:
+    """Return a symmetric matrix in the coordinates q of ``x = T q``, T^T A T; sparse where it and T are."""
+    product = T.T @ (matrix @ T)
+    return product.tocsc() if is_sparse(product) else (product + product.T) / 2
+
+
 def combined(alpha: float, A: Matrix, beta: float, B: Matrix) -> Matrix:
     """Return ``alpha A + beta B``, sparse where both are."""
     if isinstance(A, np.ndarray) or isinstance(B, np.ndarray):

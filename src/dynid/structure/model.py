@@ -20,7 +20,16 @@ from dynid.parameters import Parameter, true_values
 from dynid.structure import labels
 from dynid.structure.damping import ModalPart, ModalSum
 from dynid.structure.joints import Joint, unit_of
-from dynid.structure.matrices import Array, Label, Matrix, as_array, as_matrix, check_semidefinite, is_sparse
+from dynid.structure.matrices import (
+    Array,
+    Label,
+    Matrix,
+    as_array,
+    as_matrix,
+    check_semidefinite,
+    congruent,
+    is_sparse,
+)
 from dynid.structure.nodes import Nodes
 
 # Beyond this a matrix with all its zeros is not made: 5000 x 5000 takes 0.2 GB.
@@ -286,8 +295,7 @@ class StructuralModel:
         rigid
             As of `Basis`.
         """
-        matrices = (np.asarray(T.T @ (matrix @ T)) for matrix in (self.M, self.C, self.K))
-        M, C, K = ((matrix + matrix.T) / 2 for matrix in matrices)
+        M, C, K = (congruent(T, matrix) for matrix in (self.M, self.C, self.K))
         terms = tuple(term._replace(matrix=_projected_pattern(term, T, rigid)) for term in self.terms)
         modal = None if self.modal is None else self.modal.projected(T)
         basis = Basis(T, self, tuple(rigid))

@@ -17,7 +17,7 @@ import numpy as np
 
 from dynid.errors import UsageError
 from dynid.structure.labels import DIRECTIONS, Node, node_direction
-from dynid.structure.matrices import Array, Label, Matrix, is_sparse
+from dynid.structure.matrices import Array, Label, congruent
 from dynid.structure.model import Motion, StructuralModel
 from dynid.structure.nodes import Nodes
 
@@ -335,19 +335,14 @@ def _condensed(
     T = T.tocsc() if model.is_sparse else T.toarray()
     condensed = replace(
         model,
-        **{letter: _congruent(T, getattr(model, letter)) for letter in "MCK"},
+        **{letter: congruent(T, getattr(model, letter)) for letter in "MCK"},
         dofs=tuple(labels),
-        terms=tuple(term._replace(matrix=_congruent(T, term.matrix)) for term in model.terms),
+        terms=tuple(term._replace(matrix=congruent(T, term.matrix)) for term in model.terms),
         modal=None if model.modal is None else model.modal.projected(T),
         nodes=nodes,
         motions=motions,
     )
     return condensed, every
-
-
-def _congruent(T: Any, matrix: Matrix) -> Any:
-    product = T.T @ (matrix @ T)
-    return product.tocsc() if is_sparse(product) else (product + product.T) / 2
 
 
 def _with_nodes(nodes: Nodes, points: Sequence[Point], placed: Mapping[str, PlacedPoint]) -> Nodes:

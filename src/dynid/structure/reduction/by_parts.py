@@ -15,7 +15,7 @@ import numpy as np
 from dynid.errors import NumericalError, UsageError
 from dynid.number_format import counted
 from dynid.structure.labels import unsigned
-from dynid.structure.matrices import Array, Label, Matrix, is_sparse
+from dynid.structure.matrices import Array, Label, Matrix, congruent
 from dynid.structure.model import StructuralModel
 from dynid.structure.reduction.masters import Indices
 from dynid.structure.reduction.methods import METHODS
@@ -235,17 +235,13 @@ def with_coordinates(model: StructuralModel, rows: Mapping[Label, Array]) -> tup
     for place, label in zip(pivots, labels, strict=True):
         dofs[place] = label
 
-    def changed(matrix: Matrix) -> Any:
-        product = T.T @ (matrix @ T)
-        return product.tocsc() if is_sparse(product) else (product + product.T) / 2
-
     new = StructuralModel(
-        changed(model.M),
-        changed(model.C),
-        changed(model.K),
+        congruent(T, model.M),
+        congruent(T, model.C),
+        congruent(T, model.K),
         dofs=tuple(dofs),
         parameters=model.parameters,
-        terms=tuple(term._replace(matrix=changed(term.matrix)) for term in model.terms),
+        terms=tuple(term._replace(matrix=congruent(T, term.matrix)) for term in model.terms),
     )
     at = {label: place for place, label in enumerate(model.dofs)}
     # Joints name DOFs that are none any more by the motions that these are now.
