@@ -129,3 +129,12 @@ def test_texts_of_instruments_are_read_in_their_encodings(tmp_path, encoding):
     found = read_columns(tmp_path / "x.csv", None, step=2e-6)
     assert found.values[:, 0].tolist() == [1.5, 2.5]
     assert found.headings[0][:2] == ("Beschl.", "m/s²")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "cp1252", "utf-16"])
+def test_a_lone_column_is_read_in_its_encoding(tmp_path, encoding):
+    (tmp_path / "x.csv").write_bytes("# Kanal 1 in m/s²\n0.1\n0.2\n".encode(encoding))
+    assert read_columns(tmp_path / "x.csv", None).values[:, 0].tolist() == [0.1, 0.2]
+    (tmp_path / "x.csv").write_bytes("# Kanal 1 in m/s²\n\n0.2\n".encode(encoding))
+    with pytest.raises(FileError, match=r"x\.csv:2: an empty line before the first sample"):
+        read_columns(tmp_path / "x.csv", None)

@@ -25,7 +25,8 @@ def read_text(
 
     `number` converts a field; absent: to a real number.
     """
-    rows = _lines(file)
+    every = _text(file).split("\n")
+    rows = _rows(file, every)
     start, dialect = rows[0][0], find_dialect(file, rows)
     first = [field.strip() for field in dialect.split(rows[0][1])]
     # No sample is taken for a name: names may be whole numbers (`time,1,2`), but the first starts with none.
@@ -45,11 +46,10 @@ def read_text(
         file.refuse("holds names but no data")
     if not has_header and len(first) == 1 and start > 1:
         # Samples may be missing in empty lines before a lone column without a header, or not.
-        with file.path.open(encoding="utf-8-sig") as above:
-            for at, line in zip(range(1, start), above, strict=False):
-                if not line.strip():
-                    message = "an empty line before the first sample"
-                    file.refuse(message, "Drop it, or write nan for a sample.", line=at)
+        for at, line in enumerate(every[: start - 1], 1):
+            if not line.strip():
+                message = "an empty line before the first sample"
+                file.refuse(message, "Drop it, or write nan for a sample.", line=at)
     fields = [_row(file, number, line, dialect, len(first)) for number, line in body]
     if len(first) > 1 and not first[-1] and all(not row[-1].strip() for row in fields):
         first, fields = first[:-1], [row[:-1] for row in fields]  # every line ends with the separator
@@ -71,12 +71,9 @@ def read_text(
     return table.timed_by(timed, printed_resolution(written))
 
 
-def _lines(file: DataFile) -> list[tuple[int, str]]:
+def _rows(file: DataFile, lines: list[str]) -> list[tuple[int, str]]:
     """Return the lines from the first row to the last that is not empty, with their numbers."""
-    text = _text(file)
-    rows = [
-        (number, line) for number, line in enumerate(text.split("\n"), 1) if not line.lstrip().startswith("#")
-    ]
+    rows = [(number, line) for number, line in enumerate(lines, 1) if not line.lstrip().startswith("#")]
     filled = [k for k, (_, line) in enumerate(rows) if line.strip(" \t")]
     if not filled:
         file.refuse("holds no data")
