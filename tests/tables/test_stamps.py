@@ -104,6 +104,7 @@ def test_resampling_interpolates_at_even_times(written):
     ("times", "values", "said"),
     [
         ([0, 1, 9, 10, 11], [0.0] * 5, "x.csv:4: the time goes on by 0.08 s: more than 4 steps"),
+        ([0, 1, 7, 8, 20], [0.0] * 5, "x.csv:4: the time goes on by 0.06 s: more than 4 steps"),
         ([0, 1, 1, 2, 3], [0.0] * 5, "x.csv:4: the time does not go on"),
         ([0, 2, 4, 6, 8], [0.0] * 5, "the times are 0.02 s apart, but 'step' is 0.01 s"),
         ([0, 1, 2, 3, 4], [0.0, 1, np.nan, 3, 4], "x.csv:4: a sample is missing"),

@@ -221,9 +221,10 @@ class DataTable:
             self.refuse_row(int(np.argmax(backwards)) + 1, "the time does not go on", "Drop one of the rows.")
         wide = steps > _WIDEST * step
         if wide.any():
+            first = int(np.argmax(wide))
             self.refuse_row(
-                int(np.argmax(wide)) + 1,
-                f"the time goes on by {steps.max():.9g} s: more than {_WIDEST} steps are not interpolated",
+                first + 1,
+                f"the time goes on by {steps[first]:.9g} s: more than {_WIDEST} steps are not interpolated",
                 "Take a stretch without a gap.",
             )
         usual = float(np.median(steps))
