@@ -7,7 +7,7 @@ from dynid.errors import DynidError
 from dynid.identification import identify as identification
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.identify import identify, identify_frf
+from dynid.identification.identify import Experiment, identify, identify_all, identify_frf
 from dynid.identification.instrument_mistakes import instrument_mistakes
 from dynid.identification.measurement import Measurement
 from dynid.identification.simulation import Simulation
@@ -29,14 +29,14 @@ def force(seed):
     return np.random.default_rng(1000 + seed).standard_normal(SAMPLES)
 
 
-def load(samples):
-    return [Load(1, Sampled(samples, STEP))]
+def load(samples, step=STEP):
+    return [Load(1, Sampled(samples, step))]
 
 
-def record(seed=1, noise=0.05):
+def record(seed=1, noise=0.05, step=STEP):
     """Values of a good record (samples x channels)."""
-    simulation = Measurement(STEP, SAMPLES, CHANNELS, Simulation(noise, seed))
-    found = identify(model(), load(force(seed)), simulation, OutputError())
+    simulation = Measurement(step, SAMPLES, CHANNELS, Simulation(noise, seed))
+    found = identify(model(), load(force(seed), step), simulation, OutputError())
     return np.array(found["identification/measurement/measured"].data)
 
 
@@ -98,6 +98,24 @@ def test_another_start_of_the_excitation_is_suggested():
     (found,) = said(values)
     assert "are 2 samples (0.04 s) later than the model" in found
     assert "Or all of them are right, and the excitation" in found
+
+
+def test_delays_of_records_are_in_their_own_steps():
+    experiments = []
+    for seed, step in ((1, STEP), (2, 2 * STEP)):
+        values = record(seed, step=step)
+        values[:, 2] = later(values[:, 2], 2)
+        measured = Measurement(step, SAMPLES, CHANNELS, values)
+        experiments.append(Experiment(load(force(seed), step), measured))
+    try:
+        found = identify_all(model(), experiments, OutputError())
+        every = " ".join(found["identification/diagnostics/warnings"].data)
+    except DynidError as error:
+        every = str(error)
+    assert "record_1.2.velocity is 2 samples (0.04 s) later than the model" in every
+    assert "record_2.2.velocity is 2 samples (0.08 s) later than the model" in every
+    assert "(delay: 0.04)?" in every
+    assert "(delay: 0.08)?" in every
 
 
 def test_a_wrong_model_is_no_mistake_of_an_instrument():

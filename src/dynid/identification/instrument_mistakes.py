@@ -27,12 +27,12 @@ from dynid.identification.frf_record import FrfRecord
 from dynid.identification.lack_of_fit import compare_models
 from dynid.identification.likelihood import Fit, Likelihood
 from dynid.identification.time_record import TimeRecord
+from dynid.units import GRAVITY
 
 Array = NDArray[np.float64]
 
-_GRAVITY = 9.80665
-_COMMON = (-1.0, _GRAVITY, 1 / _GRAVITY, 1000.0, 1e-3)
-_FACTORS = np.array([sign * one for sign in (1, -1) for one in (1, _GRAVITY, 1 / _GRAVITY, 1000, 1e-3)])
+_COMMON = (-1.0, GRAVITY, 1 / GRAVITY, 1000.0, 1e-3)
+_FACTORS = np.array([sign * one for sign in (1, -1) for one in (1, GRAVITY, 1 / GRAVITY, 1000, 1e-3)])
 # The longest delay that is tried, in samples and as a part of the record; delays tried for all channels.
 _MOST_DELAY, _PART, _COMMON_DELAYS = 20, 0.1, (1, -1, 2, -2, 3, -3)
 # A channel whose square of the correlation with the prediction is less is left as it is.
@@ -233,16 +233,18 @@ def _explains(plain: Likelihood, found: _Found, before: float) -> bool:
 
 
 def _sentences(plain: Likelihood, found: _Found) -> Iterator[str]:
-    """Yield one sentence for each kind of correction."""
+    """Yield one sentence for each kind of correction; delays of records at different steps are different."""
     several = len(plain.records) > 1
-    places: dict[Correction, list[str]] = {}
+    places: dict[tuple[Correction, float], list[str]] = {}
     channels = 0
     for k, (record, own) in enumerate(zip(plain.records, found.corrections, strict=True), 1):
         for channel, one in zip(record.channels, own, strict=True):
-            places.setdefault(one, []).append(f"record_{k}.{channel.name}" if several else channel.name)
+            step = (record.sampling_step or 0.0) if one.delay else 0.0
+            places.setdefault((one, step), []).append(
+                f"record_{k}.{channel.name}" if several else channel.name
+            )
             channels += 1
-    step = plain.records[0].sampling_step or 0.0
-    for one, names in places.items():
+    for (one, step), names in places.items():
         if one == _NONE:
             continue
         parts = []
@@ -265,9 +267,9 @@ def _remedy(one: Correction, step: float, whole: bool) -> str:
     if one.factor < 0:
         hints.append("a reversed sensor (gain: -1)?")
     size = abs(one.factor)
-    if size == 1 / _GRAVITY:
+    if size == 1 / GRAVITY:
         hints.append("recorded in g (unit: g)?")
-    elif size == _GRAVITY:
+    elif size == GRAVITY:
         hints.append("recorded in m/s2, and taken for g?")
     elif size != 1:
         hints.append("a unit that is a thousand times another one (unit)?")
