@@ -65,7 +65,9 @@ OTHERS = {
     ("N", "lb"): POUND_FORCE,
     ("N", "kgf"): GRAVITY,
     ("N", "dyn"): F(1, 10**5),
-    ("N", "poundal"): POUND * FOOT,  # by pint
+    ("N", "poundal"): POUND * FOOT,
+    ("N", "cN"): F(1, 100),
+    ("1", "%"): F(1, 100),
     ("N.m", "Nm"): F(1),
     ("N.m", "kN.m"): F(1000),
     ("N.m", "kN*m"): F(1000),
@@ -150,6 +152,9 @@ def test_a_sensitivity_divides():
         ("", ["m"], "'' is no unit"),
         ("m" * 61, ["m"], "is no unit"),
         ("degC", ["K"], "'degC' is no unit"),
+        ("°C", ["K"], "'°C' is no unit with a factor: the scale of temperature has an offset"),
+        ("W/°F", ["W"], "'W/°F' is no unit with a factor"),
+        ("deg C", ["K"], "'deg C' is no unit with a factor"),
         ("dB", ["m"], "'dB' is no unit"),
         ("percent", ["m"], "'percent' is no unit"),
     ],
@@ -214,6 +219,8 @@ def test_any_text_is_a_unit_or_refused(text):
         ("x (in) [mm]", "x (in)", "mm"),
         ("x [furlong]", "x", "furlong"),
         ("x (furlong)", "x (furlong)", ""),  # only built-in names: other remarks stand in parentheses, too
+        ("T [°C]", "T", "°C"),  # refused where it is used
+        ("damping (%)", "damping", "%"),
         ("acc (left)", "acc (left)", ""),
         ("acc (L)", "acc (L)", ""),
         ("acc (1)", "acc (1)", ""),
@@ -233,6 +240,7 @@ def test_headings_are_names_with_units(heading, name, unit):
         (["s", "g", "N"], True),
         (["(s)", "[m/s²]", "-", ""], True),
         (["s", "left"], False),
+        (["Hz", "%", "°C"], True),
         (["nan", "NA"], False),
         (["", "-"], False),
         (["0", "1"], False),

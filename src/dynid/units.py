@@ -66,7 +66,7 @@ _PREFIXES = {"p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 0.1, "
 _PREFIXED: dict[str, tuple[Unit, str]] = {
     "m": (Unit(1, _LENGTH), "numcdk"),
     "s": (Unit(1, _TIME), "num"),
-    "N": (Unit(1, _FORCE), "umkM"),
+    "N": (Unit(1, _FORCE), "umckM"),
     "Nm": (Unit(1, _MOMENT), "umkM"),
     "Pa": (Unit(1, _PRESSURE), "umkMG"),
     "bar": (Unit(1e5, _PRESSURE), "m"),
@@ -109,12 +109,14 @@ _SINGLE: dict[str, Unit] = {
     **dict.fromkeys(("kgf", "kp"), Unit(GRAVITY, _FORCE)),
     "gf": Unit(1e-3 * GRAVITY, _FORCE),
     "dyn": Unit(1e-5, _FORCE),
+    "poundal": Unit(_POUND * _FOOT, _FORCE),
     "Nmm": Unit(1e-3, _MOMENT),
     "psi": Unit(_POUND_FORCE / _INCH**2, _PRESSURE),
     "ksi": Unit(1e3 * _POUND_FORCE / _INCH**2, _PRESSURE),
     "atm": Unit(101325, _PRESSURE),
     **dict.fromkeys(("L", "l"), Unit(1e-3, _VOLUME)),
     "Ω": Unit(1, _of(m=2, kg=1, s=-3, A=-2)),
+    "%": Unit(1e-2, _NONE),
 }
 
 #: Names of two readings.
@@ -146,16 +148,18 @@ _REMARKS = {"1", "A", "C", "K", "L", "l", "t", "h", "J", "W"}
 _SHOWN = (
     "m mm um in ft mil m/s mm/s in/s m/s2 mm/s2 g mg ft/s2 in/s2 gal rad mrad deg rad/s deg/s rpm "
     "rad/s2 deg/s2 N kN MN lbf kgf N.m kN.m Nmm lbf.in lbf.ft kg g lb s ms us Hz kHz "
-    "Pa kPa MPa bar psi V mV A mA pC m3 L m3/s L/min K W kW J N.s"
+    "Pa kPa MPa bar psi V mV A mA pC m3 L m3/s L/min K W kW J N.s %"
 )
 
 _TOKEN = re.compile(
-    r"""\s*(?:(?P<name>[^\W\d]+|°)(?P<attached>[+-]?\d+)?
+    r"""\s*(?:(?P<name>[^\W\d]+|[°%])(?P<attached>[+-]?\d+)?
     |(?P<power>(?:\^|\*\*)\s*(?:[+-]?\d+|\(\s*[+-]?\d+\s*\)))
     |(?P<one>1(?![\d.]))
     |(?P<mark>[/()·⋅×*.-]))\s*""",
     re.VERBOSE,
 )
+#: Scales with an offset: no factor converts them, and `°C` is no degree times coulomb.
+_TEMPERATURE = re.compile(r"(°|deg(ree)?s?)\s*[CF](?![^\W\d])")
 _LONGEST = 60
 _MOST_POWER = 9
 
@@ -202,6 +206,18 @@ def si_factor(text: str, expected: Sequence[str] = (), *, over: str = "", what: 
     _refuse(text, expected, over, what)
 
 
+def angular_factor(text: str) -> float:
+    """Return the factor that converts frequencies in a unit into rad/s: 2π of Hz, 1 of rad/s.
+
+    Raises
+    ------
+    UsageError
+        If the text is no unit of a frequency.
+    """
+    factor = si_factor(text, ["Hz", "rad/s"], what="the frequency")
+    return 2 * math.pi * factor if unit_fits(text, ["Hz"]) else factor
+
+
 def _refuse(text: str, expected: Sequence[str], over: str, what: str) -> NoReturn:
     kind = f"{what} is" if what else "the values are"
     if over:
@@ -242,9 +258,11 @@ def readings(text: str, *, pint: bool = True) -> tuple[Unit, ...]:
     UnknownUnitError
         If it is no unit.
     """
-    plain = unicodedata.normalize("NFKC", text).replace("μ", "u").replace("−", "-").strip()
+    plain = _plain(text)
     if not plain or len(plain) > _LONGEST:
         raise UnknownUnitError(f"'{text[:_LONGEST]}' is no unit")
+    if _TEMPERATURE.search(plain):
+        raise UnknownUnitError(f"'{text}' is no unit with a factor: the scale of temperature has an offset")
     tokens, at = [], 0
     while at < len(plain):
         match = _TOKEN.match(plain, at)
@@ -257,6 +275,10 @@ def readings(text: str, *, pint: bool = True) -> tuple[Unit, ...]:
     if stream.rest:
         raise UnknownUnitError(f"'{text}' is no unit: a parenthesis is not balanced")
     return tuple(dict.fromkeys(found))
+
+
+def _plain(text: str) -> str:
+    return unicodedata.normalize("NFKC", text).replace("μ", "u").replace("−", "-").strip()
 
 
 class _Tokens:
@@ -371,11 +393,8 @@ def split_heading(heading: str) -> tuple[str, str]:
         inside = "" if match is None else match[2].strip()
         if match is None or not match[1].strip(" /") or (not pint and inside in _REMARKS):
             continue
-        try:
-            readings(inside, pint=pint)
-        except UnknownUnitError:
-            continue
-        return match[1].rstrip(" /"), inside
+        if _states_unit(inside, pint=pint):
+            return match[1].rstrip(" /"), inside
     return bare, ""
 
 
@@ -396,9 +415,13 @@ def _units_in(fields: Sequence[str]) -> Iterator[str | None]:
     """Yield the unit in each field, empty of an empty one, None of what is none."""
     for field in fields:
         bare = unit_of_field(field)
-        try:
-            if bare:
-                readings(bare, pint=False)
-            yield bare
-        except UnknownUnitError:
-            yield None
+        yield bare if not bare or _states_unit(bare, pint=False) else None
+
+
+def _states_unit(text: str, *, pint: bool) -> bool:
+    """Return True if a text is a unit, or a scale of temperature, which `readings` refuses."""
+    try:
+        readings(text, pint=pint)
+    except UnknownUnitError:
+        return _TEMPERATURE.fullmatch(_plain(text)) is not None
+    return True

@@ -9,14 +9,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from dynid.units import UnknownUnitError, readings, unit_fits
+from dynid.units import UnknownUnitError, readings, si_factor, unit_fits
 
 #: How many units are one metre, and one newton.
-_LENGTHS = {"m": 1.0, "cm": 1e2, "mm": 1e3, "um": 1e6, "in": 1 / 0.0254, "ft": 1 / 0.3048}
-_FORCES = {
-    **{"N": 1.0, "cN": 1e2, "mN": 1e3, "kN": 1e-3, "kgf": 1 / 9.80665},
-    **{"lbf": 1 / 4.4482216152605, "poundal": 1 / (0.45359237 * 0.3048)},
-}
+_LENGTHS = {name: 1 / si_factor(name, ["m"]) for name in ("m", "cm", "mm", "um", "in", "ft")}
+_FORCES = {name: 1 / si_factor(name, ["N"]) for name in ("N", "cN", "mN", "kN", "kgf", "lbf", "poundal")}
 #: Units by their code in a record 164; 9 is any.
 _CODES = {
     1: ("m", "N"),

@@ -381,7 +381,7 @@ def _read(scene: Scene, given: FrfModel, channels: tuple[Frf, ...]) -> MeasuredR
 
 def _in_radians(found: MeasuredResponses, given: FrfModel) -> float:
     """Return the factor that converts the lines of a file into rad/s: by its heading, the scene, or rad/s."""
-    from dynid.units import si_factor, unit_fits
+    from dynid.units import angular_factor, unit_fits
 
     name, stated, _ = found.of_lines
     in_hertz = given.unit == "Hz" or (given.unit is None and found.in_hertz)
@@ -393,6 +393,4 @@ def _in_radians(found: MeasuredResponses, given: FrfModel) -> float:
             remedy="Leave 'unit' out, or correct the heading.",
             names=("measurement.frf.unit", "measurement.frf"),
         )
-    if unit_fits(stated, ["Hz"]):
-        return 2 * math.pi * si_factor(stated, ["Hz"])
-    return si_factor(stated, ["rad/s"], what="the frequency")
+    return angular_factor(stated)
