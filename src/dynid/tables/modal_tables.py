@@ -1,8 +1,8 @@
 """Measured modes read from text, MATLAB and Universal Files; other formats add a reader to `READERS`.
 
 A text file has one mode a row, and a header: `frequency`, `frequency_std`, `damping`, `damping_std`, the
-sensors' DOFs (``12``, ``13:z``), and the scatter of a sensor as ``std 12``. A MATLAB file has vectors (modes)
-and matrices (sensors x modes).
+sensors' DOFs (``12``, ``13:z``), and the scatter of a sensor as ``std 12``; units stand behind the names, or
+in a row of their own. A MATLAB file has vectors (modes) and matrices (sensors x modes).
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.errors import UsageError
 from dynid.structure.matrices import Label
 from dynid.tables.matlab import complex_columns, whole_numbers
 from dynid.tables.read import existing, file_format
-from dynid.tables.table import DataFile
+from dynid.tables.table import DataFile, DataTable
 from dynid.tables.text import complex_number, read_text
 from dynid.tables.universal_shapes import read_shapes
+from dynid.units import angular_factor, si_factor, unit_fits, unit_of_field
 
 Array = NDArray[np.float64]
 
@@ -28,6 +30,8 @@ Array = NDArray[np.float64]
 QUANTITIES = ("frequency", "frequency_std", "eigenvalue", "eigenvalue_std", "damping", "damping_std", "shape")
 _OF_SHAPES = ("shape_std", "tests", "frequency_tests", "dofs")
 _STD = "std "
+#: Units of translations and rotations, which may stand side by side in a shape.
+_MOTIONS = (("m", "rad"), ("m/s", "rad/s"), ("m/s2", "rad/s2"))
 
 
 class ModalTable(NamedTuple):
@@ -36,7 +40,7 @@ class ModalTable(NamedTuple):
     Attributes
     ----------
     frequency
-        Natural frequencies (r); `unit` is ``Hz``, ``rad/s``, or empty where the file does not state it.
+        Natural frequencies (r) in `unit`.
     shape
         Mode shapes (sensors x r), real or complex, NaN where a sensor is missing; None without shapes.
     dofs
@@ -46,7 +50,7 @@ class ModalTable(NamedTuple):
     frequency_std, damping_std, shape_std
         Standard deviations, each as the values; None where there are none.
     unit
-        Unit of the frequencies.
+        Unit of the frequencies, ``Hz`` or ``rad/s``; empty where the file does not state it.
     """
 
     frequency: Array
@@ -84,6 +88,12 @@ def read_modes(path: Path, names: Mapping[str, str], place: str) -> ModalTable:
     if bad.any():
         number = int(np.argmax(bad)) + 1
         file.refuse(f"mode {number} has no frequency", "Leave it out, or give it one.", colon=True)
+    if found.damping is not None:
+        bad = ~(np.isnan(found.damping) | ((found.damping >= 0) & (found.damping < 1)))
+        if bad.any():
+            number = int(np.argmax(bad))
+            problem = f"mode {number + 1} has the damping ratio {found.damping[number]:g}"
+            file.refuse(problem, "A ratio is from 0 to 1; per cent are named: damping [%].", colon=True)
     for name in ("frequency_std", "damping_std", "shape_std"):
         values = getattr(found, name)
         if values is not None and np.any(np.nan_to_num(values) < 0):
@@ -161,33 +171,36 @@ def _text(file: DataFile, names: Mapping[str, str]) -> ModalTable:
     table = read_text(file, number=complex_number)
     if not table.names:
         file.refuse("has no header", "The first line names the columns: frequency, damping, and DOFs.")
-    units = {name: name.partition("[")[2].rstrip("] ") for name in table.names}
-    bare = [name.partition("[")[0].strip() for name in table.names]
-    columns: dict[str, Array] = {}
-    for key in QUANTITIES[:-1]:
-        wanted = names.get(key, key)
-        if wanted in bare:
-            columns[key] = np.asarray(table.values[:, bare.index(wanted)].real)
-        elif key in names:
-            file.refuse(f"has no column '{wanted}'", key=key)
+    bare, units = zip(*(_name_and_unit(table, k) for k in range(len(table.names))), strict=True)
+    at = {
+        key: table.find(names[key], key) if key in names else bare.index(key)
+        for key in QUANTITIES[:-1]
+        if key in names or key in bare
+    }
+    columns = {key: np.asarray(table.values[:, k].real) for key, k in at.items()}
+    stated = {key: units[k] for key, k in at.items()}
+    unit = "" if not stated.get("frequency") else "Hz" if unit_fits(stated["frequency"], ["Hz"]) else "rad/s"
+    for key, factor in _factors(file, stated, unit).items():
+        columns[key] = factor * columns[key]
     by_eigenvalue = _by_eigenvalue(columns)
     if by_eigenvalue is None and "frequency" not in columns:
         file.refuse(f"has no column 'frequency'; it has {', '.join(bare)}", "Name it: frequency: NAME.")
-    frequency, scatter, unit = by_eigenvalue or (columns["frequency"], columns.get("frequency_std"), "")
-    if not by_eigenvalue:
-        unit = units[table.names[bare.index(names.get("frequency", "frequency"))]]
-    used = {names.get(key, key) for key in QUANTITIES} | {"mode", "name"}
-    places = {name: k for k, name in enumerate(bare) if name not in used}
+    frequency, scatter, unit = by_eigenvalue or (columns["frequency"], columns.get("frequency_std"), unit)
+    unread = {names.get("shape", "shape"), "mode", "name"}
+    places = {name: k for k, name in enumerate(bare) if k not in at.values() and name not in unread}
     sensors = [name for name in places if not name.startswith(_STD)]
     stds = {name.removeprefix(_STD).strip(): k for name, k in places.items() if name.startswith(_STD)}
     for name in stds:
         if name not in sensors:
             file.refuse(f"has the scatter of '{name}', but no column '{name}'")
-    shape = table.values[:, [places[name] for name in sensors]].T
+    of_shapes = {places[name]: units[places[name]] for name in sensors}
+    of_shapes |= {k: units[k] or units[places[name]] for name, k in stds.items()}
+    sizes = _factors_of_shapes(file, of_shapes)
+    shape = np.array([sizes[places[name]] * table.values[:, places[name]] for name in sensors])
     shape_std = np.full(shape.shape, np.nan)
     for row, name in enumerate(sensors):
         if name in stds:
-            shape_std[row] = table.values[:, stds[name]].real
+            shape_std[row] = sizes[stds[name]] * table.values[:, stds[name]].real
     return ModalTable(
         frequency,
         (shape if np.any(np.nan_to_num(shape.imag)) else shape.real) if sensors else None,
@@ -197,6 +210,53 @@ def _text(file: DataFile, names: Mapping[str, str]) -> ModalTable:
         columns.get("damping_std"),
         shape_std if stds else None,
         unit,
+    )
+
+
+def _name_and_unit(table: DataTable, column: int) -> tuple[str, str]:
+    """Return name and unit of a column; what else stands in brackets is returned, and refused as a unit."""
+    name, unit, _ = table.heading(column)
+    bare, _, inside = name.partition("[")
+    return bare.strip(), unit or unit_of_field(inside.rstrip("] "))
+
+
+def _factors(file: DataFile, stated: Mapping[str, str], unit: str) -> dict[str, float]:
+    """Return the factors of quantities to ratios, rad^2/s^2, and `unit` of frequencies; of no unit none.
+
+    A scatter without a unit is in that of its quantity.
+    """
+    factors = {}
+    for key, own in stated.items():
+        quantity = key.removesuffix("_std")
+        text = own or stated.get(quantity, "")
+        if not text:
+            continue
+        if not stated.get(quantity):
+            file.refuse(f"has '{key}' in {text}, but '{quantity}' without a unit", "Name both.", colon=True)
+        try:
+            if quantity == "frequency":
+                factors[key] = angular_factor(text) / angular_factor(unit)
+            elif quantity == "damping":
+                factors[key] = si_factor(text, ["1"], what="a damping ratio")
+            else:
+                factors[key] = si_factor(text, ["rad2/s2"], what="an eigenvalue")
+        except UsageError as error:
+            file.refuse(f"'{key}': {error.problem}", error.remedy, colon=True)
+    return factors
+
+
+def _factors_of_shapes(file: DataFile, stated: Mapping[int, str]) -> dict[int, float]:
+    """Return the factors of the columns of shapes and their scatter; in one unit they have any scale."""
+    if len(set(stated.values())) <= 1:
+        return dict.fromkeys(stated, 1.0)
+    for motion in _MOTIONS:
+        if all(unit_fits(unit, motion) for unit in stated.values()):
+            return {column: si_factor(unit, motion) for column, unit in stated.items()}
+    different = ", ".join(dict.fromkeys(unit or "no unit" for unit in stated.values()))
+    file.refuse(
+        f"has shapes in {different}, which are not one motion",
+        "All are displacements (m, rad), velocities or accelerations, or all of them are in one unit.",
+        colon=True,
     )
 
 
