@@ -212,6 +212,7 @@ def test_sets_and_labels(tmp_path):
     [
         ("", "nodes.csv:1: the columns are missing"),
         ("a,b\n", "nodes.csv:1: the columns are a, b"),
+        ("# of a\n\na,b\n", "nodes.csv:3: the columns are a, b"),
         ("node,x,y,z\n", "nodes.csv has no nodes"),
         ("node,x,y,z\n1,0,0\n", "nodes.csv:2: 3 entries below 4 columns"),
         ("node,x,y,z\n1,0,zero,0\n", "nodes.csv:2: 'zero' is no coordinate"),
@@ -224,6 +225,15 @@ def test_a_damaged_table(tmp_path, table, said):
     (tmp_path / "nodes.csv").write_text(table)
     with pytest.raises(FileError, match=re.escape(said)):
         read_nodes(tmp_path / "nodes.csv")
+
+
+@pytest.mark.parametrize("mark", [",", ";", "\t"])
+def test_a_table_may_begin_with_comments(tmp_path, mark):
+    text = "# nodes, of the model\n\nnode,x,y,z\n# the first\n1,0,0,0.5  # here\n"
+    (tmp_path / "nodes.csv").write_text(text.replace(",", mark).replace(f"nodes{mark}", "nodes,"))
+    found = read_nodes(tmp_path / "nodes.csv").nodes
+    assert found.numbers == (1,)
+    np.testing.assert_array_equal(found.xyz, [[0, 0, 0.5]])
 
 
 def test_a_file_of_another_kind(tmp_path):

@@ -20,8 +20,8 @@ _LONGEST = 1_000_000_000
 def read_nodes(path: Path) -> NodeFile:
     """Return the nodes of a table, and the order of DOFs that its column ``dofs`` states.
 
-    The first line names the columns. ``set`` holds the names of node sets, separated by blanks, ``dofs`` the
-    node's directions (``x y rz``; ``-`` for none).
+    The first row names the columns; what follows a # is a comment. ``set`` holds the names of node sets,
+    separated by blanks, ``dofs`` the node's directions (``x y rz``; ``-`` for none).
 
     Raises
     ------
@@ -35,11 +35,13 @@ def read_nodes(path: Path) -> NodeFile:
             rows = csv.reader(
                 (line.split("#")[0] for line in lines), skipinitialspace=True, delimiter=_delimiter(path)
             )
-            header = [word.strip().lower() for word in next(rows, [])]
+            first = next((row for row in rows if any(word.strip() for word in row)), [])
+            header = [word.strip().lower() for word in first]
             if not {"node", "x", "y", "z"} <= {*header} or len({*header}) < len(header):
+                line = rows.line_num if first else 1
                 raise FileError(
-                    f"{path}:1: the columns are {', '.join(header) or 'missing'}",
-                    remedy="The first line of a table of nodes is node,x,y,z (and set, dofs where wanted).",
+                    f"{path}:{line}: the columns are {', '.join(header) or 'missing'}",
+                    remedy="The first row of a table of nodes is node,x,y,z (and set, dofs where wanted).",
                 )
             numbers: list[Node] = []
             xyz: list[list[float]] = []
@@ -60,7 +62,7 @@ def read_nodes(path: Path) -> NodeFile:
                     f"{node}:{along}" for along in _directions(path, rows.line_num, entry.get("dofs", "-"))
                 ]
         if not numbers:
-            raise FileError(f"{path} has no nodes below its first line")
+            raise FileError(f"{path} has no nodes below its columns' names")
         nodes = Nodes(
             tuple(numbers), np.array(xyz), {}, {name: tuple(members) for name, members in sets.items()}
         )
@@ -69,8 +71,9 @@ def read_nodes(path: Path) -> NodeFile:
 
 
 def _delimiter(path: Path) -> str:
+    """Return what separates the columns in the first line that is not blank."""
     with path.open(encoding="utf-8-sig") as lines:
-        first = lines.readline(1000)
+        first = next((line for line in lines if line.split("#")[0].strip()), "")
     return next((mark for mark in ",;\t" if mark in first), ",")
 
 
