@@ -182,6 +182,26 @@ def test_every_record_has_its_own_file(tmp_path):
     assert "excitation" not in third
 
 
+def test_records_that_list_their_channels_need_no_match(tmp_path):
+    written(
+        tmp_path / "a.uff",
+        function(np.zeros(20), response=(9, 2)),
+        function(np.zeros(20), response=(4, 2), **FORCE),
+    )
+    listed = (
+        "{file: {path: b.csv}, channels: [{dof: w_5, quantity: velocity}], step: 0.01, samples: 20, "
+        "excitation: []}"
+    )
+    records = f"match: {{nodes: {{9: 3}}}}, channels: all, records: [{{file: {{path: a.uff}}}}, {listed}]"
+    data = loaded(tmp_path, BEAM + f"measurement: {{{records}}}\n")
+    first, second = data["measurement"]["records"]
+    assert first["channels"][0]["dof"] == "w_3"
+    assert second["channels"] == [{"dof": "w_5", "quantity": "velocity"}]
+    assert "match" not in data["measurement"]
+    none = f"measurement: {{match: {{nodes: {{9: 3}}}}, records: [{listed}]}}\n"
+    assert "these channels name their DOFs" in refusal(tmp_path, BEAM + none)
+
+
 def test_two_hundred_channels_are_one_line(tmp_path):
     masses = ", ".join(["1"] * 200)
     links = ", ".join(["{dofs: [1], k: 100}", *(f"{{dofs: [{k}, {k + 1}], k: 100}}" for k in range(1, 200))])
@@ -363,6 +383,14 @@ def test_the_scene_says_what_the_file_does_not(tmp_path):
         (
             "{file: {path: run.csv}, channels: [{dof: w_3, quantity: velocity}], match: {}}",
             "'match' goes with 'channels: all'",
+        ),
+        (
+            "{match: {by: number}, modes: {values: [{frequency: 1}]}}",
+            "'match' goes with 'channels: all'; that of modes is written under 'modes'",
+        ),
+        (
+            "{file: {path: run.csv}, channels: all, match: {origin: [1, 0, 0]}}",
+            "'origin' says nothing of nodes with the same numbers; give a tolerance",
         ),
         (
             "{frf: {file: {path: h.uff, coherence: all}}, channels: [{dof: w_3, quantity: velocity}]}",

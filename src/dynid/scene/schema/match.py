@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from dynid.scene.schema.base import FilePath, MotionQuantity, Section
-from dynid.scene.schema.quantities import Positive, Value
+from dynid.scene.schema.quantities import Positive, Value, fault
 
 _Vector = Annotated[list[Value], Field(min_length=3, max_length=3)]
 
@@ -23,3 +23,11 @@ class MatchModel(Section):
     nodes: dict[int, int | str] = {}
     quantity: MotionQuantity | None = None
     units: Literal["labels", "record"] | None = None
+
+    @model_validator(mode="after")
+    def _origin_counts(self) -> Self:
+        if self.origin is not None and self.by == "number" and self.tolerance is None:
+            raise fault(
+                "'origin' says nothing of nodes with the same numbers; give a tolerance to check them"
+            )
+        return self

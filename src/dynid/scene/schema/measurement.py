@@ -345,6 +345,8 @@ class RecordModel(Section):
         for name, value in given.items():
             if value is None:
                 given[name] = getattr(shared, name)
+        if self.channels is not None and not isinstance(self.channels, AllOfFile):  # they name their DOFs
+            given["match"] = self.match
         if self.file and shared.file:
             own = {name: getattr(self.file, name) for name in self.file.model_fields_set}
             given["file"] = shared.file.model_copy(update=own)
@@ -461,6 +463,10 @@ class MeasurementModel(RecordModel):
             raise fault("frequency responses stand alone: 'frf' goes with no 'records'")
         if self.modes_alone:
             return self
+        if self.match is not None and not any(isinstance(one.channels, AllOfFile) for one in self.each):
+            if self.modes is not None:
+                raise fault("'match' goes with 'channels: all'; that of modes is written under 'modes'")
+            raise fault("'match' goes with 'channels: all'; these channels name their DOFs")
         if not self.records:
             self.check("a measurement")
             if self.excitation is not None:
