@@ -386,7 +386,7 @@ def test_the_scene_says_what_the_file_does_not(tmp_path):
         ),
         (
             "{match: {by: number}, modes: {values: [{frequency: 1}]}}",
-            "'match' goes with 'channels: all'; that of modes is written under 'modes'",
+            "'match' goes with 'channels: all'; write that of modes under 'measurement.modes'",
         ),
         (
             "{file: {path: run.csv}, channels: all, match: {origin: [1, 0, 0]}}",

@@ -8,6 +8,7 @@ import pytest
 from dynid.errors import FileError
 from dynid.structure.readers.mesh import read_mesh
 from dynid.structure.solid import Material, SetSupport, solid
+from dynid.structure.solid_elements import ELEMENTS
 from tests.structure.boxes import box
 
 meshio = pytest.importorskip("meshio")
@@ -165,6 +166,30 @@ def test_the_nodes_of_elements_keep_their_order_through_formats(tmp_path, kind, 
     one, other = solid(mesh, UNIT), solid(read_mesh(path), UNIT)
     K, same = (np.asarray(m.K.todense()) if m.is_sparse else np.asarray(m.K) for m in (one, other))
     np.testing.assert_allclose(same, K, rtol=0, atol=1e-12 * np.abs(K).max())
+
+
+@pytest.mark.parametrize("kind", ["hexahedron20", "hexahedron27"])
+@pytest.mark.parametrize("own", [True, False])
+def test_hexahedra_of_exodus_have_its_order_of_nodes_or_that_of_meshio(tmp_path, kind, own):
+    """Exodus II, element types: 13-16 on the vertical edges, 21 the centre, then faces -z +z -x +x -y +y."""
+    pytest.importorskip("netCDF4")
+    levels = [(-1, k) for k in range(4)] + [(1, k) for k in range(4)]
+    corners = [((-1, 1, 1, -1)[k], (-1, -1, 1, 1)[k], z) for z, k in levels]
+    below = [(0, -1, -1), (1, 0, -1), (0, 1, -1), (-1, 0, -1)]
+    upright = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]
+    above = [(x, y, 1) for x, y, _ in below]
+    faces = [(0, 0, 0), (0, 0, -1), (0, 0, 1), (-1, 0, 0), (1, 0, 0), (0, -1, 0), (0, 1, 0)]
+    xyz = np.array([*corners, *below, *upright, *above, *faces], dtype=float)[: int(kind[-2:])]
+    cells = np.arange(len(xyz))[None]
+    if not own:
+        xyz = 2 * box(kind, (1, 1, 1)).xyz
+        cells = box(kind, (1, 1, 1)).blocks[0].cells
+    moved = xyz @ [[1.0, 0.1, 0], [0, 2, 0.2], [0.3, 0, 1]] + 0.01 * np.sin(7 * xyz)
+    meshio.write(tmp_path / "one.e", meshio.Mesh(moved, [(kind, cells)]))
+    (block,) = read_mesh(tmp_path / "one.e").blocks
+    corner = xyz[block.cells[0, :8]]
+    expected = corner[0] + ELEMENTS[kind].nodes * (corner[6] - corner[0])
+    np.testing.assert_allclose(xyz[block.cells[0]], expected, atol=1e-12)
 
 
 @pytest.mark.parametrize(

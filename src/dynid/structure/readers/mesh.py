@@ -24,8 +24,16 @@ if TYPE_CHECKING:
 
 # Cells without volume: they give node sets.
 _FLAT = re.compile(r"vertex|line\d*|triangle\d*|quad\d*|polygon.*")
+# The places in Exodus of the nodes of hexahedra beyond the corners and the edges below: there those of the
+# vertical edges come before those of the edges above, and the centre before the faces.
+_EXODUS = (".exo", ".e", ".ex2")
+_IN_EXODUS = {
+    "hexahedron20": (*range(12), *range(16, 20), *range(12, 16)),
+    "hexahedron27": (*range(12), *range(16, 20), *range(12, 16), 23, 24, 25, 26, 21, 22, 20),
+}
+_MOST_JUDGED = 10_000
 # Formats with numbers of nodes beside gmsh's.
-_NUMBERED = (".inp", ".bdf", ".dat", ".nas", ".exo", ".e", ".ex2")
+_NUMBERED = (".inp", ".bdf", ".dat", ".nas", *_EXODUS)
 # Data of cells whose values are numbers of groups.
 _TAGS = ("gmsh:physical", "medit:ref")
 # Sets that meshio adds itself.
@@ -114,7 +122,7 @@ def read_mesh(path: Path, scale: float = 1.0) -> SolidMesh:
             remedy="Mesh the volumes; with physical groups, gmsh saves only these: add one of the volumes.",
             names=("mesh",),
         )
-    blocks = tuple(_block(path, mesh.cells[at], len(xyz)) for at in solid)
+    blocks = tuple(_block(path, mesh.cells[at], xyz) for at in solid)
     groups: dict[str, tuple[Places, ...]] = {}
     sets = {name: _unique(places) for name, places in mesh.point_sets.items()}
     for name, members in _cell_groups(mesh).items():
@@ -133,15 +141,29 @@ def read_mesh(path: Path, scale: float = 1.0) -> SolidMesh:
     return SolidMesh(numbers, xyz * scale, blocks, groups, sets, doubts)
 
 
-def _block(path: Path, block: meshio.CellBlock, count: int) -> Block:
+def _block(path: Path, block: meshio.CellBlock, xyz: Array) -> Block:
     """Return the elements of a kind, checked to have their nodes."""
     cells = np.asarray(block.data, dtype=np.intp).reshape(len(block.data), -1)
     nodes = len(ELEMENTS[block.type].nodes)
-    if cells.shape[1] != nodes or (cells.size and not 0 <= cells.min() <= cells.max() < count):
+    if cells.shape[1] != nodes or (cells.size and not 0 <= cells.min() <= cells.max() < len(xyz)):
         raise FileError(
             f"{path} has a {block.type} without its {nodes} nodes: it is incomplete", names=("mesh",)
         )
+    if path.suffix.lower() in _EXODUS and block.type in _IN_EXODUS:
+        orders = cells[:, _IN_EXODUS[block.type]], cells
+        cells = min(orders, key=lambda order: _bent(block.type, order[:_MOST_JUDGED], xyz))
     return Block(block.type, cells)
+
+
+def _bent(kind: str, cells: Places, xyz: Array) -> float:
+    """Return how far the nodes of hexahedra are in all from where they lie between their corners.
+
+    Other programs write Exodus in its own order of nodes, meshio in that of VTK.
+    """
+    ends = ELEMENTS[kind].nodes
+    near = np.abs(ends[:, None] - ends[None, :8]).max(axis=2) < 1
+    mean = near / near.sum(axis=1, keepdims=True)
+    return float(np.linalg.norm(xyz[cells] - mean @ xyz[cells[:, :8]], axis=2).sum())
 
 
 def _unique(places: Any) -> Places:
