@@ -13,16 +13,17 @@ scale, and of a rotation in the span.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import Singular
+from dynid.errors import NumericalError, Singular
 from dynid.lti.floating import guarded
 from dynid.structure.matrices import Array, Matrix, as_array, is_sparse
 from dynid.structure.model import StructuralModel
+from dynid.structure.modes.lowest_poles import EQUAL, STILL, lowest_oscillating
 from dynid.structure.modes.modes import modes
 from dynid.structure.modes.sensitivity import second_order_poles
 
@@ -30,18 +31,16 @@ ComplexArray = NDArray[np.complex128]
 Vectors = NDArray[Any]
 """Vectors in columns, real without damping."""
 
-# Poles with a smaller imaginary part, relative, do not oscillate.
-_STILL = 1e-9
-# Most steps of Newton's method from an undamped mode to a damped one, and the last one, relative.
-_MOST_STEPS, _LAST_STEP = 20, 1e-12
+# Most steps of Newton's method to a damped mode; the last ones of its pole and its shape, relative.
+_MOST_STEPS, _LAST_STEP, _LAST_TURN = 20, 1e-12, 1e-10
+# An approximate pole that is corrected by more, relative, would have become another one.
+_FAR = 1e-3
 # Part of the largest inverse eigenvalue below which a motion has no mass.
 _MASSLESS = 1e-13
 # Least part of the largest entry of its column that a diagonal pivot may be.
 _PIVOT = 0.01
 # Dense structures up to this size have all their eigenvectors computed: derivatives then cost nothing.
 _MOST_WHOLE = 400
-# Frequencies that differ by less, relative, are equal.
-_EQUAL = 1e-6
 # Columns of a basis that are dependent on others to this part are left out.
 _DEPENDENT = 1e-9
 
@@ -231,13 +230,18 @@ def lowest_modes(
     ------
     Singular
         If a motion has neither mass nor stiffness, or the stiffness is indefinite.
+    NumericalError
+        If damped modes of a sparse structure are not found.
     """
     matrices = M, C, K = model.with_joints(values)
     if is_sparse(M):
         found = modes(M, C, K, count=min(count, model.size - 1), proof=False)
         along = (1j * found.omega[:count]).astype(np.complex128)
         undamped = ModalSolution(model, values, along, found.shapes[:, :count], matrices)
-        return _newton(undamped) if damped else undamped
+        if not damped:
+            return undamped
+        if (solution := _damped_sparse(undamped)) is not None:
+            return solution
     if damped:
         return _damped(model, values, count, matrices)
     whole = len(M) <= _MOST_WHOLE
@@ -282,31 +286,87 @@ def _damped(
     M, C, K = (as_array(matrix) for matrix in matrices)
     found = modes(M, C, K, backend="dense")
     poles, U = second_order_poles(found.omega, found.shapes.T @ C @ found.shapes)
-    kept = np.flatnonzero(poles.imag > _STILL * np.abs(poles))[:count]
+    kept = np.flatnonzero(poles.imag > STILL * np.abs(poles))[:count]
     return ModalSolution(model, values, poles[kept], found.shapes @ U[:, kept], matrices)
 
 
-def _newton(start: ModalSolution) -> ModalSolution:
-    """Return the damped modes next to undamped ones, by Newton's method on ``Z(lambda) psi = 0``."""
-    M, C, K = start.matrices
-    poles, shapes = start.poles.copy(), start.shapes.astype(complex)
-    for r in np.flatnonzero(poles):
-        pole, shape = poles[r], shapes[:, r]
-        for _ in range(_MOST_STEPS):
-            Z = pole**2 * M + pole * C + K
-            b = 2 * pole * np.asarray(M @ shape) + np.asarray(C @ shape)
-            # Z (psi + d) + b dlambda = 0 with b^T d = 0: the direction of psi + d; then its quotient.
-            moved = _bordered(Z, b[:, None], -np.asarray(Z @ shape)[:, None])[:, 0]
-            shape = shape + moved
-            parts = [complex(shape @ np.asarray(matrix @ shape)) for matrix in (M, C, K)]
-            roots = np.roots(parts)
-            new = roots[np.argmin(np.abs(roots - pole))]
-            change, pole = abs(new - pole), new
-            if change <= _LAST_STEP * abs(pole) and np.linalg.norm(moved) <= 1e-10 * np.linalg.norm(shape):
-                break
+def _damped_sparse(undamped: ModalSolution) -> ModalSolution | None:
+    """Return as many damped modes of a sparse structure, after its rigid-body ones.
+
+    None where they are nearly all of its modes. Approximate modes are corrected by Newton's method.
+    """
+    rigid = int(np.count_nonzero(undamped.omega == 0))
+    count, matrices = len(undamped.poles) - rigid, undamped.matrices
+    poles, shapes = undamped.poles, undamped.shapes.astype(complex)
+    if count:
+        found = lowest_oscillating(matrices, count, rigid, float(undamped.omega[rigid]))
+        if found is None:
+            return None
+        poles = np.concatenate([poles[:rigid], found[0]])
+        shapes = np.hstack([shapes[:, :rigid], found[1]])
+    near = [rigid + np.flatnonzero(np.abs(poles[rigid:] - pole) <= EQUAL * abs(pole)) for pole in poles]
+    for span in near[rigid:]:
+        shapes[:, span] = _realigned(shapes[:, span], matrices[0])
+    corrected = [
+        _corrected(matrices, complex(poles[r]), shapes[:, r], shapes[:, near[r]])
+        for r in range(rigid, len(poles))
+    ]
+    for r, (pole, shape) in enumerate(corrected, rigid):
         poles[r], shapes[:, r] = pole, shape
-    order = np.argsort(np.abs(poles), kind="stable")
-    return ModalSolution(start.model, start.values, poles[order], shapes[:, order], start.matrices)
+    for span in near[rigid:]:
+        if np.linalg.cond(shapes[:, span] / np.linalg.norm(shapes[:, span], axis=0)) > 1 / EQUAL:
+            raise _lost(float(np.abs(poles[span[0]])))
+    order = np.argsort(np.abs(poles), kind="stable")[: rigid + count]
+    return replace(undamped, poles=poles[order], shapes=shapes[:, order])
+
+
+def _realigned(span: Vectors, M: Matrix) -> Vectors:
+    """Return real vectors of unit modal mass, orthogonal, that span the same; the given ones if none do."""
+    k = span.shape[1]
+    U, size, _ = np.linalg.svd(np.hstack([span.real, span.imag]), full_matrices=False)
+    if k == 1 or size[k] > EQUAL * size[0]:
+        return span
+    real = U[:, :k]
+    return np.asarray(np.linalg.solve(np.linalg.cholesky(real.T @ np.asarray(M @ real)), real.T).T)
+
+
+def _corrected(
+    matrices: tuple[Any, Any, Any], pole: complex, shape: Vectors, span: Vectors
+) -> tuple[complex, Vectors]:
+    """Return a damped mode, of unit modal mass, by Newton's method on ``Z(lambda) psi = 0``.
+
+    `span` are the approximate modes that have nearly this pole, itself included.
+    """
+    M, C, K = matrices
+    start, last = pole, np.inf
+    for _ in range(_MOST_STEPS):
+        Z = pole**2 * M + pole * C + K
+        B = 2 * pole * np.asarray(M @ span) + np.asarray(C @ span)
+        # Z (psi + d) + B y = 0 with B^T d = 0: the direction of psi + d; then its quotient.
+        moved = _bordered(Z, B, -np.asarray(Z @ shape)[:, None])[:, 0]
+        shape = shape + moved
+        roots = np.roots([complex(shape @ np.asarray(matrix @ shape)) for matrix in matrices])
+        new = complex(roots[np.argmin(np.abs(roots - pole))])
+        step, turn, pole = abs(new - pole) / abs(new), np.linalg.norm(moved) / np.linalg.norm(shape), new
+        size = max(step, float(turn))
+        # Where rounding leaves more open, steps end at its size.
+        if (step <= _LAST_STEP and turn <= _LAST_TURN) or last / 2 <= size <= EQUAL:
+            break
+        last = size
+    else:
+        raise _lost(abs(start))
+    if abs(pole - start) > _FAR * abs(start):
+        raise _lost(abs(start))
+    heavy = np.asarray(M @ shape)
+    turned = np.exp(-0.5j * np.angle(shape @ heavy))
+    return pole, np.asarray(turned * shape / np.sqrt((shape.conj() @ heavy).real))
+
+
+def _lost(omega: float) -> NumericalError:
+    return NumericalError(
+        f"the damped mode at {omega / (2 * np.pi):.4g} Hz was not found",
+        remedy="Reduce the structure: all modes of small dense ones are computed.",
+    )
 
 
 def modal_basis(
@@ -337,7 +397,7 @@ def modal_basis(
     columns = [solution.shapes]
     for place, omega in enumerate(solution.omega.tolist()):
         if omega <= highest:
-            near_by = {place, *np.flatnonzero(np.abs(solution.omega - omega) <= _EQUAL * omega).tolist()}
+            near_by = {place, *np.flatnonzero(np.abs(solution.omega - omega) <= EQUAL * omega).tolist()}
             columns.append(solution.shape_slopes(place, sorted(near_by), slopes))
     every = np.concatenate(columns, axis=1)
     if np.iscomplexobj(every):
