@@ -11,11 +11,12 @@ from scipy.optimize import brentq
 from dynid.errors import Singular, UsageError
 from dynid.structure.damping import ProportionalDamping
 from dynid.structure.modes.modes import modes
-from dynid.structure.readers.mesh import Block
+from dynid.structure.readers.mesh import Block, SolidMesh
 from dynid.structure.reduction.craig_bampton import CraigBampton
 from dynid.structure.reduction.mode_selection import ModeRange
 from dynid.structure.solid import Material, SetSupport, solid
 from dynid.structure.solid_elements import ELEMENTS
+from dynid.structure.solid_mesh import surface
 from tests.structure.boxes import box, joined_meshes
 from tests.structure.dependent import unknowns
 
@@ -273,6 +274,19 @@ def test_nodes_without_a_solid_are_left_out():
     np.testing.assert_array_equal(dense(model.K), dense(solid(mesh, UNIT).K))
     with pytest.raises(UsageError, match="no node of the set 'stray' belongs to a solid element"):
         solid(stray, UNIT, supports=[SetSupport("stray", ("x",))])
+
+
+def test_faces_of_many_nodes_are_told_apart():
+    """Of 2^22 nodes, 0 and 2^20 differ by 2^64 in the cube of their number."""
+    count = 2**22
+    p, q, r, s = range(count - 4, count)
+    mesh = SolidMesh(
+        range(count),
+        np.broadcast_to(np.zeros(3), (count, 3)),
+        (Block("tetra", np.array([[0, p, q, r], [2**20, p, q, s], [2**20, p, s, 5]])),),
+    )
+    first, second, third = surface(mesh).parts
+    assert first != second == third
 
 
 def test_the_picture_of_a_block_has_the_edges_of_its_surface():

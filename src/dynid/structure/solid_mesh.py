@@ -93,17 +93,18 @@ def surface(mesh: SolidMesh) -> Surface:
     from scipy.sparse.csgraph import connected_components  # heavy imports, for meshes only
 
     count, elements = len(mesh.xyz), 0
-    keys, owners, corners = [], [], []
+    three, owners, corners = [], [], []
     for block in mesh.blocks:
         for face in ELEMENTS[block.kind].faces:
             nodes = block.cells[:, face]
-            a, b, c = np.sort(nodes, axis=1)[:, :3].T  # three corners say which face it is
-            keys.append((a * count + b) * count + c)
+            three.append(np.sort(nodes, axis=1)[:, :3])  # three corners say which face it is
             owners.append(elements + np.arange(len(nodes)))
             corners.append(nodes)
         elements += len(block.cells)
+    a, b, c = np.concatenate(three).T
+    _, edge = np.unique(a * count + b, return_inverse=True)  # the product of three numbers may overflow
     _, first, inverse, times = np.unique(
-        np.concatenate(keys), return_index=True, return_inverse=True, return_counts=True
+        edge * count + c, return_index=True, return_inverse=True, return_counts=True
     )
     if times.max() > 2:
         each = [nodes for nodes in corners for nodes in nodes]
