@@ -11,11 +11,9 @@ from collections.abc import Iterable, Iterator, Set
 from pathlib import Path
 
 from dynid.errors import FileError
-from dynid.file_access import obstacle
+from dynid.structure.readers.program_text import opened
 
 WHAT = "Nastran bulk data"
-# The most characters of a file and those that it includes, and how deep these are nested.
-_MOST, _DEEPEST = 1_000_000_000, 10
 
 Card = list[str]
 
@@ -46,13 +44,7 @@ def _lines(path: Path, depth: int, size: list[int]) -> Iterator[str]:
 
     The commands above ``BEGIN BULK`` are left out; files without it are bulk data from their first line.
     """
-    blocked = obstacle(path)
-    if blocked is not None:
-        raise FileError(f"{path} {blocked[0]}", remedy=blocked[1])
-    size[0] += path.stat().st_size
-    if depth > _DEEPEST or size[0] > _MOST:
-        raise FileError(f"{path}: too many files include each other, or they are too large")
-    with path.open(encoding="utf-8-sig", errors="replace") as stream:
+    with opened(path, depth, size) as stream:
         above = depth == 0 and any(re.match(r"\s*BEGIN\s+BULK", line, re.IGNORECASE) for line in stream)
         stream.seek(0)
         for raw in stream:
@@ -96,10 +88,3 @@ def listed_points(fields: Iterable[str]) -> list[int]:
 def whole(field: str) -> int:
     """Return a whole number; a blank is 0."""
     return int(field) if field else 0
-
-
-def real(field: str) -> float:
-    """Return a number of Nastran: ``1.5-3`` and ``1.5D-3`` are 0.0015."""
-    if not field:
-        return 0.0
-    return float(re.sub(r"(?<=[0-9.])([+-])", r"e\1", field.upper().replace("D", "E")))

@@ -18,10 +18,11 @@ from dynid.number_format import counted
 from dynid.structure.labels import DIRECTIONS, Node
 from dynid.structure.matrices import Array, Label
 from dynid.structure.nodes import Nodes
-from dynid.structure.readers.bulk_cards import WHAT, Card, listed_points, read_cards, real, whole
+from dynid.structure.readers.bulk_cards import WHAT, Card, listed_points, read_cards, whole
 from dynid.structure.readers.element_edges import corners, edges
 from dynid.structure.readers.imported_matrix import read_errors
 from dynid.structure.readers.node_file import DofOrder, NodeFile
+from dynid.structure.readers.program_text import real
 
 _CONSTRAINTS = (
     "SPC", "SPC1", "SPCD", "MPC", "RBE1", "RBE2", "RBE3", "RBAR", "RBAR1", "RROD", "RJOINT", "RTRPLT",

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from dynid.structure.readers.bulk_cards import WHAT, Card, read_cards, real, whole
+from dynid.structure.readers.bulk_cards import WHAT, Card, read_cards, whole
 from dynid.structure.readers.bulk_data import component_labels
 from dynid.structure.readers.imported_matrix import ImportedMatrix, read_errors
+from dynid.structure.readers.program_text import real
 
 
 def shapes(path: Path) -> dict[str, tuple[int, ...]]:

@@ -24,6 +24,7 @@ from dynid.structure.readers.imported_matrix import (
     compressed,
     read_errors,
 )
+from dynid.structure.readers.program_text import real
 
 _WHAT = "a Harwell-Boeing file"
 _FORMAT = re.compile(
@@ -99,12 +100,7 @@ def _numbers(
         raise ValueError(f"it ends after {len(words)} of {total} numbers: it is truncated")
     if kind is int:
         return np.array([int(word) for word in words[:total]], dtype=np.int64)
-    return np.array([_real(word) for word in words[:total]], dtype=np.float64)
-
-
-def _real(word: str) -> float:
-    """Return a number of Fortran: ``1.5D+03``, ``1.5-300``."""
-    return float(re.sub(r"(?<=[0-9.])([+-])", r"e\1", word.upper().replace("D", "E")))
+    return np.array([real(word) for word in words[:total]], dtype=np.float64)
 
 
 def _mapping(path: Path, rows: int) -> tuple[str, ...]:

@@ -14,16 +14,14 @@ from typing import NamedTuple
 import numpy as np
 
 from dynid.errors import FileError
-from dynid.file_access import obstacle
 from dynid.number_format import counted
 from dynid.structure.nodes import Nodes
 from dynid.structure.readers.element_edges import corners, edges
 from dynid.structure.readers.imported_matrix import read_errors
 from dynid.structure.readers.node_file import NodeFile
+from dynid.structure.readers.program_text import opened, real
 
 _WHAT = "an input file of Abaqus or CalculiX"
-# The most characters of a file and those that it includes, and how deep these are nested.
-_MOST, _DEEPEST = 1_000_000_000, 10
 _MOST_GENERATED = 10_000_000
 _CONSTRAINTS = (
     "BOUNDARY", "EQUATION", "MPC", "COUPLING", "KINEMATIC", "DISTRIBUTING", "RIGID BODY", "TIE",
@@ -115,7 +113,7 @@ def _nodes(places: dict[int, list[float]], block: _Block) -> list[int]:
     numbers = []
     for words in block.lines:
         number = int(words[0])
-        point = [float(word.upper().replace("D", "E")) if word else 0.0 for word in words[1:4]]
+        point = [real(word) for word in words[1:4]]
         places[number] = point + [0.0] * (3 - len(point))
         numbers.append(number)
     return numbers
@@ -182,13 +180,7 @@ def _blocks(path: Path) -> Iterator[_Block]:
 
 def _lines(path: Path, depth: int, size: list[int]) -> Iterator[str]:
     """Yield the lines of a file and those that it includes, without comments and blanks at their ends."""
-    blocked = obstacle(path)
-    if blocked is not None:
-        raise FileError(f"{path} {blocked[0]}", remedy=blocked[1])
-    size[0] += path.stat().st_size
-    if depth > _DEEPEST or size[0] > _MOST:
-        raise FileError(f"{path}: too many files include each other, or they are too large")
-    with path.open(encoding="utf-8-sig", errors="replace") as stream:
+    with opened(path, depth, size) as stream:
         for raw in stream:
             line = raw.strip()
             if not line or line.startswith("**"):
