@@ -30,6 +30,7 @@ measurement:
   samples: 200
   channels: [{dof: w_3, quantity: velocity}, {dof: w_4, quantity: acceleration}]
 """
+MOTION = "analysis: {outputs: [{dof: w_4, quantity: displacement}], time: {stop: 0.004, step: 0.001}}\n"
 SIMULATED = BEAM + RECORD + "  simulate: {noise_ratio: 0.05, seed: 1}\n"
 NAMES = {"w_3": "3:y", "w_4": "4:y", "theta_1": "1:rz"}
 
@@ -278,6 +279,12 @@ def test_one_dof_under_two_names_is_one():
         run(SIMULATED.replace("{dof: w_4, q", "{dofs: [w_4, 4:y], q"))
     with pytest.raises(UsageError, match=r"the channel w_3\.velocity is listed twice"):
         run(SIMULATED.replace("{dof: w_4, quantity: acceleration}", "{dof: 3:y, quantity: velocity}"))
+    with pytest.raises(UsageError, match=r"the channel 4\.velocity is listed twice"):
+        run(SIMULATED.replace("{dof: w_4, quantity: acceleration}", "{dof: 4, quantity: velocity}"))
+    with pytest.raises(UsageError, match="they are one DOF"):
+        run(SIMULATED.replace("{dof: w_4, q", "{dofs: [w_4, 6], q"))
+    with pytest.raises(UsageError, match="the initial motion of a DOF is given twice"):
+        run(BEAM.partition("joints")[0] + "initial: {6: {x: 0.01}, w_4: {x: 0.02}}\n" + MOTION)
     with pytest.raises(UsageError, match="names a DOF in two ways"):
         run(SIMULATED.replace("dofs: [w_4]", "dofs: [w_4, 4:y]"))
 

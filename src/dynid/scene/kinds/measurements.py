@@ -18,7 +18,6 @@ from dynid.structure.response import Channel, Load
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from dynid.arithmetic.dependent import Real
@@ -99,7 +98,7 @@ def _measurement(
 
     every, step, samples = given.channels or (), number(given.step), given.samples or 0
     channels = tuple(channel_of(channel, model) for channel in every)
-    _check_different(channels, f"{place}.channels")
+    _check_different(channels, f"{place}.channels", model)
     at = _own_or_shared(scene, place, "channels")
     headings: list[Heading | None] = [None] * len(channels)
     if given.file is not None:
@@ -166,7 +165,7 @@ def initial_motion(
 ) -> dict[str, dict[Dof, float]]:
     """Return the displacements and velocities at t = 0, by DOF."""
     given = [(shown(structure, dof), motion) for dof, motion in model.initial.items()]
-    if len(dict(given)) < len(given):
+    if len({_own_label(structure, dof)[1] for dof, _ in given}) < len(given):
         raise UsageError(
             "the initial motion of a DOF is given twice, by two of its names", names=("initial",)
         )
@@ -184,7 +183,7 @@ def channel_of(given: ChannelModel, model: GraphModel | StructuralModel | None =
     structure = cast("StructuralModel | None", model)
     dof, *others = (shown(structure, dof) for dof in given.ends)
     reference = others[0] if others else None
-    if reference == dof:
+    if reference is not None and _own_label(structure, reference) == _own_label(structure, dof):
         raise UsageError(
             f"a sensor between {' and '.join(map(str, given.ends))} measures nothing: they are one DOF",
             names=("measurement.channels",),
@@ -197,9 +196,27 @@ def shown(structure: StructuralModel | None, dof: Dof) -> Dof:
     return dof if structure is None else structure.dof_names.shown(dof)
 
 
-def _check_different(channels: Sequence[Any], place: str) -> None:
+def _own_label(structure: StructuralModel | None, dof: Dof) -> tuple[float, Dof]:
+    """Return the sign of a DOF's name and its own label, the same by each of its names."""
+    return (1.0, dof) if structure is None else structure.dof_names.find_signed(dof)
+
+
+def _with_own_labels(one: Any, model: GraphModel | StructuralModel | None) -> Any:
+    """Return a channel or response function with the own labels of its DOFs."""
+    structure = cast("StructuralModel | None", model)
+    if isinstance(one, Channel):
+        reference = None if one.reference is None else _own_label(structure, one.reference)
+        return one._replace(dof=_own_label(structure, one.dof), reference=reference)  # type: ignore[arg-type]
+    channel = getattr(one, "channel", None)
+    if isinstance(channel, Channel):
+        return one._replace(channel=_with_own_labels(channel, model), force=_own_label(structure, one.force))
+    return one
+
+
+def _check_different(channels: Sequence[Any], place: str, model: GraphModel | StructuralModel | None) -> None:
     """Refuse a channel that stands twice, by two names of its DOF."""
-    twice = next((one for at, one in enumerate(channels) if one in channels[:at]), None)
+    plain = [_with_own_labels(one, model) for one in channels]
+    twice = next((one for at, one in enumerate(channels) if plain[at] in plain[:at]), None)
     if twice is not None:
         raise UsageError(f"the channel {twice.name} is listed twice", names=(place, "measurement"))
 
@@ -301,7 +318,7 @@ def frf_measurement(
         for channel in given.channels or ()
         if channel.reference
     )
-    _check_different(channels, "measurement.channels")
+    _check_different(channels, "measurement.channels", model)
     proportional = isinstance(given.noise, NoiseModel)
     noise = levels(given.noise.ratio if isinstance(given.noise, NoiseModel) else given.noise)
     simulate = given.frf.simulate
