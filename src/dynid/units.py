@@ -221,14 +221,20 @@ def angular_factor(text: str) -> float:
 def _refuse(text: str, expected: Sequence[str], over: str, what: str) -> NoReturn:
     kind = f"{what} is" if what else "the values are"
     if over:
+        whole = f"{text}/{as_factor(expected[0])}"
         raise UsageError(
             f"values in {text} over a sensitivity in {over} are no {' or '.join(expected)}, in which {kind}",
-            remedy=f"A sensitivity is in the recorded unit over that of the quantity: {text}/{expected[0]}.",
+            remedy=f"A sensitivity is in the recorded unit over that of the quantity: {whole}.",
         )
     raise UsageError(
         f"the unit {text} does not fit: {kind} in {' or '.join(expected)}",
         remedy=f"Units that fit: {', '.join(units_that_fit(expected))}.",
     )
+
+
+def as_factor(unit: str) -> str:
+    """Return a unit as a factor: in parentheses if it is compound."""
+    return f"({unit})" if set(unit) & set("/. ") else unit
 
 
 def units_that_fit(expected: Sequence[str]) -> list[str]:

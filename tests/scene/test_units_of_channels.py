@@ -124,6 +124,20 @@ def test_sensitivities_and_offsets_are_those_of_the_recorded_signal(run, record)
     np.testing.assert_allclose(estimates(found), si, rtol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("unit", "value", "recorded"),
+    [("V.s/m", 28.0, "V"), ("mV.s/m", 28e3, "mV"), ("V/(m/s)", 28.0, "V"), ("mV/(mm/s)", 28.0, "mV")],
+)
+def test_sensitivity_to_velocity_is_of_a_recorded_voltage(run, record, unit, value, recorded):
+    F, a, v = record
+    si = estimates(run({"F": F, "a1": a, "v2": v}))
+    scale = 28e3 if recorded == "mV" else 28.0
+    scene = SCENE.replace(
+        "quantity: velocity}", f"quantity: velocity, sensitivity: {{value: {value}, unit: {unit}}}}}"
+    ).replace("noise: [0.02, 0.003]", f"noise: [0.02, {0.003 * scale}]")
+    np.testing.assert_allclose(estimates(run({"F": F, "a1": a, "v2": scale * v}, scene)), si, rtol=1e-9)
+
+
 def test_an_unknown_offset_is_in_the_unit_of_its_channel(run, record):
     F, a, v = record
     scene = SCENE.replace("quantity: velocity}", "quantity: velocity, unit: mm/s, offset: b}")

@@ -40,10 +40,12 @@ def units_of(measured: Any) -> tuple[str, ...]:
     A DOF whose label has no direction may be a translation or a rotation; the domain of a graph's variable
     may be unknown.
     """
+    from dynid.units import as_factor
+
     force = getattr(measured, "force", None)
     if force is not None:
         above, below = units_of(measured.channel), units_of(measured.load)
-        return tuple(f"{_whole(a)}/{_whole(b)}" for a in above for b in below)
+        return tuple(f"{as_factor(a)}/{as_factor(b)}" for a in above for b in below)
     if isinstance(measured, Load) and measured.motion is None:
         return _either(measured.dof, "N", "N.m")
     if isinstance(measured, Channel | Load):
@@ -51,11 +53,6 @@ def units_of(measured: Any) -> tuple[str, ...]:
         unit = Channel(0, str(quantity)).unit
         return _either(measured.dof, unit, unit.replace("m", "rad", 1))
     return (measured.unit,) if measured.unit else ()
-
-
-def _whole(unit: str) -> str:
-    """Return a unit as a factor: in parentheses if it is compound."""
-    return f"({unit})" if set(unit) & set("/. ") else unit
 
 
 def _either(dof: Any, of_translation: str, of_rotation: str) -> tuple[str, ...]:
@@ -121,11 +118,11 @@ def amplitude_factor(unit: str | None, measured: Any, place: str, *, impulse: bo
     UsageError
         Where the unit does not fit.
     """
-    from dynid.units import si_factor
+    from dynid.units import as_factor, si_factor
 
     if unit is None:
         return 1.0
-    expected = [f"{_whole(one)}.s" if impulse else one for one in units_of(measured)]
+    expected = [f"{as_factor(one)}.s" if impulse else one for one in units_of(measured)]
     try:
         return si_factor(
             unit, expected, what=f"the area of {_named(measured)}" if impulse else _named(measured)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Self
 
 from pydantic import AfterValidator, model_validator
 
 from dynid.scene.schema.base import Section
 from dynid.scene.schema.quantities import Value, fault
-from dynid.units import UnknownUnitError, readings
+from dynid.units import UnknownUnitError, readings, unit_fits
 
 
 def _is_unit(text: str) -> str:
@@ -37,5 +38,10 @@ class SensitivityModel(Section):
 
     @property
     def recorded(self) -> str:
-        """The unit that is recorded where nothing else gives it: what stands above the fraction line."""
-        return self.unit.partition("/")[0].strip()
+        """The unit recorded where nothing else gives it: the voltage or charge above the fraction line.
+
+        `V` of `V.s/m` and `mV` of `mV/g`; all that stands there if nothing is a voltage or charge.
+        """
+        above = self.unit.partition("/")[0].strip("() ")
+        electric = (one for one in re.split(r"[.·*\s-]+", above) if unit_fits(one, ("V", "C")))
+        return next(electric, above)
