@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from dynid.errors import Fault
 from dynid.scene.schema.base import Section
 from dynid.scene.schema.graph_variables import Output, SourceName
-from dynid.scene.schema.quantities import Quantity, Uncertain, UncertainPositive, fault
+from dynid.scene.schema.quantities import Uncertain, UncertainPositive, fault
 from dynid.scene.schema.raw import is_mapping_of_mappings, listing, mapping, node_types, references
 from dynid.scene.yaml.source import Source
 
@@ -53,12 +53,6 @@ class ControllerModel(Section):
         if self.denominator is not None and not any(entry.value for entry in self.denominator):
             raise fault("the denominator is zero")
         return self
-
-    def rational(self) -> tuple[list[Quantity], list[Quantity]] | None:
-        """Return numerator and denominator, where they are given."""
-        return (
-            None if self.numerator is None or self.denominator is None else (self.numerator, self.denominator)
-        )
 
 
 class LoopModel(Section):

@@ -30,10 +30,9 @@ def read_calculix(path: Path) -> ImportedMatrix:
         return matrix
     labels = read_order(order)
     rows = matrix.matrix.shape[0]
-    if rows > len(labels):
-        raise FileError(f"{path} has {rows} rows, but {order} names {len(labels)} DOFs")
-    if rows < len(labels):
-        raise FileError(f"{path} has {rows} rows, but {order} names {len(labels)} DOFs: it is truncated")
+    if rows != len(labels):
+        truncated = ": it is truncated" if rows < len(labels) else ""
+        raise FileError(f"{path} has {rows} rows, but {order} names {len(labels)} DOFs{truncated}")
     return replace(matrix, labels=labels, at_least=False)
 
 
