@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
 from dynid.scene.schema.base import FilePath, MotionQuantity, Section
-from dynid.scene.schema.quantities import Positive, Value, fault
-
-_Vector = Annotated[list[Value], Field(min_length=3, max_length=3)]
+from dynid.scene.schema.joints import Vector
+from dynid.scene.schema.quantities import Positive, fault
 
 
 class MatchModel(Section):
@@ -18,8 +17,8 @@ class MatchModel(Section):
     by: Literal["number", "position"] = "number"
     tolerance: Positive | None = None
     geometry: FilePath | None = None
-    origin: _Vector | None = None
-    axes: list[_Vector] | None = Field(default=None, min_length=3, max_length=3)
+    origin: Vector | None = None
+    axes: list[Vector] | None = Field(default=None, min_length=3, max_length=3)
     nodes: dict[int, int | str] = {}
     quantity: MotionQuantity | None = None
     units: Literal["labels", "record"] | None = None

@@ -9,6 +9,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 from dynid.scene.schema.base import FilePath, Section, SignedDof
 from dynid.scene.schema.match import MatchModel
 from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
+from dynid.scene.schema.structure import path_alone
 
 Component = (
     Annotated[Value, Tag("real")] | Annotated[list[Value], Field(min_length=2, max_length=2), Tag("complex")]
@@ -51,10 +52,6 @@ class ModeModel(Section):
                 if dof not in self.shape:
                     raise fault(f"'shape_std' names {dof}, which the shape does not")
         return self
-
-
-def _path_alone(raw: Any) -> Any:
-    return {"path": raw} if isinstance(raw, str) else raw
 
 
 class SensorFileModel(Section):
@@ -101,7 +98,7 @@ class MeasuredModesModel(Section):
 
     unit: Literal["rad/s", "Hz"] | None = None
     values: list[ModeModel] = []
-    file: Annotated[ModesFileModel, BeforeValidator(_path_alone)] | None = None
+    file: Annotated[ModesFileModel, BeforeValidator(path_alone)] | None = None
     sensors: list[SignedDof] | SensorFileModel | None = None
     match: MatchModel | None = None
     floor: ScatterModel = ScatterModel()

@@ -369,7 +369,8 @@ class SolidModel(Section):
     damping: DampingModel | None = None
 
 
-def _path_alone(raw: Any) -> Any:
+def path_alone(raw: Any) -> Any:
+    """Return a file given by its path alone as a mapping."""
     return {"path": raw} if isinstance(raw, str) else raw
 
 
@@ -391,7 +392,7 @@ class StateSpaceModel(Section):
 
 
 def _parts(raw: Any) -> Any:
-    return [_path_alone(part) for part in raw] if isinstance(raw, list) else [_path_alone(raw)]
+    return [path_alone(part) for part in raw] if isinstance(raw, list) else [path_alone(raw)]
 
 
 def _file_or_law(raw: Any) -> str:
@@ -406,7 +407,7 @@ Parts = Annotated[
     FILE,
 ]
 StateSpaceFile = Annotated[
-    StateSpaceModel, BeforeValidator(_path_alone, json_schema_input_type=StateSpaceModel | str), FILE
+    StateSpaceModel, BeforeValidator(path_alone, json_schema_input_type=StateSpaceModel | str), FILE
 ]
 DampingMatrix = Annotated[
     Annotated[Parts, Tag("file")] | Annotated[DampingModel, Tag("law")], Discriminator(_file_or_law)
