@@ -465,7 +465,9 @@ class MeasurementModel(RecordModel):
             return self
         if self.match is not None and not any(isinstance(one.channels, AllOfFile) for one in self.each):
             if self.modes is not None:
-                raise fault("'match' goes with 'channels: all'; write that of modes under 'measurement.modes'")
+                raise fault(
+                    "'match' goes with 'channels: all'; write that of modes under 'measurement.modes'"
+                )
             raise fault("'match' goes with 'channels: all'; these channels name their DOFs")
         if not self.records:
             self.check("a measurement")
