@@ -5,8 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from dynid.errors import UsageError
-from dynid.structure import labels
-from dynid.structure.ports import Channel, Load
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,6 +38,7 @@ def units_of(measured: Any) -> tuple[str, ...]:
     A DOF whose label has no direction may be a translation or a rotation; the domain of a graph's variable
     may be unknown.
     """
+    from dynid.structure.ports import Channel, Load
     from dynid.units import as_factor
 
     force = getattr(measured, "force", None)
@@ -56,6 +55,8 @@ def units_of(measured: Any) -> tuple[str, ...]:
 
 
 def _either(dof: Any, of_translation: str, of_rotation: str) -> tuple[str, ...]:
+    from dynid.structure import labels
+
     if dof is None:  # the ground
         return (of_translation,)
     known = {"translation": (of_translation,), "rotation": (of_rotation,)}
@@ -143,6 +144,8 @@ def _same(one: str, other: str) -> bool:
 
 def _named(measured: Any) -> str:
     """Return what is measured, in words."""
+    from dynid.structure.ports import Channel, Load
+
     if getattr(measured, "force", None) is not None:
         return f"the frequency response {measured.name}"
     if isinstance(measured, Channel | Load):

@@ -25,7 +25,6 @@ from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Uncer
 from dynid.scene.schema.signals import Signals, TablePlace
 from dynid.scene.schema.structure import PerElement, PerElementOrZero
 from dynid.scene.schema.units import SensitivityModel, UnitName
-from dynid.structure.ports import UNITS as MOTION_UNITS
 from dynid.units import si_factor
 
 ColumnName = str | Annotated[int, Field(ge=1, strict=True)]
@@ -109,7 +108,9 @@ class MeasuredChannelModel(ChannelModel):
         if self.reference is not None and self.offset is not None:
             raise fault("a frequency response has no 'offset'")
         if self.unit is not None and self.quantity is not None and self.sensitivity is None:
-            motion = MOTION_UNITS[self.quantity]
+            from dynid.structure.ports import UNITS
+
+            motion = UNITS[self.quantity]
             units, what = [motion, motion.replace("m", "rad", 1)], f"the {self.quantity} of this channel"
             if self.reference is not None:
                 units, what = (

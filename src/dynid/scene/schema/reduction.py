@@ -19,7 +19,6 @@ from dynid.scene.schema.raw import listing, mapping, mapping_of
 from dynid.scene.schema.references import dof_faults, node_faults, sections
 from dynid.scene.schema.structure import StructureModel
 from dynid.scene.yaml.source import Source
-from dynid.structure.labels import DofNames
 
 Unit = Literal["rad/s", "Hz"]
 
@@ -247,6 +246,8 @@ def own_faults(
 
 def _part_faults(source: Source, place: tuple[Any, ...], given: Any, names: SceneNames) -> list[Fault]:
     """Return the faults within a part of an assembly, of its own DOFs as well."""
+    from dynid.structure.labels import DofNames
+
     faults, labels = own_faults(source, place, given, names)
     return faults or (dof_faults(source, StructureModel, DofNames(labels), place) if labels else [])
 
@@ -267,6 +268,8 @@ def structure_faults(
     at
         The place of that part; absent: the scene.
     """
+    from dynid.structure.labels import DofNames
+
     part = source.data
     for key in at:
         part = part[key]

@@ -10,14 +10,16 @@ import types
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel
 
 from dynid.errors import Fault
 from dynid.scene.yaml.source import Source
-from dynid.structure.labels import DofNames
 from dynid.suggestions import did_you_mean
+
+if TYPE_CHECKING:
+    from dynid.structure.labels import DofNames
 
 Path = tuple[Any, ...]
 
