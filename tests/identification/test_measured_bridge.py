@@ -10,7 +10,7 @@ import pytest
 
 import dynid
 
-DATA = Path("/work/shared/data/updating")
+DATA = Path(__file__).parents[3] / "shared" / "data" / "updating"
 SURVEY, MODEL = DATA / "ExpModeInfo_FEM.mat", DATA / "SteelPedestrianBridgeExp.mat"
 PARTS = ["Frame", "Truss", "y1", "y2", "z1", "z2", *(f"Conc{k}" for k in range(1, 12))]
 
