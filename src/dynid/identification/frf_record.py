@@ -27,7 +27,6 @@ from dynid.identification.frf_measurement import (
     stacked,
     unstacked,
 )
-from dynid.identification.information import Information, information
 from dynid.identification.likelihood import Likelihood
 from dynid.identification.linear_system import LinearSystem
 from dynid.identification.measurement import RecordData
@@ -44,7 +43,7 @@ from dynid.identification.saturated_model import (
 )
 from dynid.identification.statistics import root_mean_square
 from dynid.number_format import frequency_text
-from dynid.parameters import Parameter, named, rates, values
+from dynid.parameters import Parameter, named
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -193,28 +192,9 @@ class FrfRecord(RecordLikelihood):
         profile = self.measurement.profile
         return stacked(found.values / profile), stacked(found.slopes / profile[..., None])
 
-    def slopes(self, fit: RecordFit, noise: Array) -> Array:
-        """Return the derivatives by the coordinates over noise (values x p), 0 where a value is missing."""
-        assert fit.by_parameter is not None
-        weight = weights(noise, fit.residual)
-        return (np.nan_to_num(fit.by_parameter) * weight[..., None]).reshape(-1, len(self.unknowns))
-
-    def by_row(self, level: NDArray[Any]) -> NDArray[Any]:
-        """Return numbers of channels (channels) line by line, channels side by side."""
-        return np.tile(level, len(self.data.values))
-
     def on(self, data: RecordData) -> Self:
         """Return the likelihood of other values of the same responses."""
         return replace(self, data=data)
-
-    def information(self, fit: RecordFit, noise: Array) -> Information:
-        """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""
-        names = tuple(unknown.name for unknown in self.unknowns)
-        weight = weights(noise, fit.residual)
-        slopes = self.slopes(fit, noise)
-        signal = float(np.linalg.norm(np.nan_to_num(fit.predicted.outputs) * weight))
-        found = information(names, slopes, np.zeros((len(slopes), 0)), signal, int(np.count_nonzero(weight)))
-        return replace(found, values=values(self.unknowns, fit.eta), rates=rates(self.unknowns, fit.eta))
 
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
         """Return the channels, in units of their RMS, in directions of their saturated models."""

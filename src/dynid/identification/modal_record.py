@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from dynid.defaults import LACK_OF_FIT
 from dynid.errors import UsageError
 from dynid.identification.calibration import CalibrationDerivatives
-from dynid.identification.information import Information, information
 from dynid.identification.likelihood import Likelihood
 from dynid.identification.linear_system import LinearSystem
 from dynid.identification.measurement import RecordData
@@ -32,10 +31,10 @@ from dynid.identification.modal_measurement import ModalChannel, ModalMeasuremen
 from dynid.identification.parametric_model import system_of
 from dynid.identification.prediction import Trajectory
 from dynid.identification.priors import Priors
-from dynid.identification.record_likelihood import RecordFit, RecordLikelihood, ScatterTest, weights
+from dynid.identification.record_likelihood import RecordFit, RecordLikelihood, ScatterTest
 from dynid.identification.saturated_model import SaturatedCoordinates
 from dynid.identification.statistics import chi_squared_tail, root_mean_square
-from dynid.parameters import Parameter, named, rates, starts, values
+from dynid.parameters import Parameter, named, rates, starts
 from dynid.structure.correlation import mac, paired
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.derivatives import ModalSolution, has_damping, lowest_modes, modal_basis
@@ -364,33 +363,13 @@ class ModalRecord(RecordLikelihood):
 
     # Residuals and information.
 
-    def slopes(self, fit: RecordFit, noise: Array) -> Array:
-        """Return the derivatives by the coordinates over noise (values x p), free of the shapes' scales."""
-        assert fit.by_parameter is not None
-        weight = weights(noise, fit.residual)
-        return (np.nan_to_num(fit.by_parameter) * weight[..., None]).reshape(-1, len(self.unknowns))
-
     def taken(self, fit: RecordFit, noise: Array) -> Array:  # noqa: ARG002
         """Return the number of scales of each quantity (quantities)."""
         return np.array([self.nuisances if one.name == "shape" else 0.0 for one in self.channels])
 
-    def by_row(self, level: NDArray[Any]) -> NDArray[Any]:
-        """Return numbers of quantities row by row."""
-        return np.tile(level, len(self.data.values))
-
     def on(self, data: RecordData) -> Self:
         """Return the likelihood of other values of the same modes."""
         return replace(self, data=data)
-
-    def information(self, fit: RecordFit, noise: Array) -> Information:
-        """Return the information on the parameters of a fit."""
-        names = tuple(unknown.name for unknown in self.unknowns)
-        weight = weights(noise, fit.residual)
-        slopes = self.slopes(fit, noise)
-        signal = float(np.linalg.norm(np.nan_to_num(fit.predicted.outputs) * weight))
-        count = int(np.count_nonzero(weight)) - self.nuisances
-        found = information(names, slopes, np.zeros((len(slopes), 0)), signal, count)
-        return replace(found, values=values(self.unknowns, fit.eta), rates=rates(self.unknowns, fit.eta))
 
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:  # noqa: ARG002
         """Return nothing: modes are tested against their scatter; see `tested`."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol, Self
 
@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from dynid.defaults import HUBER
 from dynid.identification.calibration import CalibrationDerivatives
-from dynid.identification.information import Information
+from dynid.identification.information import Information, information
 from dynid.identification.linear_system import LinearSystem
 from dynid.identification.measurement import RecordData
 from dynid.identification.prediction import Trajectory
 from dynid.identification.saturated_model import SaturatedCoordinates
 from dynid.identification.statistics import root_mean_square
-from dynid.parameters import Parameter
+from dynid.parameters import Parameter, rates, values
 
 Array = NDArray[np.float64]
 
@@ -179,25 +179,36 @@ class RecordLikelihood(ABC):
         """Return the residual of the fit at coordinates `eta` (rows x channels), NaN where missing."""
         return self.fit(eta, self.data.values).residual
 
-    @abstractmethod
     def slopes(self, fit: RecordFit, noise: Array) -> Array:
-        """Return the derivatives by the coordinates over noise (… x p), or rows with the same products."""
+        """Return the derivatives by the coordinates over noise (… x p), or rows with the same products.
+
+        Those of a fit that has them value by value, 0 where a value is missing.
+        """
+        assert fit.by_parameter is not None
+        weight = weights(noise, fit.residual)
+        return (np.nan_to_num(fit.by_parameter) * weight[..., None]).reshape(-1, len(self.unknowns))
 
     def taken(self, fit: RecordFit, noise: Array) -> Array:  # noqa: ARG002
         """Return the degrees of freedom of each channel that the nuisances use up (channels)."""
         return np.zeros(len(fit.counts))
 
-    @abstractmethod
     def by_row(self, level: NDArray[Any]) -> NDArray[Any]:
         """Return numbers of channels (channels), one for each row of `weighted` and of the information."""
+        return np.tile(level, len(self.data.values))
 
     @abstractmethod
     def on(self, data: RecordData) -> Self:
         """Return the likelihood of other values of the same record."""
 
-    @abstractmethod
     def information(self, fit: RecordFit, noise: Array) -> Information:
         """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""
+        names = tuple(unknown.name for unknown in self.unknowns)
+        weight = weights(noise, fit.residual)
+        slopes = self.slopes(fit, noise)
+        signal = float(np.linalg.norm(np.nan_to_num(fit.predicted.outputs) * weight))
+        count = int(np.count_nonzero(weight)) - self.nuisances
+        found = information(names, slopes, np.zeros((len(slopes), 0)), signal, count)
+        return replace(found, values=values(self.unknowns, fit.eta), rates=rates(self.unknowns, fit.eta))
 
     @abstractmethod
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
