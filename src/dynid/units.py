@@ -206,14 +206,16 @@ def si_factor(text: str, expected: Sequence[str] = (), *, over: str = "", what: 
     _refuse(text, expected, over, what)
 
 
-def angular_factor(text: str) -> float:
-    """Return the factor that converts frequencies in a unit into rad/s: 2π of Hz, 1 of rad/s.
+def angular_factor(text: str | None) -> float:
+    """Return the factor that converts frequencies in a unit into rad/s: 2π of Hz, 1 of rad/s or no unit.
 
     Raises
     ------
     UsageError
         If the text is no unit of a frequency.
     """
+    if text is None:
+        return 1.0
     factor = si_factor(text, ["Hz", "rad/s"], what="the frequency")
     return 2 * math.pi * factor if unit_fits(text, ["Hz"]) else factor
 

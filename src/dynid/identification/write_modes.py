@@ -23,7 +23,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -37,6 +36,7 @@ from dynid.parameters import named, starts
 from dynid.result import Result
 from dynid.structure.correlation import comac, complexity
 from dynid.structure.model import StructuralModel
+from dynid.units import angular_factor
 
 Array = NDArray[np.float64]
 
@@ -79,7 +79,7 @@ def add_modes(
     before = at_start.fit(starts(record.unknowns), at_start.data.values)
     assert isinstance(after, ModalFit)
     measured, r = record.measurement, record.measurement.modes
-    factor = 1 / (2 * math.pi) if measured.unit == "Hz" else 1.0
+    factor = 1 / angular_factor(measured.unit)
     result.add_axis(f"{GROUP}/mode", np.arange(1, r + 1))
     result.add_axis(f"{GROUP}/quantity", np.array([one.name for one in record.channels], dtype=object))
     dims = ("mode",)

@@ -27,6 +27,7 @@ from dynid.scene.schema.identification import IdentificationScene, ResponseModes
 from dynid.structure.model import StructuralModel
 from dynid.structure.response import Channel, frequency_response, time_response
 from dynid.structure.state_space import without_massless
+from dynid.units import angular_factor
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -442,7 +443,7 @@ def time_question(scene: Scene, structure: StructuralModel | None = None) -> dic
 
 def which_modes(asked: ResponseModes) -> tuple[int | None, float | None]:
     """Return the requested number of modes, and the highest frequency (rad/s)."""
-    factor = 2 * math.pi if asked.unit == "Hz" else 1.0
+    factor = angular_factor(asked.unit)
     return asked.count, None if asked.below is None else factor * float(asked.below)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
@@ -14,6 +13,7 @@ from dynid.scene.kinds.signals import angular_frequencies, build_signals, layout
 from dynid.scene.kinds.structures import number
 from dynid.scene.schema.signals import FileSignal
 from dynid.structure.response import Channel, Load
+from dynid.units import angular_factor
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -57,7 +57,6 @@ def experiments(
     """
     from dynid.identification.measurement import Experiment
     from dynid.identification.preparation import BandPass, Decimate, Detrend, prepare
-    from dynid.scene.schema.reduction import in_radians
 
     found = []
     for k, record in enumerate(given.each):
@@ -73,7 +72,7 @@ def experiments(
             steps: list[Preparation] = []
             for step in record.prepare or []:
                 if step.band_pass is not None:
-                    low, high = (in_radians(float(edge), step.unit or "rad/s") for edge in step.band_pass)
+                    low, high = (angular_factor(step.unit) * float(edge) for edge in step.band_pass)
                     order = {} if step.order is None else {"order": step.order}
                     steps.append(BandPass(low, high, **order))
                 elif step.decimate is not None:
@@ -384,7 +383,7 @@ def _read(scene: Scene, given: FrfModel, channels: tuple[Frf, ...]) -> MeasuredR
     found = found._replace(omega=found.omega * _in_radians(found, given))
     if given.band is None:
         return found
-    factor = 2 * math.pi if given.unit == "Hz" else 1.0
+    factor = angular_factor(given.unit)
     low, high = (factor * float(edge) for edge in given.band)
     here = (found.omega >= low) & (found.omega <= high)
     if not here.any():
@@ -398,12 +397,11 @@ def _read(scene: Scene, given: FrfModel, channels: tuple[Frf, ...]) -> MeasuredR
 
 def _in_radians(found: MeasuredResponses, given: FrfModel) -> float:
     """Return the factor that converts the lines of a file into rad/s: by its heading, the scene, or rad/s."""
-    from dynid.units import angular_factor, unit_fits
+    from dynid.units import unit_fits
 
     name, stated, _ = found.of_lines
-    in_hertz = given.unit == "Hz" or (given.unit is None and found.in_hertz)
     if not stated:
-        return 2 * math.pi if in_hertz else 1.0
+        return angular_factor("Hz" if given.unit is None and found.in_hertz else given.unit)
     if given.unit is not None and not unit_fits(stated, [given.unit]):
         raise FileError(
             f"'unit' is {given.unit}, but the file has '{name}' in {stated}",

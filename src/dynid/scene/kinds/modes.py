@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import FileError, UsageError
+from dynid.units import angular_factor
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,7 +34,7 @@ def _listed(given: MeasuredModesModel) -> ModalMeasurement:
     """Return modes that the scene lists."""
     import numpy as np
 
-    factor, modes = 2 * math.pi if given.unit == "Hz" else 1.0, given.values
+    factor, modes = angular_factor(given.unit), given.values
     dofs: list[Label] = list(dict.fromkeys(dof for mode in modes for dof in mode.shape))
     wide = any(isinstance(part, list) for mode in modes for part in mode.shape.values())
     shape = np.full((len(dofs), len(modes)), np.nan, dtype=complex if wide else float)
@@ -96,7 +97,7 @@ def _from_file(scene: Scene, given: MeasuredModesModel) -> ModalMeasurement:
             )
     unit = given.unit or found.unit or "rad/s"
     stated = found.unit or unit  # of the values in the file
-    factor = 2 * math.pi if stated == "Hz" else 1.0
+    factor = angular_factor(stated)
 
     def own(values: Any, scale: float = 1.0) -> Any:
         return None if values is None else scale * np.asarray(values)[..., keep]

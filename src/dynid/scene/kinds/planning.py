@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple, cast
 
@@ -19,6 +18,7 @@ from dynid.scene.load import Scene
 from dynid.scene.schema.identification import IdentificationScene
 from dynid.structure.model import StructuralModel
 from dynid.structure.response import UNITS
+from dynid.units import angular_factor
 
 
 class Prospect(NamedTuple):
@@ -86,7 +86,7 @@ def run_plan(scene: Scene, sensors: int | None = None, lines: int | None = None)
     known = reduced if isinstance(reduced, GraphModel | StructuralModel) else None
     structure = known if isinstance(known, StructuralModel) else None
     given, force = model.plan, model.plan.excitation
-    factor = 2 * math.pi if force.unit == "Hz" else 1.0
+    factor = angular_factor(force.unit)
     request = PlanRequest(
         sensors=sensors or given.sensors,
         lines=lines or given.lines,

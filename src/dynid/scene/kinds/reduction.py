@@ -21,7 +21,6 @@ from dynid.scene.schema.reduction import (
     MastersModel,
     ModesModel,
     ReductionScene,
-    in_radians,
     result_names,
 )
 from dynid.structure.comparison import RequestedResponses, compare
@@ -31,6 +30,7 @@ from dynid.structure.reduction.methods import METHODS, Reductor
 from dynid.structure.reduction.mode_selection import Interest, ModeRange
 from dynid.structure.reduction.serep import JointAware
 from dynid.structure.response import Channel
+from dynid.units import angular_factor
 
 if TYPE_CHECKING:
     from dynid.scene.run import PreparationStep
@@ -125,10 +125,10 @@ def _options(part: ReductionModel) -> dict[str, Any]:
         elif isinstance(value, MastersModel):
             options[name] = Masters(value.count, value.choose)
         elif isinstance(value, ModesModel):
-            below = None if value.below is None else in_radians(float(value.below), value.unit)
+            below = None if value.below is None else angular_factor(value.unit) * float(value.below)
             options[name] = ModeRange(value.count, below)
     if isinstance(part, DynamicModel) and part.frequency is not None:
-        options["frequency"] = in_radians(float(part.frequency), part.unit)
+        options["frequency"] = angular_factor(part.unit) * float(part.frequency)
     return options
 
 

@@ -22,6 +22,7 @@ from dynid.scene.schema.signals import (
     TablePlace,
     TimeGrid,
 )
+from dynid.units import angular_factor
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 
 def angular_frequencies(grid: FrequencyGrid) -> NDArray[np.float64]:
     """Return the grid in rad/s."""
-    factor = 2 * np.pi if grid.unit == "Hz" else 1.0
+    factor = angular_factor(grid.unit)
     spaced = np.geomspace if grid.scale == "log" else np.linspace
     return np.asarray(spaced(float(grid.start), float(grid.stop), grid.points)) * factor
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from typing import Annotated, Any, Literal, Self
 
@@ -167,11 +166,6 @@ ReductionModel = Annotated[
     SerepModel | GuyanModel | DynamicModel | IrsModel | CraigBamptonModel | ModalModel | JointAwareModel,
     Discriminator("method"),
 ]
-
-
-def in_radians(value: float, unit: Unit) -> float:
-    """Return a frequency in rad/s."""
-    return value * (2 * math.pi if unit == "Hz" else 1.0)
 
 
 def result_names(methods: list[str]) -> list[str]:

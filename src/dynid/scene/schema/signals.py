@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -17,6 +16,7 @@ from dynid.defaults import HOLD
 from dynid.scene.schema.base import FilePath, MotionQuantity, Section, SignedDof
 from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Uncertain, Value, fault
 from dynid.scene.schema.units import SensitivityModel, UnitName
+from dynid.units import angular_factor
 
 Hold = Literal["spline", "linear", "zero"]
 """The interpolation of a signal between its samples: cubic spline, linear, or constant."""
@@ -73,7 +73,7 @@ class PeriodicPart(AmplitudePart):
     @property
     def factor(self) -> float:
         """Factor that converts its frequencies into rad/s."""
-        return 2 * math.pi if self.unit == "Hz" else 1.0
+        return angular_factor(self.unit)
 
 
 _FREQUENCIES = {"frequency", "band"}
