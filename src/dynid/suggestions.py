@@ -19,6 +19,12 @@ def printable(text: str) -> str:
     return _CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
 
 
+def shortened(texts: Sequence[str], most: int = 12, separator: str = ", ") -> str:
+    """Write a list of texts: of a long one the first, and the number of the others."""
+    more = len(texts) - most
+    return separator.join([*texts[:most], *([f"and {more} more"] if more > 0 else [])])
+
+
 def did_you_mean(word: str, candidates: Iterable[str]) -> str:
     """Return "; did you mean 'x'?" for the candidate most similar to a word, or '' where none is similar."""
     import heapq  # here, since every command loads this module to print

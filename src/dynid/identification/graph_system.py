@@ -80,7 +80,7 @@ class GraphChannel(NamedTuple):
 
     @property
     def quantity(self) -> str:
-        """What it measures: e, f, q or p."""
+        """The measured quantity: e, f, q or p."""
         return self.port.quantity
 
     @property

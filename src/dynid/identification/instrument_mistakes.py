@@ -50,7 +50,7 @@ _LARGE = 2e5
 
 
 class Correction(NamedTuple):
-    """What is recorded is `factor` times the model, `delay` samples later."""
+    """A correction of a channel: the record is `factor` times the model, `delay` samples later."""
 
     factor: float = 1.0
     delay: int = 0

@@ -94,7 +94,7 @@ class Likelihood:
 
     @property
     def evaluations(self) -> int:
-        """How often responses were computed so far."""
+        """Number of responses computed so far."""
         return sum(record.system_model.evaluations for record in self.records)
 
     @property

@@ -30,7 +30,7 @@ from dynid.structure.model import StructuralModel
 Array = NDArray[np.float64]
 T = TypeVar("T", bound=np.generic)
 Model: TypeAlias = StructuralModel | SystemModel
-"""What is identified: a structure, or any other model with unknown parameters."""
+"""A model with unknown parameters: a structure, or any other one."""
 
 # Most numbers that the sensitivities of a record may take, with the copies that their factorisation makes.
 _MOST_NUMBERS = 250_000_000
@@ -50,7 +50,7 @@ class Transition(NamedTuple):
 
 
 class DirectTerm(NamedTuple):
-    """What inputs add to outputs at once: `value` (times x channels), `slopes` (p x times x channels).
+    """Feedthrough of the inputs to the outputs: `value` (times x channels), `slopes` (p x times x channels).
 
     `slopes` are by the coordinates; None where they vanish.
     """

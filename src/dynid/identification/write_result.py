@@ -106,7 +106,7 @@ _COMPARED = (
 
 @dataclass(frozen=True, eq=False)
 class Further:
-    """What is computed beside the estimates and their tests.
+    """Results beside the estimates and their tests.
 
     Attributes
     ----------

@@ -43,7 +43,7 @@ class Model(NamedTuple):
 
     @property
     def path(self) -> KeyPath:
-        """Where it stands."""
+        """The path of its mapping in the scene."""
         return ("models", self.name)
 
     @property
@@ -272,13 +272,11 @@ class _Flattening:
         copies = self._copies(flat, node, model, path)
         if not copies:
             self.refused.add(flat)
-        mark = self._mark(path)
+        mark, unconnected = self._mark(path), [port for port in model.ports if port not in model.nodes]
         for copy in copies:
             self._place(f"{copy}.", model.data, model.path, inner, (*above, model.name))
-            for port in model.ports:
-                self.ports[f"{copy}.{port}"] = (mark, [])
-                if port not in model.nodes:
-                    self.open.add(f"{copy}.{port}")
+            self.ports |= {f"{copy}.{port}": (mark, []) for port in model.ports}
+            self.open |= {f"{copy}.{port}" for port in unconnected}
         if copies and copies != [flat]:
             right, left = (str(port) for port in listing(node, "chain") or ("", ""))
             for one, other in pairwise(copies) if right else ():

@@ -12,7 +12,6 @@ from dynid.result import Result
 from dynid.structure.labels import DIRECTIONS, Node, node_direction
 from dynid.structure.matrices import Array, Label
 from dynid.structure.model import StructuralModel
-from dynid.structure.nodes import Nodes
 
 GROUP = "structure/geometry"
 #: Most lines that are kept of a mesh, evenly spaced; most modes.
@@ -47,16 +46,11 @@ def place_of(model: StructuralModel, dof: Label) -> Place | None:
             return None
         place = DIRECTIONS.index(along)
         position += abs(weight) * model.nodes.xyz[model.nodes.places[node]]
-        direction += sign * weight * axes_of(model.nodes, node)[place % 3]
+        direction += sign * weight * model.nodes.axes_of(node)[place % 3]
         whole += abs(weight)
         turning += abs(weight) * (place >= 3)
     size = float(np.linalg.norm(direction))
     return Place(position / whole, direction / size, turning > whole / 2) if size else None
-
-
-def axes_of(nodes: Nodes, node: Node) -> Array:
-    """Return the directions of a node's DOFs (3 x 3, in rows)."""
-    return np.asarray(nodes.axes[node]) if node in nodes.axes else np.eye(3)
 
 
 def geometry(
@@ -193,7 +187,7 @@ def add_motion(result: Result, model: StructuralModel) -> None:
         node, along = node_direction(label) or (None, "")
         if node is not None and node in model.nodes.places and str(node) in places:
             at = DIRECTIONS.index(along)
-            moved[at // 3, :, places[str(node)]] += np.outer(motion, axes_of(model.nodes, node)[at % 3])
+            moved[at // 3, :, places[str(node)]] += np.outer(motion, model.nodes.axes_of(node)[at % 3])
     result.add_axis(f"{GROUP}/mode", np.arange(1, shapes.shape[1] + 1))
     result.add(f"{GROUP}/displacement", moved[0], ("mode", "node", "xyz"))
     if moved[1].any():

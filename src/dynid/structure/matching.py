@@ -12,17 +12,17 @@ from dynid.structure.labels import DIRECTIONS, Node, node_direction
 from dynid.structure.matrices import Array, Label
 from dynid.structure.model import Motion, StructuralModel
 from dynid.structure.nodes import Nodes
+from dynid.suggestions import shortened
 
 #: Components of a direction below this are those of rounded axes: data sets 18 have six digits.
 _ROUNDED = 1e-4
 #: Nodes of a model that lie closer than this part of the tolerance are at one place.
 _COINCIDENT = 1e-6
-_LISTED = 12
 
 
 @dataclass(frozen=True, eq=False)
 class Matching:
-    """Where the nodes of a test lie in a model.
+    """The rule by which nodes of a test are matched to nodes of a model.
 
     Parameters
     ----------
@@ -295,8 +295,8 @@ def _components(
 ) -> dict[str, float]:
     """Return a direction of a node of the test as a sum of the directions of a node of the model."""
     place = DIRECTIONS.index(along)
-    own = np.eye(3) if test is None else test.axes.get(measured, np.eye(3))
-    axes = np.eye(3) if nodes is None else nodes.axes.get(node, np.eye(3))
+    own = np.eye(3) if test is None else test.axes_of(measured)
+    axes = np.eye(3) if nodes is None else nodes.axes_of(node)
     weights = axes @ (own[place % 3] @ how.axes)
     weights[np.abs(weights) < _ROUNDED] = 0.0
     weights /= np.linalg.norm(weights)
@@ -309,6 +309,4 @@ def _sum(parts: Mapping[str, float]) -> str:
 
 
 def _listed(texts: Sequence[str]) -> str:
-    """Write a list, at most twelve entries of it."""
-    more = len(texts) - _LISTED
-    return "; ".join(texts[:_LISTED]) + (f"; and {more} more" if more > 0 else "")
+    return shortened(texts, separator="; ")

@@ -61,7 +61,7 @@ def summarise(
 def rigid_names(dofs: Sequence[Label], shapes: Array) -> tuple[str, ...]:
     """Name rigid-body motions: translations first, then rotations, then mechanisms.
 
-    Labels tell directions (``w_4``, ``12:UX``); without them DOFs are taken to come node by node, 6, 3, 2 or
+    Labels show directions (``w_4``, ``12:UX``); without them DOFs are taken to come node by node, 6, 3, 2 or
     1 a node, where uniform motions of every such set are among the rigid ones. The rest of the span are
     rotations: those that turn all rotational DOFs alike, or as many as the translations allow for. What is
     left are mechanisms, named by the DOFs that move most.
@@ -156,10 +156,10 @@ def modal_analysis(
     Result
         ``structure/modes/{mode, omega, uncertainty, undecided, damping, name, dof, shape, rigid,
         massless}``: `uncertainty` is how far rounding of the matrices leaves a frequency open, `undecided`
-        whether that is so far that nothing tells the mode from a rigid-body one (an attribute `doubt` of
-        the group says so in words, and where a frequency has few digits), `name` is empty for elastic
-        modes, `shape` (dof x mode) has unit modal mass, `rigid` counts, `massless` lists the DOFs without
-        mass; `counted` is the frequency up to which no mode is missing, proved by signs of pivots.
+        whether that is so far that the mode may be a rigid-body one (an attribute `doubt` of the group says
+        so in words, and where a frequency has few digits), `name` is empty for elastic modes, `shape` (dof x
+        mode) has unit modal mass, `rigid` counts, `massless` lists the DOFs without mass; `counted` is the
+        frequency up to which no mode is missing, proved by signs of pivots.
     """
     M, C, K = model.with_joints(values)
     found = modes(M, C, K, count, below)

@@ -77,6 +77,10 @@ class Nodes:
         """The place of each node in `numbers`, from 0."""
         return {node: at for at, node in enumerate(self.numbers)}
 
+    def axes_of(self, node: Node) -> Array:
+        """Return the directions of a node's own DOFs (3 x 3, in rows) in basic coordinates."""
+        return np.asarray(self.axes[node]) if node in self.axes else np.eye(3)
+
     def rigid(self, labels: Iterable[Label]) -> Array:
         """Return DOFs in the six rigid-body motions: unit displacements, then rotations about the origin.
 

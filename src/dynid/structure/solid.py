@@ -26,13 +26,12 @@ from dynid.structure.nodes import Nodes
 from dynid.structure.readers.mesh import Block, SolidMesh
 from dynid.structure.solid_elements import ELEMENTS, Places, integrated, stiffness
 from dynid.structure.solid_mesh import check_elements, doubled_nodes, surface
-from dynid.suggestions import did_you_mean
+from dynid.suggestions import did_you_mean, shortened
 
 # Entries of element matrices that are made at once.
 _ENTRIES = 4_000_000
 # Beyond this Poisson's ratio fully integrated elements lock under volume-preserving strain.
 _INCOMPRESSIBLE = 0.49
-_LISTED = 8
 
 
 @dataclass(frozen=True)
@@ -135,7 +134,7 @@ def _layers(mesh: SolidMesh, materials: Material | Mapping[str, Material]) -> It
         where = f"materials.{name}"
         _check(f"the material of '{name}'", where, material)
         if name not in mesh.groups:
-            there = did_you_mean(name, mesh.groups) or f"; it has {_list(mesh.groups) or 'none'}"
+            there = did_you_mean(name, mesh.groups) or f"; it has {shortened(list(mesh.groups), 8) or 'none'}"
             raise UsageError(f"the mesh has no group of solid elements '{name}'{there}", names=(where,))
         for owner, members in zip(given, mesh.groups[name], strict=True):
             if np.any(owner[members] >= 0):
@@ -148,14 +147,11 @@ def _layers(mesh: SolidMesh, materials: Material | Mapping[str, Material]) -> It
         rest = [name for name in mesh.groups if name not in materials]
         raise UsageError(
             f"{missing} of {sum(map(len, given))} elements have no material",
-            remedy=f"Groups without one: {_list(rest)}." if rest else "They belong to no group of the mesh.",
+            remedy=f"Groups without one: {shortened(rest, 8)}."
+            if rest
+            else "They belong to no group of the mesh.",
             names=("materials",),
         )
-
-
-def _list(names: Iterable[str]) -> str:
-    each = list(names)
-    return ", ".join(each[:_LISTED]) + ", …" * (len(each) > _LISTED)
 
 
 def _check(what: str, where: str, material: Material) -> None:
@@ -178,7 +174,7 @@ def _supported(
             raise UsageError(f"the solid has no node {support.at}", names=(f"supports.{place}.node",))
         return at[support.at]
     if support.at not in sets:
-        hint = did_you_mean(support.at, sets) or f"; it has {_list(sets) or 'none'}"
+        hint = did_you_mean(support.at, sets) or f"; it has {shortened(list(sets), 8) or 'none'}"
         raise UsageError(f"the mesh has no set '{support.at}'{hint}", names=(f"supports.{place}.set",))
     if not len(sets[support.at]):
         raise UsageError(
@@ -287,7 +283,7 @@ def _doubts(mesh: SolidMesh, layers: Sequence[_Layer], parts: NDArray[np.int32])
     several = int(parts.max()) + 1
     if several > 1:
         sizes = sorted(np.bincount(parts).tolist(), reverse=True)
-        shown = ", ".join(f"{size:,}" for size in sizes[:_LISTED]) + ", …" * (several > _LISTED)
+        shown = shortened([f"{size:,}" for size in sizes], 8)
         doubled = doubled_nodes(mesh.xyz[np.unique(np.concatenate([b.cells.ravel() for b in mesh.blocks]))])
         nodes = f"; {doubled:,} pairs of nodes lie at one place: merge them if the parts belong together"
         yield (

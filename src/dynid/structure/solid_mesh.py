@@ -20,7 +20,7 @@ _CHUNK = 20_000
 
 
 class Surface(NamedTuple):
-    """What the faces of a mesh say.
+    """Properties of a mesh that its faces show.
 
     Parameters
     ----------

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 from dynid.errors import FileError, UsageError
 from dynid.scene.schema.match import MatchModel
 from dynid.scene.schema.measurement import AllOfFile
+from dynid.suggestions import shortened
 from dynid.tables.universal_units import function_units
 
 if TYPE_CHECKING:
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from dynid.tables.universal_file import UniversalFile, UniversalFunction
 
 _MOTIONS = ("displacement", "velocity", "acceleration")
-_LISTED = 6
 
 
 def completed(scene: Scene) -> Source:
@@ -257,8 +257,7 @@ class _Test:
         if not functions:
             return
         names = [f"{number} ({function.name})" for number, function in functions]
-        more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
-        self.source.file.refuse(f"{said}: functions {', '.join(names[:_LISTED])}{more}", remedy)
+        self.source.file.refuse(f"{said}: functions {shortened(names, 6)}", remedy)
 
 
 def _matching(match: MatchModel) -> Matching:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class Sensor(Protocol):
-    """What the scene says of a recorded column: its unit and sensitivity, if it does."""
+    """The unit and sensitivity of a recorded column, as far as the scene has them."""
 
     @property
     def unit(self) -> str | None:

@@ -12,7 +12,7 @@ from dynid.scene.schema.quantities import Positive, fault
 
 
 class MatchModel(Section):
-    """Where the nodes of a test, which a Universal File names, lie in the model."""
+    """Nodes of a test, which a Universal File names, matched to nodes of the model."""
 
     by: Literal["number", "position"] = "number"
     tolerance: Positive | None = None

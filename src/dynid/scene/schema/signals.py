@@ -171,7 +171,7 @@ class TablePlace(Section):
     """Place of a table in a file, beyond its columns.
 
     `variable`: one of a MATLAB file; `row`: of a cell array; `time`: the column of the times, where its
-    name does not tell; `first`: the first row that counts, from 1; `resample`: interpolate at even times.
+    name does not show; `first`: the first row that counts, from 1; `resample`: interpolate at even times.
     """
 
     variable: str | None = None

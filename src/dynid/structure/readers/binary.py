@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import zipfile
 from collections import Counter
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -178,7 +179,7 @@ def _value(group: Any, name: str, default: Any) -> Any:
 def op4_shapes(path: Path) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the matrices of a file, by name."""
     with read_errors(path, "Nastran OUTPUT4", claims=True):
-        names, sizes, *_ = _op4_reader(path).dir(str(path), verbose=False)
+        names, sizes, *_ = nastran_module("op4", path).OP4().dir(str(path), verbose=False)
         if twice := [name for name, count in Counter(names).items() if count > 1]:
             raise FileError(
                 f"{path} has several matrices named {twice[0]}", remedy="Give a file with one of them."
@@ -190,16 +191,26 @@ def load_op4(path: Path, name: str) -> Matrix:
     """Return one matrix of a file, sparse where it is stored so."""
     with read_errors(path, "Nastran OUTPUT4", claims=True):
         check_claim(path, op4_shapes(path)[name], path.stat().st_size)
-        stored = _op4_reader(path).load(str(path), [name], into="dct", justmatrix=True, sparse=True)[name]
+        stored = (
+            nastran_module("op4", path)
+            .OP4()
+            .load(str(path), [name], into="dct", justmatrix=True, sparse=True)[name]
+        )
         return as_numbers(path, name, stored)
 
 
-def _op4_reader(path: Path) -> Any:
+def nastran_module(name: str, path: Path) -> Any:
+    """Return a module of pyyeti, an optional package, to read a Nastran file.
+
+    Raises
+    ------
+    FileError
+        If pyyeti is not installed.
+    """
     try:
-        from pyyeti.nastran.op4 import OP4  # heavy import, of an optional package
+        return import_module(f"pyyeti.nastran.{name}")
     except ImportError:
         raise FileError(
             f"{path} is a Nastran file, which needs the package pyyeti",
             remedy="Install it: pip install 'dynid[formats]'.",
         ) from None
-    return OP4()

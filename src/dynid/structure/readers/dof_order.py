@@ -1,6 +1,6 @@
 """The DOFs of matrices without labels, by the nodes of a file; checked with rigid-body motions.
 
-A structure resists no rigid-body motion but at its supports: ``K r = 0`` at all other DOFs. That tells the
+A structure resists no rigid-body motion but at its supports: ``K r = 0`` at all other DOFs. That shows the
 right order of the nodes from others. Where a file of nodes has modes, these are another way: the modes of
 mass and stiffness are the same, node by node.
 """

@@ -1,4 +1,4 @@
-"""Solid meshes out of files, read by meshio: gmsh `.msh`, Abaqus `.inp`, VTK, Exodus, MED and others."""
+"""Solid meshes from files, read by meshio: gmsh `.msh`, Abaqus `.inp`, VTK, Exodus, MED and others."""
 
 from __future__ import annotations
 

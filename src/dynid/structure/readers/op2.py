@@ -14,6 +14,7 @@ from dynid.errors import FileError
 from dynid.structure.labels import DIRECTIONS, Node
 from dynid.structure.matrices import Array, Label, Matrix
 from dynid.structure.nodes import Nodes
+from dynid.structure.readers.binary import nastran_module
 from dynid.structure.readers.imported_matrix import as_numbers, check_claim, read_errors
 from dynid.structure.readers.node_file import DofOrder, NodeFile
 
@@ -116,13 +117,7 @@ def _of_table(table: Any, sets: Sequence[str]) -> NodeFile:
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     """Open a file by pyyeti, whose warnings about tables that are not wanted are left out."""
-    try:
-        from pyyeti.nastran import op2  # heavy import, of an optional package
-    except ImportError:
-        raise FileError(
-            f"{path} is a Nastran file, which needs the package pyyeti",
-            remedy="Install it: pip install 'dynid[formats]'.",
-        ) from None
+    op2 = nastran_module("op2", path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         with op2.OP2(str(path)) as stored:

@@ -16,7 +16,7 @@ from dynid.structure.readers.harwell_boeing import read_harwell_boeing
 from dynid.structure.readers.imported_matrix import ImportedMatrix
 from dynid.structure.readers.matlab_script import read_script
 from dynid.structure.readers.text import BANNER, read_matrix_market, read_rows, read_triplets
-from dynid.suggestions import did_you_mean
+from dynid.suggestions import did_you_mean, shortened
 
 USUAL = {
     "mass": ("M", "mass", "MAA", "MGG", "MXX", "MAAX", "MASS1"),
@@ -46,7 +46,6 @@ EXTENSIONS = (".mtx", *_ALONE, *CONTAINERS)
 """The formats that are read."""
 
 _HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-_LISTED = 12
 # The largest file of labels, bytes.
 _LONGEST = 100_000_000
 
@@ -235,6 +234,5 @@ def _rank(name: str, role: str) -> tuple[int, int]:
 
 
 def _known(shapes: Mapping[str, Sequence[int]]) -> str:
-    listed = [f"{name} ({' x '.join(map(str, shape))})" for name, shape in list(shapes.items())[:_LISTED]]
-    more = ", …" if len(shapes) > _LISTED else ""
-    return f"; it has {', '.join(listed)}{more}" if listed else "; it has none"
+    listed = [f"{name} ({' x '.join(map(str, shape))})" for name, shape in shapes.items()]
+    return f"; it has {shortened(listed) or 'none'}"

@@ -1,4 +1,4 @@
-"""Nodes out of a file, the format chosen by its extension."""
+"""Nodes from a file, the format chosen by its extension."""
 
 from __future__ import annotations
 
