@@ -2,12 +2,13 @@
 
 import signal
 
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 # The same examples in every run, so that a failure is of the change that is tested; other examples are
 # drawn with `--hypothesis-profile fresh`.
-settings.register_profile("same", derandomize=True)
-settings.register_profile("fresh", derandomize=False, print_blob=True)
+_NO_CLOCK = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
+settings.register_profile("same", derandomize=True, **_NO_CLOCK)
+settings.register_profile("fresh", derandomize=False, print_blob=True, **_NO_CLOCK)
 settings.load_profile("same")
 
 # Who starts the tests in the background of a script lets them ignore Ctrl-C, and with them every command
