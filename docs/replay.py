@@ -12,7 +12,7 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 BLOCK = re.compile(
@@ -22,16 +22,21 @@ BLOCK = re.compile(
 TIME = re.compile(r" {2,}(\S.* · )\d[\d.]* m?s$", re.MULTILINE)
 
 
-class Session:
-    """An empty folder, and a shell and a Python in it."""
+def write_commands(folder: Path) -> None:
+    """Write the commands `dynid` and `python` of this interpreter into a folder."""
+    for name, call in {"dynid": f"{sys.executable} -m dynid", "python": sys.executable}.items():
+        (folder / name).write_text(f'#!/bin/sh\nexec {call} "$@"\n')
+        (folder / name).chmod(0o755)
 
-    def __init__(self, folder: Path) -> None:
+
+class Session:
+    """An empty folder, and a shell and a Python in it; `write` writes the commands `dynid` and `python`."""
+
+    def __init__(self, folder: Path, write: Callable[[Path], None] = write_commands) -> None:
         self.folder = folder
-        commands = folder / ".bin"
+        self._commands = commands = folder / ".bin"
         commands.mkdir()
-        for name, call in {"dynid": f"{sys.executable} -m dynid", "python": sys.executable}.items():
-            (commands / name).write_text(f'#!/bin/sh\nexec {call} "$@"\n')
-            (commands / name).chmod(0o755)
+        write(commands)
         self.environment = os.environ | {"PATH": f"{commands}:{os.environ['PATH']}", "COLUMNS": "110"}
 
     def shell(self, command: str) -> str:
@@ -40,7 +45,7 @@ class Session:
 
     def python(self, code: str) -> str:
         """Return what some Python prints."""
-        return self._run([sys.executable, "-c", code])
+        return self._run([str(self._commands / "python"), "-c", code])
 
     def _run(self, call: list[str]) -> str:
         left = subprocess.run(
@@ -69,10 +74,10 @@ def matches(printed: str, said: str) -> bool:
 class Replay:
     """One page, replayed in one folder."""
 
-    def __init__(self, page: str, folder: Path) -> None:
+    def __init__(self, page: str, folder: Path, write: Callable[[Path], None] = write_commands) -> None:
         self.page = page
         self.outputs: list[tuple[str, str, str]] = []  # the command, what the page prints, what it says now
-        self._session = Session(folder)
+        self._session = Session(folder, write)
         self._folder = folder
         self._printed = ""  # by the Python before
 

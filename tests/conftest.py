@@ -2,7 +2,10 @@
 
 import signal
 
+import pytest
 from hypothesis import HealthCheck, settings
+
+from tests.warm import Warm
 
 # The same examples in every run, so that a failure is of the change that is tested; other examples are
 # drawn with `--hypothesis-profile fresh`.
@@ -14,3 +17,11 @@ settings.load_profile("same")
 # Who starts the tests in the background of a script lets them ignore Ctrl-C, and with them every command
 # that they start; some tests are about just that signal.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(scope="session")
+def warm(tmp_path_factory):
+    """Commands that need not import what is heavy."""
+    server = Warm(tmp_path_factory.mktemp("warm"))
+    yield server
+    server.stop()

@@ -44,10 +44,10 @@ REPLAYED = [
 
 
 @pytest.mark.parametrize("name", REPLAYED)
-def test_a_page_says_what_is_printed(name, tmp_path):
+def test_a_page_says_what_is_printed(name, tmp_path, warm):
     if "pyuff" in PAGES[name]:
         pytest.importorskip("pyuff", reason="pyuff is an extra")
-    played = replay.Replay(PAGES[name], tmp_path)
+    played = replay.Replay(PAGES[name], tmp_path, warm.clients)
     played.run()
     for command, printed, said in played.outputs:
         assert replay.matches(printed, said), f"$ {command}\n{said}"

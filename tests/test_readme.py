@@ -28,9 +28,12 @@ def test_the_python_of_the_readme_runs(tmp_path, monkeypatch):
     assert list(names["poles"]) == [-2]
 
 
-def test_the_readme_says_what_is_printed(tmp_path):
+def test_the_readme_says_what_is_printed(tmp_path, warm):
     (tmp_path / "configs").symlink_to(ROOT / "configs")
-    session, shown = replay.Session(tmp_path), re.findall(r"```text\n(\$ .*?)```", README, re.DOTALL)
+    session, shown = (
+        replay.Session(tmp_path, warm.clients),
+        re.findall(r"```text\n(\$ .*?)```", README, re.DOTALL),
+    )
     assert len(shown) == 2
     for code in shown:
         for command, printed in replay.commands(code):
@@ -38,9 +41,9 @@ def test_the_readme_says_what_is_printed(tmp_path):
             assert replay.matches(printed, said), f"$ {command}\n{said}"
 
 
-def test_the_commands_of_the_readme_run_as_printed_in_a_new_folder(tmp_path):
+def test_the_commands_of_the_readme_run_as_printed_in_a_new_folder(tmp_path, warm):
     block = re.search(r"^## Your own system\n\n```sh\n(.*?)```", README, re.DOTALL | re.MULTILINE)
-    session = replay.Session(tmp_path)
+    session = replay.Session(tmp_path, warm.clients)
     for line in block[1].splitlines():
         code = session.shell(f"{line}\necho left $?").split()[-1]
         assert code == ("1" if line.startswith("dynid compare") else "0"), line

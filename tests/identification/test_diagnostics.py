@@ -141,9 +141,10 @@ def test_unmeasured_states_come_with_bands_that_hold_the_truth(estimator):
     assert np.abs(error[:, unmeasured]).max() < 0.05 * rms
 
 
-def test_bands_of_states_are_those_of_many_records():
+@pytest.mark.parametrize("records", [8, pytest.param(30, marks=pytest.mark.slow)])
+def test_bands_of_states_are_those_of_many_records(records):
     errors, bands = [], []
-    for seed in range(30):
+    for seed in range(records):
         result = run(suspension(0.9), simulated(0.05, seed, samples=100), estimator=OutputError())
         errors.append(
             result.value("identification/states/estimate") - result.value("identification/states/true")
@@ -151,7 +152,7 @@ def test_bands_of_states_are_those_of_many_records():
         bands.append(result.value("identification/states/standard_deviation"))
     spread = np.sqrt(np.mean(np.square(errors), axis=0))
     ratio = (spread / np.mean(bands, axis=0))[::20]
-    assert np.median(ratio) == pytest.approx(1, abs=0.2)  # 30 records
+    assert np.median(ratio) == pytest.approx(1, abs=0.2)
 
 
 def test_true_states_are_the_motion_that_the_channels_measure():
