@@ -26,7 +26,13 @@ _SYSTEMS = ("json", "mat", "mtx")
 @click.option("--mat", "form", flag_value="mat", help="Write state equations and reduced models for MATLAB.")
 @click.option("--mtx", "form", flag_value="mtx", help="Write the matrices of reduced models, one file each.")
 @click.option(
-    "--scene", "form", flag_value="scene", help="Write the identified scene: YAML with the estimates."
+    "--scene",
+    "form",
+    flag_value="scene",
+    help="Write the identified scene, with the estimates, or the bond graph of a synthesis.",
+)
+@click.option(
+    "--form", "realisation", metavar="FORM", help="The form of a synthesis to write; default, its first."
 )
 @click.option(
     "-o",
@@ -39,13 +45,15 @@ _SYSTEMS = ("json", "mat", "mtx")
 )
 @click.option("--table", "name", metavar="GROUP", help="Write only the table of this group.")
 @reads_results("file")
-def export(file: str, form: str | None, output: str | None, long: bool, name: str | None) -> int:
+def export(
+    file: str, form: str | None, realisation: str | None, output: str | None, long: bool, name: str | None
+) -> int:
     """Write a result in a format of other tools: as tables, as systems, or as the identified scene.
 
     A study gives one table with one row per sample. Any other result gives one table per group, with one row
     per entry of its arrays; complex numbers take two columns, .re and .im. Of an identification, --scene
-    writes the scene with the estimates in place of the unknowns. One of the formats --csv, --parquet,
-    --json, --mat, --mtx and --scene is required.
+    writes the scene with the estimates in place of the unknowns; of a synthesis, the bond graph of a form.
+    One of the formats --csv, --parquet, --json, --mat, --mtx and --scene is required.
 
     \b
     Examples:
@@ -53,16 +61,19 @@ def export(file: str, form: str | None, output: str | None, long: bool, name: st
       dynid export isolator.h5 --csv --table bond_graph/frequency_response
       dynid export isolator.h5 --json
       dynid export joints.h5 --scene -o identified.yaml
+      dynid export impedance.h5 --scene --form foster
     """  # noqa: D301 - click's mark against wrapping
     if form is None:
         raise UsageError(
             "no format to export is given", remedy="Pass --csv, --parquet, --json, --mat, --mtx or --scene."
         )
+    if realisation is not None and form != "scene":
+        raise UsageError("--form names the form of a scene", remedy="Pass --scene, too.")
     if form in _SYSTEMS:
         _export_systems(file, form, output)
         return 0
     if form == "scene":
-        _export_scene(file, output)
+        _export_scene(file, output, realisation)
         return 0
     from dynid.store import open_stored
     from dynid.store.tables import tables_of, write_csv, write_parquet
@@ -91,16 +102,25 @@ def export(file: str, form: str | None, output: str | None, long: bool, name: st
     return 0
 
 
-def _export_scene(file: str, output: str | None) -> None:
+def _export_scene(file: str, output: str | None, realisation: str | None) -> None:
     from dynid.file_access import replace_file
     from dynid.scene.identified import identified_scene
     from dynid.store import read_result
 
-    target = output or f"{Path(file).stem}.identified.yaml"
+    result, stem = read_result(file), Path(file).stem
+    if result.kind == "synthesis":
+        from dynid.scene.kinds.synthesis import exported_scene
+
+        form, text = exported_scene(result, realisation)
+        target, note = output or f"{stem}.{form}.yaml", f"the {form} form"
+    elif realisation is not None:
+        raise UsageError(f"{file} is no synthesis, which alone has forms", remedy="Leave --form out.")
+    else:
+        text = identified_scene(result, file)
+        target, note = output or f"{stem}.identified.yaml", "names of files in it are relative to its folder"
     _refuse_overwriting(target, file)
-    text = identified_scene(read_result(file), file)
     replace_file(target, text.encode())
-    click.echo(f"wrote {target}; names of files in it are relative to its folder")
+    click.echo(f"wrote {target}; {note}")
 
 
 def _export_systems(file: str, form: str, output: str | None) -> None:

@@ -64,6 +64,7 @@ def new(
     bond-graph      transfer functions, zeros, poles and responses of a motor
     chain           a bond graph: masses, springs and dampers in N stages (--stages N)
     structure       modes and responses of a chain of masses with known joints
+    synthesis       bond graphs with a wanted driving-point impedance
     reduction       comparison of model reductions of a beam
     identification  joints of a chain of masses, from a simulated record
     identification-graph  values of a bond graph: motor, gear, flexible shaft

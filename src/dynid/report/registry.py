@@ -58,6 +58,7 @@ _DRAWING, _DIAGRAMS = "dynid.report.drawing", "dynid.report.diagrams"
 #: In the order in which a page shows them.
 FAMILIES: tuple[FigureFamily, ...] = (
     FigureFamily(f"{_DRAWING}.bond_graph:figures", kinds=("bond-graph", "identification"), scene=True),
+    FigureFamily(f"{_DRAWING}.bond_graph:realisations", paths=("synthesis/form",)),
     FigureFamily(
         f"{_DRAWING}.bond_graph:reduction_strips", paths=("bond_graph/reduction/steps",), scene=True
     ),

@@ -69,10 +69,15 @@ def scene_of(result: Result) -> PlainScene:
     UsageError
         Where it holds none, or one that this version of dynid does not read.
     """
+    return plain_scene(str(result.attrs.get("scene", "")))
+
+
+def plain_scene(text: str) -> PlainScene:
+    """Return the scene of a text; raises as `scene_of`."""
     from dynid.arithmetic.expression import resolve_parameters
     from dynid.scene.schema.raw import reference_values
 
-    data = plain_data(str(result.attrs.get("scene", "")))
+    data = plain_data(text)
     if not data:
         raise UsageError("the result does not hold the text of its scene", remedy=_REMEDY)
     with readable():

@@ -125,6 +125,16 @@ _KINDS = (
         alternatives="dynid.bench.scenes.reduction:ASPECTS",
     ),
     Kind(
+        "synthesis",
+        template="synthesis.yaml",
+        model="dynid.scene.schema.synthesis:SynthesisScene",
+        run="dynid.scene.kinds.synthesis:run",
+        explain="dynid.scene.explanations.synthesis:explain",
+        prepare="dynid.scene.kinds.synthesis:preparation_steps",
+        content="dynid.report.content.synthesis",
+        summary="dynid.cli.summary.synthesis:lines",
+    ),
+    Kind(
         "study",
         template="study.yaml",
         model="dynid.scene.schema.study:StudyScene",

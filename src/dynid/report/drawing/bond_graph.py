@@ -34,7 +34,7 @@ from dynid.report.drawing.render import Panel, draw_panels, render_sketch
 from dynid.report.drawing.sketch import ELEMENT_UNITS, Sketch, SketchBond, SketchNode, TextLine
 from dynid.report.figure import Figure, FigureTable, Picture
 from dynid.report.notation import short
-from dynid.report.scenes import readable, scene_of
+from dynid.report.scenes import PlainScene, plain_scene, readable, scene_of
 from dynid.report.svg import SMALL, Svg
 from dynid.scene.schema.raw import MULTIPORTS, PORT, chain_ends, listing, mapping, node_types, ports_of
 
@@ -86,7 +86,11 @@ def drawn_graph(result: Result) -> DrawnGraph:
     UsageError
         Where the result does not hold its scene, or the scene cannot be read.
     """
-    scene = scene_of(result)
+    return _graph_of(scene_of(result))
+
+
+def _graph_of(scene: PlainScene) -> DrawnGraph:
+    """Return the graph of a scene."""
     with readable():
         analysis = scene.data.get("analysis") or {}
         nodes, boxes, types = [], dict[str, str](), node_types(scene.data)
@@ -149,6 +153,17 @@ def figures(result: Result) -> Iterator[Figure]:
         if len(sketch.nodes) <= LARGEST:
             name, title = (f"inside-{within}", f"Inside {within}") if within else ("bond-graph", "Bond graph")
             yield Figure(name, title, partial(_graph_picture, name, title, result.title, sketch, drawn))
+
+
+def realisations(result: Result) -> Iterator[Figure]:
+    """Yield the drawing of every bond graph of a synthesis."""
+    for form in result["synthesis/form"].data:
+        drawn = _graph_of(plain_scene(str(result.value(f"synthesis/{form}/scene"))))
+        if len(drawn.graph.nodes) <= LARGEST:
+            name, title = f"bond-graph-{form}", f"Bond graph, {form} form"
+            yield Figure(
+                name, title, partial(_graph_picture, name, title, result.title, sketch_of(drawn), drawn)
+            )
 
 
 def _graph_picture(name: str, title: str, result_title: str, sketch: Sketch, drawn: DrawnGraph) -> Picture:

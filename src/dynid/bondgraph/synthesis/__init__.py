@@ -1,0 +1,1 @@
+"""Synthesis of a driving-point impedance as a bond graph: Cauer, Foster and Brune forms."""

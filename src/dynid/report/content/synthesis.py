@@ -1,0 +1,86 @@
+"""Content of syntheses: the wanted function, its forms, and the elements of each."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+from dynid.number_format import quantity, roots_text
+from dynid.report.content.blocks import ReportSection, TextTable, definitions
+from dynid.report.content.transfer_functions import numeric_forms
+from dynid.report.drawing.sketch import ELEMENT_UNITS
+from dynid.report.scenes import in_hertz
+from dynid.result import Result
+
+#: Types of elements, in the order of the tables.
+TYPES = ("I", "C", "R", "TF")
+#: Kinds of functions in words.
+_KINDS = {
+    "R": "a resistance",
+    "LC": "lossless: I and C alone",
+    "RC": "of R and C alone",
+    "RL": "of R and I alone",
+    "RLC": "of R, I and C",
+}
+
+
+def method(result: Result) -> str:
+    """Return the kind of analysis and the forms."""
+    return f"synthesis · {', '.join(forms(result))}"
+
+
+def forms(result: Result) -> list[str]:
+    """Return the names of the forms."""
+    return [str(form) for form in result["synthesis/form"].data]
+
+
+def sections(result: Result) -> Iterator[ReportSection]:
+    """Yield the wanted function, the table of the forms, and the elements of each."""
+    function, zeros, poles = wanted(result)
+    given = definitions(
+        (function[0], function[1]), ("kind", kind_text(result)), ("zeros", zeros), ("poles", poles)
+    )
+    yield ReportSection(f"Driving-point {_about(result, 'function')}", (given,))
+    columns, rows = form_table(result)
+    yield ReportSection("Forms", (TextTable(columns, tuple(rows)),))
+    for form in forms(result):
+        yield ReportSection(
+            f"Elements, {form} form", (TextTable(("", "type", "value"), tuple(elements(result, form))),)
+        )
+
+
+def wanted(result: Result) -> tuple[tuple[str, str], str, str]:
+    """Return the function as name and formula, its zeros, and its poles."""
+    name = "Y(s)" if _about(result, "function") == "admittance" else "Z(s)"
+    hertz, unit = in_hertz(result), _about(result, "unit")
+    formula = next(iter(numeric_forms(result, "synthesis")), "as given")
+    zeros, poles = (roots_text(result[f"synthesis/{part}"].data, hertz=hertz) for part in ("zeros", "poles"))
+    return (name, f"{formula}{f' {unit}' if unit not in ('', '1') else ''}"), zeros, poles
+
+
+def kind_text(result: Result) -> str:
+    """Return the kind of the function in words."""
+    about = result.group_attrs["synthesis"]
+    return f"positive real, of degree {about['degree']}, {_KINDS[str(about['kind'])]}"
+
+
+def form_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return headings and rows: the numbers of elements of each form, and its error analysed back."""
+    rows = []
+    for form, residual in zip(forms(result), result["synthesis/residual"].data, strict=True):
+        counts = Counter(map(str, result[f"synthesis/{form}/type"].data))
+        numbers = (str(counts[kind]) if counts[kind] else "" for kind in TYPES)
+        rows.append((form, *numbers, f"{residual:.1e}" if residual else "exact"))
+    return ("", *TYPES, "error of its coefficients"), rows
+
+
+def elements(result: Result, form: str) -> Iterator[tuple[str, str, str]]:
+    """Yield name, type and value of every element of a form."""
+    units = ELEMENT_UNITS.get(_about(result, "domain"), {})
+    parts = (result[f"synthesis/{form}/{part}"].data for part in ("element", "type", "value"))
+    for name, kind, value in zip(*parts, strict=True):
+        yield str(name), str(kind), f"{quantity(float(value))} {units.get(str(kind), '')}".rstrip()
+
+
+def _about(result: Result, key: str) -> str:
+    return str(result.group_attrs["synthesis"][key])

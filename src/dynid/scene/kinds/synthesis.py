@@ -1,0 +1,167 @@
+"""Run a scene of kind `synthesis`, and write its bond graphs as scenes."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, cast
+
+from dynid.bondgraph.exact_engine import TransferFunction
+from dynid.bondgraph.synthesis.forms import Driving, Realisation, realisations
+from dynid.bondgraph.synthesis.one_port import SOURCE
+from dynid.bondgraph.synthesis.write_result import add_synthesis, integer_quotient
+from dynid.errors import UsageError
+from dynid.lti.positive_real import NotPositiveReal, find_violation
+from dynid.result import Result
+from dynid.scene.load import Scene
+from dynid.scene.yaml.writer import flow
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from dynid.scene.run import PreparationStep
+    from dynid.scene.schema.quantities import Quantity
+    from dynid.scene.schema.synthesis import SynthesisScene
+
+#: Most digits of a number in an expression; longer ones are parameters.
+_LONGEST = 400
+
+
+def run(scene: Scene) -> Result:
+    """Return the bond graphs of a wanted driving-point function, each analysed back.
+
+    Raises
+    ------
+    NotPositiveReal
+        Where the function is not positive real; it names the frequency or the pole that shows it.
+    NoSuchForm
+        Where a form that the scene names does not exist.
+    """
+    model = cast("SynthesisScene", scene.model)
+    function = wanted(scene)
+    forms = tuple(model.forms) if model.forms is not None else None
+    found, missing = realisations(function, forms, model.domain or "")
+    result = Result("synthesis", scene.title)
+    scenes = {one.form: scene_of_realisation(one, function, scene.title) for one in found}
+    add_synthesis(result, function, found, missing, scenes, model.domain or "")
+    return result
+
+
+def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
+    """Yield the step of a run before the synthesis: the test of positive realness."""
+    yield lambda: wanted(scene)
+
+
+def wanted(scene: Scene) -> Driving:
+    """Return the wanted driving-point function of a scene, found to be positive real.
+
+    Raises
+    ------
+    NotPositiveReal
+        Where it is not.
+    """
+    model = cast("SynthesisScene", scene.model)
+    key = "impedance" if model.impedance is not None else "admittance"
+
+    def exact(coefficients: list[Quantity]) -> list[Fraction]:
+        binary = model.reading == "binary"
+        return [Fraction(float(one)) if binary else one.exact for one in coefficients]
+
+    given = model.function
+    function = Driving.of(
+        exact(given.numerator), exact(given.denominator), admittance=model.impedance is None
+    )
+    violation = find_violation(function.numerator, function.denominator)
+    if violation is not None:
+        raise NotPositiveReal(
+            f"the {key} is not positive real: {violation.sentence}",
+            remedy="No passive bond graph has it.",
+            names=(key,),
+        )
+    return function
+
+
+def scene_of_realisation(one: Realisation, function: Driving, title: str) -> str:
+    """Return a realisation as a scene of kind `bond-graph`, which expects the wanted function.
+
+    Parameters
+    ----------
+    one
+        The realisation.
+    function
+        The wanted function.
+    title
+        The title of the synthesis.
+    """
+    parameters: dict[str, str] = {}
+    nodes = []
+    for node in one.graph.nodes.values():
+        keys: dict[str, Any] = {"type": node.type}
+        if node.value is not None:
+            keys["value"] = _value_text(node.value, node.name, parameters)
+        if node.domain:
+            keys["domain"] = node.domain
+        nodes.append(f"    {node.name}: {flow(keys) if len(keys) > 1 else node.type}")
+    transfer = TransferFunction(*integer_quotient(function.numerator, function.denominator))
+    group = f"bond_graph/transfer_function/{function.port}/{SOURCE}"
+    expected = [
+        {"path": f"{group}/{name}", "value": coefficients.tolist(), "rtol": 1e-12}
+        for name, coefficients in zip(("numerator", "denominator"), transfer.coefficients(), strict=True)
+    ]
+    lines = [
+        "dynid: 1",
+        "kind: bond-graph",
+        f"title: {flow(f'{title}, {one.form}')}",
+        *(["parameters:"] if parameters else []),
+        *(f"  {name}: {number}" for name, number in parameters.items()),
+        "graph:",
+        "  nodes:",
+        *nodes,
+        "  bonds:",
+        *(f"    - {bond}" for bond in one.graph.bonds),
+        "analysis:",
+        f"  inputs: [{SOURCE}]",
+        f"  outputs: [{function.port}]",
+        "expect:",
+        *(f"  - {flow(one)}" for one in expected),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _value_text(value: Fraction, name: str, parameters: dict[str, str]) -> Any:
+    """Return a value exactly: a number where it is one, else a quotient."""
+    if value.denominator == 1 and len(str(value)) < 16:
+        return value.numerator
+    if Fraction(repr(float(value))) == value:
+        return float(value)
+    above = _whole_text(value.numerator, f"{name}_numerator", parameters)
+    return f"{above}/{_whole_text(value.denominator, f'{name}_denominator', parameters)}"
+
+
+def _whole_text(number: int, name: str, parameters: dict[str, str]) -> str:
+    """Return a whole number, or the name of the parameter that it becomes where it is long."""
+    if len(str(number)) <= _LONGEST:
+        return str(number)
+    above, below = divmod(number, 10**_LONGEST)
+    head = _whole_text(above, f"{name}_", parameters)
+    parameters[name] = f"{head} * 10**{_LONGEST} + {below}"
+    return name
+
+
+def exported_scene(result: Result, form: str | None = None) -> tuple[str, str]:
+    """Return the name of a form of a synthesis, the first if none is given, and its scene.
+
+    Raises
+    ------
+    UsageError
+        Where the result has no such form.
+    """
+    from dynid.suggestions import did_you_mean
+
+    forms = [str(name) for name in result["synthesis/form"].data]
+    if form is not None and form not in forms:
+        raise UsageError(
+            f"the result has no form '{form}'{did_you_mean(form, forms)}",
+            remedy=f"It has {', '.join(forms)}.",
+        )
+    chosen = form or forms[0]
+    return chosen, str(result.value(f"synthesis/{chosen}/scene"))
