@@ -22,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import DynidError
+from dynid.identification.band_limited_system import BAND
 from dynid.identification.estimators.maximum_likelihood import refine
-from dynid.identification.frf_record import FrfRecord
+from dynid.identification.frf_record import FrfLikelihood, FrfRecord
 from dynid.identification.lack_of_fit import compare_models
 from dynid.identification.likelihood import Fit, Likelihood
 from dynid.identification.time_record import TimeRecord
@@ -88,6 +89,8 @@ def instrument_mistakes(likelihood: Likelihood, etas: Sequence[Array]) -> list[s
             record.measurement.proportional or record.multiplications > _MOST_WORK
         ):
             return []
+    if isinstance(likelihood, FrfLikelihood):
+        likelihood = likelihood.band_limited(BAND) or likelihood
     plain = _corrected(likelihood, [[_NONE] * record.data.values.shape[1] for record in records])
     try:
         before = _value(plain, plain.fit(etas[0]), None)
