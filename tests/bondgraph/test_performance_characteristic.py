@@ -55,6 +55,35 @@ def test_where_nothing_comes_to_rest_there_is_a_note(nodes, bonds, link):
     assert "bond_graph/port/performance/input" not in result
 
 
+def test_a_matched_load_takes_the_power_that_is_available():
+    """1 V behind R = 2, L = 0.5; a load of R = 2, C = 1/(0.5 ω²) takes 1/16 W at ω = 4, else less."""
+    omega = np.array([4.0, 9.0])
+    graph = written(
+        "Se u, 1 a, R r 2, I l 1/2, 1 b, R lamp 2, C c 1/8",
+        "u -> a -> r, a -> l, a -> b, b -> lamp, b -> c",
+        "lamp.e",
+    )
+    asked, port = frozenset({"frequency_response"}), Bond("a", "b")
+    result = analyse(graph.graph, Analysis(graph.inputs, graph.outputs, asked, omega=omega, port=port))
+    group = "bond_graph/port/frequency_response"
+    available, active, reactive = (
+        result[f"{group}/{name}_power"].data[:, 0] for name in ("available", "active", "reactive")
+    )
+    np.testing.assert_allclose(available, 1 / 16, rtol=1e-14)
+    flow = 1 / abs(4 + 1j * (omega / 2 - 8 / omega)) ** 2
+    np.testing.assert_allclose(active, flow, rtol=1e-13)
+    np.testing.assert_allclose(reactive, -flow * 4 / omega, rtol=1e-13)
+    assert active[0] == pytest.approx(available[0], rel=1e-14)
+
+
+def test_a_lossless_source_can_give_any_power():
+    omega = np.array([1.0, 2.0])
+    graph = written(*ISOLATOR, "b.e")
+    asked, port = frozenset({"frequency_response"}), Bond("base", "body")
+    result = analyse(graph.graph, Analysis(graph.inputs, graph.outputs, asked, omega=omega, port=port))
+    assert np.isinf(result["bond_graph/port/frequency_response/available_power"].data).all()
+
+
 def test_over_frequency_the_port_is_where_source_and_load_meet():
     graph = written(*ISOLATOR, "b.e")
     omega = np.array([0.5, 28.8, 70.7, 400.0])

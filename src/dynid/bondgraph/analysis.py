@@ -111,6 +111,7 @@ def _add_dynamics(result: Result, reduced: ReducedGraph, analysis: Analysis) -> 
         report_progress("margins")
         opened = analysis.opened.rounded() if analysis.reading == "binary" else analysis.opened
         add_margins(result, opened, analysis.loops)
+    _add_engineering(result, reduced, analysis)
     if "sensitivities" in asked:
         report_progress("sensitivities")
         from dynid.bondgraph.results.sensitivities import add_sensitivities
@@ -118,6 +119,23 @@ def _add_dynamics(result: Result, reduced: ReducedGraph, analysis: Analysis) -> 
         add_sensitivities(result, reduced, analysis)
     if "transfer_function" in asked and analysis.initial:
         add_zero_input(result, reduced, analysis.initial)
+
+
+def _add_engineering(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
+    """Add the characteristics of channels, the energy of modes and elements, and what sources give."""
+    asked, graph = analysis.results, reduced.graph
+    if asked & {"step_info", "bandwidth"}:
+        from dynid.bondgraph.results.characteristics import add_characteristics
+
+        add_characteristics(result, reduced, asked)
+    if asked & {"energy", "source_performance"}:
+        from dynid.bondgraph.results.energy import add_energy, add_source_performance
+
+        report_progress("energy")
+        if "energy" in asked:
+            add_energy(result, graph, analysis.inputs, analysis.omega)
+        if "source_performance" in asked and analysis.omega is not None:
+            add_source_performance(result, graph, analysis.inputs, analysis.omega)
 
 
 def _add_responses(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:

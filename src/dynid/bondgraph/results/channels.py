@@ -157,12 +157,14 @@ def _add_properties(
         if result.wants(path) and (value := getattr(transfer, name)) is not None:
             result.add(path, value, units=units if name in _GAINS else "")
     result.add(f"{group}/prototype", reduced.reductions[channel[0]].prototype.letter)
-    if any(result.wants(f"{group}/{name}") for name in ("natural_frequency", "damping_ratio")):
+    modal = ("natural_frequency", "damping_ratio", "time_constant")
+    if any(result.wants(f"{group}/{name}") for name in modal):
         poles = each(transfer.poles, "value", np.complex128)
         size, damping = natural_frequencies(poles)
         result.add_axis(f"{group}/mode", np.arange(1, len(size) + 1))
         result.add(f"{group}/natural_frequency", size, ("mode",), "rad/s")
         result.add(f"{group}/damping_ratio", damping, ("mode",))
+        result.add(f"{group}/time_constant", time_constants(poles), ("mode",), "s")
 
 
 def natural_frequencies(
@@ -172,6 +174,13 @@ def natural_frequencies(
     upper = poles[poles.imag >= 0]
     size = np.abs(upper)
     return size, -upper.real / np.where(size > 0, size, 1.0) + 0.0  # + 0: no -0
+
+
+def time_constants(poles: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Return -1/Re s of the poles, a conjugate pair once: negative for growth, inf on the axis."""
+    rates = -poles[poles.imag >= 0].real
+    with np.errstate(over="ignore"):
+        return np.divide(1.0, rates, out=np.full(len(rates), np.inf), where=rates != 0)
 
 
 def _add_hidden_modes(

@@ -126,9 +126,38 @@ def add_port_response(result: Result, parts: Decomposition, omega: NDArray[np.fl
     for name, answers in (("effort", parts.effort), ("flow", parts.flow)):
         values = on_axis(parts, [answers[source] for source in parts.sources], omega)
         result.add(f"{group}/{name}", values, ("omega", "input"))
+    _add_power(result, parts)
     named = on_axis(parts, [parts.prototype.response], omega)[:, 0]
     unit = units[{"b": "Y_eq", "d": "ratio"}.get(parts.prototype.letter, "Z_eq")]
     result.add(f"{group}/zero_dynamics_response", named, ("omega",), unit)
+
+
+#: A source whose impedance has a smaller real part, relative, has none beside rounding.
+_LOSSLESS = 1e-12
+
+
+def _add_power(result: Result, parts: Decomposition) -> None:
+    """Add the power into the load for inputs of amplitude 1, and the most that the source could give.
+
+    That is |e_eq|²/(8 Re Z_eq), to a matched load; any power where the source has no resistive part.
+    """
+    group = f"{_GROUP}/frequency_response"
+    tail, head = parts.port
+    domains = {parts.units.domains.get(end, "thermal") for end in (tail, head)}
+    watt = "" if "thermal" in domains else "W"
+    effort, flow = (result[f"{group}/{name}"].data for name in ("effort", "flow"))
+    with np.errstate(invalid="ignore"):
+        power = effort * flow.conj() / 2
+    power[np.isnan(power)] = np.inf  # at an undamped pole
+    result.add(f"{group}/active_power", power.real, ("omega", "input"), watt)
+    result.add(f"{group}/reactive_power", power.imag, ("omega", "input"), watt)
+    available = np.full(power.shape, np.inf)
+    if f"{group}/source_Z_eq" in result:
+        impedance, given = (result[f"{group}/source_{name}"].data for name in ("Z_eq", "e_eq"))
+        lossy = impedance.real > _LOSSLESS * np.abs(impedance)
+        available[lossy] = np.abs(given[lossy]) ** 2 / (8 * impedance.real[lossy, None])
+        available[given == 0] = 0.0
+    result.add(f"{group}/available_power", available, ("omega", "input"), watt)
 
 
 def _units(parts: Decomposition) -> dict[str, str]:

@@ -15,7 +15,8 @@ import numpy as np
 from dynid.bondgraph.graph import BondGraph, no_collection
 from dynid.bondgraph.plan import Channel
 from dynid.bondgraph.request import Analysis, choose_engine
-from dynid.bondgraph.results.channels import add_channel, add_channels, natural_frequencies
+from dynid.bondgraph.results.channels import add_channel, add_channels, natural_frequencies, time_constants
+from dynid.bondgraph.results.characteristics import CHARACTERISTICS
 from dynid.bondgraph.results.responses import add_frequency_response, add_time_response
 from dynid.bondgraph.sampling.engine import SampledEngine
 from dynid.bondgraph.sampling.family import ChannelPolynomials, GraphFamily, SampleValues
@@ -82,13 +83,15 @@ def _quick(engine: SampledEngine, of: Channel, wanted: Collection[str]) -> dict[
         found[f"{group}/hidden_modes"] = [
             Variable(("hidden_mode",), np.empty(0, dtype=complex), "rad/s")
         ] * count
-    if f"{group}/natural_frequency" in wanted or f"{group}/damping_ratio" in wanted:
+    if any(f"{group}/{name}" in wanted for name in ("natural_frequency", "damping_ratio", "time_constant")):
         each = [natural_frequencies(row) for row in channel.poles.values]
+        decays = [time_constants(row) for row in channel.poles.values]
         axes = {length: _axis("mode", length) for length in {len(size) for size, _ in each}}
         found |= {
             f"{group}/mode": [axes[len(size)] for size, _ in each],
             f"{group}/natural_frequency": [Variable(("mode",), size, "rad/s") for size, _ in each],
             f"{group}/damping_ratio": [Variable(("mode",), ratio) for _, ratio in each],
+            f"{group}/time_constant": [Variable(("mode",), decay, "s") for decay in decays],
         }
     return found
 
@@ -115,7 +118,9 @@ _ALONE = frozenset(
 def shared(wanted: Collection[str], analysis: Analysis) -> bool:
     """Test whether samples of an analysis share enough work on these paths to be run together."""
     groups = (*_CHANNELS, _FREQUENCY, _TIME)
-    return analysis.port is None and all(path.startswith(groups) for path in wanted)
+    if analysis.port is not None or not all(path.startswith(groups) for path in wanted):
+        return False
+    return not any(path.rpartition("/")[2] in CHARACTERISTICS for path in wanted)
 
 
 class SampledAnalysis:

@@ -12,6 +12,7 @@ from dynid.cli.summary.common import response_lines
 from dynid.cli.summary.transfer_functions import channel_lines
 from dynid.number_format import MOST_ROOTS, counted
 from dynid.report.content.bond_graph import PORT, port_items
+from dynid.report.content.characteristics import energy_lines, source_lines
 from dynid.result import Result
 
 #: Most steps, and prototypes, that are listed.
@@ -41,6 +42,7 @@ def lines(result: Result) -> list[str]:
     screen += [*_reduction(result), ""]
     screen += _port(result)
     screen += channel_lines(result)
+    screen += _energy(result)
     screen += _margins(result)
     screen += equation_lines(result, "bond_graph/state_space")
     screen += response_lines(result, "bond_graph")
@@ -74,6 +76,17 @@ def _reduction(result: Result) -> Iterable[str]:
             yield f"    … {counted(len(own) - _MOST, 'more step')} in the file"
     if len(outputs) > _MOST_OUTPUTS:
         yield f"  … {counted(len(outputs) - _MOST_OUTPUTS, 'more output')} in the file"
+
+
+def _energy(result: Result) -> Iterable[str]:
+    """Yield where the modes have their energy, and what the sources give."""
+    for title, rows in (("modes", energy_lines(result)), ("sources", source_lines(result))):
+        texts = [f"{name}: {text}" for name, text in rows]
+        if texts:
+            yield f"  {title}"
+            for text in texts:
+                yield from wrap(text, 105, initial_indent="    ", subsequent_indent="      ")
+            yield ""
 
 
 _MARGINS = ("gain", "gain_reduction", "phase", "delay", "modulus")

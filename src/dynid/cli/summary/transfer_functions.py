@@ -8,6 +8,7 @@ from textwrap import wrap
 import numpy as np
 
 from dynid.number_format import MOST_ROOTS, counted, limit, root_text, roots_text
+from dynid.report.content.characteristics import characteristics
 from dynid.report.content.transfer_functions import (
     Channel,
     channel_unit,
@@ -132,6 +133,8 @@ def _properties(result: Result, output: str, source: str) -> Iterable[str]:
         unit = channel_unit(result, output, source)
         order, relative, dc, high = (limit(result.value(f"{group}/{name}")) for name in _NUMBERS)
         yield f"    order {order} · relative degree {relative} · T(0) = {dc}{unit} · T(∞) = {high}{unit}"
+    for title, text in characteristics(result, output, source):
+        yield from _hanging(f"    {title}: ", text, indent=12)
     hidden = result.get(f"{group}/hidden_modes")
     if hidden is None or not len(hidden.data):
         return

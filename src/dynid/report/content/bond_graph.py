@@ -17,6 +17,7 @@ from dynid.report.content.blocks import (
     joined,
     more,
 )
+from dynid.report.content.characteristics import energy_lines, source_lines
 from dynid.report.content.transfer_functions import channel_sections
 from dynid.report.scenes import in_hertz
 from dynid.result import Result
@@ -43,6 +44,9 @@ def sections(result: Result) -> Iterator[ReportSection]:
             "Warnings", tuple(Statement(f"{text[0].upper()}{text[1:]}.", "bad") for text in warnings)
         )
     yield from channel_sections(result)
+    for title, rows in (("Energy of the modes", energy_lines(result)), ("Sources", source_lines(result))):
+        if named := [(name, (text,)) for name, text in rows]:
+            yield ReportSection(title, (definitions(*named),))
     if items := list(port_items(result, _LONGEST)):
         yield ReportSection(f"Port {result.group_attrs[PORT]['bond']}", (definitions(*items),))
     if f"{_REDUCTION}/output" in result:

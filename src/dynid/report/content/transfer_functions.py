@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dynid.number_format import MOST_ROOTS, limit, root_text, roots_text
 from dynid.report.content.blocks import Block, ReportSection, TextTable, definitions, more
+from dynid.report.content.characteristics import characteristics
 from dynid.report.scenes import in_hertz
 from dynid.result import Result
 
@@ -136,6 +137,7 @@ def _channel_items(result: Result, output: str, source: str, *, poles: bool) -> 
     for name, title in _NUMBERS.items():
         if f"{group}/{name}" in result:
             yield title, (f"{limit(result.value(f'{group}/{name}'))}{unit if title.startswith('T') else ''}",)
+    yield from ((title, (text,)) for title, text in characteristics(result, output, source))
     hidden = result.get(f"{group}/hidden_modes")
     if hidden is not None and len(hidden.data):
         hertz = in_hertz(result)

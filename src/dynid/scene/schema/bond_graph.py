@@ -323,9 +323,13 @@ class AnalysisModel(Section):
 
     @model_validator(mode="after")
     def _blocks_stand(self) -> Self:
-        for name, block in (("frequency_response", self.frequency), ("time_response", self.time)):
+        for name, block, key in (
+            ("frequency_response", self.frequency, "frequency"),
+            ("source_performance", self.frequency, "frequency"),
+            ("time_response", self.time, "time"),
+        ):
             if name in (self.results or ()) and block is None:
-                raise fault(f"'{name}' needs the block '{name.split('_')[0]}'")
+                raise fault(f"'{name}' needs the block '{key}'")
         return self
 
     def asked(self) -> frozenset[ResultName]:

@@ -1,0 +1,55 @@
+"""Characteristics of channels that engineers ask for: of the step response, and bandwidth and resonance."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+from dynid.bondgraph.exact_engine import TransferFunction
+from dynid.bondgraph.plan import ReducedGraph
+from dynid.lti.bandwidth import Bandwidth, bandwidth
+from dynid.lti.step_info import StepInfo, step_info
+from dynid.progress import tracked
+from dynid.result import Result
+
+_FREQUENCIES = frozenset({"bandwidth", "peak_frequency", "half_power_low", "half_power_high"})
+_TIMES = frozenset({"rise_time", "settling_time", "transient_time", "peak_time"})
+_SHARES = frozenset({"overshoot", "undershoot"})
+#: Of what the gain of the channel is the unit.
+_GAINS = frozenset({"final_value", "initial_value", "peak", "peak_gain"})
+
+#: The names of all of them, and of their verdicts.
+CHARACTERISTICS = frozenset({"step_status", "bandwidth_status"}) | {
+    field.name for kind in (StepInfo, Bandwidth) for field in fields(kind) if field.name != "status"
+}
+
+
+def add_characteristics(result: Result, reduced: ReducedGraph, asked: frozenset[str]) -> None:
+    """Add `step_info` and `bandwidth`, as requested, of every channel from its exact transfer function.
+
+    What is not defined is left out, and `step_status` or `bandwidth_status` names the reason.
+    """
+    registers = reduced.channels()
+    ratios = reduced.rational(registers.values())
+    for channel, register in tracked(registers.items(), "characteristics of channel"):
+        transfer = TransferFunction.of(ratios[register])
+        group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
+        found: list[tuple[str, StepInfo | Bandwidth]] = []
+        if "step_info" in asked:
+            found.append(("step_status", step_info(transfer.numerator, transfer.denominator)))
+        if "bandwidth" in asked:
+            found.append(("bandwidth_status", bandwidth(transfer.numerator, transfer.denominator)))
+        for status, values in found:
+            result.add(f"{group}/{status}", values.status)
+            for name in (field.name for field in fields(values) if field.name != "status"):
+                value = getattr(values, name)
+                if value is not None:
+                    unit = _unit(name, reduced.units.of_channel(*channel))
+                    result.add(f"{group}/{name}", value, units=unit)
+
+
+def _unit(name: str, gain: str) -> str:
+    """Return the unit of a characteristic."""
+    for names, unit in ((_FREQUENCIES, "rad/s"), (_TIMES, "s"), (_SHARES, "%"), (_GAINS, gain)):
+        if name in names:
+            return unit
+    raise AssertionError(name)

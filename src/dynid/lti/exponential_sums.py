@@ -1,0 +1,316 @@
+"""Sums of exponentials in time: the transient of a rational transfer function, with all of its extremes.
+
+The transient of T(s)/s beside its steady state is d(t) = Σ c t^l exp(p t), with the poles p of T and residues
+c in ball arithmetic. Between two times every extreme of d is found: on a box of time a Taylor polynomial with
+a bound on its remainder proves that the rate has no zero, or one at most, or the box is divided. No extreme
+is missed between the points of a grid.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import NumericalError
+
+Array = NDArray[np.float64]
+
+#: Order of the Taylor polynomials.
+_ORDER = 10
+#: Most boxes that are examined at a time; a longer span of time is divided before.
+_BOXES = 4096
+#: Most spans of time that a search visits.
+_SPANS = 5000
+#: Relative rounding of doubles that a search may lose to cancelling residues.
+_CANCELLED = 1e8
+#: Where d changes by less than this over a box, relative to its terms, it is flat: rounding decides.
+_FLAT = 1e-13
+#: Shortest half width of a box, in units of the fastest time constant.
+_SHORT = 1e-20
+#: Working precisions, bits.
+_PRECISIONS = (160, 320, 640, 1280, 2560, 5120)
+
+
+class ExponentialSum:
+    """The transient d(t) of the response of a stable, proper T(s) to a unit step, for t > 0.
+
+    Times inside are in units of 1/|p| of the fastest pole, values in units of the largest residue.
+
+    Parameters
+    ----------
+    numerator, denominator
+        T(s) in lowest terms: integer polynomials (flint `fmpz_poly`), all poles in the open left half-plane,
+        at least one.
+
+    Attributes
+    ----------
+    time
+        The unit of time, s.
+    size
+        The unit of values (flint `arb`).
+    """
+
+    def __init__(self, numerator: Any, denominator: Any) -> None:
+        from flint import arb, ctx
+
+        for self.precision in _PRECISIONS:
+            with ctx.workprec(self.precision):
+                terms = _residues(numerator, denominator)
+                fastest = max(float(abs(pole).mid()) for pole, _ in terms)
+                self.size = max((abs(c).mid() for _, parts in terms for c in parts), key=float)
+                if all(c.rel_accuracy_bits() > 100 for _, parts in terms for c in parts):
+                    break
+        else:
+            raise NumericalError(
+                f"{_PRECISIONS[-1]} bits do not resolve the residues of the step response",
+                remedy="Leave the result 'step_info' out.",
+            )
+        self.time = 1 / fastest
+        with ctx.workprec(self.precision):
+            scale = arb(self.time)
+            self._poles, self._powers, self._balls = [], [], []
+            for pole, parts in terms:
+                weight = (1 if pole.imag == 0 else 2) / self.size
+                scaled = [c * weight * scale**k for k, c in enumerate(parts)]
+                for power in range(len(parts)):
+                    self._poles.append(pole * scale)
+                    self._powers.append(power)
+                    self._balls.append(_taylor_row(pole * scale, scaled, power))
+        self.poles = np.array([complex(pole) for pole in self._poles])
+        self.powers = np.array(self._powers, dtype=float)
+        self._rows = np.array([[complex(c) for c in row] for row in self._balls])
+        self._sizes = np.abs(self._rows)
+        self.cancels = self._cancelling()
+
+    # Values
+
+    def at(self, time: Any, order: int) -> Any:
+        """Return a Taylor coefficient of d at a time, in ball arithmetic (flint `arb`)."""
+        from flint import acb, ctx
+
+        with ctx.workprec(self.precision):
+            total = acb(0)
+            for pole, power, row in zip(self._poles, self._powers, self._balls, strict=True):
+                total += (pole * time).exp() * acb(time) ** power * row[order]
+            return total.real
+
+    def taylor(self, times: Array) -> Array:
+        """Return the Taylor coefficients of d at times, shape (times, order + 2)."""
+        if self.cancels:
+            orders = range(_ORDER + 2)
+            return np.array([[float(self.at(float(t), k).mid()) for k in orders] for t in times])
+        with np.errstate(under="ignore"):
+            columns = np.exp(np.multiply.outer(times, self.poles)) * np.power.outer(times, self.powers)
+            return np.asarray((columns @ self._rows).real)
+
+    def values(self, times: Array) -> Array:
+        """Return d at times."""
+        return self.taylor(times)[:, 0]
+
+    def _cancelling(self) -> bool:
+        """Return True where residues cancel too far for double precision."""
+        self.cancels = True
+        slowest = 10 / float(-self.poles.real.max())
+        sample = np.concatenate([[0.0], np.geomspace(min(0.1, slowest / 2), slowest, 40)])
+        largest = float(np.abs(self.values(sample)).max())
+        return float(self._sizes[:, 0].sum()) > _CANCELLED * largest
+
+    # Bounds
+
+    def bound(self, time: float) -> float:
+        """Return a bound on |d| at this time and all later ones."""
+        latest = np.maximum(time, self.powers / -self.poles.real)  # where t^l exp(σ t) is largest
+        with np.errstate(under="ignore"):
+            return float(np.exp(self.poles.real * latest) * latest**self.powers @ self._sizes[:, 0])
+
+    def horizon(self, level: float) -> float:
+        """Return a time after which |d| stays below a level."""
+        late = 1.0
+        while self.bound(late) > level:
+            late *= 2
+        early = 0.0
+        while late - early > 1e-12 * late:
+            middle = (early + late) / 2
+            early, late = (early, middle) if self.bound(middle) <= level else (middle, late)
+        return late
+
+    def last_extreme(self) -> float:
+        """Return a time after which the slowest term decides the sign of d'; inf where it oscillates."""
+        slowest = self.poles.real.max()
+        own = self.poles.real == slowest
+        if len(set(self.poles[own])) > 1 or self.poles[own][0].imag != 0:
+            return math.inf
+        rates = self._sizes[:, 1]
+        top = own & (self.powers == self.powers[own].max())
+        if not rates[top][0]:
+            return math.inf
+        gaps = slowest - self.poles.real[~own]
+        time = float((self.powers[~own] / gaps).max(initial=1.0))
+        while time < 1e15:
+            with np.errstate(under="ignore"):
+                other = float(np.exp(-gaps * time) * time ** self.powers[~own] @ rates[~own])
+            rest = float(time ** self.powers[own & ~top] @ rates[own & ~top])
+            if other + rest < 0.5 * float(time ** self.powers[top][0] * rates[top][0]):
+                return time
+            time *= 1.5
+        return math.inf
+
+    # Extremes
+
+    def pieces(self, start: float, stop: float, *, backward: bool = False) -> Iterator[tuple[Array, Array]]:
+        """Yield spans of time in order: times between which d is monotone, the ends included, and d there.
+
+        Raises
+        ------
+        NumericalError
+            After several thousand spans.
+        """
+        spans, visited = [(start, stop)], 0
+        while spans:
+            low, high = spans.pop()
+            extremes = self._extremes(low, high)
+            if extremes is None:
+                halves = [(low, (low + high) / 2), ((low + high) / 2, high)]
+                spans += halves if backward else halves[::-1]
+                continue
+            visited += 1
+            if visited > _SPANS:
+                raise NumericalError(
+                    "the step response has millions of oscillations, of which any may be the largest",
+                    remedy="Leave the result 'step_info' out.",
+                )
+            times = np.unique(np.concatenate([[low], extremes, [high]]))
+            yield times, self.values(times)
+
+    def _extremes(self, start: float, stop: float) -> Array | None:
+        """Return the extremes of d between two times, ascending; None where that takes too many boxes."""
+        orders = np.arange(1, _ORDER + 2)
+        found = []
+        low, high = np.array([start]), np.array([stop])
+        while len(low):
+            if len(low) > _BOXES:
+                return None
+            middle, half = (low + high) / 2, (high - low) / 2
+            values = self.taylor(middle)
+            rates = values[:, 1:] * orders  # Taylor coefficients of d'
+            steps = half[:, None] ** np.arange(_ORDER + 1)
+            remainder = (_ORDER + 1) * self._sum_of_bounds(low, high, _ORDER + 1) * half**_ORDER
+            terms = np.abs(rates[:, :_ORDER]) * steps[:, :_ORDER]
+            may_vanish = np.abs(rates[:, 0]) <= terms[:, 1:].sum(axis=1) + remainder
+            curving = (terms[:, 2:] * np.arange(2, _ORDER)).sum(axis=1) + _ORDER * remainder
+            monotone = terms[:, 1] > curving
+            size = np.abs(values[:, 0]) if self.cancels else self._sum_of_bounds(low, high, 0)
+            flat = 2 * half * (terms.sum(axis=1) + remainder) <= _FLAT * size
+            narrow = flat | (half <= np.maximum(8 * np.spacing(high), _SHORT))
+            one = may_vanish & monotone & ~narrow
+            if one.any():
+                signs = [self.taylor(ends[one])[:, 1] >= 0 for ends in (low, high)]
+                turning = signs[0] != signs[1]
+                found.append(self._turned(low[one][turning], high[one][turning], signs[0][turning]))
+            found.append(middle[may_vanish & narrow])
+            split = may_vanish & ~monotone & ~narrow
+            low, high = (
+                np.concatenate([low[split], middle[split]]),
+                np.concatenate([middle[split], high[split]]),
+            )
+        return np.sort(np.concatenate(found)) if found else np.zeros(0)
+
+    def _sum_of_bounds(self, low: Array, high: Array, order: int) -> Array:
+        """Return bounds on a Taylor coefficient of d over boxes of time, term by term."""
+        with np.errstate(under="ignore"):
+            columns = np.exp(np.multiply.outer(low, self.poles.real)) * np.power.outer(high, self.powers)
+        return np.asarray(columns @ self._sizes[:, order])
+
+    def _turned(self, low: Array, high: Array, rising: NDArray[np.bool_]) -> Array:
+        """Return the zeros of d' in brackets on which it is monotone."""
+        time = (low + high) / 2
+        for _ in range(60):
+            if not len(time):
+                break
+            rate, slope = self.taylor(time)[:, 1:3].T
+            before = (rate >= 0) == rising
+            low, high = np.where(before, time, low), np.where(before, high, time)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                step = time - rate / (2 * slope)
+            inside = (step > low) & (step < high)
+            following = np.where(inside, step, (low + high) / 2)
+            if np.all(np.abs(following - time) <= 1e-14 * time):
+                break
+            time = following
+        return time
+
+    def root(self, order: int, level: Any, low: float, high: float) -> Any:
+        """Return the time in a bracket at which a Taylor coefficient of d takes a level (flint `arb`)."""
+        from flint import arb, ctx
+
+        with ctx.workprec(self.precision):
+            ends = [arb(low), arb(high)]
+            below = bool((self.at(ends[0], order) - level).mid() < 0)
+            time = (ends[0] + ends[1]) / 2
+            for _ in range(200):
+                value = (self.at(time, order) - level).mid()
+                ends[0 if bool(value < 0) is below else 1] = time
+                slope = (self.at(time, order + 1) * (order + 1)).mid()
+                following = time - value / slope if slope != 0 else time
+                if not (ends[0] < following < ends[1]):
+                    following = (ends[0] + ends[1]) / 2
+                following = following.mid()
+                done = abs(following - time) <= abs(following) * arb(2) ** -70
+                time = following
+                if done:
+                    break
+            return time
+
+
+def _taylor_row(pole: Any, parts: list[Any], power: int) -> list[Any]:
+    """Return the coefficients of exp(p t) t^power in the Taylor coefficients of Σ c_k t^k/k! exp(p t)."""
+    from flint import acb, arb
+
+    row = []
+    for order in range(_ORDER + 2):
+        total = acb(0)
+        for i in range(min(order, len(parts) - 1 - power) + 1):
+            share = parts[power + i] / (arb.fac_ui(power) * arb.fac_ui(i))
+            total += share * pole ** (order - i) / arb.fac_ui(order - i)
+        row.append(total)
+    return row
+
+
+def _residues(numerator: Any, denominator: Any) -> list[tuple[Any, list[Any]]]:
+    """Return the poles of T(s)/s other than 0, one of each pair, and c_k of Σ c_k t^k/k! exp(p t)."""
+    from flint import acb, acb_series, ctx
+
+    poles = [(acb(pole), int(count)) for pole, count in denominator.complex_roots()]
+    lead = acb(denominator.leading_coefficient())
+    top = [acb(c) for c in reversed(numerator.coeffs())]
+    terms = []
+    for place, (pole, count) in enumerate(poles):
+        if pole.imag < 0:
+            continue
+        with _series_length(ctx, count):
+            shift = acb_series([pole, 1])
+            above = acb_series([0])
+            for coefficient in top:
+                above = above * shift + coefficient
+            below = shift * lead
+            for other, (value, times) in enumerate(poles):
+                if other != place:
+                    below = below * acb_series([pole - value, 1]) ** times
+            series = above / below  # times (s - p)^-count: its coefficient k belongs to t^(count-1-k)
+            terms.append((pole, [series[count - 1 - k] for k in range(count)]))
+    return terms
+
+
+@contextmanager
+def _series_length(context: Any, length: int) -> Iterator[None]:
+    """Set the length of power series for a while."""
+    before, context.cap = context.cap, length
+    try:
+        yield
+    finally:
+        context.cap = before
