@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, closing, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager
 from datetime import UTC, datetime
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -179,16 +180,23 @@ def loaded(stored: Result) -> Result:
     return result
 
 
+@cache
+def _version(package: str) -> str | None:
+    """Return the version of an installed package; its metadata take as long as writing a small result."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
 def _write_root(file: Any, result: Result, scene_text: str, complete: bool = True) -> None:
     import platform
-    from importlib.metadata import PackageNotFoundError, version
 
     import h5py
 
-    packages = []
-    for package in _PACKAGES:
-        with suppress(PackageNotFoundError):
-            packages.append(f"{package} {version(package)}")
+    packages = [f"{package} {found}" for package in _PACKAGES if (found := _version(package))]
     stamps: dict[str, Scalar] = {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "dynid_version": __version__,
