@@ -17,6 +17,7 @@ def main(wheel: str, archive: str) -> int:
     """Compare both with what git tracks; return the exit code."""
     with zipfile.ZipFile(wheel) as file:
         packed = {name for name in file.namelist() if ".dist-info/" not in name}
+        packed -= {name for name in packed if name.startswith("dynid/native/library")}  # compiled
     with tarfile.open(archive) as file:
         parts = [PurePosixPath(member.name).parts[1:] for member in file if member.isfile()]
         sources = {"/".join(each) for each in parts} - {"PKG-INFO"}

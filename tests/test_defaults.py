@@ -63,8 +63,6 @@ CHOOSING = re.compile(r"_?(DENSE|SPARSE|LARGE|SMALL|FEW|MANY|SHORT|LONG|BIG)")
 #: Those that choose none, or hardly one.
 OTHERS = {
     "identification.filter": "the range of squares in double precision",
-    "identification.kernels.filter_kernel": "the range of squares in double precision",
-    "identification.kernels.simd": "registers of a panel",
     "lti.pencil.eigenvalues": "a share of rounding",
     "lti.time_response": "steps whose rounding adds up to digits: of accuracy alone",
     "lti.recurrence": "a loop of a few steps, written out",

@@ -12,7 +12,7 @@ ROOT = Path(dynid.__file__).parent
 # From the lowest up; a package may import every layer below its own, and none beside it.
 LAYERS = [
     {"_version", "errors", "suggestions", "number_format", "file_access", "hdf5"}
-    | {"result", "model_scope", "defaults", "progress", "units"},
+    | {"result", "model_scope", "defaults", "native", "progress", "units"},
     {"arithmetic"},
     {"parameters"},
     {"lti"},
@@ -35,6 +35,7 @@ WITHIN = {
     ("result", "suggestions"),
     ("file_access", "errors"),
     ("hdf5", "errors"),
+    ("native", "errors"),
     ("units", "errors"),
     ("__init__", "_version"),
     ("__init__", "builders"),
@@ -65,7 +66,6 @@ LIBRARIES = {
     "meshio": {"structure.readers.mesh"},
     "skfem": set(),  # an oracle of tests
     "matplotlib": set(),  # figures are written as SVG
-    "numba": {"lti", "identification", "bondgraph.program.doubled"},
 }
 
 

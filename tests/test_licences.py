@@ -13,7 +13,7 @@ _spec.loader.exec_module(licences)
 
 def test_the_core_is_free():
     core = licences.core()
-    assert {"click", "numpy", "python-flint", "llvmlite"} <= set(core)  # the last comes with numba
+    assert {"click", "numpy", "python-flint", "mpmath"} <= set(core)  # the last comes with sympy
     assert {name: licences.licence(name) for name in core if not licences.is_free(name)} == {}
 
 

@@ -146,11 +146,6 @@ FILTER_PASSES = Default(2, "estimators", "{value} passes of the filter")
 LINEARISED = Default(
     1.0, "filters", "steps are linearised anew where a logarithm has moved by {value:g} of its deviation"
 )
-COMPILED = Default(
-    10.0,
-    "filters",
-    "compiled kernels where a pass linearised at every sample would take more than {value:g} s without",
-)
 FORCING_TABLE = Limit(1_000_000, "kernels keep what signals force in a table of up to {value:,} numbers")
 CALIBRATION = Level(
     3.0,

@@ -256,13 +256,6 @@ def test_peers_that_do_not_beat_the_default_are_named(result):
     assert better_peers(alone, "bench/x") == "none; no peer took part"
 
 
-def test_records_are_filtered_with_kernels_where_there_are_enough_of_them():
-    """Four records of 8,000 samples are as much work as one of 32,000; loading kernels repays from 18,000."""
-    one, four = benchmark("filters").default, benchmark("estimators").default
-    assert [one(size) for size in (800, 8000, 80_000)] == ["square-root-numpy"] * 2 + ["square-root"]
-    assert [four(size) for size in (800, 8000, 80_000)] == ["auto-numpy", "auto", "auto"]
-
-
 def test_what_takes_longer_than_it_may_is_seen():
     figures = {"help": [BenchmarkFigure(1, 2.8)], "import-click": [BenchmarkFigure(1, 2.0)]}
     assert limits(benchmark("startup"), figures) == ["help takes 1.40 times import-click (at most 1.3)"]

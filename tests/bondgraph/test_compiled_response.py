@@ -5,7 +5,6 @@ import random
 from fractions import Fraction
 
 import mpmath
-import numba
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -17,11 +16,10 @@ from dynid.bondgraph.frequency_response import frequency_response
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
 from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.program.compiler import compile_tape, sweep_frequencies
-from dynid.bondgraph.program.doubled import compiled
+from dynid.native import VARIABLE
 from tests.bondgraph.graphs import solvable, transfers, written
 from tests.bondgraph.random_graphs import coincident_graph, random_graph
 from tests.bondgraph.test_frequency_response import Gaussian, assert_exact, exact
-from tests.interpreted import interpreted_sweep
 
 
 def swept(graph, omega):
@@ -152,18 +150,6 @@ def test_a_graph_full_of_loops_agrees_with_its_dense_nodal_form():
         assert value == pytest.approx(expected, rel=1e-11)
 
 
-def test_without_a_place_for_machine_code_it_is_compiled_all_the_same(monkeypatch):
-    def njit(function, *, cache=False, **options):
-        if cache:
-            raise RuntimeError("cannot cache function: no locator available")
-        return function, options
-
-    monkeypatch.setattr(numba, "njit", njit)
-    function, options = compiled(len)
-    assert function is len
-    assert options == {"nogil": True, "error_model": "numpy"}
-
-
 def test_where_the_system_does_not_say_which_cores_may_be_used(monkeypatch):
     monkeypatch.delattr(os, "sched_getaffinity", raising=False)
     found, _ = swept(chain_of(uniform(3)), [1.0, 40.0])
@@ -252,18 +238,23 @@ def test_the_oracles_agree():
 
 @pytest.mark.parametrize("make", [random_graph, coincident_graph])
 @pytest.mark.parametrize("seed", range(12))
-def test_machine_code_does_what_is_written_to_the_bit(make, seed):
-    """Interpreted, with every index checked and each multiply-add rounded once."""
+def test_numpy_gives_what_the_library_gives(monkeypatch, make, seed):
+    """The same instructions and bounds; roundings differ where NumPy has no fused multiply-add."""
     graph = solvable(of_either_kind(make, seed))
     if graph is None:
         return
-    omega = [0, 1e-9, 0.3, 1, 17.5, 1e200]
-    found = swept(graph, omega)
-    with pytest.MonkeyPatch.context() as patch, np.errstate(all="ignore"):
-        run = interpreted_sweep(patch)
-        written_ = run(graph.program, list(graph.channels().values()), graph.graph.value, np.array(omega))
-    for one, other in zip(found, written_, strict=True):
+    omega, registers = [0, 1e-9, 0.3, 1, 17.5, 1e100], list(graph.channels().values())
+    given = graph.program, registers, graph.graph.value
+    found, bounds = swept(graph, omega)
+    tape = compile_tape(*given)
+    monkeypatch.setenv(VARIABLE, "0")
+    for one, other in zip(tape, compile_tape(*given), strict=True):
         np.testing.assert_array_equal(one, other)
+    plain, plain_bounds = swept(graph, omega)
+    known = np.isfinite(bounds)
+    np.testing.assert_array_equal(known, np.isfinite(plain_bounds))
+    np.testing.assert_allclose(plain_bounds[known], bounds[known], rtol=1e-9)
+    assert (np.abs(plain - found)[known] <= 2 * bounds[known] + 4.5e-16 * np.abs(found)[known]).all()
 
 
 def test_a_value_beyond_all_doubles_is_not_trusted():

@@ -11,7 +11,6 @@ import pytest
 from dynid.bondgraph.request import RESULTS
 from dynid.cli.check import seconds_text, size_text
 from dynid.errors import Singular
-from dynid.identification.kernels import VARIABLE
 from dynid.scene.explanations.explanation import explain, peak_megabytes
 from dynid.scene.load import check_source, load_scene
 from dynid.scene.run import run_scene
@@ -221,14 +220,6 @@ def test_a_ring_down_is_not_said_to_be_excited():
     before, _, after = SEEN.partition("excitation:")
     free = f"{before}initial: {{1: {{v: 1}}}}\n{after.partition(chr(10))[2]}"
     assert facts(explain(scene_of(free)))["sampling"].startswith("no excitation is given; half the sampling")
-
-
-@pytest.mark.parametrize("compiled", [True, False])
-def test_compiled_passes_are_announced_where_they_are(monkeypatch, compiled):
-    monkeypatch.setenv(VARIABLE, str(int(compiled)))
-    told = facts(explain(scene_of(f"{SEEN}estimator: {{method: filter}}\n")))
-    assert told["estimator"] == "filter: 2 passes over the record"
-    assert told.get("", "").endswith("they are here") == compiled
 
 
 def test_a_record_of_a_structure_that_was_condensed():

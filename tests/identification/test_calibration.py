@@ -16,10 +16,10 @@ from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.maximum_likelihood import Huber
 from dynid.identification.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.identify import identify_all, identify_frf
-from dynid.identification.kernels import VARIABLE
 from dynid.identification.measurement import Experiment, Measurement
 from dynid.identification.planning.plan import PlanRequest, plan
 from dynid.lti.signals import Multisine, Sampled
+from dynid.native import VARIABLE
 from dynid.parameters import ParameterPrior
 from dynid.report.content.blocks import TextTable
 from dynid.report.content.identifiability import calibration_sections, calibration_sentences

@@ -1,30 +1,35 @@
 """The compiled kernels give what NumPy gives, and are there only for those who gain by them."""
 
 import math
+import os
 import re
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dynid import native
 from dynid.errors import Diverged, UsageError
 from dynid.identification import filter as filtering
-from dynid.identification import least_squares
+from dynid.identification import kernels, least_squares
 from dynid.identification.estimators.filter_passes import first_noise
 from dynid.identification.filter import PART, filter_pass
-from dynid.identification.kernels import VARIABLE, compiled, prediction_kernel
 from dynid.identification.measurement import RecordData, data
 from dynid.identification.parametric_model import ParametricModel, parametric_model
 from dynid.identification.time_record import TimeLikelihood, TimeRecord
 from dynid.lti.signals import Chirp, Step
+from dynid.native import VARIABLE
 from dynid.structure.joints import Joint
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.response import Channel, Load
 from tests.identification.cases import LOADS, VELOCITIES, simulated, suspension, unknown
-from tests.interpreted import interpreted_kernels
+
+needs_library = pytest.mark.skipif(native.found() is None, reason="installed without the library")
 
 
 def paths(monkeypatch, fits, origin, spread=2.0):
@@ -151,7 +156,7 @@ def test_triangles_keep_lengths_and_angles(rows, columns, seed):
         np.random.default_rng(seed).standard_normal((rows, 2, columns)) * 10.0 ** np.arange(-2, 0)[:, None]
     )
     grams = np.einsum("tci,tcj->cij", values, values)
-    by_kernel, counts = prediction_kernel.triangles(
+    by_kernel, counts = kernels.triangles(
         values[..., :-1].copy(), values[..., :0], values[..., -1].copy(), np.ones(2)
     )
     assert counts.tolist() == [rows, rows]
@@ -181,94 +186,89 @@ def test_a_run_away_is_named_both_ways(monkeypatch, wish):
         one_pass(fits, origin_of(model))
 
 
-def test_short_records_are_not_compiled_and_long_ones_are(monkeypatch):
+def test_without_the_library_numpy_does_the_same(monkeypatch):
     monkeypatch.delenv(VARIABLE, raising=False)
-    assert not compiled(800, 16, 4)
-    assert compiled(80_000, 16, 4)
-    assert compiled(5_000, 120, 8)
-    monkeypatch.setenv(VARIABLE, "0")
-    assert not compiled(10**6, 16, 4)
-    monkeypatch.setenv(VARIABLE, "yes")
-    with pytest.raises(UsageError, match=r"DYNID_COMPILED is 'yes'\. Set it to 0, 1 or auto"):
-        compiled(800, 16, 4)
-
-
-def test_no_folder_to_write_to_is_no_fault():
-    """Numba asks each of its places for a cache in turn; here none of them will do."""
-    script = (
-        "import numba.core.caching as c\n"
-        "c.CacheImpl._locator_classes = []\n"
-        "from dynid.identification.kernels import steps\n"
-        "assert steps._degree(1.0) == 17, steps._degree(1.0)\n"
-    )
-    subprocess.run([sys.executable, "-c", script], check=True, timeout=120)
-
-
-# --- the same source, interpreted: indices are checked, which machine code does not ----------------
-
-
-@pytest.fixture
-def plain_kernels(monkeypatch):
-    with np.errstate(all="ignore"):
-        yield interpreted_kernels(monkeypatch)
-
-
-@pytest.mark.usefixtures("plain_kernels")
-@pytest.mark.parametrize(
-    "channels",
-    [VELOCITIES, (Channel(2, "acceleration"), Channel(5, "displacement"), Channel(3, "velocity"))],
-)
-def test_kernels_stay_within_their_arrays(monkeypatch, channels):
-    model = suspension()
-    fits = fits_of(model, channels, samples=25, missing=[(0, 0), (5, 1), (6, 0), (6, 1)])
-    assert_same(*paths(monkeypatch, fits, origin_of(model)), 1e-11)
-    both = []
-    for wish in "01":
-        monkeypatch.setenv(VARIABLE, wish)
-        fit = fits.fit(origin_of(model), fits.data.values)
-        found = fits.information(fit, fit.noise)
-        both.append((*fit.predicted, fit.noise, found.covariance(), found.total))
-    assert_same(*both, 1e-10)
-
-
-@pytest.mark.usefixtures("plain_kernels")
-def test_kernels_stay_within_their_arrays_between_the_samples(monkeypatch):
-    """Several lengths of steps; and steps that the series does not reach, alone and among others."""
-    model = suspension()
-    fits = fits_of(
-        model, loads=(Load(5, Chirp(100.0, 20.0, 200.0, 0.4)), Load(1, Step(3.0, 0.0131))), samples=20
-    )
-    assert_same(*paths(monkeypatch, fits, origin_of(model)), 1e-10)
-    model = lumped([1.0], [], [Joint("j", (1,), unknown(4e6, 0.1), unknown(40.0, 0.5))])
-    fits = fits_of(model, (Channel(1, "velocity"),), (Load(1, Step(1.0)),), 2e-3, 40)
-    assert_same(*paths(monkeypatch, fits, origin_of(model)), 1e-9)
-    fit = fits.fit(origin_of(model), fits.data.values)
-    assert np.isfinite(fit.predicted[0]).all()
-
-
-@pytest.mark.usefixtures("plain_kernels")
-def test_a_run_away_ends_the_walk_where_it_happens(monkeypatch):
     model = suspension()
     fits = fits_of(model, samples=30)
-    monkeypatch.setattr(filtering, "RUNAWAY", 0.05)
-    said = []
-    for wish in "01":
-        monkeypatch.setenv(VARIABLE, wish)
-        with pytest.raises(Diverged, match="away from") as caught:
-            one_pass(fits, origin_of(model))
-        said.append(str(caught.value))
-    assert said[0] == said[1]
+    with_library = one_pass(fits, origin_of(model))
+    monkeypatch.setattr(native, "found", lambda: None)
+    assert not native.compiled()
+    assert_same(one_pass(fits, origin_of(model)), with_library, 1e-11)
+    monkeypatch.setenv(VARIABLE, "1")
+    with pytest.raises(UsageError, match=r"installed without its library\. Install it again"):
+        native.compiled()
 
 
-def test_lengths_of_rows_neither_overflow_nor_vanish(plain_kernels):
+def test_the_library_is_asked_for_by_a_variable(monkeypatch):
+    monkeypatch.setenv(VARIABLE, "0")
+    assert not native.compiled()
+    monkeypatch.setenv(VARIABLE, "yes")
+    with pytest.raises(UsageError, match=r"DYNID_COMPILED is 'yes'\. Set it to 0, 1 or auto"):
+        native.compiled()
+
+
+def test_what_is_no_library_of_this_version_is_passed_over(tmp_path):
+    (tmp_path / "library.so").write_bytes(b"no library")
+    assert native._loaded(tmp_path / "library.so") is None
+    assert native._loaded(tmp_path / "absent.so") is None
+
+
+@needs_library
+def test_arguments_that_the_library_cannot_take_are_refused():
+    with pytest.raises(ValueError, match="contiguous"):
+        native.structure(each=np.zeros((4, 4))[:, ::2])
+
+
+@needs_library
+def test_the_library_that_every_machine_runs_gives_the_same(monkeypatch):
+    """The one with wide registers, beside that of any processor."""
+    model = suspension()
+    fits = fits_of(model, samples=100)
+    plain = native._loaded(next(Path(native.__file__).parent.glob("library.*")))
+    wide = one_pass(fits, origin_of(model))
+    monkeypatch.setattr(native, "found", lambda: plain)
+    assert_same(one_pass(fits, origin_of(model)), wide, 1e-11)
+
+
+@needs_library
+def test_lengths_of_rows_neither_overflow_nor_vanish():
     """Squares of the ordinary; rows in their own units as soon as one is extreme."""
-    _, walk, prediction_kernel = plain_kernels
     for rows in ([[3.0, 4.0], [5.0, 12.0]], [[3e200, 4e200], [0.0, 0.0]], [[3e-200, 4e-200], [1.0, 0.0]]):
-        S, lengths = walk.padded(np.array(rows)), np.zeros((2, 1))
-        walk._lengths(S, lengths)
-        np.testing.assert_allclose(lengths[:, 0], [math.hypot(*row) for row in rows], rtol=1e-15)
+        S, lengths = kernels.padded(np.array(rows)), np.zeros(2)
+        native.call("dynid_lengths", S, 2, S.shape[1], lengths)
+        np.testing.assert_allclose(lengths, [math.hypot(*row) for row in rows], rtol=1e-15)
     gaps = np.array([[1.0, np.nan], [np.nan, 2.0], [2.0, np.nan]])
-    found, counts = prediction_kernel.triangles(np.ones((3, 2, 1)), np.zeros((3, 2, 1)), gaps, np.ones(2))
+    found, counts = kernels.triangles(np.ones((3, 2, 1)), np.zeros((3, 2, 1)), gaps, np.ones(2))
     assert counts.tolist() == [2, 1]
     for factor, rows in zip(found, ([[1, 0, 1], [1, 0, 2]], [[1, 0, 2]]), strict=True):
         np.testing.assert_allclose(factor.T @ factor, np.array(rows).T @ np.array(rows), atol=1e-14)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="no gcc")
+def test_the_library_stays_within_its_arrays(tmp_path):
+    """Compiled anew with checks of every address, which run in the memory of all of Python."""
+    sources = sorted(Path(native.__file__).parent.glob("*.c"))
+    flags = ["-g", "-O1", "-std=gnu11", "-fPIC", "-shared", "-Wno-psabi", "-mavx2", "-mfma"]
+    checks = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    target = tmp_path / "library.so"
+    subprocess.run(["gcc", *flags, *checks, *map(str, sources), "-o", str(target), "-lm"], check=True)
+    runtime = [
+        subprocess.run(["gcc", f"-print-file-name={name}"], check=True, capture_output=True, text=True)
+        for name in ("libasan.so", "libubsan.so")
+    ]
+    environment = {
+        **os.environ,
+        "LD_PRELOAD": " ".join(each.stdout.strip() for each in runtime),
+        "ASAN_OPTIONS": "detect_leaks=0",
+        "PYTHONMALLOC": "malloc",
+    }
+    files = ["tests/identification/test_kernels.py", "tests/bondgraph/test_compiled_response.py"]
+    script = (
+        "import pathlib, pytest, sys; from dynid import native\n"
+        f"library = native._loaded(pathlib.Path({str(target)!r}))\n"
+        "native.found = lambda: library\n"
+        f"sys.exit(pytest.main(['-q', '-x', '-p', 'no:cacheprovider', *{files}]))"
+    )
+    root = Path(__file__).parents[2]
+    subprocess.run([sys.executable, "-c", script], check=True, env=environment, cwd=root, timeout=900)

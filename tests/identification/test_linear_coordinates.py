@@ -11,11 +11,11 @@ from scipy.linalg import expm
 import dynid
 from dynid.arithmetic.dependent import Dependent
 from dynid.identification.filter import InitialState, filter_pass
-from dynid.identification.kernels import VARIABLE
 from dynid.identification.measurement import Measurement, data
 from dynid.identification.parametric_model import parametric_model
 from dynid.identification.simulation import Simulation
 from dynid.lti.signals import Multisine
+from dynid.native import VARIABLE
 from dynid.parameters import Parameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.response import Channel, Load

@@ -15,11 +15,11 @@ from dynid.identification.estimators.imbedding import InvariantImbedding
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.frf_measurement import Frf, FrfMeasurement, FrfSystem
 from dynid.identification.identify import identify, identify_frf
-from dynid.identification.kernels import VARIABLE
 from dynid.identification.measurement import Measurement
 from dynid.identification.parametric_model import parametric_model
 from dynid.identification.simulation import Simulation
 from dynid.lti.signals import Multisine
+from dynid.native import VARIABLE
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.ports import Channel, Load

@@ -118,7 +118,8 @@ def test_a_parameter_may_be_identifiable_from_one_record_alone():
         identify_all(suspension(), [short])
     result = identify_all(suspension(), [ONE, short])
     alone = run_one(measurement=measured(0.05))
-    np.testing.assert_allclose(parameter(result, "estimate"), parameter(alone, "estimate"), rtol=1e-6)
+    # A hundredth of a standard error is what an iteration may leave.
+    np.testing.assert_allclose(parameter(result, "estimate"), parameter(alone, "estimate"), rtol=1e-4)
 
 
 def test_no_record_is_refused():

@@ -10,15 +10,11 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import os
 import sys
 from collections import Counter
 from pathlib import Path
 
-os.environ["NUMBA_DISABLE_JIT"] = "1"  # kernels are mutated as the Python that they are written in
-
 from tests.mutants.equivalent import EQUIVALENT
-from tests.mutants.graft import without_registers
 from tests.mutants.operators import Mutant, mutants
 from tests.mutants.session import Session, run
 from tests.mutants.targets import MODULES, ROOT
@@ -46,7 +42,6 @@ def main() -> int:
             kept.write_text(json.dumps(outcomes, indent=0))
 
     if tried:
-        without_registers()
         reached = asked.resume / "reached.json" if asked.resume else None
         code = run(Session(tried, sources, told, reached, asked.jobs))
         if code not in (0, 5):

@@ -77,7 +77,7 @@ EQUIVALENT: dict[str, str] = {
     "dynid.bondgraph.formulas.transfer:_register_polynomials: .leading_coefficient() < 0: → .leading_coefficient() <= 0:": (
         "the leading coefficient of a denominator is not zero"
     ),
-    "dynid.identification.kernels.steps:tables: rank = max(1, int((s > 8 * np.finfo( → rank = max(2, int((s > 8 * np.finfo(": (
+    "dynid.identification.kernels:tables: rank = max(1, int((s > 8 * np.finfo( → rank = max(2, int((s > 8 * np.finfo(": (
         "a singular value that round-off leaves adds nothing"
     ),
     "dynid.bondgraph.formulas.transfer:: DABLE, _LIMIT = (40, 4000) → DABLE, _LIMIT = (40, 4001)": "a limit of cost",

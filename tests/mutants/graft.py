@@ -7,8 +7,6 @@ import gc
 import sys
 from types import FunctionType
 
-import numpy as np
-
 from tests.mutants.operators import Mutant, mutated
 
 
@@ -55,24 +53,3 @@ def _into(old: object, new: object) -> None:
         for inner in ("fget", "func", "__func__", "__wrapped__"):
             if hasattr(old, inner) and hasattr(new, inner):
                 _into(getattr(old, inner), getattr(new, inner))
-
-
-def without_registers() -> None:
-    """Let kernels, run as plain Python, multiply small matrices by NumPy: see `kernels.simd`."""
-    from dynid.identification.kernels import simd
-
-    def matrix(array, place, rows, columns, stride):
-        return np.ndarray((rows, columns), float, array, 8 * place, (8 * stride, 8))
-
-    def multiply(rows, count, width, A, a, lda, X, x, ldx, out, o, ldo, *, add=False):
-        total = matrix(A, a, rows, count, lda) @ matrix(X, x, count, width, ldx)
-        place = matrix(out, o, rows, width, ldo)
-        place[:] = place + total if add else total
-
-    def dots(rows, width, A, a, lda, X, x, ldx, out, o, ldo):
-        pairs = matrix(A, a, rows, width, lda) * matrix(X, x, rows, width, ldx)
-        matrix(out, o, rows, 1, ldo)[:, 0] = pairs.sum(axis=1)
-
-    simd.product = simd.row_product = multiply
-    simd.accumulate = functools.partial(multiply, add=True)
-    simd.dots = dots

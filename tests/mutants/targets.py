@@ -7,7 +7,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 _SOURCE = ROOT / "src" / "dynid"
 
-#: Modules of the reduction of bond graphs, and of the filter with the kernels of its steps.
+#: Modules of the reduction of bond graphs, and of the filter with its kernels' tables.
 MODULES = {
     ".".join(("dynid", *path.relative_to(_SOURCE).with_suffix("").parts)): path
     for folder, pattern in [
@@ -15,8 +15,7 @@ MODULES = {
         ("bondgraph/formulas", "*.py"),
         ("bondgraph/reduction", "*.py"),
         ("identification", "filter.py"),
-        ("identification/kernels", "steps.py"),
-        ("identification/kernels", "filter_kernel.py"),
+        ("identification", "kernels.py"),
     ]
     for path in sorted((_SOURCE / folder).glob(pattern))
     if path.stem != "__init__"
@@ -33,7 +32,7 @@ TESTS = [
     for name in names.split()
 ]
 
-#: Tests that take long here, where kernels are run as Python, and hold nothing that others do not.
+#: Tests that take long here, and hold nothing that others do not.
 LEFT_OUT = [
     f"tests/identification/test_{name}"
     for name in (

@@ -312,18 +312,6 @@ def test_identifications_that_differ_in_other_places_each_are_run_one_by_one(sus
         assert all(outcome.values[path].equals(variable) for path, variable in alone.values.items())
 
 
-def test_many_identifications_are_compiled_and_agree_with_each_alone(suspension):
-    pytest.importorskip("numba")
-    override = {"measurement.simulate.seed": 6}
-    (one,) = run_batch(suspension, [override], (), of=100_000)
-    (again,) = run_batch(suspension, [{"measurement.simulate.seed": 6}], (), of=100_000)
-    alone = run_alone(suspension, override, ())
-    for path, variable in alone.values.items():
-        assert again.values[path].equals(one.values[path])
-        if variable.data.dtype.kind == "f":  # rounding, as far as Gauss–Newton leaves it
-            np.testing.assert_allclose(one.values[path].data, variable.data, rtol=1e-6, atol=1e-9)
-
-
 def test_of_an_identification_any_part_can_be_collected(suspension):
     collect = (
         "identification/diagnostics/converged",

@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 
 from dynid.defaults import LINEARISED
 from dynid.errors import Diverged
-from dynid.identification.kernels import compiled
 from dynid.identification.parametric_model import DirectTerm, ParametricModel
+from dynid.native import call, compiled, structure
 from dynid.parameters import Parameter, logarithmic
 
 Array = NDArray[np.float64]
@@ -200,8 +200,7 @@ def filter_pass(
     z, S = np.concatenate([prior.state, prior.eta]), prior.root.copy()
     eta, deviations, states, bands = (np.empty((samples, size)) for size in (p, p, n, n))
     history = _History(eta, deviations, states, bands, np.full(measured.shape, np.nan))
-    size, known = n + len(model.line.G), not model.instruments.unknown_delays
-    run = _walk_compiled if known and compiled(len(model.line.nodes), size, p) else _walk
+    run = _walk_compiled if compiled() and not model.instruments.unknown_delays else _walk
     root = run(model, measured, weight, z, S, origin, history, part)
     return Pass(
         eta=model.own(eta),
@@ -282,27 +281,25 @@ def _walk_compiled(
     part: float,
 ) -> Array:
     """Filter the record by the kernel; steps for which its series does not converge are computed here."""
-    from dynid.identification.kernels import filter_kernel, steps  # loads numba
+    from dynid.identification import kernels
 
-    n, lengths, nodes = model.states, model.line.lengths, len(model.line.nodes)
-    at, padded, spread = steps.linear(model), filter_kernel.padded(S), _lengths(S)[n:]
-    record = steps.plain(measured), steps.plain(weight)
-    limits = part, most_moved(model), run_away_limits(model.unknowns)
-    at.eta[:] = z[n:]
-    outputs, about = steps.outputs(model, at.eta), at.eta.copy()
-    node = 0
+    n, nodes = model.states, len(model.line.nodes)
+    at, padded, spread = kernels.linear(model, z[n:]), kernels.padded(S), _lengths(S)[n:].copy()
+    record = kernels.record(
+        measured, weight, origin, (part, most_moved(model), run_away_limits(model.unknowns))
+    )
+    filled = structure(**history._asdict())
+    outputs, about, node = kernels.outputs(model, at.eta), at.eta.copy(), 0
     while node < nodes:
-        made = steps.tables(model), at, outputs
-        node = filter_kernel.filter_samples(
-            *made, limits, node, *record, z, padded, spread, origin, tuple(history)
-        )
+        read = kernels.tables(model), at.members, outputs, record
+        node = call("dynid_filter", *read, node, z, padded, padded.shape[1], spread, filled)
         if node < 0:
             check_run_away(model.unknowns, z[n:], origin)
         if node < nodes:
             length = int(model.line.which[node - 1])
-            steps.place(at, length, model.transition(at.eta, float(lengths[length])))
+            kernels.place(at, length, model.transition(at.eta, float(model.line.lengths[length])))
             if model.affine is None and not np.array_equal(about, at.eta):
-                outputs, about = steps.outputs(model, at.eta), at.eta.copy()
+                outputs, about = kernels.outputs(model, at.eta), at.eta.copy()
     return padded[:, : len(S)]
 
 

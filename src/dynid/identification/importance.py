@@ -149,7 +149,9 @@ def posterior_check(posterior: Posterior) -> PosteriorCheck:
             remedy="Leave `loss` or `posterior_check` out.",
             names=("posterior_check",),
         )
-    likelihood, fit, root = posterior.likelihood, posterior.fit, posterior.information.root
+    likelihood, fit = posterior.likelihood, posterior.fit
+    triangle = np.asarray(np.linalg.qr(posterior.information.root.T, mode="r"))
+    root = (triangle * np.sign(triangle.diagonal())[:, None]).T  # the same whatever the signs of its factors
     target = _Target(posterior)
     first = used = _weighted(target, likelihood, fit.eta, root, math.inf)
     for _ in range(_ROUNDS):

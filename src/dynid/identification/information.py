@@ -123,9 +123,11 @@ def _combination(names: Sequence[str], values: Array, gradient: Array) -> str:
 def _invariants(names: Sequence[str], relative: Array) -> str:
     """Return the products of powers that do not change where parameters change by these relative amounts.
 
-    One for each parameter but the one that changes least; empty where the exponents are no simple fractions.
+    One for each parameter but the last of those that change least; empty where the exponents are no simple
+    fractions.
     """
-    base = int(np.argmin(np.abs(relative)))
+    least = np.abs(relative)
+    base = int(np.flatnonzero(least <= least.min() * (1 + _EQUAL))[-1])
     found = []
     for k, name in enumerate(names):
         power = Fraction(float(relative[k] / relative[base])).limit_denominator(_LARGEST)

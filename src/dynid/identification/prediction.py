@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.kernels import compiled
 from dynid.identification.parametric_model import ParametricModel, Transition
 from dynid.lti.recurrence import free_response, recurrence
+from dynid.native import compiled
 
 if TYPE_CHECKING:
-    from dynid.identification.kernels.steps import Linear
+    from dynid.identification.kernels import Linear
 
 Array = NDArray[np.float64]
 Steps: TypeAlias = "list[Transition] | Linear"
@@ -72,14 +72,10 @@ def free_prediction(model: ParametricModel, eta: Array) -> tuple[Free, Steps]:
     model = model.moved(eta)
     line, n = model.line, model.states
     if kernels_used(model):
-        from dynid.identification.kernels import prediction_kernel  # loads numba
-        from dynid.identification.kernels.steps import tables
+        from dynid.identification import kernels
 
-        at = prediction_kernel.steps_at(model, eta)
-        direct = model.direct(eta).value
-        outputs = np.empty(direct.shape)
-        by_state = np.empty((*outputs.shape, n))
-        prediction_kernel.free(tables(model), at, model.output(eta)[0], direct, outputs, by_state)
+        at = kernels.steps_at(model, eta)
+        outputs, by_state = kernels.free(model, at, model.output(eta)[0], model.direct(eta).value)
         return Free(model.gathered(outputs), model.gathered(by_state)), at
     transitions = [model.transition(eta, h) for h in line.lengths]
     forcing = _forcing(model, [transition.step[:, n:] for transition in transitions])
@@ -116,14 +112,9 @@ def prediction(model: ParametricModel, eta: Array, x0: Array, free: Free, steps:
     n, p, nodes = model.states, model.parameters, len(model.line.nodes)
     (C, C_slopes), direct = model.output(eta), model.direct(eta)
     if not isinstance(steps, list):
-        from dynid.identification.kernels import prediction_kernel  # loads numba
-        from dynid.identification.kernels.steps import tables
+        from dynid.identification import kernels
 
-        outputs = np.empty(direct.value.shape)
-        by_time, by_parameter = np.empty((len(outputs), n)), np.empty((*outputs.shape, p))
-        varying = C_slopes if C_slopes.any() else C_slopes[:0]
-        own = C, varying, direct.value
-        prediction_kernel.sensitive(tables(model), steps, *own, x0, outputs, by_time, by_parameter)
+        outputs, by_time, by_parameter = kernels.sensitive(model, steps, C, C_slopes, direct.value, x0)
         if direct.slopes is not None:
             by_parameter += np.moveaxis(direct.slopes, 0, -1)
         found = model.gathered(outputs), model.own(by_time), model.gathered(by_parameter)
@@ -151,9 +142,8 @@ def prediction(model: ParametricModel, eta: Array, x0: Array, free: Free, steps:
 
 
 def kernels_used(model: ParametricModel) -> bool:
-    """Return True if passes and predictions are compiled: of long records whose delays are known."""
-    size = model.states + len(model.line.G)
-    return not model.instruments.unknown_delays and compiled(len(model.line.nodes), size, model.parameters)
+    """Return True if predictions are compiled: those whose delays are known."""
+    return compiled() and not model.instruments.unknown_delays
 
 
 def forced_by(model: ParametricModel, eta: Array, loads: Sequence[int]) -> Array:

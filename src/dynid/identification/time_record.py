@@ -435,10 +435,9 @@ class TimeRecord(RecordLikelihood):
             by_state, by_parameter = white[..., :n], white[..., n:-1]
             residual = np.where(present, white[..., -1], np.nan)
         if kernels_used(self.model):
-            from dynid.identification.kernels import prediction_kernel, steps  # loads numba
+            from dynid.identification.kernels import triangles
 
-            every = (steps.plain(each) for each in (by_state, by_parameter, residual, self.data.rms))
-            return prediction_kernel.triangles(*every)
+            return triangles(by_state, by_parameter, residual, self.data.rms)
         rows = np.concatenate([by_state, by_parameter, residual[..., None]], axis=2)
         rows /= self.data.rms[:, None]
         missing = np.isnan(residual)

@@ -22,7 +22,7 @@ from dynid.store.reader import CURRENT, INTERRUPTED, StoredVariable, read_root, 
 from dynid.store.sink import Sink
 from dynid.store.writer import ArrayWriter, write_attrs
 
-_PACKAGES = ("numpy", "scipy", "h5py", "pydantic", "pyyaml", "python-flint", "sympy", "numba", "control")
+_PACKAGES = ("numpy", "scipy", "h5py", "pydantic", "pyyaml", "python-flint", "sympy", "control")
 
 
 def write_result(result: Result, path: str | os.PathLike[str], scene_text: str | None = None) -> None:

@@ -84,25 +84,10 @@ def case(samples: int, seed: int = 1) -> SuspensionRecord:
     return SuspensionRecord(ensemble, start, truth, bound, A, slopes, b)
 
 
-#: Remark on the times of filters.
-REMARK = (
-    "a process that loads the kernels takes longer before it begins (startup: run-identification-kernels), "
-    "so that short records are filtered without them; DYNID_COMPILED=1 has them always"
-)
-
-
-def compiles(samples: int, records: int = 1) -> bool:
-    """Return True if dynid compiles its kernels by default for this number and length of records."""
-    from dynid.identification.kernels import compiled, repeated
-
-    with repeated(records):
-        return compiled(samples, 10 + 2 * len(OMEGA), 4)
-
-
 @contextmanager
 def kernels(wish: str) -> Iterator[None]:
-    """Compile the kernels (`1`) or not (`0`), for any size."""
-    from dynid.identification.kernels import VARIABLE
+    """Use the compiled kernels (`1`) or not (`0`)."""
+    from dynid.native import VARIABLE
 
     before = os.environ.get(VARIABLE)
     os.environ[VARIABLE] = wish
@@ -252,9 +237,8 @@ FILTERS = Benchmark(
     ),
     error=_filter_error,
     measure="largest distance from the filter linearised at every sample, in its deviations; inf: no number",
-    default=lambda samples: "square-root" if compiles(samples) else "square-root-numpy",
+    default=lambda _: "square-root",
     full=(80_000,),
-    remark=REMARK,
 )
 
 
@@ -339,7 +323,6 @@ ESTIMATORS = Benchmark(
     ),
     error=_estimator_error,
     measure="RMS of the errors over the Cramér-Rao bound",
-    default=lambda samples: ESTIMATOR.value if compiles(samples, len(_SEEDS)) else f"{ESTIMATOR.value}-numpy",
+    default=lambda _: ESTIMATOR.value,
     full=(8000, 80_000),
-    remark=REMARK,
 )

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from dynid.bench.benchmark import Alternative, Benchmark, TimeLimit
-from dynid.identification.kernels import VARIABLE
 
 
 @cache
@@ -67,12 +66,6 @@ def _on_result(command: str, kind: str, *arguments: str) -> Callable[[int], Call
     return prepare
 
 
-def _with_kernels(size: int) -> Callable[[], Any]:
-    """Return the run of the identification with compiled kernels, for which it is too short by default."""
-    os.environ[VARIABLE] = "1"  # of this process, which measures nothing else
-    return _dynid("run", "identification.yaml", "-q")(size)
-
-
 def _modules(_: int, arguments: Any) -> float:
     """Return the number of modules that the command imports."""
     command = [sys.executable, "-X", "importtime", *arguments]
@@ -92,7 +85,6 @@ BENCHMARK = Benchmark(
         Alternative("schema", _dynid("schema", "study")),
         Alternative("run-bond-graph", _dynid("run", "bond-graph.yaml", "-q")),
         Alternative("run-identification", _dynid("run", "identification.yaml", "-q")),
-        Alternative("run-identification-kernels", _with_kernels),
         Alternative("show", _on_result("show", "bond-graph")),
         Alternative("report", _on_result("report", "identification", "-q")),
         Alternative(

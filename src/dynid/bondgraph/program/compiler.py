@@ -28,18 +28,20 @@ from dynid.bondgraph.program.doubled import (
     Integers,
     Real,
     TapeOperation,
-    compiled,
     real_product,
     real_reciprocal,
     real_sum,
     run_tape,
 )
 from dynid.bondgraph.program.program import Operation, Program, Register
+from dynid.native import call, compiled
 
 # --- instructions ----------------------------------------------------------------------------------
 
 _LAPLACE, _ADD, _SUB, _MUL, _DIV, _NEG = (int(op) for op in tuple(Operation)[2:])
 _LOAD, _SHIFT, _PLUS, _MINUS, _TIMES, _INVERSE, _OPPOSITE = (int(code) for code in TapeOperation)
+# Frequencies that NumPy runs at once at the most.
+_MOST_LANES = 1024
 _GENERAL = 99  # power of a register that is no monomial
 
 
@@ -87,7 +89,6 @@ class _Draft(NamedTuple):
     inverse: Integers  # the one that gives its reciprocal
 
 
-@compiled
 def lower_program(registers: RegisterArrays, wanted: Integers) -> tuple[InstructionListing, Integers]:
     """Return the instructions that compute registers, and the places of those wanted."""
     count = len(registers.codes)
@@ -113,7 +114,6 @@ def lower_program(registers: RegisterArrays, wanted: Integers) -> tuple[Instruct
     return InstructionListing(codes[:end], operands[:end], numbers[:end], powers[:end]), draft.place[wanted]
 
 
-@compiled
 def _monomials(registers: RegisterArrays, needed: NDArray[np.bool_]) -> Integers:
     """Work out all registers that are a number times a power of s; return the powers."""
     codes, first, second, numbers = registers
@@ -138,7 +138,6 @@ def _monomials(registers: RegisterArrays, needed: NDArray[np.bool_]) -> Integers
     return power
 
 
-@compiled
 def _number(op: int, x: Real, y: Real) -> Real:
     """Return the number of a sum, product or quotient of monomials with these numbers."""
     if op == _MUL:
@@ -150,7 +149,6 @@ def _number(op: int, x: Real, y: Real) -> Real:
     return real_sum(x, y if op == _ADD else (-y[0], -y[1], y[2]))
 
 
-@compiled
 def _put(draft: _Draft, code: int, one: int, other: int) -> int:
     """Write an instruction; return its place."""
     at: int = draft.length[0]
@@ -160,7 +158,6 @@ def _put(draft: _Draft, code: int, one: int, other: int) -> int:
     return at
 
 
-@compiled
 def _put_monomial(draft: _Draft, code: int, one: int, number: Array, sign: float, power: int) -> int:
     """Write an instruction that reads a monomial; return its place."""
     at = _put(draft, code, one, one)
@@ -170,7 +167,6 @@ def _put_monomial(draft: _Draft, code: int, one: int, number: Array, sign: float
     return at
 
 
-@compiled
 def _operand(registers: RegisterArrays, power: Integers, register: int, draft: _Draft) -> int:
     """Return the instruction that gives a register; a monomial is loaded where it is first read."""
     at: int = draft.place[register]
@@ -181,7 +177,6 @@ def _operand(registers: RegisterArrays, power: Integers, register: int, draft: _
     return at
 
 
-@compiled
 def _operation(registers: RegisterArrays, power: Integers, register: int, draft: _Draft) -> int:
     """Write the instruction that computes a register from its operands; return its place."""
     op, a, b = registers.codes[register], registers.first[register], registers.second[register]
@@ -195,7 +190,6 @@ def _operation(registers: RegisterArrays, power: Integers, register: int, draft:
     return _put(draft, _TIMES, one, _operand(registers, power, b, draft))
 
 
-@compiled
 def _write_quotient(registers: RegisterArrays, power: Integers, register: int, draft: _Draft) -> int:
     """Write a quotient as a product with a reciprocal, which is shared by all that divide by the same."""
     a, b = registers.first[register], registers.second[register]
@@ -209,7 +203,6 @@ def _write_quotient(registers: RegisterArrays, power: Integers, register: int, d
     return _put(draft, _TIMES, _operand(registers, power, a, draft), inverse)
 
 
-@compiled
 def _write_sum(registers: RegisterArrays, power: Integers, register: int, draft: _Draft) -> int:
     """Write a sum or difference; a monomial in it is added as such, without being loaded."""
     op, a, b = registers.codes[register], registers.first[register], registers.second[register]
@@ -230,7 +223,6 @@ def _write_sum(registers: RegisterArrays, power: Integers, register: int, draft:
 _SHALLOW = 4  # operations above a leaf
 
 
-@compiled
 def instruction_order(codes: Integers, operands: Integers, wanted: Integers) -> Integers:
     """Return an order of the instructions in which few are alive at a time.
 
@@ -267,7 +259,6 @@ def instruction_order(codes: Integers, operands: Integers, wanted: Integers) -> 
     return order[:done]
 
 
-@compiled
 def allocate_slots(operands: Integers, order: Integers, wanted: Integers) -> tuple[Integers, int]:
     """Return the slot of each instruction, and how many slots there are.
 
@@ -334,11 +325,25 @@ def compile_tape(
     value
         The exact value of a node.
     """
-    listing, places = lower_program(_registers(program, value), np.array(wanted, dtype=np.int64))
+    registers, asked = _registers(program, value), np.array(wanted, dtype=np.int64)
+    if compiled():
+        return _tape_by_library(registers, asked)
+    listing, places = lower_program(registers, asked)
     order = instruction_order(listing.codes, listing.operands, places)
     slot, slots = allocate_slots(listing.operands, order, places)
     rows = np.column_stack((listing.codes, slot[listing.operands], slot, listing.powers))
     return InstructionTape(rows[order], listing.numbers[order], slot[places], slots)
+
+
+def _tape_by_library(registers: RegisterArrays, wanted: Integers) -> InstructionTape:
+    """Return the same from `native/tape.c`."""
+    count = len(registers.codes)
+    most = 3 * count + len(wanted)
+    rows, numbers = np.empty((most, 5), np.int64), np.empty((most, 3))
+    places, sizes = np.empty(len(wanted), np.int64), np.empty(2, np.int64)
+    call("dynid_tape", count, *registers, len(wanted), wanted, rows, numbers, places, sizes)
+    length, slots = sizes.tolist()
+    return InstructionTape(rows[:length], numbers[:length], places, slots)
 
 
 def _registers(program: Program, value: Callable[[str], Fraction]) -> RegisterArrays:
@@ -403,23 +408,24 @@ def sweep_frequencies(
         Both of shape (omega, register).
     """
     tape = compile_tape(program, wanted, value)
-    blocks = -(-len(omega) // LANES)
-    padded = np.resize(omega, blocks * LANES) if blocks else omega
+    lanes = LANES if compiled() else max(1, min(len(omega), _MOST_LANES))
+    blocks = -(-len(omega) // lanes)
+    padded = np.resize(np.asarray(omega, dtype=float), blocks * lanes)
     padded[len(omega) :] = omega[-1:]
-    found = np.empty((blocks, len(wanted), ROWS, LANES))
+    found = np.empty((blocks, len(wanted), ROWS, lanes))
 
     def run(worker: int) -> None:
-        memory = np.zeros((tape.slots, ROWS * LANES))
+        memory = np.zeros((tape.slots, ROWS, lanes))
         for block in range(worker, blocks, workers):
-            run_tape(tape.rows, tape.numbers, padded[block * LANES : (block + 1) * LANES], memory)
-            found[block] = memory[tape.places].reshape(-1, ROWS, LANES)
+            run_tape(tape.rows, tape.numbers, padded[block * lanes : (block + 1) * lanes], memory)
+            found[block] = memory[tape.places]
 
     limited = hasattr(os, "sched_getaffinity")  # the cores that this process may use
     cores = len(os.sched_getaffinity(0)) if limited else os.cpu_count() or 1
     workers = max(1, min(blocks, cores))
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(run, range(workers)))
-    rows = found.transpose(2, 0, 3, 1).reshape(ROWS, blocks * LANES, len(wanted))[:, : len(omega)]
+    rows = found.transpose(2, 0, 3, 1).reshape(ROWS, blocks * lanes, len(wanted))[:, : len(omega)]
     values = np.empty(rows.shape[1:], dtype=np.complex128)
     values.real, values.imag = rows[0] + rows[1], rows[2] + rows[3]
     return values, rows[5]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from dynid.defaults import COMPILED, ESTIMATOR, FILTER_PASSES, HUBER
+from dynid.defaults import ESTIMATOR, FILTER_PASSES, HUBER
 from dynid.errors import NumericalError, UsageError
 from dynid.lti.floating import guarded
 from dynid.number_format import counted
@@ -156,7 +156,6 @@ def _add_record(scene: Scene, result: Result, facts: list[Fact], names: list[str
     facts.append(Fact("redundancy", said))
     facts += _of_estimator(
         model.estimator,
-        likelihood,
         frf=model.measurement.frf is not None or model.measurement.modes is not None,
     )
     return likelihood
@@ -267,8 +266,8 @@ def _of_record(scene: Scene, likelihood: Likelihood) -> Iterator[Fact]:
         )
 
 
-def _of_estimator(given: EstimatorModel, likelihood: Likelihood, *, frf: bool) -> Iterator[Fact]:
-    """Yield the estimator, its options and compilation."""
+def _of_estimator(given: EstimatorModel, *, frf: bool) -> Iterator[Fact]:
+    """Yield the estimator and its options."""
     passes = given.passes or FILTER_PASSES.value
     said = {
         "auto": f"{ESTIMATOR.sentence.format(value=ESTIMATOR.value)}; more passes and other starts only "
@@ -285,11 +284,6 @@ def _of_estimator(given: EstimatorModel, likelihood: Likelihood, *, frf: bool) -
         yield Fact("estimator", f"{given.method}: maximum likelihood of the responses{loss}")
         return
     yield Fact("estimator", f"{said[given.method]}{loss}")
-    from dynid.identification.kernels import compiled
-
-    sizes = (_sizes(record) for record in likelihood.records)
-    if given.method in ("auto", "filter") and any(compiled(*size) for size in sizes):
-        yield Fact("", f"{COMPILED.sentence.format(value=COMPILED.value)}: they are here")
 
 
 def _sizes(record: Any) -> tuple[int, int, int]:

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 from dynid.arithmetic.numbers import OutOfRangeError, to_fraction
 from dynid.errors import DynidError
 from dynid.identification.identify import SharedRecords
-from dynid.identification.kernels import repeated
 from dynid.result import Variable
 from dynid.scene.batch import run_alone
 from dynid.scene.collect import CollectedResult, gather
@@ -42,7 +41,10 @@ class _RecordKey:
 
 
 def batched(
-    template: Scene, overrides: Overrides, collect: tuple[str, ...], of: int
+    template: Scene,
+    overrides: Overrides,
+    collect: tuple[str, ...],
+    of: int,  # noqa: ARG001
 ) -> list[SampleOutcome] | None:
     """Run samples together where they differ in seeds, noise, starts and true values alone.
 
@@ -51,7 +53,7 @@ def batched(
     template, overrides, collect
         As for `dynid.scene.batch.run_batch`.
     of
-        How many samples there are in all: with many of them, the passes are compiled.
+        How many samples there are in all.
 
     Returns
     -------
@@ -65,12 +67,11 @@ def batched(
     plan = _planned(family)
     if plan is None:
         return None
-    with repeated(of):
-        found = [plan.run(one, collect) for one in overrides]
-        return [
-            SampleOutcome(values) if values is not None else run_alone(template, one, collect)
-            for one, values in zip(overrides, found, strict=True)
-        ]
+    found = [plan.run(one, collect) for one in overrides]
+    return [
+        SampleOutcome(values) if values is not None else run_alone(template, one, collect)
+        for one, values in zip(overrides, found, strict=True)
+    ]
 
 
 def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], of: int) -> str:  # noqa: ARG001

@@ -1,0 +1,88 @@
+"""Compiles the library of `dynid.native` when the package is built or installed.
+
+With the C compiler of the machine (CC, else cc, gcc or clang), else with that of the package ziglang, which
+is then asked for as a requirement of the build. Where neither works the package is built without the library,
+and does the same by NumPy.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+import sysconfig
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+FOLDER = Path("src/dynid/native")
+FLAGS = [
+    "-O3",
+    "-std=gnu11",
+    "-fPIC",
+    "-fvisibility=hidden",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-Wno-psabi",
+]
+# Products and sums are fused, except where arithmetic relies on each rounding.
+EVERY_ROUNDING = ("doubled.c", "tape.c")
+SUFFIX = {"win32": "dll", "darwin": "dylib"}.get(sys.platform, "so")
+
+
+def compiler() -> list[str] | None:
+    """Return the command of a C compiler, if there is one."""
+    if wish := os.environ.get("CC"):
+        return shlex.split(wish)
+    for name in ("cc", "gcc", "clang"):
+        if found := shutil.which(name):
+            return [found]
+    return [sys.executable, "-m", "ziglang", "cc"] if find_spec("ziglang") else None
+
+
+class NativeLibrary(BuildHookInterface):
+    """The hook that hatchling calls."""
+
+    def dependencies(self) -> list[str]:
+        """Ask for a compiler where the machine has none."""
+        return [] if compiler() else ["ziglang"]
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:  # noqa: ARG002
+        """Compile, and put the library into the wheel (the source archive has none)."""
+        if self.target_name != "wheel":
+            return
+        folder = Path(self.root) / FOLDER
+        for old in folder.glob("library*"):
+            old.unlink()
+        try:
+            made = [built(folder, "library", [])]
+            if platform.machine().lower() in ("x86_64", "amd64"):
+                made.append(built(folder, "library_avx2", ["-mavx2", "-mfma"]))
+        except (OSError, subprocess.CalledProcessError) as failure:
+            self.app.display_warning(f"dynid is built without its C library: {failure}")
+            self.app.display_warning(str(getattr(failure, "stderr", "")))
+            return
+        build_data["pure_python"] = False
+        build_data["tag"] = "py3-none-" + sysconfig.get_platform().replace("-", "_").replace(".", "_")
+        build_data["artifacts"] += [f"{FOLDER.as_posix()}/{each.name}" for each in made]
+
+
+def built(folder: Path, name: str, flags: list[str]) -> Path:
+    """Compile the sources in a folder into a library there; return its path."""
+    command, target = compiler() or ["cc"], folder / f"{name}.{SUFFIX}"
+    with TemporaryDirectory() as scratch:
+        objects = []
+        for source in sorted(folder.glob("*.c")):
+            objects.append(str(Path(scratch) / source.with_suffix(".o").name))
+            contracted = "off" if source.name in EVERY_ROUNDING else "fast"
+            own = [*FLAGS, *flags, f"-ffp-contract={contracted}", "-c", str(source), "-o", objects[-1]]
+            subprocess.run([*command, *own], check=True, capture_output=True, text=True)
+        linked = [*command, *flags, "-shared", *objects, "-o", str(target), "-lm"]
+        subprocess.run(linked, check=True, capture_output=True, text=True)
+    return target

@@ -1,0 +1,289 @@
+"""Passes of the filter, and predictions of records, by machine code (`dynid.native`).
+
+A step and its derivatives are summed there from a Taylor series, which the lower half of the system matrix
+alone drives: the upper half states that velocities are rates of displacements. A longer step is halved, and
+squared; where halvings are not enough `ParametricModel.transition` makes it.
+
+The kernels are used wherever the library is there. They give what NumPy gives, to rounding.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.defaults import FORCING_TABLE
+from dynid.identification.linear_system import Affine
+from dynid.identification.parametric_model import ParametricModel, Transition
+from dynid.native import call, structure
+from dynid.parameters import logarithmic
+
+Array = NDArray[np.float64]
+
+#: Columns of what the kernels write are a multiple of it, as in `native/products.h`.
+LANES = 8
+#: Norm of the longest step that the series takes: beyond, cancellation would cost more than a digit.
+REACH = 4.0
+#: How often a longer step is halved at most.
+HALVINGS = 3
+
+
+class Linear(NamedTuple):
+    """The steps of all lengths at some coordinates (p), so far as they are `ready` (lengths).
+
+    `forward` (lengths x n + q x n (1 + p), padded) takes [x, w] to the next state and its derivatives, the
+    latter beside each state; `phis` (lengths x 1 + p x n (n + p padded)) are Phi and its derivatives, row
+    after row, with room in each row for the sensitivities. `members` is the same as the kernels have it.
+    """
+
+    eta: Array
+    ready: NDArray[np.bool_]
+    forward: Array
+    phis: Array
+    members: Any
+
+
+_TABLES: WeakKeyDictionary[ParametricModel, Any] = WeakKeyDictionary()
+
+
+def plain(array: Array) -> Array:
+    """Return an array as the kernels take it."""
+    return np.require(array, float, ["C", "W"])
+
+
+def lanes(count: int) -> int:
+    """Return the next multiple of `LANES`."""
+    return -(-count // LANES) * LANES
+
+
+def tables(model: ParametricModel) -> Any:
+    """Return the parts of a model that its steps need, as `native/steps.h` has them; made once.
+
+    `left` times `right` is the change of the lower half of A by the parameters. `forcing` takes the generator
+    state to what it feeds, degree by degree; `turned` takes it a step ahead; `reach` is the norm of the
+    generator times the step; infinite where the series is not used. Of a model that is not affine the
+    matrices are zeros: the caller makes its steps.
+    """
+    if (made := _TABLES.get(model)) is not None:
+        return made
+    line, n, p, m, affine = model.line, model.states, model.parameters, model.states // 2, model.affine
+    q, lengths = model.W.shape[1], len(line.lengths)
+    lower, rates = np.zeros((m, n)), np.zeros(m)
+    left, right = np.zeros((p, m, 1)), np.zeros((p, 1, n))
+    forcing, turned, reach = np.empty((0, 1, 0, m, q)), np.empty(0), np.full(lengths, np.inf)
+    if affine is not None:
+        # The changes of the lower half, factorised by their largest rank.
+        U, s, Vt = np.linalg.svd(affine.A_slopes[:, m:], full_matrices=False)
+        rank = max(1, int((s > 8 * np.finfo(float).eps * s[:, :1]).sum(axis=1).max()))
+        left, right = U[:, :, :rank] * s[:, None, :rank], Vt[:, :rank]
+        lower, rates = affine.A[m:], affine.A[:m, m:].diagonal()
+        forcing, turned = _forcing(model, affine)
+        if len(forcing):
+            reach = np.abs(line.G).sum(axis=0).max(initial=0.0) * line.lengths
+    made = _TABLES[model] = structure(
+        n=n,
+        p=p,
+        rank=left.shape[2],
+        q=q,
+        lengths=lengths,
+        halvings=forcing.shape[1] - 1,
+        degrees=forcing.shape[2],
+        nodes=len(line.nodes),
+        lower=plain(lower),
+        left=plain(left),
+        right=plain(right),
+        rates=plain(rates),
+        h=plain(line.lengths),
+        forcing=plain(forcing),
+        turned=plain(turned),
+        reach=plain(reach),
+        W=plain(model.W),
+        log=logarithmic(model.unknowns).astype(float),
+        which=np.require(line.which, np.int64, ["C"]),
+        sample=np.require(line.sample_of(), np.int64, ["C"]),
+    )
+    return made
+
+
+def _forcing(model: ParametricModel, affine: Affine) -> tuple[Array, Array]:
+    """Return the tables of forcing and of the generator's exponentials; empty if they are large.
+
+    Of every length, its half, its quarter …: lengths x 1 + halvings x degrees x n/2 x q, and … x q x q.
+    """
+    line = model.line
+    drive = (affine.B @ (line.H * model.acting[:, None]) * model.w_scale)[model.states // 2 :]
+    degrees, identity = _degree(REACH) + 1, np.eye(len(line.G))
+    parts = min(1 + HALVINGS, int(FORCING_TABLE.value / max(1, len(line.lengths) * degrees * drive.size)))
+    if not parts:
+        return np.empty((0, 1, degrees, *drive.shape)), np.empty(0)
+    forcing = np.empty((len(line.lengths), parts, degrees, *drive.shape))
+    turned = np.empty((len(line.lengths), parts, *identity.shape))
+    for length, part in np.ndindex(len(line.lengths), parts):
+        h, E = line.lengths[length] / 2**part, identity
+        for k in reversed(range(degrees)):  # by Horner's scheme
+            forcing[length, part, k] = drive @ E * (h / (k + 1))
+            E = identity + line.G @ E * (h / (k + 1))
+        turned[length, part] = E
+    return forcing, turned
+
+
+def _degree(norm: float) -> int:
+    """Return the degree of the Taylor polynomial of exp for a matrix of this norm, as in `native/steps.h`."""
+    degree, term = 1, norm * norm / 2
+    while term > 1e-15:
+        degree += 1
+        term *= norm / (degree + 1)
+    return degree
+
+
+def linear(model: ParametricModel, eta: Array) -> Linear:
+    """Return room for the steps of a model at some coordinates (p), none of which is ready."""
+    n, p, lengths = model.states, model.parameters, len(model.line.lengths)
+    eta, ready = np.array(eta, dtype=float), np.zeros(lengths, dtype=bool)
+    forward = np.zeros((lengths, n + len(model.line.G), lanes(n * (1 + p))))
+    phis = np.zeros((lengths, 1 + p, n * lanes(n + p)))
+    members = structure(
+        wide=forward.shape[2], tall=phis.shape[2], eta=eta, ready=ready, forward=forward, phis=phis
+    )
+    return Linear(eta, ready, forward, phis, members)
+
+
+def place(at: Linear, length: int, transition: Transition) -> None:
+    """Insert a step for which the series does not converge fast enough."""
+    step, derivatives = transition
+    n = len(step)
+    both = np.concatenate([step[None], derivatives]).transpose(2, 1, 0).reshape(step.shape[1], -1)
+    at.forward[length, :, : both.shape[1]] = both
+    phis = at.phis[length].reshape(1 + len(derivatives), n, -1)
+    phis[0, :, :n], phis[1:, :, :n] = step[:, :n], derivatives[:, :, :n]
+    at.ready[length] = True
+
+
+def steps_at(model: ParametricModel, eta: Array) -> Linear:
+    """Return the steps of all lengths at these coordinates (p)."""
+    at, missed = linear(model, eta), np.zeros(len(model.line.lengths), dtype=bool)
+    call("dynid_prepare", tables(model), at.members, missed)
+    for length in missed.nonzero()[0].tolist():
+        place(at, length, model.transition(eta, float(model.line.lengths[length])))
+    return at
+
+
+# --- the filter ------------------------------------------------------------------------------------
+
+
+def padded(S: Array) -> Array:
+    """Return a copy of a root (rows x columns), with columns of zeros after it."""
+    return np.pad(S, ((0, 0), (0, -len(S) % LANES)))
+
+
+def outputs(model: ParametricModel, eta: Array) -> Any:
+    """Return C, its slopes, and the direct term with its slopes, for steps about these coordinates (p).
+
+    Of an affine model C is that without the parameters, and the slopes are by their values; of any other both
+    are at the coordinates.
+    """
+    direct, affine = model.direct(eta), model.affine
+    C, C_slopes = model.output(eta) if affine is None else (affine.C, affine.C_slopes)
+    samples, channels = direct.value.shape
+    return structure(
+        affine=int(affine is not None),
+        channels=channels,
+        samples=samples,
+        C=plain(C),
+        C_slopes=plain(C_slopes) if C_slopes.any() else None,
+        direct=plain(direct.value),
+        direct_slopes=None if direct.slopes is None else plain(direct.slopes),
+    )
+
+
+def record(measured: Array, weights: Array, origin: Array, limits: tuple[float, Array, Array]) -> Any:
+    """Return what a pass reads.
+
+    Parameters
+    ----------
+    measured, weights
+        Measured values, and one over the standard deviation of their noise (times x channels).
+    origin
+        Coordinates from which a divergence is measured (p).
+    limits
+        Part of their deviation, and most (p), that coordinates may be off the linearisation; and off the
+        origin (p).
+    """
+    part, most, runaway = limits
+    return structure(
+        measured=plain(measured),
+        weights=plain(weights),
+        origin=plain(origin),
+        most=plain(most),
+        runaway=plain(runaway),
+        part=float(part),
+    )
+
+
+# --- predictions -----------------------------------------------------------------------------------
+
+
+def free(model: ParametricModel, at: Linear, C: Array, direct: Array) -> tuple[Array, Array]:
+    """Return outputs from rest (times x channels), and their derivatives by the first state (… x n)."""
+    found, by_state = np.empty(direct.shape), np.empty((*direct.shape, model.states))
+    call("dynid_free", tables(model), at.members, len(C), plain(C), plain(direct), found, by_state)
+    return found, by_state
+
+
+def sensitive(
+    model: ParametricModel, at: Linear, C: Array, C_slopes: Array, direct: Array, start: Array
+) -> tuple[Array, Array, Array]:
+    """Return outputs from a first state, states (times x n), and derivatives by the coordinates (… x p)."""
+    found, states = np.empty(direct.shape), np.empty((len(direct), model.states))
+    by_parameter = np.empty((*direct.shape, model.parameters))
+    varying = plain(C_slopes) if C_slopes.any() else None
+    given = len(C), plain(C), varying, plain(direct), plain(start)
+    call("dynid_sensitive", tables(model), at.members, *given, found, states, by_parameter)
+    return found, states, by_parameter
+
+
+def triangles(
+    by_state: Array, by_parameter: Array, residual: Array, rms: Array
+) -> tuple[Array, NDArray[np.int64]]:
+    """Return the triangular factors of derivatives and residuals side by side, over the channels' RMS.
+
+    Blocks of rows are reflected into the triangle of those before them (Householder).
+
+    Parameters
+    ----------
+    by_state, by_parameter
+        Derivatives (times x channels x n, x p).
+    residual
+        Residuals (times x channels), NaN where missing.
+    rms
+        What each channel is divided by (channels).
+
+    Returns
+    -------
+    tuple
+        The factors (channels x n + p + 1 x n + p + 1), and how many residuals there are (channels).
+    """
+    samples, channels, n = by_state.shape
+    p = by_parameter.shape[2]
+    out, counts = np.zeros((channels, n + p + 1, n + p + 1)), np.zeros(channels, dtype=np.int64)
+    read = map(plain, (by_state, by_parameter, residual, rms))
+    call("dynid_triangles", samples, channels, n, p, *read, out, counts)
+    return out, counts
+
+
+def pass_seconds(nodes: int, size: int, parameters: int) -> float:
+    """Return about how long a pass takes by NumPy, of which a compiled one takes a fortieth.
+
+    Parameters
+    ----------
+    nodes
+        Steps of the pass.
+    size
+        States of the model and of the signals' generators.
+    parameters
+        Number of parameters.
+    """
+    return nodes * (6e-5 + 1e-10 * 6 * (1 + 2 * parameters) * size**3)

@@ -1,0 +1,123 @@
+"""Machine code of the innermost loops: a library of plain C, without Python's interface, called by ctypes.
+
+It is compiled when the package is built (`hatch_build.py`) and loads in a fraction of a millisecond. Where it
+is absent, as in a source tree that was not installed, NumPy does the same. The environment variable
+DYNID_COMPILED is 0 (never), 1 (always: an error where the library is absent) or auto (default).
+"""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import UsageError
+
+if TYPE_CHECKING:
+    import ctypes
+    from pathlib import Path
+
+Array: TypeAlias = NDArray[Any]
+
+VARIABLE = "DYNID_COMPILED"
+#: The version of the functions' arguments, as in `abi.c`: a library of another one is not used.
+ABI = 1
+_NO_MEMORY = -(2**63)
+
+
+def compiled() -> bool:
+    """Return True if the library is to be used.
+
+    Raises
+    ------
+    UsageError
+        If the environment variable has another value, or asks for a library that is absent.
+    """
+    wish = os.environ.get(VARIABLE, "auto")
+    if wish not in ("0", "1", "auto"):
+        raise UsageError(f"{VARIABLE} is {wish!r}", remedy="Set it to 0, 1 or auto.", names=(VARIABLE,))
+    if wish == "1" and found() is None:
+        raise UsageError(
+            f"{VARIABLE} is 1, but dynid was installed without its library",
+            remedy="Install it again where there is a C compiler, or set it to auto.",
+            names=(VARIABLE,),
+        )
+    return wish != "0" and found() is not None
+
+
+@cache
+def found() -> ctypes.CDLL | None:
+    """Return the library, or None where it is absent or made for another version."""
+    from pathlib import Path
+
+    folder = Path(__file__).parent
+    plain = next((made for path in folder.glob("library.*") if (made := _loaded(path))), None)
+    if plain is not None and plain.dynid_wide():
+        return next((made for path in folder.glob("library_avx2.*") if (made := _loaded(path))), plain)
+    return plain
+
+
+def _loaded(path: Path) -> ctypes.CDLL | None:
+    import ctypes
+
+    try:
+        made = ctypes.CDLL(str(path))
+        return made if made.dynid_abi() == ABI else None
+    except (OSError, AttributeError):  # of another machine, or no library
+        return None
+
+
+def structure(**members: int | float | Array | None) -> Any:
+    """Return a C structure of 64-bit members in this order; it keeps the arrays that it points to alive."""
+    kept = [member for member in members.values() if isinstance(member, np.ndarray)]
+    made = _layout(tuple((name, isinstance(member, float)) for name, member in members.items()))(
+        *(_address(member) if member is None or isinstance(member, np.ndarray) else member
+          for member in members.values())
+    )  # fmt: skip
+    made.kept = kept
+    return made
+
+
+@cache
+def _layout(members: tuple[tuple[str, bool], ...]) -> Any:
+    import ctypes
+
+    kinds = [(name, ctypes.c_double if real else ctypes.c_int64) for name, real in members]
+    return type("Members", (ctypes.Structure,), {"_fields_": kinds})
+
+
+def _address(array: Array | None) -> int:
+    if array is None:
+        return 0
+    if not array.flags.c_contiguous:
+        raise ValueError("an array for the library must be contiguous")
+    return array.ctypes.data
+
+
+def call(name: str, *arguments: Any) -> int:
+    """Call a function of the library with structures, arrays (None: absent), integers and floats.
+
+    Raises
+    ------
+    MemoryError
+        If the function returns the least integer, which says that there is no memory.
+    """
+    import ctypes
+
+    function = getattr(found(), name)
+    function.restype = ctypes.c_int64
+    given: list[Any] = []
+    for each in arguments:
+        if isinstance(each, ctypes.Structure):
+            given.append(ctypes.byref(each))
+        elif isinstance(each, float):
+            given.append(ctypes.c_double(each))
+        else:
+            given.append(ctypes.c_int64(each if isinstance(each, int) else _address(each)))
+    returned: int = function(*given)
+    if returned == _NO_MEMORY:
+        raise MemoryError("the library has no memory left")
+    return returned
