@@ -103,6 +103,9 @@ PEAKS_NEAR_POLES = Limit(
 )
 LOOKING_AHEAD = Limit(800, "causality is assigned looking ahead on loops of up to {value} junctions")
 STRUCTURES_IN_GRAPHS = Limit(200, "structures of up to {value} DOFs enter a bond graph by all of them")
+DENSE_EQUILIBRIUM = Limit(
+    1500, "singular equations of an equilibrium are decomposed up to {value:,} variables"
+)
 TRACED_PARTS = Limit(
     100, "the steps of a reduction are written unasked where fields and structures have up to {value} nodes"
 )

@@ -123,6 +123,11 @@ def _equations(types, values, bonds, inputs, s):
             driven = f if types[bonds[two][1]] == "0" else e
             equation([(none(one), 1)])
             equation([(driven(two), 1), (read(one), -values[name])])
+        elif kind == "law":  # values: linear equations, each a list of (bond, quantity, coefficient at s)
+            for terms in values[name]:
+                equation(
+                    [(2 * bond + (quantity in "fq"), coefficient) for bond, quantity, coefficient in terms]
+                )
         elif kind in ("MTF", "MGY"):  # values: moduli, ports of the rows, ports of the columns
             moduli, first, second = values[name]
             bond = {end: index for index, pair in enumerate(bonds) for end in pair}

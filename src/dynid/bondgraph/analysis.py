@@ -62,6 +62,7 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     if analysis.approximations:
         texts = [part.why for part in analysis.approximations]
         result.add_axis("bond_graph/approximations", np.array(texts, dtype=object))
+    warnings = _add_operating_point(result, analysis)
     causality = None
     if "causality" in analysis.results:
         from dynid.bondgraph.results.causality import add_causality
@@ -75,12 +76,13 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         if analysis.results != {"causality"}:
             raise
         open_parts = hold(JunctionStructure(graph), ())  # raises where the graph has no solution
-        warnings = [each.error.problem for each in open_parts]
+        warnings += [each.error.problem for each in open_parts]
         result.add_axis("bond_graph/warnings", np.array(warnings, dtype=object))
         add_graph_scope(result, None, analysis)
         return result
-    if reduced.undetermined:
-        result.add_axis("bond_graph/warnings", np.array(reduced.undetermined, dtype=object))
+    warnings += reduced.undetermined
+    if warnings:
+        result.add_axis("bond_graph/warnings", np.array(warnings, dtype=object))
     if causality is not None:
         from dynid.bondgraph.results.causality import add_zero_dynamics
 
@@ -98,6 +100,16 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     _add_responses(result, reduced, analysis)
     add_graph_scope(result, reduced, analysis)
     return result
+
+
+def _add_operating_point(result: Result, analysis: Analysis) -> list[str]:
+    """Add the operating point of a graph with laws; return its warnings."""
+    if analysis.linearisation is None:
+        return []
+    from dynid.bondgraph.results.operating_point import add_operating_point
+
+    add_operating_point(result, analysis.linearisation)
+    return [*analysis.linearisation.point.warnings]
 
 
 def _add_dynamics(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:

@@ -84,7 +84,7 @@ def close_loops(graph: BondGraph, loops: Iterable[Loop]) -> ClosedLoops:
     UsageError
         If a controller differentiates more than once.
     """
-    circuit, loops = _Circuit(graph), list(loops)
+    circuit, loops = Circuit(graph), list(loops)
     for source in dict.fromkeys(loop.source for loop in loops):
         circuit.drive(source)
     for loop in loops:
@@ -92,8 +92,10 @@ def close_loops(graph: BondGraph, loops: Iterable[Loop]) -> ClosedLoops:
     return ClosedLoops(BondGraph(circuit.nodes.values(), circuit.bonds), circuit.variables)
 
 
-class _Circuit:
-    """The nodes and bonds of a graph to which controllers are added."""
+class Circuit:
+    """The nodes and bonds of a graph to which integrators and activated bonds are added."""
+
+    part = "control"  # of the nodes that are added
 
     def __init__(self, graph: BondGraph) -> None:
         self.graph = graph
@@ -208,7 +210,7 @@ class _Circuit:
             name = f"{wanted}_{number}"
         dependent = value if isinstance(value, Dependent) else None
         exact = None if value is None else reference(value)
-        self.nodes[name] = Node(name, kind, exact, None, "", dependent, "control")
+        self.nodes[name] = Node(name, kind, exact, None, "", dependent, self.part)
         return name
 
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from dynid.bondgraph.control import Loop
     from dynid.bondgraph.graph import BondGraph
+    from dynid.bondgraph.operating_point.linearisation import Linearisation
     from dynid.bondgraph.plan import ReducedGraph
     from dynid.lti.generator import Signal
 
@@ -130,6 +131,8 @@ class Analysis:
         Structures that enter by a reduced model: how many coordinates were kept and left out, and how.
     opened, loops
         Of a graph with feedback: the graph without it, and the loops, for their margins.
+    linearisation, law_outputs
+        Of a graph with laws: its linearisation, and the outputs as the graph with laws has them.
     """
 
     inputs: tuple[str, ...]
@@ -147,6 +150,8 @@ class Analysis:
     approximations: tuple[ScopePart, ...] = ()
     opened: BondGraph | None = None
     loops: tuple[Loop, ...] = ()
+    linearisation: Linearisation | None = None
+    law_outputs: tuple[Port, ...] = ()
 
 
 # --- choice of the engine --------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from dynid.arithmetic.expression import name_problem, renamed
 from dynid.errors import Fault, SceneError
 from dynid.scene.model_files import is_instance, library_names, with_models
-from dynid.scene.schema.raw import chain_ends, listing, mapping, mapping_of
+from dynid.scene.schema.raw import chain_ends, listing, mapping, mapping_of, own_variable
 from dynid.scene.yaml.parser import Path as KeyPath
 from dynid.scene.yaml.parser import Positions
 from dynid.scene.yaml.source import Source
@@ -196,7 +196,9 @@ class _Flattening:
             if is_instance(node):
                 self._instantiate(flat, node, place, names, above)
                 continue
-            self.nodes[flat] = _scoped(node, names) if names and isinstance(node, dict) else node
+            self.nodes[flat] = (
+                _inner(node, names, prefix, given) if prefix and isinstance(node, dict) else node
+            )
             for below, mark in marks.get(name, ()):
                 self.marks["graph", "nodes", flat, *below] = mark
             if len(self.nodes) > MOST_NODES:
@@ -391,6 +393,45 @@ def _is_replaced(path: KeyPath) -> bool:
     return path[:1] in (("models",), ("use",)) or (
         path[:1] == ("graph",) and path[1:2] in (("nodes",), ("bonds",)) and len(path) > 2
     )
+
+
+class _Scope(dict[str, str]):
+    """Flat names in an expression of a node: of parameters, and of the variables of nodes, which win.
+
+    Parameters
+    ----------
+    names
+        Flat names of parameters.
+    prefix
+        The prefix of the instance.
+    nodes
+        The nodes of its model.
+    """
+
+    def __init__(self, names: Mapping[str, str], prefix: str, nodes: Mapping[Any, Any]) -> None:
+        super().__init__(names)
+        self._prefix, self._nodes = prefix, {str(name) for name in nodes}
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """Return the flat name."""
+        holder, _, quantity = name.rpartition(".")
+        if quantity in ("e", "f", "q", "p") and holder.partition(".")[0] in self._nodes:
+            return f"{self._prefix}{name}"
+        return super().get(name, default)
+
+
+def _inner(node: Mapping[Any, Any], names: Mapping[str, str], prefix: str, nodes: Mapping[Any, Any]) -> Any:
+    """Return a node of a model with flat names in its expressions; the own variable of a law stays."""
+    scope = _Scope(names, prefix, nodes)
+    flat = _scoped({key: value for key, value in node.items() if key != "law"}, scope)
+    if "law" in node:
+        law = node["law"]
+        for key in law if isinstance(law, dict) else ():
+            own = own_variable(str(node.get("type")), str(key))
+            inside = _Scope({name: other for name, other in names.items() if name != own}, prefix, nodes)
+            law = {**law, key: _scoped(law[key], inside)}
+        flat["law"] = law
+    return flat
 
 
 def _scoped(value: Any, names: Mapping[str, str]) -> Any:

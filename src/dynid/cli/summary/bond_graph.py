@@ -11,7 +11,7 @@ from dynid.cli.summary.causality import causality_lines, equation_lines
 from dynid.cli.summary.common import response_lines
 from dynid.cli.summary.transfer_functions import channel_lines
 from dynid.number_format import MOST_ROOTS, counted
-from dynid.report.content.bond_graph import PORT, port_items
+from dynid.report.content.bond_graph import POINT, PORT, point_facts, point_slopes, port_items
 from dynid.report.content.characteristics import energy_lines, source_lines
 from dynid.result import Result
 
@@ -38,6 +38,7 @@ def lines(result: Result) -> list[str]:
         screen += wrap(str(text), 100, initial_indent="  ", subsequent_indent="    ")
     for warning in result["bond_graph/warnings"].data if "bond_graph/warnings" in result else ():
         screen += wrap(f"warning: {warning}", 100, initial_indent="  ", subsequent_indent="    ")
+    screen += _operating_point(result)
     screen += causality_lines(result)
     screen += [*_reduction(result), ""]
     screen += _port(result)
@@ -47,6 +48,22 @@ def lines(result: Result) -> list[str]:
     screen += equation_lines(result, "bond_graph/state_space")
     screen += response_lines(result, "bond_graph")
     return screen
+
+
+def _operating_point(result: Result) -> Iterable[str]:
+    """Yield the point at which laws are linearised, and their slopes."""
+    if POINT not in result.group_attrs:
+        return
+    yield "  operating point"
+    for name, text in point_facts(result):
+        first, *rest = wrap(text, 92 - _WIDTH)
+        yield f"      {name:<{_WIDTH}}{first}"
+        yield from (f"      {'':<{_WIDTH}}{line}" for line in rest)
+    slopes = point_slopes(result)
+    width = max((len(name) for name, _ in slopes[:_MOST]), default=0)
+    yield from (f"      {name:<{width}} = {value}" for name, value in slopes[:_MOST])
+    if len(slopes) > _MOST:
+        yield f"      … {counted(len(slopes) - _MOST, 'more slope')} in the file"
 
 
 def _reduction(result: Result) -> Iterable[str]:

@@ -13,6 +13,7 @@ from dynid.report.content.blocks import (
     NumberedList,
     ReportSection,
     Statement,
+    TextTable,
     definitions,
     joined,
     more,
@@ -22,12 +23,14 @@ from dynid.report.content.transfer_functions import channel_sections
 from dynid.report.scenes import in_hertz
 from dynid.result import Result
 
-PORT = "bond_graph/port"
+PORT, POINT = "bond_graph/port", "bond_graph/operating_point"
 #: Most steps, prototypes, states and remarks that are listed.
 _STEPS, _OUTPUTS, _STATES, _REMARKS = 60, 12, 12, 12
 _REDUCTION, _CAUSALITY = "bond_graph/reduction", "bond_graph/causality"
 #: Longest formula that is shown.
 _LONGEST = 400
+#: Most variables and slopes of an operating point.
+_POINTS = 40
 
 
 def method(result: Result) -> str:
@@ -43,6 +46,8 @@ def sections(result: Result) -> Iterator[ReportSection]:
         yield ReportSection(
             "Warnings", tuple(Statement(f"{text[0].upper()}{text[1:]}.", "bad") for text in warnings)
         )
+    if POINT in result.group_attrs:
+        yield ReportSection("Operating point", tuple(_operating_point(result)))
     yield from channel_sections(result)
     for title, rows in (("Energy of the modes", energy_lines(result)), ("Sources", source_lines(result))):
         if named := [(name, (text,)) for name, text in rows]:
@@ -69,6 +74,56 @@ def sections(result: Result) -> Iterator[ReportSection]:
     if about.get("reading") == "binary":
         graph.append(Statement("Every value is read as the double nearest to it (reading: binary)."))
     yield ReportSection("Graph", tuple(graph))
+
+
+def point_facts(result: Result) -> Iterator[tuple[str, str]]:
+    """Yield what was found of the operating point, its constant inputs, residual and condition."""
+    about = result.group_attrs[POINT]
+    found = str(about["status"])
+    if f"{POINT}/stability" in result:
+        kinds = [str(kind) for kind in result[f"{POINT}/stability"].data]
+        number = int(result.value(f"{POINT}/chosen"))
+        found += (
+            f", {kinds[number - 1]}"
+            if len(kinds) == 1
+            else f" ({', '.join(kinds)}); number {number} is analysed"
+        )
+    yield "point", found
+    names, values = (result[f"{POINT}/{name}"].data for name in ("input", "input_value"))
+    if len(names):
+        yield "inputs", ", ".join(f"{n} = {v:.6g}" for n, v in zip(names, values, strict=True))
+    residual, condition = (float(result.value(f"{POINT}/{name}")) for name in ("residual", "condition"))
+    yield "accuracy", f"residual {residual:.1g} of the terms, condition {condition:.2g}"
+    if flat := about.get("flat"):
+        yield "zero slopes", f"{flat}: no effort or flow of its own in the linearisation"
+    yield "note", str(about["note"])
+
+
+def point_slopes(result: Result) -> list[tuple[str, str]]:
+    """Return the slopes of the laws as text."""
+    if f"{POINT}/slope" not in result:
+        return []
+    names, values = (result[f"{POINT}/{name}"].data for name in ("slope", "slope_value"))
+    units = result[f"{POINT}/slope_unit"].data if f"{POINT}/slope_unit" in result else [""] * len(names)
+    return [(str(n), f"{v:.6g} {u}".rstrip()) for n, v, u in zip(names, values, units, strict=True)]
+
+
+def point_values(result: Result) -> list[tuple[str, str]]:
+    """Return the variables at the operating point as text."""
+    names, values = (result[f"{POINT}/{name}"].data for name in ("variable", "value"))
+    units = result[f"{POINT}/unit"].data if f"{POINT}/unit" in result else [""] * len(names)
+    return [(str(n), f"{v:.6g} {u}".rstrip()) for n, v, u in zip(names, values, units, strict=True) if v == v]
+
+
+def _operating_point(result: Result) -> Iterator[Block]:
+    yield definitions(*point_facts(result))
+    for heads, rows in (
+        (("variable", "value"), point_values(result)),
+        (("slope", "value"), point_slopes(result)),
+    ):
+        if rows:
+            yield TextTable(heads, tuple(rows[:_POINTS]))
+            yield from more(len(rows), _POINTS, heads[0])
 
 
 def _formulas(lines: list[str]) -> NumberedList:

@@ -135,6 +135,8 @@ def graph_analysis(
         approximations=built.approximations,
         opened=built.opened,
         loops=built.loops,
+        linearisation=built.linearisation,
+        law_outputs=built.law_outputs,
     )
 
 
@@ -143,7 +145,9 @@ def built_graph(scene: Scene) -> BuiltGraph:
     model = cast("BondGraphScene", scene.model)
     wanted = model.analysis
     band = float(angular_frequencies(wanted.frequency)[-1]) if wanted.frequency else None
-    return build_graph(scene, model.graph, wanted.outputs, wanted.reading, band, model.control)
+    return build_graph(
+        scene, model.graph, wanted.outputs, wanted.reading, band, model.control, model.operating_point
+    )
 
 
 def _parameters(model: BondGraphScene) -> tuple[SensitivityParameter, ...]:

@@ -1,4 +1,4 @@
-"""Fields and structures in the bond graph of a scene, expanded into ordinary nodes."""
+"""The bond graph of a scene: fields and structures expanded, laws linearised, loops closed."""
 
 from __future__ import annotations
 
@@ -16,10 +16,13 @@ from dynid.scene.schema.raw import STRUCTURE
 
 if TYPE_CHECKING:
     from dynid.bondgraph.control import Loop
+    from dynid.bondgraph.operating_point.laws import Law
+    from dynid.bondgraph.operating_point.linearisation import Linearisation
     from dynid.bondgraph.request import Reading
     from dynid.scene.load import Scene
     from dynid.scene.schema.bond_graph import GraphModel, NodeModel
     from dynid.scene.schema.control import ControlModel
+    from dynid.scene.schema.laws import OperatingPointModel
     from dynid.scene.schema.quantities import Quantity
 
 
@@ -36,6 +39,10 @@ class BuiltGraph(NamedTuple):
         Structures that enter by a reduced model: what was kept and left out of them, and how.
     opened, loops
         Of a graph with feedback: the graph without it, and the loops.
+    linearisation
+        Of a graph with laws: its linearisation at the operating point, which `graph` is.
+    law_outputs
+        The requested variables, as the graph with laws has them.
     """
 
     graph: BondGraph
@@ -43,6 +50,8 @@ class BuiltGraph(NamedTuple):
     approximations: tuple[ScopePart, ...]
     opened: BondGraph | None = None
     loops: tuple[Loop, ...] = ()
+    linearisation: Linearisation | None = None
+    law_outputs: tuple[Port, ...] = ()
 
 
 def build_graph(
@@ -52,8 +61,11 @@ def build_graph(
     reading: Reading,
     band: float | None = None,
     control: ControlModel | None = None,
+    point: OperatingPointModel | None = None,
 ) -> BuiltGraph:
-    """Build the graph of a scene, with exact values, its fields and structures expanded and its loops closed.
+    """Build the graph of a scene, with exact values, its fields and structures expanded.
+
+    Laws are linearised at the operating point; then loops are closed.
 
     Parameters
     ----------
@@ -70,15 +82,26 @@ def build_graph(
         band.
     control
         Feedback.
+    point
+        The operating point.
 
     Raises
     ------
     UsageError
         If a matrix is not that of a passive field or structure.
+    NumericalError
+        If there is no equilibrium, or a law has no slope there.
     """
     wanted: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
     outputs = list(outputs)
     measured = [loop.measured for loop in control.loops] if control else []
+    nonlinear = point is not None or any(_has_law(node) for node in graph.nodes.values())
+    laws: dict[str, Law] = {}
+    if nonlinear:
+        from dynid.scene.kinds.laws import law_variables, laws_of
+
+        laws = laws_of(scene, graph)
+        measured += law_variables(scene, graph, point)
     for output in dict.fromkeys([*outputs, *measured]):
         holder, _, port = output.node.rpartition(".")
         wanted[holder][port].append(output.quantity)
@@ -97,6 +120,8 @@ def build_graph(
         else:
             value = node.value
             exact, formula = (None, None) if value is None else (value.exact, value.expression)
+            if name in laws:
+                exact, formula = Fraction(1), None  # in place of the slope
             dependent = None if value is None else value.dependent
             kind = cast("NodeType", node.type)
             nodes.append(Node(name, kind, exact, formula, node.domain or "", dependent))
@@ -106,6 +131,15 @@ def build_graph(
         variables |= made.variables
     asked = tuple(variables.get(str(output), output) for output in outputs)
     built = BuiltGraph(BondGraph(nodes, bonds), asked, tuple(approximations))
+    if nonlinear:
+        from dynid.scene.kinds.laws import linear_graph
+
+        linear = linear_graph(built.graph, laws, point, variables)
+        asked = tuple(linear.variables.get(output, output) for output in asked)
+        variables |= {str(port): other for port, other in linear.variables.items()}
+        built = built._replace(
+            graph=linear.graph, outputs=asked, linearisation=linear, law_outputs=built.outputs
+        )
     if control is None:
         return built
     from dynid.bondgraph.control import close_loops
@@ -115,6 +149,10 @@ def build_graph(
     closed = close_loops(built.graph, loops)
     asked = tuple(closed.variables.get(output, output) for output in asked)
     return built._replace(graph=closed.graph, outputs=asked, opened=built.graph, loops=tuple(loops))
+
+
+def _has_law(node: NodeModel) -> bool:
+    return node.law is not None or (node.value is not None and node.value.variable)
 
 
 def _expand_field(

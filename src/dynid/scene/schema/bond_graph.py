@@ -48,6 +48,13 @@ from dynid.scene.schema.base import (
 from dynid.scene.schema.control import ControlModel, control_faults
 from dynid.scene.schema.graph_variables import TEXT, Output, SourceName, unknown_node
 from dynid.scene.schema.joints import JointModel, ParameterModel
+from dynid.scene.schema.laws import (
+    LawModel,
+    NodeValue,
+    OperatingPointModel,
+    law_faults,
+    operating_point_faults,
+)
 from dynid.scene.schema.quantities import Quantity, SceneNames, Uncertain, Value, fault, names_of
 from dynid.scene.schema.raw import (
     COUPLING,
@@ -147,12 +154,14 @@ class NodeModel(Section):
 
     A field has the matrix of its ports in place of a value: I: e = M df/dt, C: f = M de/dt, R: e = M f. A
     multiport transformer or gyrator has one of moduli, with the ports of the rows and then those of the
-    columns: TF: e1 = N e2, f2 = N^T f1; GY: e1 = N f2, e2 = N^T f1. A structure has ports at degrees of
-    freedom, where bonds carry force and velocity; without a reduction it enters by all of them.
+    columns: TF: e1 = N e2, f2 = N^T f1; GY: e1 = N f2, e2 = N^T f1. R, I and C may have a law in place of
+    a value; the value of an R, TF or GY may depend on variables of the graph. A structure has ports at
+    degrees of freedom, where bonds carry force and velocity; without a reduction it enters by all of them.
     """
 
     type: _NodeType
-    value: Uncertain | None = None
+    value: NodeValue | None = None
+    law: LawModel | None = None
     domain: Domain | None = None
     matrix: PortMatrix | None = None
     structure: StructureModel | None = None
@@ -171,6 +180,8 @@ class NodeModel(Section):
     def _has_what_it_needs(self) -> Self:
         if self.type == STRUCTURE:
             return self._is_a_structure()
+        if self.law is not None:
+            return self._has_a_law()
         given = [name for name in ("structure", "reduction", "joints") if getattr(self, name)]
         if given:
             raise fault(f"'{given[0]}' belongs to a node of type structure, not {self.type}")
@@ -185,6 +196,18 @@ class NodeModel(Section):
             raise fault(f"the modulus of a {self.type} cannot be zero")
         if self.type in TWO_PORTS and self.domain is not None:
             raise fault(f"a {self.type} joins two domains; give 'domain' to the nodes on its sides")
+        return self
+
+    def _has_a_law(self) -> Self:
+        if self.type in TWO_PORTS:
+            raise fault(
+                f"a {self.type} has a modulus, and no law; write it as 'value', such as \"r*cos(arm.q)\""
+            )
+        if self.type not in FIELDS:
+            raise fault(f"only R, I and C have a law, not {self.type}")
+        given = [name for name in ("value", "matrix", "ports", "structure", "joints") if getattr(self, name)]
+        if given:
+            raise fault(f"{self.type} has a 'law' or a '{given[0]}', not both")
         return self
 
     def _is_a_multiport(self) -> Self:
@@ -355,12 +378,14 @@ class BondGraphScene(ComposedScene):
     accuracy: AccuracyModel | None = None
     graph: GraphModel
     analysis: AnalysisModel
+    operating_point: OperatingPointModel | None = None
     initial: dict[str, InitialModel] = {}
 
 
 def bond_graph_faults(source: Source, names: SceneNames) -> list[Fault]:
     """Return the faults of bonds, stored energy, signals, port, engine and domains of a bond graph."""
     faults = [*graph_scene_faults(source, names), *_unshown_energy_faults(source), *_driving_faults(source)]
+    faults += operating_point_faults(source)
     analysis = mapping(source.data, "analysis")
     results = listing(analysis, "results")
     for place, name in enumerate(results if analysis.get("engine") == "symbolic" else []):
@@ -381,6 +406,7 @@ def graph_scene_faults(source: Source, names: SceneNames) -> list[Fault]:
         *stored_energy_faults(source),
         *domain_faults(source),
         *control_faults(source),
+        *law_faults(source, names),
     ]
     return [*own, *structure_node_faults(source, names)]
 

@@ -29,11 +29,14 @@ class Quantity:
         The expression it was written as; None for a bare number.
     dependent
         The same as a function of unknown and considered parameters; None where it depends on none.
+    variable
+        Whether it depends on variables of the graph; then `value` is a placeholder.
     """
 
     value: Number
     expression: Expression | None = None
     dependent: Dependent | None = field(default=None, compare=False)
+    variable: bool = False
 
     @property
     def real(self) -> Real:

@@ -99,3 +99,8 @@ def references(data: Any) -> dict[str, str]:
 def ports_of(types: Mapping[str, str], name: str) -> list[str]:
     """Return the ports of a node that has several, ``field.a``, in `node_types`."""
     return [port for port, kind in types.items() if kind == PORT and port.rpartition(".")[0] == name]
+
+
+def own_variable(kind: str, gives: str) -> str:
+    """Return the variable that the law of an element is a function of; empty where it has no such law."""
+    return {("R", "e"): "f", ("R", "f"): "e", ("I", "f"): "p", ("C", "e"): "q"}.get((kind, gives), "")

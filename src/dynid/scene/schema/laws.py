@@ -1,0 +1,211 @@
+"""Laws of nodes, moduli that depend on variables, and the operating point of a graph."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, PlainValidator, ValidationInfo, WithJsonSchema, model_validator
+
+from dynid.arithmetic.expression import Expression, ExpressionError, parse
+from dynid.bondgraph.graph import NODE_TYPES, QUANTITIES, SOURCES, TWO_PORTS, Port, port_fault
+from dynid.errors import Fault
+from dynid.scene.schema.base import Section
+from dynid.scene.schema.graph_variables import unknown_node
+from dynid.scene.schema.quantities import Quantity, SceneNames, Value, fault, names_of, resolve
+from dynid.scene.schema.raw import PORT, mapping, mapping_of, node_types, own_variable
+from dynid.scene.yaml.source import Source
+from dynid.suggestions import did_you_mean
+
+#: Types of nodes whose `value` may depend on variables.
+MODULATED = (*TWO_PORTS, "R")
+_GIVEN = {"R": ("e", "f"), "I": ("f",), "C": ("e",)}
+
+
+class LawModel(Section):
+    """The law of a one-port: R: e of f, or f of e; I: f of p; C: e of q; other variables as `x.q`."""
+
+    e: str | None = None
+    f: str | None = None
+
+    @model_validator(mode="after")
+    def _is_one(self) -> Self:
+        if (self.e is None) == (self.f is None):
+            raise fault("a law gives the effort or the flow: {e: …} or {f: …}")
+        return self
+
+
+def _modulated(raw: Any, info: ValidationInfo) -> Quantity:
+    """Resolve the value of a node, which may be an expression of variables of the graph."""
+    kind, nodes = str(info.data.get("type")), names_of(info).nodes
+    if isinstance(raw, str) and nodes:
+        try:
+            expression = parse(raw)
+        except ExpressionError:
+            return resolve(raw, info)
+        if variables_of(expression, nodes):
+            if kind not in MODULATED:
+                remedy = "write a law" if kind in _GIVEN else "it has no value"
+                raise fault(f"the value of {kind} cannot depend on variables; {remedy}")
+            problems = [*_unknown(expression, names_of(info), "")]
+            if problems:
+                raise fault("; ".join(problems))
+            return Quantity(1, expression, variable=True)
+    return resolve(raw, info)
+
+
+NodeValue = Annotated[
+    Quantity,
+    PlainValidator(_modulated),
+    WithJsonSchema({"type": ["number", "string"], "description": "a number, a parameter or an expression"}),
+]
+"""The value of a node; a modulus or a resistance may depend on variables of the graph."""
+
+
+def variables_of(expression: Expression, nodes: Mapping[str, str]) -> dict[str, Port]:
+    """Return the names in an expression that are variables of nodes: a node before .e .f .q .p."""
+    found = {}
+    for name in sorted(expression.names):
+        holder, _, quantity = name.rpartition(".")
+        if quantity in QUANTITIES and holder in nodes:
+            found[name] = Port(holder, quantity)
+    return found
+
+
+def _unknown(expression: Expression, names: SceneNames, own: str) -> Iterator[str]:
+    """Yield what is wrong with the names in a law."""
+    variables = variables_of(expression, names.nodes)
+    for port in variables.values():
+        problem = variable_fault(names.nodes, port)
+        if problem:
+            yield problem
+    known = [*names.parameters, *names.faulty]
+    for name in sorted(expression.names - variables.keys() - {own}):
+        if name in known or not names.complete:
+            continue
+        holder, _, quantity = name.rpartition(".")
+        if quantity in QUANTITIES and holder:
+            yield f"'{name}': {unknown_node(names.nodes, holder)}"
+        elif name in QUANTITIES and own:
+            yield f"'{name}' is not the variable of this law, which is {own}; others are NODE.{name}"
+        else:
+            close = did_you_mean(name, [*known, *(f"{node}.{own}" for node in names.nodes if own)])
+            yield f"no parameter or variable '{name}'{close}"
+
+
+def variable_fault(nodes: Mapping[str, str], port: Port) -> str:
+    """Return the reason why a law or an operating point cannot have a variable, or an empty text."""
+    kind = nodes.get(port.node)
+    if kind == PORT:
+        return ""
+    if kind not in NODE_TYPES:
+        return f"'{port}': name a variable of a single node or port"
+    return port_fault(nodes, port)
+
+
+def law_faults(source: Source, names: SceneNames) -> list[Fault]:
+    """Return the faults of laws: of their kind, and of the names in them."""
+    faults, nodes = [], mapping(mapping(source.data, "graph"), "nodes")
+    for name, node in nodes.items():
+        laws = mapping(node, "law")
+        kind, path = str(mapping_of(node).get("type")), ("graph", "nodes", name)
+        if source.data.get("kind") != "bond-graph" and (laws or _is_modulated(node, names)):
+            message = (
+                "laws are for scenes of kind bond-graph; identify the linear graph at the operating point"
+            )
+            faults.append(source.fault((*path, "law" if laws else "value"), message, key=True))
+            continue
+        for given, text in laws.items():
+            own = own_variable(kind, str(given))
+            place = (*path, "law", given)
+            if not own:
+                if kind in _GIVEN and given in ("e", "f"):
+                    form = f"{{{_GIVEN[kind][0]}: …}} of {own_variable(kind, _GIVEN[kind][0])}"
+                    faults.append(source.fault(place, f"the law of {kind} is {form}", key=True))
+                continue
+            try:
+                if isinstance(text, str):
+                    problems = list(_unknown(parse(text), names, own))
+                    faults += [source.fault(place, "; ".join(problems))] if problems else []
+            except ExpressionError as error:
+                faults.append(source.fault(place, str(error)))
+    return faults
+
+
+def _is_modulated(node: Any, names: SceneNames) -> bool:
+    value = mapping_of(node).get("value")
+    try:
+        return isinstance(value, str) and bool(variables_of(parse(value), names.nodes))
+    except ExpressionError:
+        return False
+
+
+# --- the operating point ---------------------------------------------------------------------------
+
+
+class SearchModel(Section):
+    """Random starts of the search for equilibria."""
+
+    starts: int = Field(default=16, ge=0, le=100_000)
+    seed: int = Field(default=0, ge=0)
+    ranges: dict[str, Annotated[list[Value], Field(min_length=2, max_length=2)]] = {}
+
+
+class OperatingPointModel(Section):
+    """Where laws are linearised: an equilibrium at constant inputs, or a point given by values."""
+
+    inputs: dict[str, Value] = {}
+    values: dict[str, Value] = {}
+    start: dict[str, Value] = {}
+    search: SearchModel = SearchModel()
+    choose: Literal["nearest", "stable"] | Annotated[int, Field(ge=1, strict=True)] = "nearest"
+
+    @model_validator(mode="after")
+    def _is_given_or_solved(self) -> Self:
+        if self.values and (self.start or "search" in self.model_fields_set or self.choose != "nearest"):
+            raise fault(
+                "a point given by 'values' is not solved for: it has no 'start', 'search' or 'choose'"
+            )
+        return self
+
+
+def operating_point_faults(source: Source) -> list[Fault]:
+    """Return the faults of the names of an operating point: sources and variables."""
+    given, types = mapping(source.data, "operating_point"), node_types(source.data)
+    faults = []
+    for name in mapping(given, "inputs"):
+        kind, path = types.get(str(name)), ("operating_point", "inputs", name)
+        sources = [node for node, one in types.items() if one in SOURCES]
+        if kind is None:
+            message = f"no node '{name}'{did_you_mean(str(name), sources)}"
+            faults.append(source.fault(path, message, key=True))
+        elif kind not in SOURCES:
+            message = f"'{name}' is no source (Se, Sf){did_you_mean(str(name), sources)}"
+            faults.append(source.fault(path, message, key=True))
+    ranges = mapping(mapping(given, "search"), "ranges")
+    for keys, part in (
+        (("values",), mapping(given, "values")),
+        (("start",), mapping(given, "start")),
+        (("search", "ranges"), ranges),
+    ):
+        for name in part:
+            problem = _variable_problem(types, str(name))
+            if problem:
+                faults.append(source.fault(("operating_point", *keys, name), problem, key=True))
+    for name, limits in ranges.items():
+        numbers = isinstance(limits, list) and all(isinstance(one, int | float) for one in limits)
+        if numbers and len(limits) == 2 and limits[0] > limits[1]:
+            place = ("operating_point", "search", "ranges", name)
+            faults.append(source.fault(place, f"the range of '{name}' starts above its end"))
+    return faults
+
+
+def _variable_problem(types: Mapping[str, str], name: str) -> str:
+    holder, _, quantity = name.rpartition(".")
+    if not holder or quantity not in QUANTITIES:
+        variables = [f"{node}.{one}" for node in types for one in QUANTITIES]
+        return f"'{name}' is no variable: NODE.e, NODE.f, NODE.q or NODE.p{did_you_mean(name, variables)}"
+    if holder not in types:
+        variables = [f"{node}.{quantity}" for node in types]
+        return f"'{name}': no node '{holder}'{did_you_mean(name, variables)}"
+    return variable_fault(types, Port(holder, quantity))
