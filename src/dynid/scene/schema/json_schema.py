@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import fields
 from functools import cache
 from importlib import resources
 from typing import Any
 
 from dynid.scene.schema.base import Section
+from dynid.scene.schema.quantities import Quantity
 
 
 def scene_schema(model: type[Section]) -> dict[str, Any]:
@@ -19,13 +21,14 @@ def scene_schema(model: type[Section]) -> dict[str, Any]:
         The class of the kind's scenes.
     """
     schema = model.model_json_schema()
+    quantity = {part.name for part in fields(Quantity)}
     classes = {part.__name__: part for part in _parts(Section)}
     for name, part in {**schema.get("$defs", {}), model.__name__: schema}.items():
         for whole in (part, *part.get("anyOf", ())):
             for key, wanted in whole.get("properties", {}).items():
                 text = sentence(classes[name], key)
                 form, default = wanted.get("description", ""), wanted.get("default")
-                if isinstance(default, dict) and default.keys() == {"value", "expression", "dependent"}:
+                if isinstance(default, dict) and default.keys() == quantity:
                     wanted["default"] = default["value"]  # a quantity, as a scene writes it
                 if "$ref" in wanted:  # draft 7 ignores all keys beside a reference
                     wanted["allOf"] = [{"$ref": wanted.pop("$ref")}]
