@@ -75,6 +75,7 @@ def test_a_positive_real_function_has_no_violation(numerator, denominator):
             0.978318,
             "0.676097 ± 0.978318j lies in the right half-plane",
         ),
+        (["-1e300", 0], ["1e-300"], "residue", math.inf, "it grows as -inf s"),
         ([1, 0], [1, 0, -1], "pole", 0, "its pole at s = 1 lies in the right half-plane"),
     ],
 )
@@ -93,6 +94,19 @@ def test_a_dip_below_zero_is_found_however_small(digits):
     assert found.kind == "real part"
     assert real_part_at([1, 1 - small, 1], [1, 1, 4], found.omega) < 0
     assert float(found.omega) == pytest.approx(math.sqrt(2), abs=10 ** (-digits / 2.2))
+
+
+def test_the_sign_of_a_tiny_residue_is_decided():
+    """s (s² + r)/(s⁴ + 3 s² + 1) has poles ω² = (3 ± sqrt(5))/2; r has to lie between them."""
+    fibonacci = [1, 1]
+    while len(fibonacci) < 302:
+        fibonacci.append(fibonacci[-1] + fibonacci[-2])
+    below, above = sorted(Fraction(fibonacci[k], fibonacci[k + 2]) for k in (298, 299))  # of the lower pole
+    assert 0 < above - below < Fraction(1, 10**120)
+    assert violation([1, 0, above, 0], [1, 0, 3, 0, 1]) is None
+    found = violation([1, 0, below, 0], [1, 0, 3, 0, 1])
+    assert (found.kind, found.omega) == ("residue", pytest.approx(math.sqrt((3 - math.sqrt(5)) / 2)))
+    assert -1e-100 < found.value < 0
 
 
 def test_two_dips_around_a_double_root_are_distinguished():

@@ -9,6 +9,7 @@ isolated in certified discs, and is taken exactly at a rational frequency in eve
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from decimal import Context, Decimal
 from fractions import Fraction
@@ -126,13 +127,10 @@ def value_at(polynomial: Any, point: Fraction) -> Fraction:
 def axis_factor(denominator: Any) -> Any:
     """Return G(w), whose roots w = -ω² are the squares of the poles on the imaginary axis other than 0.
 
-    Holds for polynomials without roots in the open right half-plane.
+    Holds for polynomials without roots in the open right half-plane and without a multiple root at 0.
     """
     even, odd = even_odd(denominator)
-    common = even.gcd(odd)
-    while common.degree() > 0 and common[0] == 0:  # a multiple root at 0
-        common = common.right_shift(1)
-    return common
+    return even.gcd(odd)
 
 
 def find_violation(numerator: Any, denominator: Any) -> Violation | None:
@@ -149,7 +147,7 @@ def find_violation(numerator: Any, denominator: Any) -> Violation | None:
     omega = negative_frequency(part)
     if omega is not None:
         size = value_at(squared_magnitude(denominator), -(omega**2))
-        value = float(value_at(part, -(omega**2)) / size)
+        value = _double(value_at(part, -(omega**2)) / size)
         sentence = f"its real part is {value:.6g} at ω = {_decimal_text(omega)} rad/s"
         return Violation("real part", omega, value, sentence)
     return _wrong_pole(denominator) or _wrong_residue(numerator, denominator)
@@ -179,19 +177,19 @@ def _wrong_residue(numerator: Any, denominator: Any) -> Violation | None:
     The poles on the axis are simple, and the real part is not negative, so that the residues are real.
     """
     excess = numerator.degree() - denominator.degree()
-    lead = float(numerator.leading_coefficient() / denominator.leading_coefficient())
+    lead = _double(numerator.leading_coefficient() / denominator.leading_coefficient())
     if excess > 1:
         return Violation(
-            "pole", float("inf"), complex(lead), f"it grows as s^{excess}: its pole at infinity is multiple"
+            "pole", math.inf, complex(lead), f"it grows as s^{excess}: its pole at infinity is multiple"
         )
     if excess == 1 and lead < 0:
         return Violation(
-            "residue", float("inf"), lead, f"it grows as {lead:.6g} s: the residue at infinity is negative"
+            "residue", math.inf, lead, f"it grows as {lead:.6g} s: the residue at infinity is negative"
         )
     if denominator[0] == 0:
         residue = numerator[0] / denominator[1]
         if residue < 0:
-            value = float(residue)
+            value = _double(residue)
             return Violation("residue", 0.0, value, f"the residue of its pole at s = 0 is {value:.6g}")
     factor = axis_factor(denominator)
     if factor.degree() == 0:
@@ -238,6 +236,14 @@ def ball_fraction(number: Any) -> Fraction:
     mantissa, exponent = number.man_exp()
     whole, power = int(mantissa), int(exponent)
     return Fraction(whole << power) if power >= 0 else Fraction(whole, 1 << -power)
+
+
+def _double(value: Any) -> float:
+    """Return the nearest double of a rational number, infinite beyond their range."""
+    try:
+        return float(value)
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
 
 
 def _decimal_between(low: Fraction, high: Fraction | None) -> Fraction:

@@ -23,6 +23,10 @@ from dynid.lti.positive_real import lowest_terms
 #: Precision of irrational values, bits, and the significant decimals to which they are rounded; the first
 #: pair that meets the tolerance is taken. 0: the shortest decimal of the nearest double.
 _PRECISIONS = ((512, 0), (1024, 24), (4096, 60))
+#: Cauer's forms are exact; values of more bits than a scene can hold are rounded to this many decimals.
+_EXACT = ((28_000, 300),)
+#: Range of doubles.
+_SMALLEST, _LARGEST = Fraction(1, 10**300), Fraction(10**300)
 #: Largest relative error of the coefficients of the graph's own impedance.
 TOLERANCE = 1e-13
 _CAUER = {"cauer": cauer, "cauer-2": second_cauer}
@@ -138,20 +142,28 @@ def realise(wanted: Driving, form: Form, domain: str = "") -> Realisation:
     NumericalError
         Where no precision gives the wanted coefficients.
     """
-    above, below = wanted.impedance
     source: Literal["Se", "Sf"] = "Se" if wanted.admittance else "Sf"
-    if form in _CAUER:
-        return _analysed(wanted, form, bond_graph(_CAUER[form](above, below), source, domain))
-    for bits, digits in _PRECISIONS:
-        written = partial(_written, bits=bits, digits=digits)
-        port = with_values(_BY_ROOTS[form](above, below, bits), written)
-        found = _analysed(wanted, form, bond_graph(port, source, domain))
+    for bits, digits in _EXACT if form in _CAUER else _PRECISIONS:
+        port = _CAUER[form](*wanted.impedance) if form in _CAUER else _BY_ROOTS[form](*wanted.impedance, bits)
+        graph = bond_graph(with_values(port, partial(_written, bits=bits, digits=digits)), source, domain)
+        _refuse_extremes(graph, form)
+        found = _analysed(wanted, form, graph)
         if found.residual <= TOLERANCE:
             return found
     raise NumericalError(
         f"the {form} form has the coefficients of the function only to {found.residual:.1e}",
         remedy="Scale the function, or take another form.",
     )
+
+
+def _refuse_extremes(graph: BondGraph, form: Form) -> None:
+    """Raise where the value of an element is beyond the range of doubles, in which a scene holds it."""
+    for node in graph.nodes.values():
+        if node.value is not None and not _SMALLEST <= node.value <= _LARGEST:
+            raise NumericalError(
+                f"{node.name} of the {form} form is outside the range of doubles",
+                remedy="Scale the function and its frequencies, or take another form.",
+            )
 
 
 def _analysed(wanted: Driving, form: Form, graph: BondGraph) -> Realisation:
@@ -162,14 +174,14 @@ def _analysed(wanted: Driving, form: Form, graph: BondGraph) -> Realisation:
 
 
 def _written(value: Fraction, bits: int, digits: int) -> Fraction:
-    """Return a rational value, or a rounded irrational one, which has all of its bits."""
-    if value.numerator.bit_length() + value.denominator.bit_length() < bits // 2:
+    """Return a value as it is, or one of half the bits or more, which is irrational, rounded."""
+    if max(value.numerator.bit_length(), value.denominator.bit_length()) < bits // 2:
         return value
-    if not digits:
+    if not digits and _SMALLEST <= value <= _LARGEST:
         return Fraction(repr(float(value)))
     from decimal import Context, Decimal
 
-    return Fraction(Context(prec=digits).divide(Decimal(value.numerator), Decimal(value.denominator)))
+    return Fraction(Context(prec=digits or 17).divide(Decimal(value.numerator), Decimal(value.denominator)))
 
 
 def _error(wanted: Any, found: Any) -> float:
