@@ -51,6 +51,10 @@ class NotIdentifiable(NumericalError):
     """The record does not determine the parameters."""
 
 
+class Unreachable(NumericalError):
+    """The targets of a design cannot be reached."""
+
+
 class Undecided(NumericalError):
     """A floating-point method leaves the result undecided; an exact one decides it."""
 

@@ -15,9 +15,10 @@ from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.identifiability import identifiability
 from dynid.identification.identify import identify, identify_frf
-from dynid.identification.linear_system import LinearSystem, Matrices, StateVariable
+from dynid.identification.linear_system import LinearSystem, StateVariable
 from dynid.identification.measurement import Experiment, Measurement
 from dynid.identification.simulation import Simulation
+from dynid.lti.parametric import Matrices
 from dynid.lti.signals import Chirp, Impulse
 from dynid.lti.time_response import propagate
 from dynid.parameters import Parameter, true_values

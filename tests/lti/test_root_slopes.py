@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynid.lti.root_slopes import System, poles, zeros
+from dynid.lti.parametric import System
+from dynid.lti.root_slopes import poles, zeros
 
 
 def oscillator(k, c, m=2.0):

@@ -29,7 +29,7 @@ _SYSTEMS = ("json", "mat", "mtx")
     "--scene",
     "form",
     flag_value="scene",
-    help="Write the identified scene, with the estimates, or the bond graph of a synthesis.",
+    help="Write the identified or designed scene, with its values, or the bond graph of a synthesis.",
 )
 @click.option(
     "--form", "realisation", metavar="FORM", help="The form of a synthesis to write; default, its first."
@@ -48,12 +48,13 @@ _SYSTEMS = ("json", "mat", "mtx")
 def export(
     file: str, form: str | None, realisation: str | None, output: str | None, long: bool, name: str | None
 ) -> int:
-    """Write a result in a format of other tools: as tables, as systems, or as the identified scene.
+    """Write a result in a format of other tools: as tables, as systems, or as a scene.
 
     A study gives one table with one row per sample. Any other result gives one table per group, with one row
     per entry of its arrays; complex numbers take two columns, .re and .im. Of an identification, --scene
-    writes the scene with the estimates in place of the unknowns; of a synthesis, the bond graph of a form.
-    One of the formats --csv, --parquet, --json, --mat, --mtx and --scene is required.
+    writes the scene with the estimates in place of the unknowns; of a design, the scene with the designed
+    values; of a synthesis, the bond graph of a form. One of the formats --csv, --parquet, --json, --mat,
+    --mtx and --scene is required.
 
     \b
     Examples:
@@ -104,6 +105,7 @@ def export(
 
 def _export_scene(file: str, output: str | None, realisation: str | None) -> None:
     from dynid.file_access import replace_file
+    from dynid.scene.designed import designed_scene_text, holds_design
     from dynid.scene.identified import identified_scene
     from dynid.store import read_result
 
@@ -115,6 +117,9 @@ def _export_scene(file: str, output: str | None, realisation: str | None) -> Non
         target, note = output or f"{stem}.{form}.yaml", f"the {form} form"
     elif realisation is not None:
         raise UsageError(f"{file} is no synthesis, which alone has forms", remedy="Leave --form out.")
+    elif holds_design(result):
+        text = designed_scene_text(result, file)
+        target, note = output or f"{stem}.designed.yaml", "names of files in it are relative to its folder"
     else:
         text = identified_scene(result, file)
         target, note = output or f"{stem}.identified.yaml", "names of files in it are relative to its folder"

@@ -90,7 +90,8 @@ def run(
 
     of_graph = result["bond_graph/warnings"].data if "bond_graph/warnings" in result else ()
     of_nodes = result.group_attrs.get("structure/nodes", {}).get("doubt")
-    for warning in (*of_graph, *([] if of_nodes is None else [of_nodes]), *cautions(result)):
+    of_design = result["bond_graph/design/warnings"].data if "bond_graph/design/warnings" in result else ()
+    for warning in (*of_graph, *of_design, *([] if of_nodes is None else [of_nodes]), *cautions(result)):
         click.echo(f"{scene}: warning: {warning}", err=True)
     return report_expectations(loaded, outcomes, quiet)
 

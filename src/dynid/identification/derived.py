@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import DynidError
-from dynid.identification.linear_system import LinearSystem, Matrices
-from dynid.lti.root_slopes import Roots, System, poles, zeros
+from dynid.identification.linear_system import LinearSystem
+from dynid.lti.parametric import Matrices, System, single
+from dynid.lti.root_slopes import Roots, poles, zeros
 from dynid.number_format import counted
 from dynid.parameters import Parameter, named, rates
 
@@ -471,35 +472,6 @@ class DerivedQuantities:
             value, slopes = found
             bands[name] = self.posterior.bands(np.array([value]), (slopes * self._rates)[None], at)
         return bands
-
-
-def single(found: Matrices, channel: int, load: int) -> System:
-    """Return the system of one channel and load, with integrators where derivatives of the input act.
-
-    An input u that acts by its derivatives up to the k-th is a state with k - 1 others, driven by the k-th
-    derivative: the zeros stay the same.
-    """
-    A, b, c = found.A, found.B[:, load], found.C[channel]
-    direct, changes = found.D[:, channel, load], found.D_slopes[:, :, channel, load]
-    p, n = len(found.A_slopes), len(A)
-    k = max((order for order in range(len(direct)) if direct[order]), default=0)
-    if not k:
-        return System(
-            A, b, c, float(direct[0]) if len(direct) else 0.0, found.A_slopes,
-            found.B_slopes[:, :, load], found.C_slopes[:, channel],
-            changes[:, 0] if len(direct) else np.zeros(p),
-        )  # fmt: skip
-    wide, moved = np.zeros((n + k, n + k)), np.zeros((p, n + k, n + k))
-    wide[:n, :n], wide[:n, n] = A, b
-    wide[n : n + k - 1, n + 1 :] = np.eye(k - 1)
-    moved[:, :n, :n], moved[:, :n, n] = found.A_slopes, found.B_slopes[:, :, load]
-    last = np.zeros(n + k)
-    last[-1] = 1.0
-    rows = np.concatenate([found.C_slopes[:, channel], changes[:, :k]], axis=1)
-    return System(
-        wide, last, np.concatenate([c, direct[:k]]), float(direct[k]), moved, np.zeros((p, n + k)), rows,
-        changes[:, k],
-    )  # fmt: skip
 
 
 def _dc_gain(one: System) -> tuple[float, Array] | None:

@@ -20,8 +20,9 @@ from dynid.bondgraph.parametric_equations import ParametricEquations
 from dynid.bondgraph.parametric_response import ParametricResponse
 from dynid.bondgraph.plan import ReducedGraph
 from dynid.errors import Singular, UsageError
-from dynid.identification.linear_system import ComplexArray, LinearSystem, Matrices, StateVariable
+from dynid.identification.linear_system import ComplexArray, LinearSystem, StateVariable
 from dynid.identification.simulation import Simulation
+from dynid.lti.parametric import Matrices
 from dynid.lti.signals import Impulse, Signal
 from dynid.lti.state_space import StateSpace
 from dynid.lti.time_response import TimeResponse, propagate

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arithmetic.dependent import Dependent, Real, evaluated
-from dynid.identification.linear_system import Matrices
+from dynid.lti.parametric import Matrices
 from dynid.lti.signals import Shifted, Signal
 from dynid.parameters import Parameter
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from dynid.identification.simulation import Simulation
 from dynid.lti.frequency_response import on_a_pole
+from dynid.lti.parametric import Matrices
 from dynid.lti.signals import Signal
 from dynid.lti.state_space import StateSpace
 from dynid.lti.time_response import TimeResponse
@@ -31,27 +32,6 @@ class StateVariable(NamedTuple):
 
     name: str
     unit: str
-
-
-class Matrices(NamedTuple):
-    """``x' = A x + B u``, ``y = C x + sum_k D[k] d^k u / dt^k`` at some values of the parameters.
-
-    Attributes
-    ----------
-    A, B, C, D
-        Matrices (n x n, n x loads, channels x n, orders x channels x loads), SI.
-    A_slopes, B_slopes, C_slopes, D_slopes
-        Their derivatives by the values of the parameters (p x the shape of the matrix).
-    """
-
-    A: Array
-    B: Array
-    C: Array
-    D: Array
-    A_slopes: Array
-    B_slopes: Array
-    C_slopes: Array
-    D_slopes: Array
 
 
 class Affine(NamedTuple):

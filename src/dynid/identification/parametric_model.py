@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from dynid.errors import UsageError
 from dynid.identification.instruments import Instruments, Sampling
-from dynid.identification.linear_system import Affine, LinearSystem, Matrices, SystemModel
+from dynid.identification.linear_system import Affine, LinearSystem, SystemModel
 from dynid.identification.structure_system import StructureSystem
 from dynid.lti.exponential import balance, exponential, exponential_with_derivatives, rescaled
+from dynid.lti.parametric import Matrices
 from dynid.lti.signals import Signal
 from dynid.lti.time_response import check_phase, drive_scale, joint_generator
 from dynid.lti.timeline import Timeline, timeline

@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Singular, UsageError
-from dynid.identification.linear_system import Affine, LinearSystem, Matrices, StateVariable
+from dynid.identification.linear_system import Affine, LinearSystem, StateVariable
 from dynid.lti.exponential import balance, rescaled
 from dynid.lti.floating import finite
 from dynid.lti.frequency_response import second_order_response
+from dynid.lti.parametric import Matrices
 from dynid.number_format import frequency_text
 from dynid.structure.dynamic_condensation import ActiveCoordinates, CondensedLines, condensed_lines
 from dynid.structure.excitation import Excitation, base_slopes, drive, prescribed_state, signals_of

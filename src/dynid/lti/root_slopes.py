@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.lti.exponential import balance, rescaled
+from dynid.lti.parametric import System
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -35,19 +36,6 @@ class Roots(NamedTuple):
     values: ComplexArray
     slopes: ComplexArray
     origin: int
-
-
-class System(NamedTuple):
-    """``x' = A x + b u``, ``y = c x + d u`` of one input and one output, with derivatives (p x …)."""
-
-    A: Array
-    b: Array
-    c: Array
-    d: float
-    A_slopes: Array
-    b_slopes: Array
-    c_slopes: Array
-    d_slopes: Array
 
 
 def poles(A: Array, slopes: Array | None = None) -> Roots:

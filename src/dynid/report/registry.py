@@ -68,6 +68,7 @@ FAMILIES: tuple[FigureFamily, ...] = (
     FigureFamily(f"{_DRAWING}.structure:figures", kinds=("identification", "reduction"), scene=True),
     FigureFamily(f"{_DRAWING}.space:figures", paths=("structure/geometry/",), scene=True),
     FigureFamily(f"{_DRAWING}.prototype:equivalents", paths=("bond_graph/port/prototype",)),
+    FigureFamily(f"{_DIAGRAMS}.design:figures", paths=("bond_graph/design/",)),
     FigureFamily(f"{_DIAGRAMS}.responses:figures", paths=FREQUENCY_RESPONSES),
     FigureFamily(f"{_DIAGRAMS}.poles:figures", paths=("bond_graph/transfer_function/",)),
     FigureFamily(

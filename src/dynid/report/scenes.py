@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from dynid.result import Result
 
 _REMEDY = "Run the scene again."
+_DESIGN = "bond_graph/design"
 
 
 @dataclass(frozen=True)
@@ -62,18 +63,22 @@ class PlainScene:
 
 
 def scene_of(result: Result) -> PlainScene:
-    """Return the scene whose text a result holds.
+    """Return the scene whose text a result holds; free parameters of a design have their designed values.
 
     Raises
     ------
     UsageError
         Where it holds none, or one that this version of dynid does not read.
     """
-    return plain_scene(str(result.attrs.get("scene", "")))
+    designed: dict[str, float] = {}
+    if f"{_DESIGN}/value" in result:
+        names, values = (result[f"{_DESIGN}/{part}"].data.tolist() for part in ("name", "value"))
+        designed = dict(zip(names, values, strict=True))
+    return plain_scene(str(result.attrs.get("scene", "")), designed)
 
 
-def plain_scene(text: str) -> PlainScene:
-    """Return the scene of a text; raises as `scene_of`."""
+def plain_scene(text: str, values: Mapping[str, float] | None = None) -> PlainScene:
+    """Return the scene of a text, with other values of some parameters; raises as `scene_of`."""
     from dynid.arithmetic.expression import resolve_parameters
     from dynid.scene.schema.raw import reference_values
 
@@ -81,7 +86,8 @@ def plain_scene(text: str) -> PlainScene:
     if not data:
         raise UsageError("the result does not hold the text of its scene", remedy=_REMEDY)
     with readable():
-        return PlainScene(data, resolve_parameters(reference_values(data.get("parameters", {})))[0])
+        written = reference_values(data.get("parameters", {})) | dict(values or {})
+        return PlainScene(data, resolve_parameters(written)[0])
 
 
 @lru_cache(maxsize=4)

@@ -52,7 +52,7 @@ def identified_scene(result: Result, file: str = "") -> str:
     if not text:
         raise UsageError(f"{file or 'the result'} holds no scene", remedy="Run the scene again.")
     source = parse_source(text, file or "<scene>")
-    if not all(_place(source.data, str(name)) for name in result[f"{_PARAMETERS}/name"].data):
+    if not all(place_of_unknown(source.data, str(name)) for name in result[f"{_PARAMETERS}/name"].data):
         text = dump(composed(source).data)  # an unknown within a model: of one instance, not of the model
         source = parse_source(text, file or "<scene>")
     values = dict(_estimates(source, result))
@@ -65,9 +65,9 @@ def identified_scene(result: Result, file: str = "") -> str:
     changes: dict[Path, Any] = {path: value for path, (value, _) in values.items()}
     data = {key: value for key, value in source.data.items() if key not in _dropped(source.data)}
     changes |= _requests(source.data, data)
-    kept = _without(text, _dropped(source.data), data).rstrip() + "\n"
+    kept = without_keys(text, _dropped(source.data), data).rstrip() + "\n"
     for path, value in changes.items():
-        data = _changed(data, path, value)
+        data = changed_at(data, path, value)
     notes = {path: note for path, note in notes.items() if path[0] in data}
     return edited(kept, data, changes, notes)
 
@@ -76,7 +76,7 @@ def _estimates(source: Source, result: Result) -> Iterator[tuple[Path, tuple[Any
     """Yield path, value and comment of each estimate."""
     parts = (result[f"{_PARAMETERS}/{name}"].data for name in ("name", "estimate", "standard_error"))
     for name, estimate, error in zip(*parts, strict=True):
-        path = _place(source.data, str(name))
+        path = place_of_unknown(source.data, str(name))
         value: Any = float(estimate)
         written = _at(source.data, path)
         if isinstance(written, dict) and "matrix" in written:
@@ -84,7 +84,7 @@ def _estimates(source: Source, result: Result) -> Iterator[tuple[Path, tuple[Any
         yield path, (value, f"{name} {float(error):.3g}")
 
 
-def _place(data: Any, name: str) -> Path:
+def place_of_unknown(data: Any, name: str) -> Path:
     """Return the path of an unknown: a parameter, a joint's k or c, or what an instance of a model is given.
 
     Empty where it is none of these.
@@ -175,16 +175,16 @@ def _at(data: Any, path: Path) -> Any:
     return data
 
 
-def _changed(data: Any, path: Path, value: Any) -> Any:
+def changed_at(data: Any, path: Path, value: Any) -> Any:
     """Return data with another value at a path, mappings on the way copied."""
     if not path:
         return value
     copy = dict(data or {})
-    copy[path[0]] = _changed(copy.get(path[0]), path[1:], value)
+    copy[path[0]] = changed_at(copy.get(path[0]), path[1:], value)
     return copy
 
 
-def _without(text: str, keys: set[str], data: Any) -> str:
+def without_keys(text: str, keys: set[str], data: Any) -> str:
     """Return the text of a scene without some keys of the top level; comments before the next key stay."""
     root = yaml.compose(text, Loader=yaml.SafeLoader)
     if not isinstance(root, yaml.MappingNode) or root.flow_style:

@@ -90,6 +90,7 @@ _KINDS = (
         explain="dynid.scene.explanations.bond_graph:explain",
         prepare="dynid.scene.kinds.bond_graph:preparation_steps",
         check="dynid.scene.schema.bond_graph:bond_graph_faults",
+        check_valid="dynid.scene.kinds.bond_graph:check_valid",
         unread="dynid.scene.kinds.bond_graph:unread_files",
         batch="dynid.scene.kinds.bond_graph_samples",
         content="dynid.report.content.bond_graph",

@@ -162,7 +162,7 @@ def check_source(source: Source) -> Scene:
     if check := KINDS[source.data["kind"]].load("check"):
         faults += check(source, names)
     faults += accuracy_faults(source)
-    data = _with_text_keys(source.data)
+    data = with_text_keys(source.data)
     try:
         try:
             validated = model.model_validate(data, context=names)
@@ -217,7 +217,7 @@ def _model_of(source: Source) -> type[SceneModel]:
     return cast("type[SceneModel]", KINDS[kind].load("model"))
 
 
-def _with_text_keys(data: dict[str, Any]) -> dict[str, Any]:
+def with_text_keys(data: dict[str, Any]) -> dict[str, Any]:
     """Return the scene with the keys of nodes, parameters and joints as text (a node may be called 1)."""
     copy = dict(data)
     for key in ("parameters", "joints", "structures", "points"):

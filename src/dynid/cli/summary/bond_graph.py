@@ -9,6 +9,7 @@ import numpy as np
 
 from dynid.cli.summary.causality import causality_lines, equation_lines
 from dynid.cli.summary.common import response_lines
+from dynid.cli.summary.design import design_lines
 from dynid.cli.summary.transfer_functions import channel_lines
 from dynid.number_format import MOST_ROOTS, counted
 from dynid.report.content.bond_graph import POINT, PORT, point_facts, point_slopes, port_items
@@ -40,6 +41,7 @@ def lines(result: Result) -> list[str]:
         screen += wrap(f"warning: {warning}", 100, initial_indent="  ", subsequent_indent="    ")
     screen += _operating_point(result)
     screen += causality_lines(result)
+    screen += design_lines(result)
     screen += [*_reduction(result), ""]
     screen += _port(result)
     screen += channel_lines(result)

@@ -19,6 +19,7 @@ from dynid.report.content.blocks import (
     more,
 )
 from dynid.report.content.characteristics import energy_lines, source_lines
+from dynid.report.content.design import design_sections
 from dynid.report.content.transfer_functions import channel_sections
 from dynid.report.scenes import in_hertz
 from dynid.result import Result
@@ -48,6 +49,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
         )
     if POINT in result.group_attrs:
         yield ReportSection("Operating point", tuple(_operating_point(result)))
+    yield from design_sections(result)
     yield from channel_sections(result)
     for title, rows in (("Energy of the modes", energy_lines(result)), ("Sources", source_lines(result))):
         if named := [(name, (text,)) for name, text in rows]:

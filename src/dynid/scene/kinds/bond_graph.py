@@ -29,14 +29,34 @@ if TYPE_CHECKING:
 
 
 def run(scene: Scene) -> Result:
-    """Return the requested results of a bond graph.
+    """Return the requested results of a bond graph; those of a design are of the designed graph.
 
     Raises
     ------
     Singular
         Where the graph has no unique solution.
+    Unreachable
+        Where the targets of a design cannot be reached.
     """
-    return analyse(*question(scene), scene.title)
+    if cast("BondGraphScene", scene.model).design is None:
+        return analyse(*question(scene), scene.title)
+    from dynid.bondgraph.design.solve import solve
+    from dynid.bondgraph.results.design import add_design
+    from dynid.scene.kinds.design import design_of, designed_scene
+
+    designed = solve(design_of(scene))
+    graph, analysis = question(designed_scene(scene, designed.values))
+    result = analyse(graph, analysis, scene.title)
+    add_design(result, designed, analysis.omega)
+    return result
+
+
+def check_valid(scene: Scene) -> None:
+    """Check the design of a valid scene, if it has one; raises `SceneError` with its faults."""
+    if cast("BondGraphScene", scene.model).design is not None:
+        from dynid.scene.kinds.design import check_design
+
+        check_design(scene)
 
 
 def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
@@ -45,6 +65,10 @@ def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
     wanted = model.analysis
     yield lambda: question(scene)
     yield lambda: _check_sources(scene)
+    if model.design is not None:
+        from dynid.scene.kinds.design import design_of
+
+        yield lambda: design_of(scene)
     if (port := wanted.port) is not None:
         from dynid.bondgraph.decomposition.graph_bisection import GraphBisection
 

@@ -80,6 +80,8 @@ def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], o
     for path in paths:
         if _place(template, path) is None:
             return f"{path} is no parameter, no value of an element and no stored energy"
+    if cast("BondGraphScene", template.model).design is not None:
+        return "every sample is designed by itself"
     family = _BatchKey(template.source.resolved_text(), template.source.file, tuple(paths), collect, template)
     return "" if _planned(family) else "what is collected is more than numbers of the channels and responses"
 
@@ -88,7 +90,7 @@ def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], o
 def _planned(family: _BatchKey) -> _GraphBatch | None:
     """Return the plan of a batch, made once a process; None where it cannot be run together."""
     places = [_place(family.scene, path) for path in family.paths]
-    if None in places:
+    if None in places or cast("BondGraphScene", family.scene.model).design is not None:
         return None
     try:
         exemplar = run_scene(family.scene)

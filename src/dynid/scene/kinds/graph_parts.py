@@ -95,7 +95,7 @@ def build_graph(
     wanted: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
     outputs = list(outputs)
     measured = [loop.measured for loop in control.loops] if control else []
-    nonlinear = point is not None or any(_has_law(node) for node in graph.nodes.values())
+    nonlinear = point is not None or any(has_law(node) for node in graph.nodes.values())
     laws: dict[str, Law] = {}
     if nonlinear:
         from dynid.scene.kinds.laws import law_variables, laws_of
@@ -151,7 +151,7 @@ def build_graph(
     return built._replace(graph=closed.graph, outputs=asked, opened=built.graph, loops=tuple(loops))
 
 
-def _has_law(node: NodeModel) -> bool:
+def has_law(node: NodeModel) -> bool:
     return node.law is not None or (node.value is not None and node.value.variable)
 
 

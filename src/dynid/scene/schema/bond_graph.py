@@ -46,6 +46,7 @@ from dynid.scene.schema.base import (
     once,
 )
 from dynid.scene.schema.control import ControlModel, control_faults
+from dynid.scene.schema.design import DesignModel, design_faults
 from dynid.scene.schema.graph_variables import TEXT, Output, SourceName, unknown_node
 from dynid.scene.schema.joints import JointModel, ParameterModel
 from dynid.scene.schema.laws import (
@@ -380,12 +381,14 @@ class BondGraphScene(ComposedScene):
     analysis: AnalysisModel
     operating_point: OperatingPointModel | None = None
     initial: dict[str, InitialModel] = {}
+    design: DesignModel | None = None
 
 
 def bond_graph_faults(source: Source, names: SceneNames) -> list[Fault]:
     """Return the faults of bonds, stored energy, signals, port, engine and domains of a bond graph."""
     faults = [*graph_scene_faults(source, names), *_unshown_energy_faults(source), *_driving_faults(source)]
     faults += operating_point_faults(source)
+    faults += design_faults(source)
     analysis = mapping(source.data, "analysis")
     results = listing(analysis, "results")
     for place, name in enumerate(results if analysis.get("engine") == "symbolic" else []):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from dynid.arithmetic.dependent import Dependent, substituted
@@ -21,8 +21,16 @@ from dynid.scene.schema.raw import (
 from dynid.scene.yaml.source import Source
 
 
-def read_names(source: Source) -> tuple[SceneNames, list[Fault]]:
+def read_names(source: Source, free: Mapping[str, float] | None = None) -> tuple[SceneNames, list[Fault]]:
     """Return the values of the parameters and the types of the nodes of a scene.
+
+    Parameters
+    ----------
+    source
+        The scene.
+    free
+        Parameters of a design that quantities depend on, with their reference values; absent: of an
+        identification the unknown and considered ones.
 
     Returns
     -------
@@ -31,9 +39,10 @@ def read_names(source: Source) -> tuple[SceneNames, list[Fault]]:
     """
     given = mapping(source.data, "parameters")
     raw = {str(name): entry for name, entry in given.items()}
-    written = reference_values(given)
+    written = reference_values(given) | dict(free or {})
     values, problems = resolve_parameters(written)
-    dependent = _dependent(raw, written, values)
+    sought = {name for name, entry in raw.items() if isinstance(entry, dict)} if free is None else free.keys()
+    dependent = _dependent(sought, written, values)
     located: dict[tuple[str, ...], str] = {}
     for name, text in problems.items():
         key = reference_key(raw[name])
@@ -50,7 +59,7 @@ def read_names(source: Source) -> tuple[SceneNames, list[Fault]]:
         values,
         dependent,
         signed=frozenset(name for name, one in raw.items() if mapping_of(one).get("scale") == "linear"),
-        identifying=source.data.get("kind") == "identification",
+        identifying=free is not None or source.data.get("kind") == "identification",
         faulty=frozenset(raw.keys() - values.keys()),
         nodes=node_types(source.data) | references(source.data),
         complete=isinstance(source.data.get("parameters", {}), dict),
@@ -59,14 +68,14 @@ def read_names(source: Source) -> tuple[SceneNames, list[Fault]]:
 
 
 def _dependent(
-    raw: Mapping[str, Any], written: Mapping[str, Any], values: Mapping[str, Number]
+    sought: Collection[str], written: Mapping[str, Any], values: Mapping[str, Number]
 ) -> dict[str, Dependent]:
-    """Return the parameters that are unknown or considered, and those that depend on them."""
+    """Return the parameters that are sought or considered, and those that depend on them."""
     found: dict[str, Dependent] = {}
-    if not any(isinstance(entry, dict) for entry in raw.values()):
+    if not sought:
         return found
     for name, value in values.items():  # in an order in which each needs only earlier ones
-        if isinstance(raw[name], dict):
+        if name in sought:
             found[name] = Dependent.parameter(name, value)
         elif isinstance(written[name], str):
             expression = parse(written[name])

@@ -1,0 +1,351 @@
+"""The targets of a design as functions of its free parameters, with exact derivatives."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.bondgraph.design.request import Criterion, Design, RootTarget, Target
+from dynid.bondgraph.design.root_targets import Reached, nearest, residual_count
+from dynid.bondgraph.parametric_equations import ParametricEquations
+from dynid.bondgraph.plan import ReducedGraph
+from dynid.errors import NumericalError
+from dynid.lti import norms
+from dynid.lti.parametric import Matrices, System, single
+from dynid.lti.root_slopes import poles, zeros
+from dynid.number_format import frequency_text
+from dynid.parameters import Parameter
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+#: A parameter without limits is searched in this range of its start, as a logarithm or in multiples of it.
+SPAN = 1e6
+#: Poles below this part of the size of A are at the origin.
+_ORIGIN = 1e-14
+#: The factor around the start within which random starts are drawn where a limit is farther.
+_SPREAD = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Coordinates:
+    """The coordinates of free parameters (p): logarithms, or multiples of a typical size.
+
+    Parameters
+    ----------
+    free
+        The parameters.
+    """
+
+    free: tuple[Parameter, ...]
+
+    @cached_property
+    def units(self) -> Array:
+        """The size of a unit of each coordinate: 1 of a logarithm."""
+        return np.array([1.0 if one.logarithmic else _size(one) for one in self.free], dtype=float)
+
+    @cached_property
+    def start(self) -> Array:
+        """The coordinates of the starts."""
+        return np.array([one.coordinate(one.start) for one in self.free]) / self.units
+
+    @cached_property
+    def low(self) -> Array:
+        """The lowest coordinates: the limits, else far below the start."""
+        return self._limits([one.low for one in self.free], -1)
+
+    @cached_property
+    def high(self) -> Array:
+        """The highest coordinates: the limits, else far above the start."""
+        return self._limits([one.high for one in self.free], 1)
+
+    def _limits(self, given: list[float | None], side: int) -> Array:
+        far = np.where([one.logarithmic for one in self.free], math.log(SPAN), SPAN)
+        limits: Array = self.start + side * far
+        for k, (one, limit) in enumerate(zip(self.free, given, strict=True)):
+            if limit is not None and (limit > 0 or not one.logarithmic):
+                limits[k] = one.coordinate(limit) / self.units[k]
+        return limits
+
+    def values(self, eta: Array) -> Array:
+        """Return the values at coordinates, those at a limit exactly it."""
+        found = np.array([one.value(x) for one, x in zip(self.free, eta * self.units, strict=True)])
+        for k, one in enumerate(self.free):
+            for limit, at in ((one.low, self.low[k]), (one.high, self.high[k])):
+                if limit is not None and eta[k] == at:
+                    found[k] = limit
+        return found
+
+    def rates(self, values: Array) -> Array:
+        """Return the derivatives of values by their coordinates."""
+        log = np.array([one.logarithmic for one in self.free], dtype=bool)
+        return np.asarray(np.where(log, values, self.units), dtype=float)
+
+    def of(self, values: Mapping[str, float]) -> Array:
+        """Return the coordinates of values, by name; the start where there is none."""
+        given = [one.coordinate(values.get(one.name, one.start)) for one in self.free]
+        return np.asarray(np.array(given) / self.units)
+
+    def drawn(self, count: int, seed: int) -> Array:
+        """Return random coordinates within the limits (count x p)."""
+        near = np.where([one.logarithmic for one in self.free], math.log(_SPREAD), 3.0)
+        low, high = np.maximum(self.low, self.start - near), np.minimum(self.high, self.start + near)
+        return np.random.default_rng(seed).uniform(low, high, (count, len(self.free)))
+
+
+def _size(one: Parameter) -> float:
+    """Return the typical size of a parameter that may be zero."""
+    if one.start:
+        return abs(one.start)
+    limits = [abs(limit) for limit in (one.low, one.high) if limit]
+    return max(limits, default=1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Norm:
+    """A norm at some values: the pieces that it is the largest of, with derivatives by the coordinates.
+
+    Attributes
+    ----------
+    values, slopes
+        The pieces (k), and their derivatives (k x p).
+    system
+        The system, hidden modes moved.
+    maxima
+        The local maxima that the pieces are; None of an H2 norm.
+    why
+        Why there is none: then it is infinite.
+    """
+
+    values: Array
+    slopes: Array
+    system: System | None = None
+    maxima: norms.Maxima | None = None
+    why: str = ""
+
+    @property
+    def value(self) -> float:
+        """The norm."""
+        return float(self.values.max(initial=0.0)) if not self.why else math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """The targets at some coordinates (p).
+
+    Attributes
+    ----------
+    eta
+        The coordinates.
+    residuals, jacobian
+        Of all wanted roots (r), and their derivatives by the coordinates (r x p).
+    reached
+        The nearest root of each target; None where there is none.
+    norms
+        The norms to minimise.
+    """
+
+    eta: Array
+    residuals: Array
+    jacobian: Array
+    reached: tuple[Reached | None, ...]
+    norms: tuple[Norm, ...]
+
+    @property
+    def exists(self) -> bool:
+        """True if every target has a root, and every norm is finite."""
+        return bool(np.isfinite(self.residuals).all()) and not any(one.why for one in self.norms)
+
+
+class DesignFunctions:
+    """The targets of a design as functions of the coordinates of its free parameters.
+
+    Parameters
+    ----------
+    design
+        The design.
+
+    Attributes
+    ----------
+    low, high
+        The coordinates between which is searched: equal of a parameter that is held.
+
+    Raises
+    ------
+    Singular
+        Where the equations have no unique solution whatever the parameters are.
+    """
+
+    def __init__(self, design: Design) -> None:
+        self.design, self.coordinates = design, Coordinates(design.free)
+        self.low, self.high = self.coordinates.low.copy(), self.coordinates.high.copy()
+        self._outputs = list(dict.fromkeys(one.output for one in design.targets))
+        self._inputs = list(dict.fromkeys(one.input for one in design.targets))
+        reduced = ReducedGraph(design.graph, self._inputs, self._outputs, traced=False)
+        self._names = [one.name for one in design.free]
+        self._equations = ParametricEquations(reduced, self._names)
+
+    @property
+    def reached(self) -> frozenset[str]:
+        """The free parameters that the targets depend on."""
+        return self._equations.reached
+
+    def matrices(self, eta: Array) -> Matrices:
+        """Return the matrices of all channels, with derivatives by the coordinates.
+
+        Raises
+        ------
+        NumericalError
+            Where the equations have no solution.
+        """
+        values = self.coordinates.values(eta)
+        found = self._equations.at(dict(zip(self._names, values.tolist(), strict=True)))
+        rates = self.coordinates.rates(values)
+        slopes = (np.einsum("p,p...->p...", rates, one) for one in found[4:])
+        return Matrices(*found[:4], *slopes)
+
+    def channel(self, found: Matrices, target: Target) -> System:
+        """Return the system of a target's channel."""
+        return single(found, self._outputs.index(target.output), self._inputs.index(target.input))
+
+    def derivative(self, found: Matrices, target: Target) -> int:
+        """Return the order of the derivative of its input that a channel follows.
+
+        Its system (`channel`) is driven by this derivative.
+        """
+        direct = found.D[:, self._outputs.index(target.output), self._inputs.index(target.input)]
+        return int(np.flatnonzero(direct).max(initial=0))
+
+    def response(self, found: Matrices, target: Target, omega: Array) -> ComplexArray:
+        """Return the response of a target's channel at frequencies (L), infinite at an undamped pole."""
+        system, factor = self.channel(found, target), (1j * omega) ** self.derivative(found, target)
+        try:
+            return norms.response(system, omega) * factor
+        except np.linalg.LinAlgError:
+            if len(omega) == 1:
+                return np.array([complex(math.inf)])
+            return np.concatenate([self.response(found, target, part) for part in np.array_split(omega, 2)])
+
+    def at(self, eta: Array) -> Evaluation:
+        """Evaluate all targets; where the equations have no solution, all are infinite."""
+        p = len(self._names)
+        try:
+            found = self.matrices(eta)
+        except NumericalError as error:
+            rows = sum(map(residual_count, self.design.roots))
+            empty = Norm(np.zeros(0), np.zeros((0, p)), why=error.problem)
+            return Evaluation(
+                eta,
+                np.full(rows, np.inf),
+                np.zeros((rows, p)),
+                (None,) * len(self.design.roots),
+                (empty,) * len(self.design.criteria),
+            )
+        reached = self._roots(found)
+        residuals, jacobian = [np.zeros(0)], [np.zeros((0, p))]
+        for target, one in zip(self.design.roots, reached, strict=True):
+            count = residual_count(target)
+            residuals.append(np.full(count, np.inf) if one is None else one.residuals)
+            usable = one is not None and bool(np.isfinite(one.slopes).all())
+            jacobian.append(one.slopes if one is not None and usable else np.zeros((count, p)))
+        return Evaluation(
+            eta,
+            np.concatenate(residuals),
+            np.concatenate(jacobian),
+            tuple(reached),
+            tuple(self._norm(found, one) for one in self.design.criteria),
+        )
+
+    def _roots(self, found: Matrices) -> list[Reached | None]:
+        """Return the nearest root of every target."""
+        groups: dict[tuple[str, object, str], list[int]] = {}
+        for place, one in enumerate(self.design.roots):
+            groups.setdefault((one.kind, one.output, one.input), []).append(place)
+        reached: list[Reached | None] = [None] * len(self.design.roots)
+        for places in groups.values():
+            own = [self.design.roots[place] for place in places]
+            values, slopes = self.channel_roots(found, own[0])
+            for place, found_root in zip(places, nearest(own, values, slopes), strict=True):
+                reached[place] = found_root
+        return reached
+
+    def channel_roots(self, found: Matrices, target: RootTarget) -> tuple[ComplexArray, ComplexArray]:
+        """Return the zeros or poles of a channel (m) without hidden modes, and their derivatives (m x p)."""
+        wanted = target.kind == "pole"
+        roots = poles(found.A, found.A_slopes) if wanted else zeros(self.channel(found, target))
+        if roots is None:
+            return np.zeros(0, dtype=complex), np.zeros((0, len(self._names)), dtype=complex)
+        proper = found._replace(D=found.D[:1], D_slopes=found.D_slopes[:, :1])
+        known = norms.modes(self.channel(proper, target))
+        kept = np.ones(len(roots.values), dtype=bool)
+        for value in known.values[known.hidden]:
+            away = np.where(kept, np.abs(roots.values - value), np.inf)
+            if len(away) and np.isfinite(away).any():
+                kept[int(np.argmin(away))] = False
+        return roots.values[kept], roots.slopes[kept]
+
+    def _norm(self, found: Matrices, one: Criterion) -> Norm:
+        p = len(self._names)
+        system, channel_poles = norms.without_hidden(self.channel(found, one))
+        if why := self._without_norm(found, one, system, channel_poles):
+            return Norm(np.zeros(0), np.zeros((0, p)), why=why)
+        if one.kind == "h2":
+            value, slopes = norms.h2_norm(system)
+            return Norm(np.array([value]), slopes[None], system)
+        maxima = norms.maxima(system, channel_poles, one.low, one.high)
+        return Norm(maxima.magnitude, maxima.slopes, system, maxima)
+
+    def _without_norm(
+        self, found: Matrices, one: Criterion, system: System, channel_poles: ComplexArray
+    ) -> str:
+        """Return the reason why a channel has no finite norm; empty where it has."""
+        name = f"{one.output}/{one.input}"
+        if self.derivative(found, one):
+            return f"{name} follows a derivative of its input: its response grows without limit"
+        if one.kind == "h2" and system.d:
+            return f"{name} follows its input directly (gain {system.d:.4g}): its H2 norm is infinite"
+        size = float(np.linalg.norm(system.A)) or 1.0
+        channel_poles = np.where(np.abs(channel_poles) <= _ORIGIN * size, 0.0, channel_poles)
+        axis = norms.on_axis(channel_poles, size)
+        at = np.abs(channel_poles.imag)
+        within = axis & (at >= one.low * (1 - 1e-9)) & (at <= one.high * (1 + 1e-9))
+        bad = within if one.kind == "peak" else axis
+        right = (channel_poles.real > 0) & ~axis
+        if right.any():
+            return f"{name} is unstable: {_pole_text(channel_poles[right][0])} in the right half-plane"
+        if bad.any():
+            return f"{name} is not stable: {_pole_text(channel_poles[bad][0])} on the imaginary axis"
+        return ""
+
+    def gradients(self, eta: Array, near: Evaluation) -> tuple[Array, list[Array]]:
+        """Return the derivatives of the residuals and of the pieces of every norm, at a point nearby.
+
+        The pieces are those of the evaluation: its maxima are followed.
+        """
+        found = self.matrices(eta)
+        jacobian = [np.zeros((0, len(eta)))]
+        for target, known, one in zip(self.design.roots, near.reached, self._roots(found), strict=True):
+            lost = one is None or known is None or not np.isfinite(one.slopes).all()
+            jacobian.append(
+                np.zeros((residual_count(target), len(eta))) if lost or one is None else one.slopes
+            )
+        slopes = []
+        for criterion, known_norm in zip(self.design.criteria, near.norms, strict=True):
+            system, _ = norms.without_hidden(self.channel(found, criterion))
+            if known_norm.maxima is None:
+                slopes.append(norms.h2_norm(system)[1][None])
+            else:
+                moved = norms.followed(system, known_norm.maxima, criterion.low, criterion.high)
+                slopes.append(moved.slopes)
+        return np.concatenate(jacobian), slopes
+
+
+def _pole_text(value: complex) -> str:
+    if abs(value) == 0 or abs(value.imag) <= 1e-9 * abs(value):
+        return f"a pole at {value.real:.4g} rad/s lies" if value.real else "a pole at 0 lies"
+    return f"poles at {value.real:.4g} ± {abs(value.imag):.4g}j ({frequency_text(abs(value))}) lie"

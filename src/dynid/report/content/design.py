@@ -1,0 +1,124 @@
+"""Content on a design: designed values, targets wanted and reached, the minimum, other designs beside."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from dynid.number_format import counted
+from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable
+from dynid.report.scenes import frequency_unit
+from dynid.result import Result
+
+DESIGN = "bond_graph/design"
+_ROOTS, _NAMES, _REACHED = (
+    ("zero", "pole"),
+    ("kind", "output", "input", "unit"),
+    ("reached", "reached_damping"),
+)
+
+
+def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return headings and rows of the free parameters: start, value, limits, values of other designs."""
+    others = list(map(str, result[f"{DESIGN}/compared/design"].data)) if compares(result) else []
+    values = (
+        result[f"{DESIGN}/compared/value"].data.T if others else [()] * len(result[f"{DESIGN}/name"].data)
+    )
+    parts = ("name", "start", "value", "min", "max", "bound", "influence")
+    rows = []
+    for beside, name, start, value, low, high, bound, used in zip(
+        values, *(result[f"{DESIGN}/{part}"].data for part in parts), strict=True
+    ):
+        remark = "" if used else "no target depends on it"
+        remark = f"at its {bound}" if bound else remark
+        limits = [f"{edge:.6g}" if math.isfinite(edge) else "" for edge in (low, high)]
+        cells = [f"{one:.6g}" for one in (start, value, *beside)]
+        rows.append((str(name), *cells, *limits, remark))
+    return ("", "start", "designed", *others, "min", "max", ""), rows
+
+
+def target_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return headings and rows of the targets: wanted, at the start, reached, and by other designs."""
+    group, unit = f"{DESIGN}/targets", frequency_unit(result)
+    get = {
+        part: result[f"{group}/{part}"].data
+        for part in (*_NAMES, "wanted", "wanted_damping", "start", "start_damping", *_REACHED)
+    }
+    others = list(map(str, result[f"{DESIGN}/compared/design"].data)) if compares(result) else []
+    rows = []
+    for k, kind in enumerate(get["kind"]):
+        channel = f"{get['output'][k]} / {get['input'][k]}"
+        if kind in _ROOTS:
+            damped = not math.isnan(get["wanted_damping"][k])
+            cells = [f"{kind} of {channel}, {unit.name}{', ζ' if damped else ''}"]
+            for part in ("wanted", "start", "reached"):
+                cells.append(_root(get[part][k], get[f"{part}_damping"][k], unit.factor, damped))
+            for row in range(len(others)):
+                omega, damping = (result[f"{DESIGN}/compared/{part}"].data[row, k] for part in _REACHED)
+                cells.append(_root(omega, damping, unit.factor, damped))
+        else:
+            word = {"peak": "peak", "h2": "H2 norm", "hinf": "H∞ norm"}[str(kind)]
+            measure = f", {get['unit'][k]}" if get["unit"][k] not in ("", "1") else ""
+            cells = [
+                f"{word} of {channel}{measure}",
+                "least",
+                *(_size(get[p][k]) for p in ("start", "reached")),
+            ]
+            cells += [_size(result[f"{DESIGN}/compared/reached"].data[row, k]) for row in range(len(others))]
+        rows.append(tuple(cells))
+    return ("", "wanted", "start", "designed", *others), rows
+
+
+def _root(omega: float, damping: float, factor: float, damped: bool) -> str:
+    if math.isnan(omega):
+        return "none"
+    return f"{factor * omega:.6g}{f', {damping:.4g}' if damped else ''}"
+
+
+def _size(value: float) -> str:
+    return f"{value:.6g}".replace("inf", "∞")
+
+
+def compares(result: Result) -> bool:
+    """Return True if other designs are reported beside."""
+    return f"{DESIGN}/compared/design" in result
+
+
+def statements(result: Result) -> Iterator[tuple[str, str]]:
+    """Yield sentences on how the design was found, each with its tone."""
+    about, counts = result.group_attrs[DESIGN], result[f"{DESIGN}/optima/count"].data
+    starts = counted(int(about["starts"]), "start")
+    if f"{DESIGN}/optimum" in result:
+        if result.value(f"{DESIGN}/optimum"):
+            equal = int(result.value(f"{DESIGN}/active_maxima"))
+            maxima = f", {equal} equal maxima" if equal > 1 else ""
+            residual = result.value(f"{DESIGN}/stationarity")
+            yield f"a minimum{maxima}: the first-order conditions hold to {residual:.1g}", "good"
+        for text in result[f"{DESIGN}/warnings"].data if f"{DESIGN}/warnings" in result else ():
+            yield str(text), "bad"
+    else:
+        yield "every target is met", "good"
+    ended = f"{int(about['ended'])} of {starts} ended in a solution"
+    others = len(counts) - 1
+    if others:
+        local = result[f"{DESIGN}/optima/objective"].data[1:]
+        least = f"{DESIGN}/optimum" in result
+        words = ("local minimum", "local minima") if least else ("solution", "solutions")
+        values = f" with {', '.join(_size(value) for value in local[:4])}" if least else ""
+        yield f"{ended}, {counts[0]} in this one; {others} other {words[others > 1]}{values}", ""
+    else:
+        here = "all" if counts[0] == about["ended"] else str(counts[0])
+        yield f"{ended}, {here} in this one" if int(about["ended"]) > 1 else ended, ""
+
+
+def design_sections(result: Result) -> Iterator[ReportSection]:
+    """Yield the section on the design."""
+    if f"{DESIGN}/value" not in result:
+        return
+    (columns, rows), (headings, targets) = parameter_table(result), target_table(result)
+    blocks: list[Block] = [
+        TextTable(columns, tuple(rows), caption="Free parameters"),
+        TextTable(headings, tuple(targets), caption="Targets"),
+    ]
+    blocks += [Statement(f"{text[0].upper()}{text[1:]}.", tone) for text, tone in statements(result)]
+    yield ReportSection("Design", tuple(blocks))

@@ -1,0 +1,191 @@
+"""Designs of a scene: the graph as a function of its free parameters, and the scene with designed values."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, cast
+
+from pydantic import ValidationError
+
+from dynid.bondgraph.design.request import Criterion, Design, RootTarget, Target
+from dynid.errors import SceneError, UsageError
+from dynid.scene.kinds.graph_parts import build_graph, has_law
+from dynid.scene.kinds.parameters import quantities
+from dynid.scene.kinds.signals import angular_frequencies
+from dynid.scene.load import Scene, check_source, with_text_keys
+from dynid.scene.schema.base import DefinedParameter, Section
+from dynid.scene.schema.bond_graph import BondGraphScene, GraphModel
+from dynid.scene.schema.control import ControlModel
+from dynid.scene.schema.design import design_faults
+from dynid.scene.schema.faults import located_faults
+from dynid.scene.schema.names import read_names
+from dynid.scene.schema.raw import mapping, written_key
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from dynid.bondgraph.graph import BondGraph, Port
+    from dynid.parameters import Parameter
+    from dynid.scene.schema.design import DesignModel, DesignTarget
+    from dynid.scene.schema.quantities import Quantity
+
+
+def designed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
+    """Return a scene without its design, in which free parameters have the designed values."""
+    data = {key: value for key, value in scene.source.data.items() if key not in ("design", "models", "use")}
+    given = dict(mapping(data, "parameters"))
+    for name, value in values.items():
+        given[written_key(given, name)] = value
+    data["parameters"] = given
+    return check_source(replace(scene.source, data=data, overridden=True))
+
+
+def design_of(scene: Scene) -> Design:
+    """Return the design that a scene requests, its graph a function of the free parameters.
+
+    Raises
+    ------
+    UsageError
+        If a number of a parameter does not fit its scale, or a part of the graph cannot depend on parameters.
+    """
+    model = cast("BondGraphScene", scene.model)
+    wanted = cast("DesignModel", model.design)
+    parts = _dependent_parts(scene)
+    asked = list(
+        dict.fromkeys([*model.analysis.outputs, *(one.output for one in wanted.targets if one.output)])
+    )
+    built = build_graph(scene, parts.graph, asked, model.analysis.reading, control=parts.control)
+    variables = dict(zip(asked, built.outputs, strict=True))
+    inputs = list(model.analysis.inputs or _sources(built.graph))
+    outputs = [variables[one] for one in model.analysis.outputs]
+
+    def channel(target: DesignTarget) -> tuple[Port, str]:
+        return (variables[target.output] if target.output else outputs[0]), target.input or inputs[0]
+
+    grid = model.analysis.frequency
+    omega = angular_frequencies(grid) if grid else None
+    band = (0.0, math.inf) if omega is None or len(omega) < 2 else (float(omega[0]), float(omega[-1]))
+    compared = {
+        title: {name: float(value) for name, value in values.items()}
+        for title, values in wanted.compare.items()
+    }
+    return Design(
+        built.graph,
+        _free_parameters(model, wanted),
+        tuple(_target(one, *channel(one), band) for one in wanted.targets),
+        wanted.starts,
+        wanted.seed,
+        compared,
+    )
+
+
+def check_design(scene: Scene) -> None:
+    """Check the free parameters of a design.
+
+    Raises
+    ------
+    SceneError
+        If a number does not fit the scale or limits of its parameter, or nothing depends on a free one.
+    """
+    model, source = cast("BondGraphScene", scene.model), scene.source
+    if model.design is None or read_names(source)[1] or design_faults(source):
+        return
+    lawful = next((name for name, node in model.graph.nodes.items() if has_law(node)), None)
+    if lawful is not None or model.operating_point is not None:
+        where = f"'{lawful}' has a law" if lawful is not None else "there is an 'operating_point'"
+        message = f"a design is of a linear graph, and {where}; write the slope at its point as a value"
+        raise SceneError([source.fault(("design",), message, key=True)])
+    try:
+        parts = _dependent_parts(scene)
+    except ValidationError as error:
+        raise SceneError(located_faults(source, _DependentParts, error)) from None
+    used: set[str] = set()
+    for _, quantity in quantities(parts):
+        used |= quantity.dependent.names if quantity.dependent is not None else set()
+    message = "nothing in the graph depends on this parameter; use it in a value, or do not free it"
+    faults, raw = [], mapping(mapping(source.data, "design"), "free")
+    for name in model.design.free:
+        path = ("design", "free", written_key(raw, name))
+        if name not in used:
+            faults.append(source.fault(path, message, key=True))
+        try:
+            _free_parameter(model, model.design, name)
+        except UsageError as error:
+            faults.append(source.fault(path, str(error), key=True))
+    if faults:
+        raise SceneError(faults)
+
+
+class _DependentParts(Section):
+    """The parts of a scene whose quantities may depend on free parameters."""
+
+    graph: GraphModel
+    control: ControlModel | None = None
+
+
+def _dependent_parts(scene: Scene) -> _DependentParts:
+    """Return graph and feedback of a scene with quantities that depend on the free parameters."""
+    model = cast("BondGraphScene", scene.model)
+    assert model.design is not None
+    starts = {name: _start(model, name) for name in model.design.free}
+    names, _ = read_names(scene.source, free=starts)
+    data = with_text_keys(scene.source.data)
+    parts = {key: data[key] for key in ("graph", "control") if key in data}
+    return _DependentParts.model_validate(parts, context=names)
+
+
+def _start(model: BondGraphScene, name: str) -> float:
+    """Return the start of a free parameter: its own, else the parameter's value."""
+    from dynid.arithmetic.expression import resolve_parameters
+
+    assert model.design is not None
+    own = model.design.free[name].start
+    if own is not None:
+        return float(own)
+    given = model.parameters[name]
+    if isinstance(given, DefinedParameter):
+        return float(given.reference)
+    return float(resolve_parameters({name: given})[0][name])
+
+
+def _free_parameters(model: BondGraphScene, wanted: DesignModel) -> tuple[Parameter, ...]:
+    return tuple(_free_parameter(model, wanted, name) for name in wanted.free)
+
+
+def _free_parameter(model: BondGraphScene, wanted: DesignModel, name: str) -> Parameter:
+    """Return a free parameter: by its logarithm if it is positive, and a limit is not negative or zero."""
+    from dynid.parameters import Parameter
+
+    own, given = wanted.free[name], model.parameters[name]
+    least, most, scale = own.min, own.max, own.scale
+    if isinstance(given, DefinedParameter):
+        least, most, scale = least or given.min, most or given.max, scale or given.scale
+    start, low, high = _start(model, name), _number(least), _number(most)
+    scale = scale or ("log" if start > 0 and (low is None or low > 0) else "linear")
+    return Parameter(name, start, None, low, high, scale=scale)
+
+
+def _number(given: Quantity | None) -> float | None:
+    return None if given is None else float(given)
+
+
+def _sources(graph: BondGraph) -> list[str]:
+    return [name for name, node in graph.nodes.items() if node.type in ("Se", "Sf")]
+
+
+def _target(target: DesignTarget, output: Port, source: str, band: tuple[float, float]) -> Target:
+    """Return a target of a channel; `band` is that of a peak without its own."""
+    factor = 2 * math.pi if target.unit == "Hz" else 1.0
+    root = target.zero or target.pole
+    if root is not None:
+        damping = None if root.damping is None else float(root.damping)
+        kind = "zero" if target.zero else "pole"
+        frequency = factor * float(root.frequency)
+        return RootTarget(kind, output, source, frequency, damping, hertz=target.unit == "Hz")  # type: ignore[arg-type]
+    assert target.minimise is not None
+    low, high = (factor * float(edge) for edge in target.band) if target.band else band
+    weight = 1.0 if target.weight is None else float(target.weight)
+    if target.minimise != "peak":
+        return Criterion(target.minimise, output, source, weight=weight)
+    return Criterion("peak", output, source, low, high, weight)
