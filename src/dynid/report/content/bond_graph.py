@@ -51,9 +51,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
         yield ReportSection("Operating point", tuple(_operating_point(result)))
     yield from design_sections(result)
     yield from channel_sections(result)
-    for title, rows in (("Energy of the modes", energy_lines(result)), ("Sources", source_lines(result))):
-        if named := [(name, (text,)) for name, text in rows]:
-            yield ReportSection(title, (definitions(*named),))
+    yield from _energy_and_sources(result)
     if items := list(port_items(result, _LONGEST)):
         yield ReportSection(f"Port {result.group_attrs[PORT]['bond']}", (definitions(*items),))
     if f"{_REDUCTION}/output" in result:
@@ -126,6 +124,12 @@ def _operating_point(result: Result) -> Iterator[Block]:
         if rows:
             yield TextTable(heads, tuple(rows[:_POINTS]))
             yield from more(len(rows), _POINTS, heads[0])
+
+
+def _energy_and_sources(result: Result) -> Iterator[ReportSection]:
+    for title, rows in (("Energy of the modes", energy_lines(result)), ("Sources", source_lines(result))):
+        if named := [(name, (text,)) for name, text in rows]:
+            yield ReportSection(title, (definitions(*named),))
 
 
 def _formulas(lines: list[str]) -> NumberedList:

@@ -152,6 +152,7 @@ def build_graph(
 
 
 def has_law(node: NodeModel) -> bool:
+    """Return True if a node has a law, or a modulus that depends on variables."""
     return node.law is not None or (node.value is not None and node.value.variable)
 
 
