@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dynid
-from dynid.errors import SceneError, UsageError
+from dynid.errors import SceneError
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 
@@ -138,7 +138,136 @@ def test_faults_are_located(old, new, message):
     assert message in str(raised.value)
 
 
-def test_sensitivities_by_gains_of_controllers_are_refused():
-    text = SERVO.replace("CONTROLLER", "{gain: kp}") + "  results: [sensitivities]\nparameters: {kp: 3}\n"
-    with pytest.raises(UsageError, match="controllers depend on kp"):
-        dynid.run(scene(text))
+def test_sensitivities_are_by_the_gains_of_controllers():
+    """Poles at a slightly different gain: of the polynomial by hand."""
+    text = SERVO.replace("CONTROLLER", "{pid: {kp: 2*kp, ki: 5, kd: 1, tf: 0.01}}")
+    text += "  results: [sensitivities]\nparameters: {kp: 10, unused: 3}\n"
+    result = dynid.run(scene(text))
+    group = "bond_graph/sensitivities/shaft.q/target"
+    names = [str(name) for name in result[f"{group}/parameter"].data]
+    base = {"kp": 10, "control.loops.1.controller.pid.ki": 5, "control.loops.1.controller.pid.kd": 1}
+    base |= {"control.loops.1.controller.pid.tf": 0.01, "control.loops.0.controller.gain": 3}
+    assert set(base) <= set(names)
+
+    def poles(kp, ki, kd, tf, gain):
+        top = [2 * kp * tf + kd, 2 * kp + ki * tf, ki]
+        plant = np.polyadd(np.polymul([0.01, 2 + gain], [0.001, 0.0001]), [0.01])
+        return np.roots(np.polyadd(0.1 * np.array(top), np.polymul(np.polymul(plant, [1, 0]), [tf, 1, 0])))
+
+    own = result[f"{group}/poles"].data
+    for name, value in base.items():
+        step = 1e-5 * value
+        near = [poles(*(dict(base) | {name: value + sign * step}).values()) for sign in (1, -1)]
+        up, down = (each[np.abs(own[:, None] - each).argmin(axis=1)] for each in near)
+        slopes = result[f"{group}/pole_sensitivity"].data[:, names.index(name)]
+        np.testing.assert_allclose(slopes, (up - down) / (2 * step), rtol=1e-5, atol=1e-7)
+
+
+LATE = SERVO.replace("CONTROLLER", "{gain: 20, delay: tau}") + "parameters: {tau: 0.02}\n"
+
+
+def late_loop(s, tau=0.02):
+    """Return the plant from the voltage with the current loop closed, and the open loop."""
+    plant = 0.1 / (1e-5 * s**3 + 0.005001 * s**2 + 0.0105 * s)
+    return plant, 20 * plant * np.exp(-s * tau)
+
+
+def test_frequency_responses_have_the_delay_as_it_is():
+    text = LATE.replace("[shaft.q]", "[shaft.q, m.L.f]")
+    frequencies = "  frequency: {start: 0.5, stop: 50, points: 30}\nparameters:"
+    result = dynid.run(scene(text.replace("parameters:", frequencies)))
+    omega = result["bond_graph/frequency_response/omega"].data
+    plant, loop = late_loop(1j * omega)
+    inputs = [str(name) for name in result["bond_graph/frequency_response/input"].data]
+    found = result["bond_graph/frequency_response/response"].data[:, 0, inputs.index("target")]
+    np.testing.assert_allclose(found, plant / (1 + loop), rtol=1e-9)
+    group = "bond_graph/sensitivity_functions"
+    np.testing.assert_array_equal(result[f"{group}/omega"].data, omega)
+    np.testing.assert_allclose(result[f"{group}/L"].data[:, 1], loop, rtol=1e-12)
+    np.testing.assert_allclose(result[f"{group}/S"].data[:, 1], 1 / (1 + loop), rtol=1e-12)
+    np.testing.assert_allclose(result[f"{group}/T"].data[:, 1], loop / (1 + loop), rtol=1e-12)
+
+
+def test_what_is_approximate_is_marked_and_verdicts_are_true():
+    result = dynid.run(scene(LATE))
+    root = "bond_graph/transfer_function/shaft.q/target"
+    for name in ("numerator", "denominator", "zeros", "poles"):
+        assert "Padé" in result[f"{root}/{name}"].attrs["approximate"]
+    properties = "bond_graph/properties/shaft.q/target"
+    assert "approximate" not in result[f"{properties}/stable"].attrs
+    assert result.value(f"{properties}/relative_degree") == 3
+    assert "approximate" not in result["bond_graph/margins/poles"].attrs
+    for pole in result["bond_graph/margins/poles"].data[:4]:
+        assert abs(1 + late_loop(pole)[1]) < 1e-9
+    for pole in result["bond_graph/margins/poles"].data[:2]:
+        assert np.abs(result[f"{root}/poles"].data - pole).min() < 1e-9
+    locus = "bond_graph/root_locus/loop_2"
+    assert "Padé" in result.group_attrs[locus]["approximate"]
+    at_one = np.abs(result[f"{locus}/gain"].data - 1).argmin()
+    found = np.sort_complex(result[f"{locus}/poles"].data[at_one])
+    np.testing.assert_allclose(found, np.sort_complex(result[f"{root}/poles"].data), rtol=1e-6)
+
+
+@pytest.mark.parametrize(("tau", "stable"), [(0.002, True), (0.02, False)])
+def test_verdicts_with_delays(tau, stable):
+    """The delay margin of the loop without delay is where it turns unstable."""
+    prompt = dynid.run(scene(LATE.replace("0.02", "0")))
+    limit = prompt["bond_graph/margins/delay"].data[1]
+    assert (tau < limit) == stable
+    result = dynid.run(scene(LATE.replace("0.02", str(tau))))
+    assert bool(result["bond_graph/margins/stable"].data[1]) == stable
+    assert result.value("bond_graph/properties/shaft.q/target/stable") == stable
+    assert result["bond_graph/margins/unstable_poles"].data[1] == (0 if stable else 2)
+    if stable:
+        assert result["bond_graph/margins/delay"].data[1] == pytest.approx(limit - tau, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "outputs: [shaft.q]",
+            "outputs: [shaft.q], time: {stop: 1, step: 0.1}",
+            "a time response is not computed",
+        ),
+        (
+            "outputs: [shaft.q]",
+            "outputs: [shaft.q], time: {stop: 1, step: 0.1}, results: [time_response]",
+            "a time",
+        ),
+        ("delay: tau", "delay: -1", "-1 is negative"),
+        ("delay: tau", "late: 1", "'late' is not a key"),
+    ],
+)
+def test_faults_of_delays_are_located(old, new, message):
+    text = LATE.replace("analysis:\n  outputs: [shaft.q]", "analysis: {outputs: [shaft.q]}")
+    assert old in text
+    with pytest.raises(SceneError) as raised:
+        scene(text.replace(old, new))
+    assert message in str(raised.value)
+
+
+def test_at_most_eight_loops_have_a_delay():
+    loop = "    - {from: shaft.q, to: voltage, controller: {gain: 1, delay: 1}}\n"
+    with pytest.raises(SceneError, match="at most 8 loops may have a delay"):
+        scene(LATE.replace("analysis:", f"{8 * loop}analysis:"))
+
+
+def test_identification_takes_no_delay():
+    text = LATE[: LATE.index("analysis:")].replace("bond-graph", "identification").replace("tau", "0.1")
+    text += """
+parameters: {kt: {start: 0.05, true: 0.1}}
+excitation: [{source: target, kind: step}]
+measurement: {step: 0.002, samples: 10, channels: [{output: shaft.q}], simulate: {noise_ratio: 0.01}}
+"""
+    with pytest.raises(SceneError, match="a loop with a delay is not identified"):
+        scene(text)
+
+
+def test_a_study_over_a_gain_of_a_controller_is_run_alone():
+    """Samples run together differ in the values of nodes; a controller is none of them."""
+    from dynid.scene.kinds.bond_graph_samples import batched
+
+    template = scene(SERVO.replace("CONTROLLER", "{gain: kp}") + "parameters: {kp: 20}\n")
+    path = "bond_graph/properties/shaft.q/target/dc_gain"
+    assert batched(template, [{"parameters.kp": 10}, {"parameters.kp": 40}], (path,), 2) is None

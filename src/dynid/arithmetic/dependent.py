@@ -76,6 +76,11 @@ class Dependent:
         return frozenset(node.operands[0] for node in self._order if not node.operation)
 
     @property
+    def references(self) -> dict[str, Number]:
+        """The reference values of the parameters that it depends on, by name."""
+        return {node.operands[0]: node.reference for node in self._order if not node.operation}
+
+    @property
     def is_multiple(self) -> bool:
         """True if it is a parameter, or a constant multiple of one."""
         if self.operation == "*":
@@ -125,8 +130,7 @@ class Dependent:
 
     def at_reference(self) -> Evaluated:
         """Return value and derivatives at the reference values of the parameters; raises as `dual`."""
-        references = {node.operands[0]: node.reference for node in self._order if not node.operation}
-        return _as_floats(self.dual(references))
+        return _as_floats(self.dual(self.references))
 
     def referred(self, values: Mapping[str, Number]) -> Dependent:
         """Return the same number with other reference values of parameters, by name; raises as `dual`."""

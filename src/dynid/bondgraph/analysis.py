@@ -5,6 +5,8 @@ Only the requested results are computed.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from dynid.bondgraph.graph import Bond, BondGraph
@@ -24,6 +26,9 @@ from dynid.errors import Singular
 from dynid.model_scope import ScopePart, add_model_scope, divided, listed_names
 from dynid.progress import report_progress
 from dynid.result import Result
+
+if TYPE_CHECKING:
+    from dynid.bondgraph.feedback import CutLoops
 
 
 def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
@@ -73,6 +78,7 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         traced = bool(analysis.results & {"reduction", "prototype"})
         reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs, traced=traced)
     except Singular:
+        _cut_loops(analysis)  # says so where a loop is the cause
         if analysis.results != {"causality"}:
             raise
         open_parts = hold(JunctionStructure(graph), ())  # raises where the graph has no solution
@@ -99,7 +105,42 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         _add_port(result, reduced, analysis, analysis.port)
     _add_responses(result, reduced, analysis)
     add_graph_scope(result, reduced, analysis)
-    return result
+    return _with_delays(result, analysis)
+
+
+def _cut_loops(analysis: Analysis) -> CutLoops | None:
+    """Return the loops of a graph, cut open; None without loops, or without a solution when all are cut.
+
+    Raises
+    ------
+    Singular
+        Where a loop is algebraic and has no solution.
+    """
+    if analysis.opened is None:
+        return None
+    from dynid.bondgraph.feedback import CutLoops
+
+    try:
+        cut = CutLoops(_opened(analysis), analysis.loops)
+    except Singular:
+        return None
+    cut.check()
+    return cut
+
+
+def _with_delays(result: Result, analysis: Analysis) -> Result:
+    """Return the result of a graph with delays, in which what is approximate is marked."""
+    if not any(loop.delayed for loop in analysis.loops):
+        return result
+    from dynid.bondgraph.results.delays import with_delays
+
+    return with_delays(result, analysis)
+
+
+def _opened(analysis: Analysis) -> BondGraph:
+    """Return the graph without feedback, with the values as they are read."""
+    assert analysis.opened is not None
+    return analysis.opened.rounded() if analysis.reading == "binary" else analysis.opened
 
 
 def _add_operating_point(result: Result, analysis: Analysis) -> list[str]:
@@ -115,14 +156,14 @@ def _add_operating_point(result: Result, analysis: Analysis) -> list[str]:
 def _add_dynamics(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
     """Add the channels, their sensitivities to the parameters, and the zero-input response."""
     asked = analysis.results
+    cut = _cut_loops(analysis) if "properties" in asked else None
     if asked & {"transfer_function", "zeros", "poles", "properties", "hidden_modes"}:
         add_channels(result, reduced, analysis)
-    if "properties" in asked and analysis.opened is not None:
+    if cut is not None:
         from dynid.bondgraph.results.margins import add_margins
 
         report_progress("margins")
-        opened = analysis.opened.rounded() if analysis.reading == "binary" else analysis.opened
-        add_margins(result, opened, analysis.loops)
+        add_margins(result, cut, analysis.omega)
     _add_engineering(result, reduced, analysis)
     if "sensitivities" in asked:
         report_progress("sensitivities")
@@ -158,7 +199,12 @@ def _add_responses(result: Result, reduced: ReducedGraph, analysis: Analysis) ->
         add_state_space(result, reduced)
     if "frequency_response" in asked and analysis.omega is not None:
         report_progress("frequency response")
-        add_frequency_response(result, reduced, analysis.omega)
+        evaluate = None
+        if analysis.opened is not None and any(loop.delayed for loop in analysis.loops):
+            from dynid.bondgraph.feedback import delayed_response
+
+            evaluate = delayed_response(_opened(analysis), analysis.loops, reduced.inputs, reduced.outputs)
+        add_frequency_response(result, reduced, analysis.omega, evaluate)
     if "time_response" in asked and analysis.times is not None:
         report_progress("time response")
         add_time_response(result, reduced, analysis.times, analysis.signals, analysis.initial)

@@ -8,9 +8,10 @@ The states of a controller are flows of unit inertias (an analogue computer).
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise, zip_longest
+from math import factorial
 
 from dynid.arithmetic.dependent import Dependent, Real
 from dynid.arithmetic.ldl import reference
@@ -44,6 +45,10 @@ class Loop:
         The controller, a rational function of s: coefficients in descending powers.
     reference
         Name of the reference, a source of the closed loop; empty: zero.
+    delay
+        Delay of the controller's answer, s.
+    place
+        Where the loop stands in a scene, as `control.loops.0`.
     """
 
     measured: Port
@@ -51,6 +56,49 @@ class Loop:
     numerator: Polynomial
     denominator: Polynomial
     reference: str = ""
+    delay: Real = Fraction(0)
+    place: str = ""
+
+    @property
+    def delayed(self) -> bool:
+        """Whether it has a delay."""
+        return bool(reference(self.delay)) or isinstance(self.delay, Dependent)
+
+    def approximated(self) -> Loop:
+        """Return it with the Padé approximant of order `PADE_ORDER` for its delay."""
+        if not self.delayed:
+            return self
+        top, bottom = pade(self.delay, PADE_ORDER)
+        numerator, denominator = _product(self.numerator, top), _product(self.denominator, bottom)
+        return replace(self, numerator=numerator, denominator=denominator, delay=Fraction(0))
+
+
+#: Order of the Padé approximants of delays, in whatever needs a rational function.
+PADE_ORDER = 6
+
+
+def pade(delay: Real, order: int) -> tuple[list[Real], list[Real]]:
+    """Return the Padé approximant of exp(-s τ): numerator and denominator, in descending powers.
+
+    It has an error of about (s τ)^(2n+1) (n!)² / ((2n)! (2n+1)!), and the size 1 on the imaginary axis.
+    """
+    below: list[Real] = []
+    power: Real = Fraction(1)
+    for k in range(order + 1):
+        weight = Fraction(factorial(2 * order - k) * factorial(order), factorial(2 * order) * factorial(k))
+        below.append(power * (weight / factorial(order - k)))
+        power = power * delay
+    above = [-one if k % 2 else one for k, one in enumerate(below)]
+    return above[::-1], below[::-1]
+
+
+def _product(one: Polynomial, other: Polynomial) -> list[Real]:
+    """Return the product of two polynomials."""
+    found: list[Real] = [Fraction(0)] * (len(one) + len(other) - 1)
+    for i, a in enumerate(one):
+        for k, b in enumerate(other):
+            found[i + k] = found[i + k] + a * b
+    return found
 
 
 @dataclass(frozen=True)
@@ -70,7 +118,7 @@ class ClosedLoops:
 
 
 def close_loops(graph: BondGraph, loops: Iterable[Loop]) -> ClosedLoops:
-    """Return a graph with feedback.
+    """Return a graph with feedback; delays are approximated (`Loop.approximated`).
 
     Parameters
     ----------
@@ -88,7 +136,7 @@ def close_loops(graph: BondGraph, loops: Iterable[Loop]) -> ClosedLoops:
     for source in dict.fromkeys(loop.source for loop in loops):
         circuit.drive(source)
     for loop in loops:
-        circuit.close(loop)
+        circuit.close(loop.approximated())
     return ClosedLoops(BondGraph(circuit.nodes.values(), circuit.bonds), circuit.variables)
 
 
@@ -139,6 +187,7 @@ class Circuit:
             raise UsageError(
                 f"the controller of '{loop.source}' differentiates {len(gains) - 1} times",
                 remedy="Add a filter: a denominator of at most one degree less than the numerator.",
+                names=[name for name in (loop.place,) if name],
             )
         if any(map(reference, gains[:1])):
             self._feed(at, loop.source, scale * gains[0])

@@ -1,25 +1,29 @@
 """Gain, phase, delay and modulus margins of a loop, from its exact open-loop transfer function.
 
-With L = N/D on s = jω, |L| = 1, Im L = 0 and the extremes of |1 + L| are polynomial equations in ω² over the
-integers, whose roots are certified: no crossing is missed between the points of a grid.
+With L = N/D on s = jω, |L| = 1, Im L = 0 and the extremes of |1 + L| and |L/(1 + L)| are polynomial equations
+in ω² over the integers, whose roots are certified: no crossing is missed between the points of a grid. Loops
+with delays: `lti/delay_margins.py`.
 """
 
 from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 from dynid.lti.certified_roots import certified_roots
-from dynid.lti.stability import all_left
+from dynid.lti.stability import all_left, stability
 
 #: Imaginary parts of roots below this, relative to their size, belong to real roots: the certified radii are
 #: of the order of rounding errors.
 _REAL = 1e-9
 #: Relative rounding errors of a loop at its limit of stability.
-_LIMIT = 1e-9
+LIMIT = 1e-9
+#: Bits with which loops are evaluated.
+_PRECISION = 160
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,11 @@ class Margins:
     ----------
     stable
         Whether the closed loop is stable.
+    stability
+        The verdict in words.
+    unstable_poles
+        Number of poles of the closed loop in the right half-plane; inf where there are infinitely many, or
+        where it is undecided.
     gain
         Factor on L, above 1, that makes the loop unstable.
     gain_reduction
@@ -39,15 +48,22 @@ class Margins:
     phase
         Phase lag that does so, degrees.
     delay
-        Delay that does so, s.
+        Further delay that does so, s; 0 where any delay does, because the gain does not fall below 1 at high
+        frequencies.
     modulus
         The smallest |1 + L|, the inverse of the largest sensitivity.
     gain_crossover, phase_crossover, modulus_at
         Frequencies of the smallest phase margin (|L| = 1), of the smallest gain margin (L real), and of the
         smallest |1 + L|; rad/s, infinite where there is none.
+    Ms, Mt
+        The largest |S| = 1/|1 + L|, at `modulus_at`, and the largest |T| = |L/(1 + L)|.
+    Mt_at
+        Frequency of the largest |T|, rad/s.
     """
 
     stable: bool
+    stability: str
+    unstable_poles: float
     gain: float
     gain_reduction: float
     phase: float
@@ -56,6 +72,9 @@ class Margins:
     gain_crossover: float
     phase_crossover: float
     modulus_at: float
+    Ms: float
+    Mt: float
+    Mt_at: float
 
 
 def margins(numerator: Any, denominator: Any) -> Margins:
@@ -64,51 +83,95 @@ def margins(numerator: Any, denominator: Any) -> Margins:
     Parameters
     ----------
     numerator, denominator
-        The open-loop transfer function L(s) of negative feedback: integer polynomials (flint `fmpz_poly`).
+        The open-loop transfer function L(s) of negative feedback: integer polynomials (flint `fmpz_poly`)
+        without a common factor.
     """
     n, d = _on_axis(numerator), _on_axis(denominator)
     size_n, size_d = _squared(n), _squared(d)
     # Im(N conj D) = 0 and |N|^2 = |D|^2, as polynomials in ω.
     imaginary = n[1] * d[0] - n[0] * d[1]
-
-    def loop(omega: float) -> complex:
-        return _at(numerator, 1j * omega) / _at(denominator, 1j * omega)
-
-    phases = [(_lag(loop(omega)), omega) for omega in _positive_roots(size_n - size_d)]
+    phases = [
+        (lag(_ratio(numerator, denominator, omega)), omega) for omega in _positive_roots(size_n - size_d)
+    ]
     phase, gain_crossover = min(phases, default=(math.inf, math.inf))
-    delay = min((math.radians(lag) / omega for lag, omega in phases), default=math.inf)
-    real = [(loop(omega).real, omega) for omega in _positive_roots(_without(imaginary, size_d))]
-    real_at = [(value, omega) for value, omega in real if value < 0]
-    if denominator[0] != 0 and loop(0.0).real < 0:
-        real_at.append((loop(0.0).real, 0.0))
-    gains = [(-1 / value, omega) for value, omega in real_at]
-    above = [(factor, omega) for factor, omega in gains if factor >= 1 - _LIMIT]
-    below = [(factor, omega) for factor, omega in gains if factor < 1 - _LIMIT]
+    delay = min((math.radians(angle) / omega for angle, omega in phases), default=math.inf)
+    crossings = [*_positive_roots(_without(imaginary, size_d)), *([0.0] if denominator[0] != 0 else [])]
+    real = [(_ratio(numerator, denominator, omega).real, omega) for omega in crossings]
+    gains = [(-1 / value, omega) for value, omega in real if value < 0]
+    above = [(factor, omega) for factor, omega in gains if factor >= 1 - LIMIT]
+    below = [(factor, omega) for factor, omega in gains if factor < 1 - LIMIT]
     gain, phase_crossover = min(above, default=(math.inf, math.inf))
     reduction = max(below, default=(0.0, math.inf))
     if not above:
         phase_crossover = reduction[1]
-    one = _squared(_on_axis(numerator + denominator))
-    stationary = one.derivative() * size_d - one * size_d.derivative()
-    sizes = [(abs(1 + loop(omega)), omega) for omega in _positive_roots(_without(stationary, size_d))]
-    if denominator[0] != 0:
-        sizes.append((abs(1 + loop(0.0)), 0.0))
-    if numerator.degree() < denominator.degree():
-        sizes.append((1.0, math.inf))
-    elif numerator.degree() == denominator.degree():
-        limit = float(int(numerator.leading_coefficient())) / float(int(denominator.leading_coefficient()))
-        sizes.append((abs(1 + limit), math.inf))
-    modulus, modulus_at = min(sizes, default=(math.inf, math.inf))
-    stable = bool(all_left(certified_roots(numerator + denominator)))
+    closed = numerator + denominator
+    Ms, Ms_at = _largest(denominator, closed)
+    Mt, Mt_at = _largest(numerator, closed)
+    roots = certified_roots(closed)
     return Margins(
-        stable, gain, reduction[0], phase, delay, modulus, gain_crossover, phase_crossover, modulus_at
+        stable=bool(all_left(roots)),
+        stability=stability(roots),
+        unstable_poles=sum(root.multiplicity for root in roots if root.side > 0),
+        gain=gain,
+        gain_reduction=reduction[0],
+        phase=phase,
+        delay=0.0 if _high(numerator, denominator) >= 1 else delay,
+        modulus=1 / Ms if Ms else math.inf,
+        gain_crossover=gain_crossover,
+        phase_crossover=phase_crossover,
+        modulus_at=Ms_at,
+        Ms=Ms,
+        Mt=Mt,
+        Mt_at=Mt_at,
     )
 
 
-def _lag(value: complex) -> float:
+def lag(value: complex) -> float:
     """Return the phase lag, degrees in [0, 360), that turns a value of modulus 1 to -1."""
-    lag = math.degrees(cmath.phase(-value)) % 360.0
-    return 0.0 if lag > 360.0 - _LIMIT else lag
+    angle = math.degrees(cmath.phase(-value)) % 360.0
+    return 0.0 if angle > 360.0 - LIMIT else angle
+
+
+def _largest(top: Any, bottom: Any) -> tuple[float, float]:
+    """Return the largest size of a rational function on s = jω, and its frequency.
+
+    Infinite where a pole lies on the axis.
+    """
+    shared = top.gcd(bottom)
+    top, bottom = top // shared, bottom // shared
+    above, below = _squared(_on_axis(top)), _squared(_on_axis(bottom))
+    on_axis = [abs(root.value) for root in certified_roots(bottom) if root.side == 0]
+    if on_axis:
+        return math.inf, min(on_axis)
+    stationary = above.derivative() * below - above * below.derivative()
+    sizes = [(abs(_ratio(top, bottom, omega)), omega) for omega in [0.0, *_positive_roots(stationary)]]
+    return largest_of([*sizes, (_high(top, bottom), math.inf)])
+
+
+def largest_of(sizes: Iterable[tuple[float, float]]) -> tuple[float, float]:
+    """Return the largest of sizes with their frequencies, of those equal but for rounding the first."""
+    best = (0.0, math.inf)
+    for one in sizes:
+        if one[0] > best[0] * (1 + 1e-13):
+            best = one
+    return best
+
+
+def _high(top: Any, bottom: Any) -> float:
+    """Return the size of a rational function at infinity."""
+    if top.degree() != bottom.degree():
+        return 0.0 if top.degree() < bottom.degree() else math.inf
+    return float(abs(Fraction(int(top.leading_coefficient()), int(bottom.leading_coefficient()))))
+
+
+def _ratio(top: Any, bottom: Any, omega: float) -> complex:
+    """Return a rational function at s = jω."""
+    from flint import acb, acb_poly, ctx
+
+    with ctx.workprec(_PRECISION):
+        s = acb(0, omega)
+        value = acb_poly(top)(s) / acb_poly(bottom)(s)
+        return complex(float(value.real.mid()), float(value.imag.mid()))
 
 
 def _without(polynomial: Any, other: Any) -> Any:
@@ -141,10 +204,3 @@ def _positive_roots(polynomial: Any) -> Iterator[float]:
         value = root.value
         if value.real > 0 and abs(value.imag) <= max(root.radius, _REAL * abs(value)):
             yield value.real
-
-
-def _at(polynomial: Any, s: complex) -> complex:
-    total = 0j
-    for coefficient in reversed([int(c) for c in polynomial.coeffs()]):
-        total = total * s + coefficient
-    return total

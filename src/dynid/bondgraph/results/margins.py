@@ -1,69 +1,179 @@
-"""Margins of the feedback loops of a graph, each with the other loops closed."""
+"""Margins, sensitivity functions and root loci of feedback loops, each with the others closed."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import fields, replace
 from fractions import Fraction
-from math import lcm
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dynid.arithmetic.ldl import reference
-from dynid.bondgraph.control import Loop, Polynomial, close_loops
-from dynid.bondgraph.graph import BondGraph
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.control import PADE_ORDER
+from dynid.bondgraph.feedback import CutLoops, rational
+from dynid.lti.certified_roots import certified_roots, repeated
+from dynid.lti.delay_margins import delay_margins
 from dynid.lti.margins import Margins, margins
+from dynid.lti.quasi_polynomials import QuasiPolynomial, on_axis, rightmost_roots
+from dynid.number_format import roots_text
 from dynid.result import Result
 
-_GROUP = "bond_graph/margins"
+MARGINS, FUNCTIONS, LOCUS = "bond_graph/margins", "bond_graph/sensitivity_functions", "bond_graph/root_locus"
 _UNITS = {"phase": "deg", "delay": "s"}
+#: Frequencies of the functions where the scene has none, and gains of a root locus.
+_POINTS, _GAINS = 400, 121
+#: Largest degree of a root locus.
+_DEGREE = 60
+#: Poles of loops with delays that are listed, and the order of the approximants whose poles lead to them.
+_ROOTS, _STARTS = 20, 12
 
 
-def add_margins(result: Result, opened: BondGraph, loops: Sequence[Loop]) -> None:
-    """Add the margins of every loop.
+def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None) -> None:
+    """Add margins, sensitivity functions and root locus of every loop, and the poles of loops with delays.
 
     Parameters
     ----------
     result
         Where to add them.
-    opened
-        The graph without feedback.
-    loops
+    cut
         The loops.
+    omega
+        Frequencies of the sensitivity functions, rad/s; absent: around the crossings.
     """
-    found = [_margins(opened, loops, place) for place in range(len(loops))]
-    result.add_axis(f"{_GROUP}/loop", [f"{loop.measured} -> {loop.source}" for loop in loops])
+    names = [f"{loop.measured} -> {loop.source}" for loop in cut.loops]
+    functions = [cut.loop(place) for place in range(len(names))]
+    found = [_with_hidden(_margins(*each), cut.hidden()) for each in functions]
+    result.add_axis(f"{MARGINS}/loop", names)
     for name in (field.name for field in fields(Margins)):
         unit = _UNITS.get(name, "rad/s" if name.endswith(("crossover", "_at")) else "")
-        result.add(f"{_GROUP}/{name}", np.array([getattr(one, name) for one in found]), ("loop",), unit)
+        values = [getattr(one, name) for one in found]
+        kept = np.array(values, dtype=object if name == "stability" else None)
+        result.add(f"{MARGINS}/{name}", kept, ("loop",), unit)
+    closed = cut.closed()
+    if not closed.is_rational:
+        _add_roots(result, closed)
+        result.annotate(MARGINS, approximants_agree=cut.approximants_agree())
+    omega = _frequencies(functions, found) if omega is None else omega
+    _add_functions(result, names, functions, omega)
+    for number, (above, below) in enumerate(functions, 1):
+        _add_locus(result, f"{LOCUS}/loop_{number}", names[number - 1], above, below)
 
 
-def _margins(opened: BondGraph, loops: Sequence[Loop], place: int) -> Margins:
-    """Return the margins of one loop: its controller times the graph in which it alone is open."""
-    from flint import fmpz_poly
-
-    own, probe = loops[place], "probe"
-    while probe in opened.nodes or any(loop.reference == probe for loop in loops):
-        probe += "_"
-    opening = replace(own, numerator=[Fraction(0)], denominator=[Fraction(1)], reference=probe)
-    closed = close_loops(opened, [*loops[:place], opening, *loops[place + 1 :]])
-    output = closed.variables.get(own.measured, own.measured)
-    reduced = ReducedGraph(closed.graph, [probe], [output], traced=False)
-    (register,) = reduced.channels().values()
-    numerator, denominator = reduced.rational([register])[register].lowest_terms()
-    top, bottom = (fmpz_poly(_integers(part)) for part in _common(own.numerator, own.denominator))
-    numerator, denominator = numerator * top, denominator * bottom
-    shared = numerator.gcd(denominator)
-    return margins(numerator // shared, denominator // shared)
+def _margins(above: QuasiPolynomial, below: QuasiPolynomial) -> Margins:
+    if above.is_rational and below.is_rational:
+        (bottom,) = below.terms.values()
+        return margins(above.terms.get(Fraction(0), 0 * bottom), bottom)
+    return delay_margins(above, below)
 
 
-def _common(numerator: Polynomial, denominator: Polynomial) -> tuple[list[Fraction], list[Fraction]]:
-    """Return two polynomials times the common denominator of their coefficients."""
-    top, bottom = ([Fraction(reference(c)) for c in part] for part in (numerator, denominator))
-    factor = lcm(*(c.denominator for c in (*top, *bottom)))
-    return [c * factor for c in top], [c * factor for c in bottom]
+def _with_hidden(found: Margins, hidden: Any) -> Margins:
+    """Return margins whose verdict includes the modes that cancel in the loops."""
+    roots = [root for root in certified_roots(hidden) if root.side >= 0]
+    if not roots:
+        return found
+    named = roots_text(repeated(roots), hertz=False)
+    right = sum(root.multiplicity for root in roots if root.side > 0)
+    if not right:
+        return replace(found, stability=f"{found.stability}; cancelled in the loop: a mode at {named}")
+    verdict = (
+        f"unstable: a mode in the right half-plane is cancelled in the loop, which does not move it: {named}"
+    )
+    return replace(found, stable=False, stability=verdict, unstable_poles=found.unstable_poles + right)
 
 
-def _integers(descending: list[Fraction]) -> list[int]:
-    return [int(c) for c in reversed(descending)]
+def _add_roots(result: Result, closed: QuasiPolynomial) -> None:
+    """Add the rightmost roots of the characteristic function with its delays."""
+    approximate = rational([closed], _STARTS)[0]
+    starts = [complex(root) for root, _ in approximate.complex_roots()]
+    roots, line = rightmost_roots(closed, starts, _ROOTS)
+    result.add_axis(f"{MARGINS}/pole", np.arange(1, len(roots) + 1))
+    note = (
+        f"all poles of the closed loops with a real part above {line:.6g} rad/s, with their delays"
+        if np.isfinite(line)
+        else "poles of the closed loops with their delays; others may lie between them"
+    )
+    result.add(f"{MARGINS}/poles", np.array([r.value for r in roots], complex), ("pole",), "rad/s", note=note)
+    result.add(f"{MARGINS}/poles_error_bound", np.array([r.radius for r in roots]), ("pole",), "rad/s")
+
+
+def _frequencies(
+    functions: Iterable[tuple[QuasiPolynomial, QuasiPolynomial]], found: Iterable[Margins]
+) -> NDArray[np.float64]:
+    """Return frequencies around the crossings, and around what else is notable."""
+    near = [
+        value
+        for one in found
+        for value in (one.gain_crossover, one.phase_crossover, one.modulus_at, one.Mt_at)
+        if 0 < value < np.inf
+    ]
+    for above, below in functions:
+        for part in (*above.terms.values(), *below.terms.values()):
+            near += [abs(complex(root)) for root, _ in part.complex_roots() if root != 0]
+    low, high = (min(near), max(near)) if near else (1.0, 1.0)
+    return np.geomspace(max(low, 1e-6 * high) / 30, high * 30, _POINTS)
+
+
+def _add_functions(
+    result: Result,
+    names: list[str],
+    functions: list[tuple[QuasiPolynomial, QuasiPolynomial]],
+    omega: NDArray[np.float64],
+) -> None:
+    """Add L, S = 1/(1 + L) and T = L/(1 + L) of every loop."""
+    result.add_axis(f"{FUNCTIONS}/omega", omega, "rad/s")
+    result.add_axis(f"{FUNCTIONS}/loop", names)
+    for name in ("L", "S", "T"):
+        columns = []
+        for above, below in functions:
+            top, bottom = {"L": (above, below), "S": (below, above + below), "T": (above, above + below)}[
+                name
+            ]
+            columns.append(on_axis(top, bottom, omega.tolist()))
+        result.add(f"{FUNCTIONS}/{name}", np.array(columns, complex).T, ("omega", "loop"))
+
+
+def _add_locus(result: Result, group: str, name: str, above: QuasiPolynomial, below: QuasiPolynomial) -> None:
+    """Add the poles over a factor on the gain of a loop; those with delays are approximate."""
+    top, bottom = rational([above, below], PADE_ORDER)
+    degree = max(top.degree(), bottom.degree())
+    if not 0 < degree <= _DEGREE or top == 0:
+        return
+    gains = np.array([0.0, *np.geomspace(1e-3, 1e3, _GAINS)])
+    poles = np.full((len(gains), degree), np.inf, dtype=complex)
+    for place, gain in enumerate(gains.tolist()):
+        share, of = gain.as_integer_ratio()
+        polynomial = bottom * of + top * share
+        values = [complex(root) for root, count in polynomial.complex_roots() for _ in range(count)]
+        poles[place] = _following(poles[place - 1] if place else None, values, degree)
+    result.annotate(group, loop=name)
+    if not (above.is_rational and below.is_rational):
+        result.annotate(group, approximate=approximation())
+    result.add_axis(f"{group}/gain", gains)
+    result.add_axis(f"{group}/branch", np.arange(1, degree + 1))
+    result.add(f"{group}/poles", poles, ("gain", "branch"), "rad/s")
+    zeros = [complex(root) for root, count in top.complex_roots() for _ in range(count)]
+    result.add_axis(f"{group}/zero", np.arange(1, len(zeros) + 1))
+    result.add(f"{group}/zeros", np.array(zeros, dtype=complex), ("zero",), "rad/s")
+
+
+def _following(
+    before: NDArray[np.complex128] | None, values: list[complex], degree: int
+) -> NDArray[np.complex128]:
+    """Return roots in the order of those before, each with the nearest one; infinite ones come last."""
+    from scipy.optimize import linear_sum_assignment
+
+    roots = np.full(degree, np.inf, dtype=complex)
+    roots[: len(values)] = sorted(values, key=lambda root: (root.real, root.imag))
+    if before is None:
+        return roots
+    with np.errstate(invalid="ignore"):
+        distance = np.abs(before[:, None] - roots)
+    far = 2 * np.max(distance[np.isfinite(distance)], initial=1.0)
+    distance = np.where(np.isfinite(distance), distance, np.where(np.isfinite(before)[:, None], far, 0.0))
+    return np.asarray(roots[linear_sum_assignment(distance)[1]])
+
+
+def approximation() -> str:
+    """Return what is said of results in which delays are approximated."""
+    return f"delays are Padé approximants of order {PADE_ORDER}"

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from dynid.lti.generator import Signal
+    from dynid.lti.peaks import ResponseFunction
     from dynid.lti.state_space import StateSpace
     from dynid.lti.time_response import TimeResponse
 
@@ -70,23 +71,32 @@ def add_state_space(result: Result, reduced: ReducedGraph) -> None:
         result.annotate(group, note=_SHIFTED)
 
 
-def add_frequency_response(result: Result, reduced: ReducedGraph, omega: NDArray[np.float64]) -> None:
-    """Add T(j omega) of every channel, and the largest magnitude over the band of the frequencies."""
+def add_frequency_response(
+    result: Result,
+    reduced: ReducedGraph,
+    omega: NDArray[np.float64],
+    evaluate: ResponseFunction | None = None,
+) -> None:
+    """Add T(j omega) of every channel, and the largest magnitude over the band of the frequencies.
+
+    `evaluate` gives the responses where they are not those of the graph (loops with delays).
+    """
     from dynid.bondgraph.frequency_response import frequency_response
     from dynid.lti.peaks import add_peaks
 
-    group = "bond_graph/frequency_response"
+    group, evaluate = "bond_graph/frequency_response", evaluate or partial(frequency_response, reduced)
     result.add_axis(f"{group}/omega", omega, "rad/s")
     result.add_axis(f"{group}/output", [str(port) for port in reduced.outputs])
     result.add_axis(f"{group}/input", list(reduced.inputs))
     units = reduced.units
     each = [[units.of_channel(port, source) for source in reduced.inputs] for port in reduced.outputs]
-    response, unit = frequency_response(reduced, omega), common_unit(chain.from_iterable(each))
+    response, unit = evaluate(omega), common_unit(chain.from_iterable(each))
     result.add(f"{group}/response", response, ("omega", "output", "input"), unit)
     if any(map(any, each)):
         result.add(f"{group}/unit", np.array(each, dtype=object), ("output", "input"))
     # responses may be large near the frequencies of the poles
-    known = [found.data for path, found in result.items() if path.endswith("/poles")]
+    own = "bond_graph/transfer_function/"
+    known = [found.data for path, found in result.items() if path.startswith(own) and path.endswith("/poles")]
     if not known and 0 < modelled_storages(reduced) <= PEAKS_NEAR_POLES.value:
         from dynid.bondgraph.state_space import state_space
 
@@ -94,7 +104,7 @@ def add_frequency_response(result: Result, reduced: ReducedGraph, omega: NDArray
     poles = np.concatenate([np.zeros(0, dtype=complex), *known])
     resonant = poles.real**2 < poles.imag**2
     near = np.concatenate([np.abs(poles.imag), np.sqrt((poles.imag**2 - poles.real**2)[resonant])])
-    add_peaks(result, "bond_graph", partial(frequency_response, reduced), near)
+    add_peaks(result, "bond_graph", evaluate, near)
 
 
 def add_time_response(

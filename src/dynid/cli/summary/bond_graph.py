@@ -11,9 +11,10 @@ from dynid.cli.summary.causality import causality_lines, equation_lines
 from dynid.cli.summary.common import response_lines
 from dynid.cli.summary.design import design_lines
 from dynid.cli.summary.transfer_functions import channel_lines
-from dynid.number_format import MOST_ROOTS, counted
+from dynid.number_format import MOST_ROOTS, counted, roots_text
 from dynid.report.content.bond_graph import POINT, PORT, point_facts, point_slopes, port_items
 from dynid.report.content.characteristics import energy_lines, source_lines
+from dynid.report.scenes import in_hertz
 from dynid.result import Result
 
 #: Most steps, and prototypes, that are listed.
@@ -35,6 +36,8 @@ def lines(result: Result) -> list[str]:
             screen += (f"    {line}" for line in wrap(str(about["engine_limits"]), 100))
     if about.get("reading") == "binary":
         screen.append("  every value is read as the double nearest to it (reading: binary)")
+    if about.get("delays"):
+        screen += wrap(str(about["delays"]), 100, initial_indent="  ", subsequent_indent="    ")
     for text in result["bond_graph/approximations"].data if "bond_graph/approximations" in result else ():
         screen += wrap(str(text), 100, initial_indent="  ", subsequent_indent="    ")
     for warning in result["bond_graph/warnings"].data if "bond_graph/warnings" in result else ():
@@ -108,26 +111,38 @@ def _energy(result: Result) -> Iterable[str]:
             yield ""
 
 
-_MARGINS = ("gain", "gain_reduction", "phase", "delay", "modulus")
+_MARGINS = ("gain", "gain_reduction", "phase", "delay", "Ms", "Mt")
 
 
 def _margins(result: Result) -> Iterable[str]:
-    """Yield the margins of each feedback loop, the others closed."""
+    """Yield the margins of each feedback loop, the others closed, and the poles of loops with delays."""
     group = "bond_graph/margins"
     if f"{group}/loop" not in result:
         return
     for place, loop in enumerate(result[f"{group}/loop"].data):
         at = {name: float(result[f"{group}/{name}"].data[place]) for name in _MARGINS}
         yield f"  loop {loop}"
-        if not result[f"{group}/stable"].data[place]:
-            yield "    the closed loop is not stable: it has no margins"
-            continue
+        stable = bool(result[f"{group}/stable"].data[place])
         found = [f"gain margin {at['gain']:.4g}" if np.isfinite(at["gain"]) else "any larger gain"]
         if at["gain_reduction"] > 0:
             found.append(f"least gain {at['gain_reduction']:.4g} of this one")
         if np.isfinite(at["phase"]):
-            found += [f"phase margin {at['phase']:.4g}°", f"delay margin {at['delay']:.4g} s"]
-        yield f"    {' · '.join(found)} · largest sensitivity {1 / at['modulus']:.4g}"
+            found.append(f"phase margin {at['phase']:.4g}°")
+        if np.isfinite(at["delay"]):
+            found.append(f"delay margin {at['delay']:.4g} s")
+        if not stable:
+            verdict = str(result[f"{group}/stability"].data[place])
+            yield from wrap(verdict, 92, initial_indent="    ", subsequent_indent="      ")
+            changes = [f"gain times {at[name]:.4g}" for name in _MARGINS[:2] if 0 < at[name] < np.inf]
+            found = [f"its roots cross the axis at {' and '.join(changes)}"] if changes else []
+        else:
+            found.append(f"largest sensitivity {at['Ms']:.4g}, complementary {at['Mt']:.4g}")
+        if found:
+            yield f"    {' · '.join(found)}"
+    if f"{group}/poles" in result:
+        poles = result[f"{group}/poles"]
+        yield f"  poles with delays  {roots_text(poles.data, hertz=in_hertz(result))}"
+        yield from wrap(f"{poles.attrs['note']}", 92, initial_indent="    ", subsequent_indent="    ")
     yield ""
 
 

@@ -99,7 +99,8 @@ def _roots(result: Result, output: str, source: str, name: str, verdict: str) ->
     text = str(result[path].data) if path in result else ""
     reasons = [f"            {line}" for line in wrap(text, 92)]
     if roots is not None:
-        yield from _hanging(f"    {name}   ", roots_text(roots.data, hertz=in_hertz(result)))
+        about = " (approximate)" if "approximate" in roots.attrs else ""
+        yield from _hanging(f"    {name}   ", roots_text(roots.data, hertz=in_hertz(result)) + about)
         yield from reasons
     elif path in result:
         yield f"    {name}   {reasons[0].lstrip()}"

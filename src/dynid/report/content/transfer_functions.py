@@ -155,7 +155,8 @@ def _roots(result: Result, output: str, source: str, name: str, verdict: str) ->
     """Yield the roots and the verdict on their stability."""
     path = f"bond_graph/transfer_function/{output}/{source}/{name}"
     if path in result:
-        yield roots_text(result[path].data, hertz=in_hertz(result))
+        about = " (approximate)" if "approximate" in result[path].attrs else ""
+        yield roots_text(result[path].data, hertz=in_hertz(result)) + about
     path = f"bond_graph/properties/{output}/{source}/{verdict}"
     if path in result:
         yield str(result.value(path))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, cast
 
@@ -9,7 +10,8 @@ from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.graph import BondGraph, GraphUnits
 from dynid.bondgraph.request import Analysis, FormulaRequest, SensitivityParameter
 from dynid.defaults import TRACED_PARTS
-from dynid.errors import UsageError
+from dynid.errors import Singular, UsageError
+from dynid.scene.kinds.control import with_gains
 from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph
 from dynid.scene.kinds.recorded_units import DrivenSource
 from dynid.scene.kinds.signals import angular_frequencies, build_signals, record_of
@@ -20,11 +22,14 @@ from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.signals import SignalPart, StepSignal
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
+    from dynid.arithmetic.derivatives import Dual
+    from dynid.bondgraph.control import Loop
     from dynid.lti.generator import Signal
     from dynid.result import Result
     from dynid.scene.run import PreparationStep
+    from dynid.scene.schema.control import ControlModel
     from dynid.scene.yaml.parser import Path as KeyPath
 
 
@@ -82,8 +87,21 @@ def _check_sources(scene: Scene) -> None:
 
     built, wanted = built_graph(scene), cast("BondGraphScene", scene.model).analysis
     graph = built.graph
+    if built.opened is not None:
+        _check_loops(built.opened, built.loops)
     outputs = () if wanted.asked() == {"causality"} else built.outputs  # causality needs no output's value
     hold(JunctionStructure(graph.rounded() if wanted.reading == "binary" else graph), outputs)
+
+
+def _check_loops(opened: BondGraph, loops: Sequence[Loop]) -> None:
+    """Raise where a loop is algebraic and has no solution; what is wrong without loops is found elsewhere."""
+    from dynid.bondgraph.feedback import CutLoops
+
+    try:
+        cut = CutLoops(opened, loops)
+    except Singular:
+        return
+    cut.check()
 
 
 def unread_files(scene: Scene) -> Iterator[KeyPath]:
@@ -95,9 +113,17 @@ def unread_files(scene: Scene) -> Iterator[KeyPath]:
 def question(scene: Scene) -> tuple[BondGraph, Analysis]:
     """Return the graph of a scene, and the request of its analysis."""
     model = cast("BondGraphScene", scene.model)
-    built = built_graph(scene)
-    variables = _parameters(model) if "sensitivities" in model.analysis.asked() else None
-    return built.graph, graph_analysis(scene, model.analysis, built, variables)
+    if "sensitivities" not in model.analysis.asked():
+        built = built_graph(scene)
+        return built.graph, graph_analysis(scene, model.analysis, built)
+    known = _known_parameters(model)
+    values = {name: dual.value for name, dual in known.items()}
+    built = built_graph(scene, with_gains(model.control, values) if model.control else None)
+    variables = _parameters(model, built.graph, known)
+    graph = BondGraph(
+        [replace(node, dependent=None) for node in built.graph.nodes.values()], built.graph.bonds
+    )
+    return graph, graph_analysis(scene, model.analysis, built._replace(graph=graph), variables)
 
 
 def graph_analysis(
@@ -139,7 +165,7 @@ def graph_analysis(
         for part, signal in build_signals(scene, "analysis.time.input", parts, record, driven):
             signals += [(name, signal) for name in ([part.source] if part.source is not None else inputs)]
     if variables is None and "sensitivities" in asked:
-        own = ((name, node.value) for name, node in graph.nodes.items())
+        own = ((name, node.value) for name, node in graph.nodes.items() if node.part != "control")
         variables = tuple(
             SensitivityParameter(name, value, {name: Fraction(1)}) for name, value in own if value is not None
         )
@@ -164,35 +190,44 @@ def graph_analysis(
     )
 
 
-def built_graph(scene: Scene) -> BuiltGraph:
-    """Build the graph of a scene, with exact values, its fields and structures expanded."""
+def built_graph(scene: Scene, control: ControlModel | None = None) -> BuiltGraph:
+    """Build the graph of a scene, with exact values, its fields and structures expanded.
+
+    `control` is its feedback where it is not taken as written.
+    """
     model = cast("BondGraphScene", scene.model)
     wanted = model.analysis
     band = float(angular_frequencies(wanted.frequency)[-1]) if wanted.frequency else None
+    feedback = control or model.control
     return build_graph(
-        scene, model.graph, wanted.outputs, wanted.reading, band, model.control, model.operating_point
+        scene, model.graph, wanted.outputs, wanted.reading, band, feedback, model.operating_point
     )
 
 
-def _parameters(model: BondGraphScene) -> tuple[SensitivityParameter, ...]:
-    """Return the variables of the sensitivities: the parameters, and the values written as numbers."""
-    from dynid.arithmetic.derivatives import differentiate, independent_parameters
-    from dynid.arithmetic.numbers import to_fraction
+def _known_parameters(model: BondGraphScene) -> dict[str, Dual]:
+    """Return the parameters with their derivatives by those that are plain numbers."""
+    from dynid.arithmetic.derivatives import independent_parameters
 
-    known = independent_parameters(
+    return independent_parameters(
         {
             name: given.reference if isinstance(given, DefinedParameter) else given
             for name, given in model.parameters.items()
         }
     )
+
+
+def _parameters(
+    model: BondGraphScene, graph: BondGraph, known: dict[str, Dual]
+) -> tuple[SensitivityParameter, ...]:
+    """Return the variables of the sensitivities: the parameters, and the values written as numbers.
+
+    Those of controllers are called by their paths in the scene.
+    """
+    from dynid.arithmetic.derivatives import differentiate
+    from dynid.arithmetic.numbers import to_fraction
+
     rates: dict[str, dict[str, Fraction]] = {name: {} for name, dual in known.items() if name in dual.slopes}
     numbers = []
-    if inside := named_in(model.control):
-        raise UsageError(
-            f"sensitivities are by values of nodes, but controllers depend on {', '.join(sorted(inside))}",
-            remedy="Write numbers in 'control', or leave the result 'sensitivities' out.",
-            names=("control",),
-        )
     for name, node in model.graph.nodes.items():
         inside = set().union(*map(named_in, (node.matrix, node.structure, node.joints)))
         if inside:
@@ -208,6 +243,20 @@ def _parameters(model: BondGraphScene) -> tuple[SensitivityParameter, ...]:
             continue
         for parameter, slope in differentiate(node.value.expression, known).slopes.items():
             rates[parameter][name] = to_fraction(slope)
+    written: dict[str, dict[str, Fraction]] = {}
+    values: dict[str, Fraction] = {}
+    for name, made in graph.nodes.items():
+        if made.dependent is None:
+            continue
+        values |= {one: to_fraction(value) for one, value in made.dependent.references.items()}
+        for parameter, slope in made.dependent.dual({}).slopes.items():
+            if parameter not in known:
+                written.setdefault(parameter, {})[name] = to_fraction(slope)
+                continue
+            for independent, rate in known[parameter].slopes.items():
+                own = rates[independent]
+                own[name] = own.get(name, Fraction(0)) + to_fraction(slope) * to_fraction(rate)
+    numbers += [SensitivityParameter(name, values[name], found) for name, found in written.items()]
     named = [
         SensitivityParameter(name, to_fraction(known[name].value), found) for name, found in rates.items()
     ]

@@ -157,7 +157,9 @@ class _GraphBatch:
         grids = [model.analysis.frequency, model.analysis.time]
         nodes = model.graph.nodes.values()
         parts = [part for node in nodes for part in (node.matrix, node.structure, node.joints)]
-        if not shared(wanted, analysis) or any(varied & names for names in map(named_in, [*grids, *parts])):
+        if not shared(wanted, analysis) or any(
+            varied & names for names in map(named_in, [*grids, *parts, model.control])
+        ):
             raise _NotShared
         self._places, self._binary = places, analysis.reading == "binary"
         self._fixed = read_names(scene.source)[0].parameters

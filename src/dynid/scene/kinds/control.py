@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from dynid.arithmetic.dependent import Dependent, Real
+from dynid.arithmetic.dependent import Dependent, Real, substituted
 from dynid.arithmetic.ldl import reference
+from dynid.arithmetic.numbers import Number
 from dynid.bondgraph.control import Loop
+from dynid.scene.schema.quantities import Quantity
 
 if TYPE_CHECKING:
     from dynid.bondgraph.graph import Port
-    from dynid.scene.schema.control import ControllerModel, LoopModel, PidModel
-    from dynid.scene.schema.quantities import Quantity
+    from dynid.scene.schema.control import ControllerModel, ControlModel, LoopModel, PidModel
 
 
-def loop_of(loop: LoopModel, measured: Port) -> Loop:
-    """Return a loop that measures a variable of the graph."""
-    return Loop(measured, loop.source, *_controller(loop.controller), loop.reference)
+def loop_of(loop: LoopModel, measured: Port, place: int) -> Loop:
+    """Return the loop at a place in the scene, which measures a variable of the graph."""
+    given = loop.controller
+    delay = _number(given.delay)
+    return Loop(measured, loop.source, *_controller(given), loop.reference, delay, f"control.loops.{place}")
 
 
 def _controller(controller: ControllerModel) -> tuple[list[Real], list[Real]]:
@@ -42,3 +47,30 @@ def _number(given: Quantity | None) -> Real:
     if given is None:
         return Fraction(0)
     return given.exact if given.dependent is None else given.dependent
+
+
+def with_gains(control: ControlModel, parameters: Mapping[str, Number]) -> ControlModel:
+    """Return feedback whose numbers depend on the scene's parameters, or on themselves by their paths."""
+    known = {name: Dependent.parameter(name, value) for name, value in parameters.items()}
+    loops = []
+    for place, loop in enumerate(control.loops):
+        path = f"control.loops.{place}.controller"
+        made = _dependent(loop.controller, path, known)
+        loops.append(loop.model_copy(update={"controller": made}))
+    return control.model_copy(update={"loops": loops})
+
+
+def _dependent(part: Any, path: str, known: Mapping[str, Dependent]) -> Any:
+    """Return a part of a controller with numbers that depend on parameters."""
+    from pydantic import BaseModel
+
+    if isinstance(part, Quantity):
+        if part.expression is not None and part.expression.names:
+            return replace(part, dependent=substituted(part.expression, known))
+        return replace(part, dependent=Dependent.parameter(path, part.exact)) if part.value else part
+    if isinstance(part, list):
+        return [_dependent(entry, f"{path}.{k}", known) for k, entry in enumerate(part)]
+    if isinstance(part, BaseModel):
+        found = {name: _dependent(value, f"{path}.{name}", known) for name, value in part}
+        return part.model_copy(update=found)
+    return part

@@ -145,7 +145,10 @@ def build_graph(
     from dynid.bondgraph.control import close_loops
     from dynid.scene.kinds.control import loop_of
 
-    loops = [loop_of(loop, variables.get(str(loop.measured), loop.measured)) for loop in control.loops]
+    loops = [
+        loop_of(loop, variables.get(str(loop.measured), loop.measured), place)
+        for place, loop in enumerate(control.loops)
+    ]
     closed = close_loops(built.graph, loops)
     asked = tuple(closed.variables.get(output, output) for output in asked)
     return built._replace(graph=closed.graph, outputs=asked, opened=built.graph, loops=tuple(loops))

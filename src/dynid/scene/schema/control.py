@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
 from dynid.errors import Fault
 from dynid.scene.schema.base import Section
 from dynid.scene.schema.graph_variables import Output, SourceName
-from dynid.scene.schema.quantities import Uncertain, UncertainPositive, fault
-from dynid.scene.schema.raw import is_mapping_of_mappings, listing, mapping, node_types, references
+from dynid.scene.schema.quantities import Uncertain, UncertainNotNegative, UncertainPositive, fault
+from dynid.scene.schema.raw import (
+    is_mapping_of_mappings,
+    listing,
+    mapping,
+    mapping_of,
+    node_types,
+    references,
+)
 from dynid.scene.yaml.source import Source
 
 Coefficients = Annotated[list[Uncertain], Field(min_length=1, max_length=50)]
+
+
+#: Most loops with delays: the terms of their characteristic function double with each.
+MOST_DELAYS = 8
 
 
 class PidModel(Section):
@@ -34,12 +45,13 @@ class PidModel(Section):
 
 
 class ControllerModel(Section):
-    """A controller: a PID, a rational function of s, or a gain."""
+    """A controller: a PID, a rational function of s, or a gain; each may have a delay."""
 
     pid: PidModel | None = None
     numerator: Coefficients | None = None
     denominator: Coefficients | None = None
     gain: Uncertain | None = None
+    delay: UncertainNotNegative | None = None
 
     @model_validator(mode="after")
     def _is_one_of_them(self) -> Self:
@@ -90,4 +102,32 @@ def control_faults(source: Source) -> list[Fault]:
             known = list(references(source.data)) or ["reference: r"]
             message = f"'{name}' is driven by a loop; the input is its reference ({', '.join(known)})"
             faults.append(source.fault(("analysis", "inputs", place), message))
+    return [*faults, *_delay_faults(source, [mapping_of(loop) for loop in loops])]
+
+
+def _delay_faults(source: Source, loops: list[dict[Any, Any]]) -> list[Fault]:
+    """Return the faults of what is not computed where loops have delays."""
+    late = [
+        place for place, loop in enumerate(loops) if mapping(loop, "controller").get("delay") not in (None, 0)
+    ]
+    if not late:
+        return []
+    remedy = "leave it out, or write the delay as a rational function (numerator, denominator)"
+    first = ("control", "loops", late[0], "controller", "delay")
+    if source.data.get("kind") == "identification":
+        message = f"a loop with a delay is not identified; {remedy}"
+        return [source.fault(first, message, key=True)]
+    faults = []
+    if len(late) > MOST_DELAYS:
+        faults.append(
+            source.fault(("control", "loops"), f"at most {MOST_DELAYS} loops may have a delay", key=True)
+        )
+    analysis = mapping(source.data, "analysis")
+    results = analysis.get("results")
+    message = f"a time response is not computed where a loop has a delay; {remedy}"
+    if isinstance(results, list):
+        places = [place for place, name in enumerate(results) if name == "time_response"]
+        faults += [source.fault(("analysis", "results", place), message) for place in places]
+    elif analysis.get("time") is not None:
+        faults.append(source.fault(("analysis", "time"), message, key=True))
     return faults

@@ -1,0 +1,304 @@
+"""Feedback loops cut open: their exact open-loop transfer functions, with the delays as they are.
+
+With all loops cut, y = G u of the driven sources u; closed, u_j = r_j - K_j(s) exp(-s τ_j) y_j. The
+characteristic function det(I + G K exp(-s τ)) is a sum of minors, a polynomial over one denominator for every
+set of loops with delays: exact, whatever the delays are. Loop i, the others closed, has
+1 + L_i = det(I + …) / det(I + …, loop i cut).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from fractions import Fraction
+from itertools import combinations
+from math import lcm
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.arithmetic.ldl import reference
+from dynid.bondgraph.control import PADE_ORDER, Loop, close_loops, pade
+from dynid.bondgraph.frequency_response import frequency_response
+from dynid.bondgraph.graph import BondGraph, Port
+from dynid.bondgraph.plan import ReducedGraph, characteristic_polynomials
+from dynid.errors import Singular, Undecided
+from dynid.lti.certified_roots import certified_roots
+from dynid.lti.quasi_polynomials import QuasiPolynomial, common_factor, roots_right_of
+
+Complex = NDArray[np.complex128]
+#: Condition of I + L above which a pole lies on the axis.
+_SINGULAR = 1e12
+
+
+class CutLoops:
+    """The loops of a graph, all cut open.
+
+    Parameters
+    ----------
+    opened
+        The graph without feedback.
+    loops
+        The loops.
+
+    Raises
+    ------
+    Singular
+        Where the graph without feedback has no unique solution.
+    """
+
+    def __init__(self, opened: BondGraph, loops: Sequence[Loop]) -> None:
+        from flint import fmpz_poly
+
+        self.loops = tuple(loops)
+        sources = list(dict.fromkeys(loop.source for loop in loops))
+        measured = list(dict.fromkeys(loop.measured for loop in loops))
+        reduced = ReducedGraph(opened, sources, measured, traced=False)
+        channels = reduced.channels()
+        ratios = reduced.rational(channels.values())
+        plant = {channel: ratios[register].lowest_terms() for channel, register in channels.items()}
+        common = fmpz_poly([1])
+        for _, below in plant.values():
+            common = common * (below // common.gcd(below))
+        self._common = common
+        self._plant = [
+            [_scaled(plant[row.measured, column.source], common) for column in loops] for row in loops
+        ]
+        self._natural = list(characteristic_polynomials(reduced).values())
+        self._controllers = [controller(loop) for loop in loops]
+        self._delays = [Fraction(reference(loop.delay)) for loop in loops]
+
+    def function(self, kept: Sequence[int]) -> QuasiPolynomial:
+        """Return the characteristic function with some loops closed, over one denominator for all sets."""
+        late = [loop for loop in kept if self._delays[loop]]
+        prompt = [loop for loop in kept if not self._delays[loop]]
+        minors = {
+            chosen: self._minor([*prompt, *chosen])
+            for count in range(len(late) + 1)
+            for chosen in combinations(late, count)
+        }
+        function = QuasiPolynomial({})
+        for chosen in minors:  # what the delays of all of them multiply, by inclusion and exclusion
+            own = sum(
+                (
+                    (-1) ** (len(chosen) - len(part)) * minors[part]
+                    for count in range(len(chosen) + 1)
+                    for part in combinations(chosen, count)
+                ),
+                0 * self._common,
+            )
+            function += QuasiPolynomial({sum((self._delays[loop] for loop in chosen), Fraction(0)): own})
+        return function
+
+    def loop(self, place: int) -> tuple[QuasiPolynomial, QuasiPolynomial]:
+        """Return L of one loop, the others closed: numerator and denominator without a common factor."""
+        every = range(len(self.loops))
+        below = self.function([loop for loop in every if loop != place])
+        above = self.function(every) - below
+        shared = common_factor([above, below])
+        return above.over(shared), below.over(shared)
+
+    def closed(self) -> QuasiPolynomial:
+        """Return the characteristic function of all loops, without the roots that no loop shows."""
+        whole = self.function(range(len(self.loops)))
+        return whole.over(common_factor([whole, self.function([])]))
+
+    def hidden(self) -> Any:
+        """Return the polynomial of the natural modes that cancel: no feedback moves them."""
+        whole, opened = self.function(range(len(self.loops))), self.function([])
+        (below,) = opened.over(common_factor([whole, opened])).terms.values()
+        modes = 0 * self._common + 1
+        for own in self._natural:
+            modes = modes * (own // modes.gcd(own))
+        for _, own in self._controllers:
+            modes *= own
+        return modes // modes.gcd(below)
+
+    def check(self) -> None:
+        """Raise where a loop passes through no delay and no storage element, and has no solution.
+
+        Raises
+        ------
+        Singular
+            Where 1 + L is zero, or falls to zero at high frequencies; it names the loops.
+        """
+        prompt = [loop for loop, delay in enumerate(self._delays) if not delay]
+        degree = self._minor([]).degree()
+        for chosen in (*([loop] for loop in prompt), prompt):
+            if self._minor(chosen).degree() < degree:
+                names = [f"'{self.loops[k].measured} -> {self.loops[k].source}'" for k in chosen]
+                which = f"the loop {names[0]} is" if len(names) == 1 else f"the loops {', '.join(names)} are"
+                raise Singular(
+                    f"{which} algebraic and without a solution: 1 + L = 0 at high frequencies",
+                    remedy="Change the gain, or add a filter to the controller.",
+                    names=[place for k in chosen if (place := self.loops[k].place)],
+                )
+
+    def approximants_agree(self) -> bool:
+        """Return whether the Padé approximants of delays have as many poles to the right as the loops."""
+        closed = self.closed()
+        try:
+            count = roots_right_of(closed)
+        except Undecided:
+            return False
+        (polynomial,) = rational([closed], PADE_ORDER)
+        return count == sum(root.multiplicity for root in certified_roots(polynomial) if root.side >= 0)
+
+    def _minor(self, kept: Sequence[int]) -> Any:
+        """Return det(I + G K) of some loops, times the product of all denominators."""
+        matrix = [
+            [
+                self._plant[i][j] * self._controllers[j][0]
+                + (self._common * self._controllers[j][1] if i == j else 0)
+                for j in kept
+            ]
+            for i in kept
+        ]
+        found = _determinant(matrix, 0 * self._common + 1)
+        for loop, (_, below) in enumerate(self._controllers):
+            if loop not in kept:
+                found *= below * self._common
+        return found
+
+
+def controller(loop: Loop) -> tuple[Any, Any]:
+    """Return numerator and denominator of a controller without its delay (flint `fmpz_poly`)."""
+    from flint import fmpz_poly
+
+    parts = [[Fraction(reference(c)) for c in part] for part in (loop.numerator, loop.denominator)]
+    factor = lcm(*(c.denominator for part in parts for c in part))
+    top, bottom = (fmpz_poly([int(c * factor) for c in reversed(part)]) for part in parts)
+    return top, bottom
+
+
+def rational(functions: Sequence[QuasiPolynomial], order: int) -> list[Any]:
+    """Return quasi-polynomials over one polynomial, their delays replaced by Padé approximants."""
+    from flint import fmpq, fmpq_poly
+
+    delays = {delay for function in functions for delay in function.terms if delay}
+    approximants = {}
+    for delay in delays:
+        exact = [[Fraction(reference(c)) for c in reversed(part)] for part in pade(delay, order)]
+        parts = [[fmpq(c.numerator, c.denominator) for c in part] for part in exact]
+        approximants[delay] = [fmpq_poly(part) for part in parts]
+    found = []
+    for function in functions:
+        total = fmpq_poly(0)
+        for delay, polynomial in function.terms.items():
+            own = fmpq_poly(polynomial)
+            for other, (top, bottom) in approximants.items():
+                own *= top if other == delay else bottom
+            total += own
+        found.append(total)
+    common = lcm(*(int(total.denom()) for total in found))
+    return [(total * common).numer() for total in found]
+
+
+def delayed_response(
+    opened: BondGraph, loops: Sequence[Loop], inputs: Sequence[str], outputs: Sequence[Port]
+) -> Callable[[NDArray[np.float64]], Complex]:
+    """Return the frequency response of a graph with feedback, with the delays as they are.
+
+    The response without the delays is certified; the delays turn what is fed back by exp(-jωτ) - 1. Where
+    the loops without their delays have a pole on the axis, they are taken open instead.
+
+    Returns
+    -------
+    callable
+        Of angular frequencies in rad/s, it returns the response, shape (omega, output, input).
+    """
+    closed = close_loops(opened, loops)
+    outputs = [closed.variables.get(port, port) for port in outputs]
+    approximate = ReducedGraph(closed.graph, inputs, outputs, traced=False)
+    bases: dict[bool, Callable[[NDArray[np.float64]], Complex]] = {}
+
+    def evaluate(omega: NDArray[np.float64]) -> Complex:
+        response = np.zeros((len(omega), len(outputs), len(inputs)), dtype=complex)
+        rest = omega == 0  # there the approximants are exact
+        response[rest] = frequency_response(approximate, omega[rest])
+        left = np.flatnonzero(~rest)
+        for cut in (False, True):
+            if cut not in bases and len(left):
+                bases[cut] = _turned_response(opened, loops, inputs, outputs, cut=cut)
+            if len(left):
+                response[left] = bases[cut](omega[left])
+                left = left[~np.isfinite(response[left]).all(axis=(1, 2))]
+        return response
+
+    return evaluate
+
+
+def _turned_response(
+    opened: BondGraph, loops: Sequence[Loop], inputs: Sequence[str], outputs: Sequence[Port], *, cut: bool
+) -> Callable[[NDArray[np.float64]], Complex]:
+    """Return the response with delays, from that of the graph whose delayed loops are prompt, or cut."""
+    taken = {*opened.nodes, *(loop.reference for loop in loops), *inputs}
+    late, base = list[tuple[Loop, str]](), list[Loop]()
+    for number, loop in enumerate(loops):
+        if not loop.delayed:
+            base.append(loop)
+            continue
+        probe = loop.reference or f"delayed_{number}"
+        while probe in taken and not loop.reference:
+            probe += "_"
+        late.append((loop, probe))
+        answer = [Fraction(0)] if cut else loop.numerator
+        base.append(replace(loop, numerator=answer, delay=Fraction(0), reference=probe))
+    closed = close_loops(opened, base)
+    measured = [closed.variables.get(loop.measured, loop.measured) for loop, _ in late]
+    rows = list(dict.fromkeys([*outputs, *measured]))
+    columns = list(dict.fromkeys([*inputs, *(probe for _, probe in late)]))
+    reduced = ReducedGraph(closed.graph, columns, rows, traced=False)
+    shown, own = [rows.index(port) for port in outputs], [rows.index(port) for port in measured]
+    driven, fed = [columns.index(name) for name in inputs], [columns.index(probe) for _, probe in late]
+
+    def evaluate(omega: NDArray[np.float64]) -> Complex:
+        whole = frequency_response(reduced, omega)
+        s = (1j * omega).astype(np.complex128)
+        turns = np.stack([_answer(loop, s, cut=cut) for loop, _ in late], axis=-1)
+        with np.errstate(all="ignore"):
+            back = whole[:, :, fed] * turns[:, None, :]
+            matrix = np.eye(len(late)) + back[:, own]
+            response = np.full((len(omega), len(shown), len(driven)), np.inf, dtype=complex)
+            finite = np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(whole).all(axis=(1, 2))
+            known = np.flatnonzero(finite)
+            known = known[np.linalg.cond(matrix[known]) < _SINGULAR]
+            solved = np.linalg.solve(matrix[known], whole[known][:, own][:, :, driven])
+            response[known] = whole[known][:, shown][:, :, driven] - back[known][:, shown] @ solved
+        return response
+
+    return evaluate
+
+
+def _answer(loop: Loop, s: Complex, *, cut: bool) -> Complex:
+    """Return the controller times exp(-s τ), less the controller without its delay unless that is cut."""
+    top, bottom = (
+        np.polyval([float(reference(c)) for c in p], s) for p in (loop.numerator, loop.denominator)
+    )
+    turn = -s * float(reference(loop.delay))
+    with np.errstate(all="ignore"):
+        return np.asarray(top / bottom * (np.exp(turn) if cut else np.expm1(turn)))
+
+
+def _scaled(ratio: tuple[Any, Any], common: Any) -> Any:
+    """Return the numerator of a rational function over a common denominator."""
+    return ratio[0] * (common // ratio[1])
+
+
+def _determinant(matrix: list[list[Any]], one: Any) -> Any:
+    """Return the determinant of a matrix of polynomials, without fractions (Bareiss 1968)."""
+    rows, sign, before = [list(row) for row in matrix], 1, one
+    for k in range(len(rows)):
+        pivot = next((i for i in range(k, len(rows)) if rows[i][k] != 0), None)
+        if pivot is None:
+            return 0 * one
+        if pivot != k:
+            rows[k], rows[pivot], sign = rows[pivot], rows[k], -sign
+        for i in range(k + 1, len(rows)):
+            rows[i] = [
+                (rows[i][j] * rows[k][k] - rows[i][k] * rows[k][j]) // before if j > k else 0 * one
+                for j in range(len(rows))
+            ]
+        before = rows[k][k]
+    return sign * before

@@ -1,0 +1,227 @@
+"""Quasi-polynomials and margins with delays, against closed forms, contours and dense grids."""
+
+import math
+import random
+from fractions import Fraction
+
+import mpmath
+import numpy as np
+import pytest
+from flint import fmpz_poly
+from scipy.special import lambertw
+
+from dynid.errors import Undecided
+from dynid.lti.delay_margins import delay_margins
+from dynid.lti.quasi_polynomials import (
+    QuasiPolynomial,
+    common_factor,
+    on_axis,
+    refined_root,
+    rightmost_roots,
+    roots_right_of,
+)
+
+ZERO = Fraction(0)
+
+
+def integrator(gain, delay=Fraction(1)):
+    """Return L = K exp(-s τ)/s."""
+    gain = Fraction(gain)
+    top = QuasiPolynomial({delay: fmpz_poly([gain.numerator])})
+    return top, QuasiPolynomial({ZERO: fmpz_poly([0, gain.denominator])})
+
+
+def random_loop(rng):
+    """Return numerator, denominator and delay of a loop; its plant may be unstable."""
+    bottom = fmpz_poly([1])
+    for _ in range(rng.randint(1, 3)):
+        damping = rng.randint(1, 5) * rng.choice([1, 1, 1, -1])
+        bottom *= fmpz_poly(rng.choice([[0, 1], [rng.randint(1, 9), 1], [rng.randint(1, 40), damping, 1]]))
+    top = fmpz_poly([rng.randint(1, 60)])
+    if bottom.degree() > 1 and rng.random() < 0.5:
+        top *= fmpz_poly([rng.randint(1, 9), rng.choice([-1, 1])])
+    return top, bottom, Fraction(rng.randint(1, 30), 20)
+
+
+def descending(polynomial):
+    return [float(int(c)) for c in polynomial.coeffs()][::-1]
+
+
+def turns(function, radius, line=0.0):
+    """Return the turns of a function around 0 along a half circle right of a line, by sampling."""
+    arc = line + radius * np.exp(1j * np.linspace(-np.pi / 2, np.pi / 2, 10_001))
+    upper = np.concatenate([np.linspace(radius, 40, 10_001)[:-1], np.geomspace(40, 1e-4, 10_001)])
+    height = np.concatenate([upper, -upper[::-1]])
+    values = function(np.concatenate([arc, line + 1j * height]))
+    return np.angle(values[1:] / values[:-1]).sum() / (2 * np.pi)
+
+
+@pytest.mark.parametrize("gain", ["1", "3/2", "157/100", "15708/10000", "158/100", "5", "10", "50"])
+def test_roots_of_an_integrator_with_a_delay_are_those_of_lambert(gain):
+    """s + K exp(-s) = 0 at s = W(-K)."""
+    exact = np.array([lambertw(-float(Fraction(gain)), branch) for branch in range(-60, 60)])
+    top, bottom = integrator(gain)
+    closed = top + bottom
+    assert roots_right_of(closed) == np.count_nonzero(exact.real > 0)
+    assert roots_right_of(closed, -1.5) == np.count_nonzero(exact.real > -1.5)
+    starts = exact[np.abs(exact) < 40] * 1.02
+    found, line = rightmost_roots(closed, starts, 8)
+    assert math.isfinite(line)
+    assert len(found) == np.count_nonzero(exact.real > line)
+    for root in found:
+        assert np.abs(root.value - exact).min() <= root.radius + 1e-14
+
+
+@pytest.mark.parametrize("delay", [Fraction(1, 10), Fraction(3, 4)])
+def test_margins_of_an_integrator_with_a_delay(delay):
+    """L = K exp(-s τ)/s: gain margin π/(2 K τ), phase margin π/2 - K τ at ω = K."""
+    gain = Fraction(3, 2)
+    found = delay_margins(*integrator(gain, delay))
+    late = float(gain * delay)
+    assert found.stable
+    assert found.gain == pytest.approx(math.pi / 2 / late, rel=1e-14)
+    assert found.phase == pytest.approx(90 - math.degrees(late), rel=1e-13)
+    assert found.delay == pytest.approx((math.pi / 2 - late) / 1.5, rel=1e-13)
+    assert found.gain_crossover == pytest.approx(1.5, rel=1e-14)
+    assert found.phase_crossover == pytest.approx(math.pi / 2 / float(delay), rel=1e-14)
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_random_loops_have_the_roots_that_a_contour_counts(seed):
+    top, bottom, delay = random_loop(random.Random(seed))
+    closed = QuasiPolynomial({ZERO: bottom, delay: top})
+    n, d, late = descending(top), descending(bottom), float(delay)
+
+    def function(s):
+        return np.polyval(d, s) + np.polyval(n, s) * np.exp(-s * late)
+
+    assert roots_right_of(closed) == pytest.approx(turns(function, 600.0), abs=1e-3)
+    # Roots from the Padé approximant of order 5, as an engineer has them.
+    p = np.array([30240, 15120, 3360, 420, 30, 1.0])[::-1] * late ** np.arange(5, -1, -1)
+    q = p * (-1.0) ** np.arange(5, -1, -1)
+    found, line = rightmost_roots(closed, np.roots(np.polyadd(np.polymul(d, p), np.polymul(n, q))), 6)
+    for root in found:
+        exact = mpmath.findroot(
+            lambda s: mpmath.polyval(d, s) + mpmath.polyval(n, s) * mpmath.exp(-late * s), root.value
+        )
+        assert abs(complex(exact) - root.value) <= root.radius + 1e-12 * abs(root.value)
+    if math.isfinite(line):
+        assert turns(function, 600.0, line) == pytest.approx(len(found), abs=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_margins_with_delays_are_those_of_a_dense_grid(seed):
+    top, bottom, delay = random_loop(random.Random(1000 + seed))
+    found = delay_margins(QuasiPolynomial({delay: top}), QuasiPolynomial({ZERO: bottom}))
+    omega = np.geomspace(1e-4, 1e4, 100_001)
+    s = 1j * omega
+    with np.errstate(all="ignore"):
+        loop = np.polyval(descending(top), s) / np.polyval(descending(bottom), s) * np.exp(-s * float(delay))
+        sensitivity = np.nan_to_num(np.abs(1 / (1 + loop)), nan=0.0)
+        complement = np.abs(loop / (1 + loop))
+    left = (loop.real < 0) & (np.abs(loop) < 1e6)
+    crossing = np.flatnonzero((loop.imag[1:] * loop.imag[:-1] < 0) & left[1:] & left[:-1])
+    factors = -1 / loop.real[crossing]
+    assert min(found.gain, 1e6) == pytest.approx(min(factors[factors > 1], default=1e6), rel=2e-3)
+    steady = -1 / (loop[0].real) if int(bottom[0]) else 0.0  # at rest
+    reductions = [*factors[factors < 1], *([steady] if 0 < steady < 1 else [])]
+    assert found.gain_reduction == pytest.approx(max(reductions, default=0.0), rel=2e-3, abs=1e-6)
+    unit = np.flatnonzero((np.abs(loop[1:]) > 1) != (np.abs(loop[:-1]) > 1))
+    lags = np.mod(np.degrees(np.angle(-loop[unit])), 360)
+    assert found.phase == pytest.approx(min(lags, default=math.inf), abs=0.6)
+    assert found.delay == pytest.approx(min(np.radians(lags) / omega[unit], default=math.inf), rel=2e-2)
+    assert found.modulus == pytest.approx(min(1 / sensitivity.max(), 1.0), abs=5e-3)
+    assert found.modulus * found.Ms == pytest.approx(1, rel=1e-14)
+    assert 1 / found.Mt == pytest.approx(1 / complement.max(), abs=5e-3)
+
+
+def test_a_loop_without_delay_keeps_its_margins():
+    """Both ways to the margins of one loop, whose delay is 0."""
+    from dynid.lti.margins import margins
+
+    top, bottom = fmpz_poly([40, 3]), fmpz_poly([0, 30, 11, 1])
+    exact = margins(top, bottom)
+    found = delay_margins(QuasiPolynomial({ZERO: top}), QuasiPolynomial({ZERO: bottom}))
+    for name in ("gain", "phase", "delay", "modulus", "Mt", "gain_crossover", "modulus_at"):
+        assert getattr(found, name) == pytest.approx(getattr(exact, name), rel=1e-8), name
+    assert found.stable
+    assert exact.stable
+
+
+@pytest.mark.parametrize(
+    ("gain", "verdict"),
+    [(4, "infinitely many roots"), (2, "roots come as near to the imaginary axis")],
+)
+def test_a_delay_in_a_loop_of_gain_one_at_high_frequencies_is_not_stable(gain, verdict):
+    """L = K (s + 1)/(2 s + 1) exp(-s): without the delay stable for every K > 0."""
+    top = QuasiPolynomial({Fraction(1): fmpz_poly([gain, gain])})
+    found = delay_margins(top, QuasiPolynomial({ZERO: fmpz_poly([1, 2])}))
+    assert not found.stable
+    assert verdict in found.stability
+    assert found.delay == 0
+    assert found.gain_reduction == pytest.approx(2 / gain)
+    assert found.unstable_poles == math.inf
+
+
+def test_a_loop_that_differentiates_is_unstable_with_a_delay():
+    found = delay_margins(
+        QuasiPolynomial({Fraction(1, 100): fmpz_poly([0, 0, 1])}), QuasiPolynomial({ZERO: fmpz_poly([1, 1])})
+    )
+    assert not found.stable
+    assert "infinitely many" in found.stability
+
+
+def test_a_biproper_loop_with_small_gain_is_decided():
+    """L = (s + 2)/(3 s + 1) exp(-s): its gain is 1/3 at high frequencies, so that the margin is at most 3."""
+    found = delay_margins(
+        QuasiPolynomial({Fraction(1): fmpz_poly([2, 1])}), QuasiPolynomial({ZERO: fmpz_poly([1, 3])})
+    )
+    assert found.stable
+    assert 1 < found.gain < 3
+    assert found.Ms > 1.5
+
+
+def test_a_root_on_the_axis_is_undecided_and_not_stable():
+    """s + (π/2) exp(-s) has a root at ±jπ/2; with the nearest rational number one next to it."""
+    top, bottom = integrator(_half_pi())
+    with pytest.raises(Undecided, match=r"imaginary axis near 1\.5708"):
+        roots_right_of(top + bottom)
+    found = delay_margins(*integrator(_half_pi()))
+    assert not found.stable
+    assert "imaginary axis" in found.stability
+    assert found.gain == pytest.approx(1, abs=1e-12)
+
+
+def _half_pi():
+    with mpmath.workdps(80):
+        return Fraction(int(mpmath.pi / 2 * 10**70), 10**70)
+
+
+def test_a_root_at_the_origin_is_not_stable():
+    """L = -exp(-s): at rest 1 + L = 0."""
+    found = delay_margins(
+        QuasiPolynomial({Fraction(1): fmpz_poly([-2])}), QuasiPolynomial({ZERO: fmpz_poly([2, 1])})
+    )
+    assert not found.stable
+    assert "origin" in found.stability
+    assert found.Ms == math.inf
+
+
+def test_a_multiple_root_is_not_refined():
+    """s + exp(-s - 1) has a double root at -1."""
+    double = QuasiPolynomial({ZERO: fmpz_poly([1, 2, 1])})
+    assert refined_root(double, -1.0 + 0.001j) is None
+    assert refined_root(QuasiPolynomial({ZERO: fmpz_poly([1])}), 1.0) is None
+
+
+def test_values_and_common_factors():
+    shared = fmpz_poly([3, 1])
+    top = QuasiPolynomial({Fraction(1, 2): shared * 2})
+    bottom = QuasiPolynomial({ZERO: shared * fmpz_poly([0, 1])})
+    assert common_factor([top, bottom]) == shared
+    assert common_factor([]) == fmpz_poly([1])
+    values = on_axis(top, bottom, [0.0, 2.0])
+    assert values[0].real == math.inf
+    assert values[1] == pytest.approx(2 * np.exp(-1j) / 2j, rel=1e-15)
+    assert on_axis(QuasiPolynomial({}), bottom, [2.0]) == [0]
+    assert top(1 + 1j) == pytest.approx(2 * (4 + 1j) * np.exp(-(1 + 1j) / 2), rel=1e-15)
