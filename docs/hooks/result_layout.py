@@ -68,6 +68,9 @@ def _general(path: str, result: Result) -> str:
     if "reduction/method" in result:
         for method in result["reduction/method"].data:
             path = re.sub(rf"^reduction/{re.escape(method)}/", "reduction/<method>/", path)
+    if "synthesis/form" in result:
+        for form in result["synthesis/form"].data:
+            path = re.sub(rf"^synthesis/{re.escape(form)}/", "synthesis/<form>/", path)
     path = re.sub(r"/port/(source|load)/[efYZ]_eq(/.*)?/(?=[^/]+$)", "/port/<side>/<equivalent>/", path)
     path = re.sub(r"^study/(results|statistics)/.*/(?=[^/]+$)", r"study/\1/<path>/", path)
     return re.sub(r"^[a-z_]+/need/", "<kind>/need/", path)
