@@ -60,7 +60,9 @@ def reference(entry: Real) -> Fraction:
     return to_fraction(entry.reference if isinstance(entry, Dependent) else entry)
 
 
-def squares(rows: Mapping[int, Mapping[int, Fraction]], rounding: float = 0.0) -> list[Column]:
+def squares(
+    rows: Mapping[int, Mapping[int, Fraction]], rounding: float = 0.0, *, signed: bool = False
+) -> list[Column]:
     """Return a positive semidefinite matrix of fractions as a sum of as many squares as its rank.
 
     The pivot is the diagonal entry whose row has the shortest numbers, so that fractions and fill stay small.
@@ -72,11 +74,14 @@ def squares(rows: Mapping[int, Mapping[int, Fraction]], rounding: float = 0.0) -
     rounding
         Relative rounding of the entries: a pivot that is no more than the rounding of the sum it is made of
         is zero. 0: the entries are exact.
+    signed
+        True: an indefinite matrix is a sum of squares of either sign, more than its rank where its diagonal
+        vanishes.
 
     Raises
     ------
     Indefinite
-        If it has a negative eigenvalue.
+        If it has a negative eigenvalue, unless `signed`.
     """
     left = {i: dict(row) for i, row in rows.items()}
     diagonal = {i: row.get(i, Fraction(0)) for i, row in rows.items()}
@@ -94,8 +99,11 @@ def squares(rows: Mapping[int, Mapping[int, Fraction]], rounding: float = 0.0) -
         pivot = min(sound, key=lambda i: (size[i], i))
         row = left.pop(pivot)
         value = row.pop(pivot, Fraction(0))
-        if value <= 0:
+        if value <= 0 and not signed:
             raise Indefinite
+        if not value:  # a diagonal of zeros: a square is taken off and added again
+            value = Fraction(1)
+            found.append(Column(pivot, -value, {}))
         entries = {i: entry / value for i, entry in row.items()}
         for i, factor in entries.items():
             target = left[i]

@@ -26,7 +26,7 @@ from dynid.arithmetic.ldl import (
     reference,
     squares,
 )
-from dynid.bondgraph.graph import Bond, Node, NodeType, Port, Quantity
+from dynid.bondgraph.graph import FIELDS, Bond, BondGraph, Node, NodeType, Port, Quantity
 from dynid.errors import UsageError
 
 FieldType = Literal["I", "C", "R"]
@@ -190,7 +190,7 @@ def expand_field(
     ports
         Names of its ports.
     matrix
-        M (ports x ports), symmetric and positive semidefinite.
+        M (ports x ports), symmetric; of unknown parameters positive semidefinite.
     taken
         Names of other nodes.
     wanted
@@ -201,7 +201,8 @@ def expand_field(
     Raises
     ------
     UsageError
-        If the matrix is not symmetric and positive semidefinite, or an entry needed is zero at the start.
+        If the matrix is not symmetric, or, with unknown parameters, indefinite; or an entry needed is zero at
+        the start.
     """
     made = Expansion(name, taken)
     problem = field_fault(matrix)
@@ -211,7 +212,9 @@ def expand_field(
         place: made.add_port(port, "0" if kind == "C" else "1", wanted.get(port, ()), domain)
         for place, port in enumerate(ports)
     }
-    made.add_squares(kind, symmetric_squares(name, nonzero(matrix)), junctions, dict(enumerate(ports)))
+    made.add_squares(
+        kind, symmetric_squares(name, nonzero(matrix), signed=True), junctions, dict(enumerate(ports))
+    )
     return made
 
 
@@ -258,7 +261,7 @@ def expand_coupling(
     return made
 
 
-def symmetric_squares(name: str, rows: Rows, rounding: float = 0.0) -> list[Column]:
+def symmetric_squares(name: str, rows: Rows, rounding: float = 0.0, *, signed: bool = False) -> list[Column]:
     """Return a matrix of numbers that may depend on parameters as squares.
 
     Parameters
@@ -267,7 +270,7 @@ def symmetric_squares(name: str, rows: Rows, rounding: float = 0.0) -> list[Colu
         The node it belongs to.
     rows
         The matrix, symmetric.
-    rounding
+    rounding, signed
         As of `squares`.
 
     Raises
@@ -277,8 +280,9 @@ def symmetric_squares(name: str, rows: Rows, rounding: float = 0.0) -> list[Colu
     Indefinite
         If it is indefinite.
     """
-    exact = squares(at_reference(rows), rounding)
-    if not any(isinstance(entry, Dependent) for row in rows.values() for entry in row.values()):
+    unknown = any(isinstance(entry, Dependent) for row in rows.values() for entry in row.values())
+    exact = squares(at_reference(rows), rounding, signed=signed and not unknown)
+    if not unknown:
         return exact
     try:
         return dependent_squares(rows, exact)
@@ -304,15 +308,31 @@ def field_fault(matrix: Sequence[Sequence[Real]]) -> str:
                     f"the matrix is not symmetric: entry ({i + 1}, {j + 1}) is {float(one):g}, "
                     f"({j + 1}, {i + 1}) is {float(other):g}; a gyrator couples ports antisymmetrically"
                 )
+    if not any(isinstance(entry, Dependent) for row in matrix for entry in row):
+        return ""
     try:
         squares(at_reference(nonzero(matrix)))
     except Indefinite:
         lowest = _lowest_eigenvalue(matrix)
         return (
-            f"the matrix is not positive semidefinite, its lowest eigenvalue is {lowest:.3g}; a passive "
-            "field stores and dissipates energy"
+            f"the matrix is not positive semidefinite, its lowest eigenvalue is {lowest:.3g}; with unknown "
+            "parameters a field is passive"
         )
     return ""
+
+
+def field_warnings(graph: BondGraph) -> list[str]:
+    """Return a sentence for every field that is not passive."""
+    active = {
+        node.part: None
+        for node in graph.nodes.values()
+        if node.part and node.type in FIELDS and node.value is not None and node.value < 0
+    }
+    return [
+        f"the field '{name}' is not passive: its matrix has a negative eigenvalue, so it can give energy "
+        "without end"
+        for name in active
+    ]
 
 
 def _lowest_eigenvalue(matrix: Sequence[Sequence[Any]]) -> float:

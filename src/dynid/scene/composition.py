@@ -231,7 +231,10 @@ class _Flattening:
             own = nodes.get(holder, nodes.get(int(holder)) if holder.isdecimal() else None)
             if is_instance(own) and name not in self.ports and f"{prefix}{holder}" not in self.refused:
                 model = self.models.get(own["model"])
-                ports = [f"{holder}.{port}" for port in model.ports] if model else []
+                copies = [holder] if own.get("repeat") is None else [f"{holder}.1", f"{holder}.2"]
+                copies = copies[: own.get("repeat") or 1]
+                ports = [f"{copy}.{port}" for copy in copies for port in (model.ports if model else ())]
+                ports += ["…"] if (own.get("repeat") or 1) > 2 else []
                 what = f"'{end}' is no port" if "." in end else f"'{end}' is an instance of {own['model']}"
                 message = f"bond '{text}': {what}; bonds attach at {', '.join(ports) or 'ports'}"
                 self.faults.append(self.source.fault(path, message))
@@ -269,6 +272,7 @@ class _Flattening:
         if model.name in above:
             cycle = " -> ".join([*above[above.index(model.name) :], model.name])
             self.faults.append(self.source.fault((*path, "model"), f"the model contains itself: {cycle}"))
+            self.refused.add(flat)
             return
         inner = self._arguments(flat, node, model, path, names)
         copies = self._copies(flat, node, model, path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 
 from dynid.bondgraph.causality.report import join_nodes
+from dynid.bondgraph.fields import field_warnings
 from dynid.bondgraph.graph import STORAGES
 from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.reduction.junctions import JunctionStructure
@@ -60,7 +61,7 @@ def explain(scene: Scene) -> Explanation:
     storages = sum(node.type in STORAGES for node in graph.nodes.values())
     order = f"{counted(causality.order, 'state')}, {counted(storages, 'storage element')}"
     facts.append(Fact("order", order))
-    facts += [Fact("warning", sentence) for sentence in reduced.undetermined]
+    facts += [Fact("warning", sentence) for sentence in (*field_warnings(graph), *reduced.undetermined)]
     outputs, inputs = (
         join_nodes([str(name) for name in names]) for names in (reduced.outputs, reduced.inputs)
     )
