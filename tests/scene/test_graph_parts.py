@@ -311,9 +311,7 @@ graph:
 excitation: [{source: u, kind: step}]
 measurement: {step: 0.1, samples: 20, channels: [{output: r.f}], simulate: {noise_ratio: 0.1, seed: 1}}
 """
-    message = (
-        "the matrix is not positive semidefinite, its lowest eigenvalue is -0.9; with unknown"
-    )
+    message = "the matrix is not positive semidefinite, its lowest eigenvalue is -0.9; with unknown"
     with pytest.raises((SceneError, UsageError), match=message):
         dynid.run(scene(text))
 

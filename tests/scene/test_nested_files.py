@@ -1,5 +1,6 @@
 """Random nested models in files, chains and structures, against a flattening written here, exactly."""
 
+import itertools
 import random
 from collections import Counter
 from fractions import Fraction
@@ -73,7 +74,7 @@ class Line:
                     nodes[leg] = {"type": own, "value": value}
                     bonds.append(f"{name} -> {leg}")
         row += ["out"] if self.right == "out" else []
-        bonds += [f"{tail} -> {head}" for tail, head in zip(row, row[1:], strict=False) if tail and head]
+        bonds += [f"{tail} -> {head}" for tail, head in itertools.pairwise(row) if tail and head]
         return {
             "ports": [self.left, self.right],
             "parameters": self.parameters,
@@ -107,7 +108,7 @@ class Line:
                 for leg, leg_kind, value in rest[0] if kind in ("0", "1") else ():
                     nodes[f"{prefix}{leg}"] = (leg_kind, _value(value, scope))
                     bonds.append((own, f"{prefix}{leg}"))
-        bonds += [(one[1], other[0]) for one, other in zip(ends, ends[1:], strict=False)]
+        bonds += [(one[1], other[0]) for one, other in itertools.pairwise(ends)]
         return nodes, bonds, ends[0][0], ends[-1][1]
 
 

@@ -180,7 +180,7 @@ def time_constants(poles: NDArray[np.complex128]) -> NDArray[np.float64]:
     """Return -1/Re s of the poles, a conjugate pair once: negative for growth, inf on the axis."""
     rates = -poles[poles.imag >= 0].real
     with np.errstate(over="ignore"):
-        return np.divide(1.0, rates, out=np.full(len(rates), np.inf), where=rates != 0)
+        return np.asarray(np.divide(1.0, rates, out=np.full(len(rates), np.inf), where=rates != 0))
 
 
 def _add_hidden_modes(
