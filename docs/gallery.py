@@ -46,6 +46,13 @@ ENTRIES = (
     Entry("isolator", (), "bode", "its frequency response"),
     Entry("isolator", (), "poles-m_s.f-v_in", "its poles and zeros (eqs 20, 21)"),
     Entry("isolator", (), "time-response", "its response to a step"),
+    Entry("isolator_transmissibility", (), "bode", "the isolator before and after its loops are closed"),
+    Entry(
+        "isolator_transmissibility",
+        (),
+        "loop-nyquist",
+        "the Nyquist diagrams of its loops, with their delays",
+    ),
     Entry("isolator_port", (), "port-impedances", "impedances of source and load"),
     Entry("isolator_port", (), "performance", "source and load characteristics"),
     Entry("beam_joints", (), "structure", "Yang, Figs. 1 and 6: a beam on a pin, with joints"),

@@ -71,6 +71,7 @@ FAMILIES: tuple[FigureFamily, ...] = (
     FigureFamily(f"{_DIAGRAMS}.design:figures", paths=("bond_graph/design/",)),
     FigureFamily(f"{_DIAGRAMS}.responses:figures", paths=FREQUENCY_RESPONSES),
     FigureFamily(f"{_DIAGRAMS}.poles:figures", paths=("bond_graph/transfer_function/",)),
+    FigureFamily(f"{_DIAGRAMS}.feedback:figures", paths=("bond_graph/margins/",)),
     FigureFamily(
         f"{_DIAGRAMS}.responses:time_responses",
         paths=("bond_graph/time_response/", "structure/time_response/"),

@@ -136,12 +136,13 @@ def _margins(result: Result) -> Iterable[str]:
             changes = [f"gain times {at[name]:.4g}" for name in _MARGINS[:2] if 0 < at[name] < np.inf]
             found = [f"its roots cross the axis at {' and '.join(changes)}"] if changes else []
         else:
-            found.append(f"largest sensitivity {at['Ms']:.4g}, complementary {at['Mt']:.4g}")
+            found.append(f"Ms {at['Ms']:.4g}, Mt {at['Mt']:.4g}")
         if found:
             yield f"    {' · '.join(found)}"
     if f"{group}/poles" in result:
         poles = result[f"{group}/poles"]
-        yield f"  poles with delays  {roots_text(poles.data, hertz=in_hertz(result))}"
+        text = f"poles with delays: {roots_text(poles.data, hertz=in_hertz(result))}"
+        yield from wrap(text, 105, initial_indent="  ", subsequent_indent="    ")
         yield from wrap(f"{poles.attrs['note']}", 92, initial_indent="    ", subsequent_indent="    ")
     yield ""
 

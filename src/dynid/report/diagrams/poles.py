@@ -39,7 +39,8 @@ _FAR = 25.0
 _DAMPING = (0.1, 0.3, 0.5, 0.7, 0.9)
 _MOST = 400
 _SYMBOLS = {"pole": ("x", "s1"), "zero": ("ring", "s2"), "hidden mode": ("kite", "s4")}
-_AXES = ("real part (rad/s)", "imaginary part (rad/s)")
+#: Labels of the axes.
+AXES = ("real part (rad/s)", "imaginary part (rad/s)")
 #: Most samples of a root locus that are drawn.
 POINTS = 600
 
@@ -110,7 +111,7 @@ def _map_picture(result: Result, group: str, name: str, title: str) -> Picture:
     legend = [LegendEntry(f"{what}s", *_SYMBOLS[what]) for what, values, _ in kinds if len(values)]
     width = 480.0 if len(maps) == 1 else 860.0
     svg = chart(name, title, [maps], about, width=width, height=360.0, legend=legend)
-    columns = ("root", *_AXES, f"{unit.symbol}_n ({unit.name})", "ζ", "error bound (rad/s)")
+    columns = ("root", *AXES, f"{unit.symbol}_n ({unit.name})", "ζ", "error bound (rad/s)")
     return Picture(svg, about, FigureTable(columns, rows))
 
 
@@ -157,8 +158,8 @@ def _map(kinds: Sequence[Roots], reach: float, title: str, unit: FrequencyUnit) 
                 disc = root + bound * turn
                 layers.append(Curve(disc.real, disc.imag, "", "s3 fine", spans=False))
     space = 1.14 * np.append(every, [-margin, margin, 1j * margin, -1j * margin])
-    across = PlotAxis(_AXES[0], low=float(space.real.min()), high=float(space.real.max()))
-    up = PlotAxis(_AXES[1], low=float(space.imag.min()), high=float(space.imag.max()))
+    across = PlotAxis(AXES[0], low=float(space.real.min()), high=float(space.real.max()))
+    up = PlotAxis(AXES[1], low=float(space.imag.min()), high=float(space.imag.max()))
     return Subplot(across, up, layers, title, square=True)
 
 
@@ -207,6 +208,6 @@ def _locus_picture(
         rows += zip(values, [what[:-1]] * len(tips), roots.real.tolist(), roots.imag.tolist(), strict=True)
     ends = parameter.values[order[[0, -1]]]
     about = f"{parameter.path} from {short(float(ends[0]))} (faint) to {short(float(ends[1]))} (opaque)."
-    plot = Subplot(PlotAxis(_AXES[0]), PlotAxis(_AXES[1]), layers, square=True)
+    plot = Subplot(PlotAxis(AXES[0]), PlotAxis(AXES[1]), layers, square=True)
     svg = chart(name, title, [[plot]], about, width=560.0, height=420.0)
-    return Picture(svg, about, FigureTable((parameter.label, "root", *_AXES), tuple(rows[:1000])))
+    return Picture(svg, about, FigureTable((parameter.label, "root", *AXES), tuple(rows[:1000])))
