@@ -1,0 +1,45 @@
+"""Figures of feedback loops: Nyquist diagrams, sensitivity functions, root loci."""
+
+import numpy as np
+import pytest
+
+import dynid
+from dynid.report import figures
+from dynid.scene.load import check_source
+from dynid.scene.yaml.source import parse_source
+
+SCENE = """
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {u: Se, j: 1, J: {type: I, value: 0.5}, b: {type: R, value: 0.2}}
+  bonds: [u -> j, j -> J, j -> b]
+control:
+  loops: [{from: J.f, to: u, controller: CONTROLLER, reference: r}]
+analysis: {outputs: [J.f], results: [properties]}
+"""
+
+
+def drawn(controller):
+    result = dynid.run(check_source(parse_source(SCENE.replace("CONTROLLER", controller), "scene.yaml")))
+    return result, {figure.name: figure.draw() for figure in figures(result)}
+
+
+@pytest.mark.parametrize("controller", ["{gain: 2, delay: 0.1}", "{pid: {kp: 2, ki: 5}}"])
+def test_a_loop_is_drawn(controller):
+    result, pictures = drawn(controller)
+    table = pictures["loop-nyquist"].table
+    loop = result["bond_graph/sensitivity_functions/L"].data[:, 0]
+    assert [row[1] for row in table.rows][:3] == pytest.approx(
+        loop.real[:1].tolist() + [r[1] for r in table.rows[1:3]]
+    )
+    assert "right half-plane" in pictures["loop-nyquist"].caption or "stable" in pictures["loop-nyquist"].caption
+    assert "Ms" in pictures["sensitivity-functions"].caption
+    locus = pictures["root-locus-loop-1"]
+    assert ("Padé" in locus.caption) == ("delay" in controller)
+    for gain, real, imaginary in locus.table.rows[:40]:
+        if "delay" not in controller and gain:
+            s = complex(real, imaginary)
+            own = gain * (2 + 5 / s)
+            assert abs(0.5 * s + 0.2 + own) < 1e-9 * (abs(own) + 1)
+    assert np.isfinite(result["bond_graph/margins/Ms"].data).all()
