@@ -65,7 +65,7 @@ def _nyquist(result: Result) -> Picture:
     verdicts = [str(text) for text in result["bond_graph/margins/stability"].data[:_LOOPS]]
     about = (
         "L(jω) of every loop, the others closed, with delays as they are; dashed: negative frequencies; the "
-        f"circle has the radius 1, the cross is −1. {'; '.join(dict.fromkeys(verdicts))}."
+        f"circle has the radius 1, the cross is −1. Closed: {'; '.join(dict.fromkeys(verdicts))}."
     )
     wide = 420.0 if per_row == 1 else 760.0
     svg = chart("loop-nyquist", "Nyquist diagram of the loops", rows, about, width=wide, height=320.0)
