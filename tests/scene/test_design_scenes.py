@@ -239,6 +239,13 @@ def test_graphs_with_laws_are_not_designed():
     assert faults(text) == [f"scene.yaml:17:1: {message}"]
 
 
+def test_graphs_with_delays_are_not_designed():
+    loop = "{from: k.q, to: F, controller: {gain: 1, delay: 0.1}, reference: r}"
+    text = SCENE.replace("design:", f"control: {{loops: [{loop}]}}\ndesign:")
+    message = "a graph with a delay in a loop is not designed; write it as {numerator: …, denominator: …}"
+    assert faults(text) == [f"scene.yaml:17:60: {message}"]
+
+
 def test_numbers_that_cannot_depend_on_parameters_are_located():
     structure = "structure: {beam: {elements: e, length: 1, EI: 1, rhoA: 1}}, ports: {tip: 1}"
     text = SCENE.replace(

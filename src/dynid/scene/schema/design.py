@@ -139,7 +139,17 @@ def design_faults(source: Source) -> list[Fault]:
             if str(name) in written and str(name) not in free:
                 message = f"'{name}' is not free; values to compare are those of free parameters"
                 faults.append(source.fault(("design", "compare", title, name), message, key=True))
-    return faults + _channel_faults(source, design)
+    late = [
+        ("control", "loops", place, "controller", "delay")
+        for place, loop in enumerate(listing(mapping(source.data, "control"), "loops") if design else [])
+        if mapping(loop, "controller").get("delay") not in (None, 0)
+    ]
+    message = "a graph with a delay in a loop is not designed; write it as {numerator: …, denominator: …}"
+    return [
+        *faults,
+        *_channel_faults(source, design),
+        *(source.fault(path, message, key=True) for path in late),
+    ]
 
 
 def _named(design: dict[Any, Any]) -> list[tuple[tuple[Any, ...], str]]:
