@@ -18,7 +18,7 @@ from dynid.structure import correlation
 from dynid.structure.frf import Ports, frequency_response_functions
 from dynid.structure.matrices import Array, Label, as_array
 from dynid.structure.model import StructuralModel
-from dynid.structure.modes import Modes, modes
+from dynid.structure.modes import ModeMemory, Modes, modes, remembered_modes
 from dynid.structure.reduction.methods import Reductor
 from dynid.structure.reduction.reduction import StructuralReduction
 from dynid.structure.response import Channel, common_unit, ports
@@ -84,17 +84,18 @@ def compare(
     """
     import scipy.linalg  # noqa: F401 - loaded beforehand, so that no method pays for it
 
-    candidates = {}
-    for name, method in methods.items():
-        report_progress(f"reducing by {name}")
-        candidates[name] = candidate(model, method)
+    with remembered_modes() as memory:
+        candidates = {}
+        for name, method in methods.items():
+            report_progress(f"reducing by {name}")
+            candidates[name] = candidate(model, method, memory)
+        most = max(max(made.numbers, default=0) for made in candidates.values())
+        report_progress("modes of the full structure")
+        with measured(memory) as cost:
+            full = modes(*model.with_joints(), count=most)
     result = Result("reduction")
     result.add_axis("reduction/method", list(methods))
     result.add_axis("reduction/dof", [str(dof) for dof in model.dofs])
-    most = max(max(made.numbers, default=0) for made in candidates.values())
-    report_progress("modes of the full structure")
-    with measured() as cost:
-        full = modes(*model.with_joints(), count=most)
     result.annotate("reduction", solver=full.method, **cost.attributes())
     if full.doubt:
         result.annotate("reduction", doubt=full.doubt)
@@ -106,9 +107,9 @@ def compare(
     return result
 
 
-def candidate(model: StructuralModel, method: Reductor) -> Candidate:
-    """Reduce a structure, and find the modes of what comes out."""
-    with measured() as cost:
+def candidate(model: StructuralModel, method: Reductor, memory: ModeMemory | None = None) -> Candidate:
+    """Reduce a structure, and find the modes of what comes out; `memory` as of `measured`."""
+    with measured(memory) as cost:
         reduction = method.reduce(model)
     found = modes(*reduction.model.with_joints())
     found = found.within(model.with_joints()[2], reduction.model.expand(found.shapes))
@@ -213,17 +214,26 @@ class Cost:
 
 
 @contextmanager
-def measured() -> Iterator[Cost]:
-    """Measure the cost of the block; it is complete on leaving."""
+def measured(memory: ModeMemory | None = None) -> Iterator[Cost]:
+    """Measure the cost of the block; it is complete on leaving.
+
+    Parameters
+    ----------
+    memory
+        The modes that it shares with others, whose time is counted as if they were computed here.
+    """
     cost = Cost()
     before = None
     # Restarts the peak that the system records; elsewhere there is none.
     with suppress(OSError):
         (_PROCESS / "clear_refs").write_text("5")
         before = _resident("VmRSS")
+    shared = memory.seconds if memory is not None else 0.0
     started = time.perf_counter()
     yield cost
     cost.seconds = time.perf_counter() - started
+    if memory is not None:
+        cost.seconds += memory.seconds - shared
     peak = _resident("VmHWM")
     if before is not None and peak is not None:
         cost.peak_megabytes = max(0.0, peak - before)

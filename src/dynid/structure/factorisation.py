@@ -1,15 +1,19 @@
 """Direct factorisation of sparse symmetric matrices by interchangeable backends; every solution is checked.
 
-`splu` (SuperLU, of SciPy) is always available. The others are optional and used only when named; a backend
-that is named and not installed is refused, with the package to install.
+`splu` (SuperLU, of SciPy) is always available. `pardiso` is taken for large matrices where it is installed
+(`backend_for`), `cholespy` only when named; a backend that is named and not installed is refused, with the
+package to install.
 """
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -17,6 +21,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_matrix, issparse, triu
 from scipy.sparse.linalg import SuperLU, splu
 
+from dynid.defaults import BACKEND, LARGE_MATRICES
 from dynid.errors import NumericalError, Singular, UsageError
 from dynid.suggestions import did_you_mean
 
@@ -43,6 +48,11 @@ class BareFactors(Protocol):
         """Size of the factors, bytes; 0 where the backend does not report it."""
         ...
 
+    @property
+    def order(self) -> NDArray[np.intp] | None:
+        """A good order of elimination (n) for matrices of the same pattern, or None."""
+        ...
+
 
 class _SuperLUFactors:
     """Factors of SuperLU: minimum degree on A + Aᵀ, pivots on the diagonal."""
@@ -50,12 +60,19 @@ class _SuperLUFactors:
     # An off-diagonal pivot is taken only where the diagonal one is this much smaller.
     _THRESHOLD = 1e-3
     _ROUNDING = 2 * float(np.finfo(float).eps)
+    # SuperLU allocates this multiple of the entries at first, and counts it by 32 bits.
+    _FILL = 30
 
-    def __init__(self, A: csc_array, *, definite: bool) -> None:
+    def __init__(self, A: csc_array, *, definite: bool, ordered: bool = False) -> None:
+        if self._FILL * A.nnz > np.iinfo(np.int32).max:
+            raise UsageError(
+                f"a matrix of {A.nnz:,} entries is too large for SuperLU, which counts by 32 bits",
+                remedy="Install dynid[solvers]: PARDISO is then used.",
+            )
         try:
             self._lu: SuperLU = splu(
                 A,
-                permc_spec="MMD_AT_PLUS_A",
+                permc_spec="NATURAL" if ordered else "MMD_AT_PLUS_A",
                 diag_pivot_thresh=0.0 if definite else self._THRESHOLD,
                 options={"SymmetricMode": True},
             )
@@ -66,11 +83,10 @@ class _SuperLUFactors:
                 "the matrix is exactly singular",
                 remedy="Look for DOFs without mass and stiffness, or shift the matrix.",
             ) from None
-        self._dtype = A.dtype
-        self._sizes = np.asarray(abs(A).max(axis=0).todense()).ravel()
+        self._matrix = A
 
     def solve(self, b: Array) -> Array:
-        return np.asarray(self._lu.solve(np.asarray(b, dtype=self._dtype)))
+        return np.asarray(self._lu.solve(np.asarray(b, dtype=self._matrix.dtype)))
 
     @property
     def negatives(self) -> int | None:
@@ -79,10 +95,11 @@ class _SuperLUFactors:
         Then P A Pᵀ = L U with unit L; A symmetric, so that U = D Lᵀ and D is congruent to A. A pivot that is
         rounding of its column has no sign.
         """
-        if self._dtype.kind == "c" or not np.array_equal(self._lu.perm_r, self._lu.perm_c):
+        if self._matrix.dtype.kind == "c" or not np.array_equal(self._lu.perm_r, self._lu.perm_c):
             return None
         pivots = self._lu.U.diagonal()[self._lu.perm_c]
-        if np.any(np.abs(pivots) <= self._ROUNDING * self._sizes):
+        sizes = np.asarray(abs(self._matrix).max(axis=0).todense()).ravel()
+        if np.any(np.abs(pivots) <= self._ROUNDING * sizes):
             return None
         return int(np.count_nonzero(pivots < 0))
 
@@ -90,12 +107,17 @@ class _SuperLUFactors:
     def memory(self) -> int:
         return 12 * int(self._lu.nnz)  # a number and a row index for each entry
 
+    @property
+    def order(self) -> NDArray[np.intp]:
+        return np.argsort(self._lu.perm_c)
+
 
 class _CholmodFactors:
     """Factors of CHOLMOD, through cholespy: positive definite matrices."""
 
     negatives = 0
     memory = 0
+    order = None
     _MOST_COLUMNS = 128  # of right-hand sides that cholespy takes at a time
 
     def __init__(self, A: csc_array, *, definite: bool) -> None:  # noqa: ARG002 - of definite matrices only
@@ -125,16 +147,22 @@ class _PardisoFactors:
     _SETTINGS = (
         (0, 1),  # the rest is given here
         (1, 2),  # nested dissection by METIS
-        (7, -1),  # no refinement of its own: ours is checked
+        (7, 0),  # no refinement of its own but where pivots were perturbed: ours is checked
         (9, 8),  # perturb pivots below 1e-8 (PARDISO's default for symmetric indefinite matrices)
+        (17, -1),  # report the entries of the factors
         (20, 1),  # 1x1 and 2x2 Bunch–Kaufman pivots
         (34, 0),  # indices from 1
     )
     _NEGATIVES, _NOT_DEFINITE, _PERTURBED, _FACTOR_ENTRIES = 22, -4, 13, 17
+    order = None
 
     def __init__(self, A: csc_array, *, definite: bool) -> None:
         from pypardiso.pardiso_wrapper import PyPardisoError, PyPardisoSolver
 
+        # Otherwise pypardiso looks through all installed files, each time.
+        library = next(Path(sys.prefix).glob("lib/libmkl_rt.*"), None)
+        if library is not None:
+            os.environ.setdefault("PYPARDISO_MKL_RT", str(library))
         self._upper = csr_matrix(triu(A, format="csr"))
         self._upper.sort_indices()
         self._solver: Any = PyPardisoSolver(mtype=self._DEFINITE if definite else self._INDEFINITE)
@@ -167,7 +195,8 @@ class _PardisoFactors:
         return 8 * int(self._solver.iparm[self._FACTOR_ENTRIES])
 
     def __del__(self) -> None:
-        if hasattr(self, "_solver"):
+        # At the exit of the interpreter the library, or what calls it, may be gone; the memory goes with it.
+        if hasattr(self, "_solver") and not sys.is_finalizing():
             self._call(self._RELEASE, np.zeros(self._upper.shape[0]))
 
 
@@ -201,7 +230,13 @@ def available() -> dict[str, bool]:
     return {name: not backend.missing for name, backend in BACKENDS.items()}
 
 
-def bare(A: csc_array, name: str, *, definite: bool) -> BareFactors:
+def backend_for(size: int) -> str:
+    """Return the backend that a matrix of so many rows is factorised by unless one is named."""
+    large = size > LARGE_MATRICES.value and not BACKENDS["pardiso"].missing
+    return "pardiso" if large else BACKEND.value
+
+
+def bare(A: csc_array, name: str, *, definite: bool, ordered: bool = False) -> BareFactors:
     """Factorise with a backend.
 
     Raises
@@ -235,6 +270,8 @@ def bare(A: csc_array, name: str, *, definite: bool) -> BareFactors:
             remedy=f"Of indefinite ones use {takes}.",
             names=(name,),
         )
+    if ordered and name == "splu":
+        return _SuperLUFactors(A, definite=definite, ordered=True)
     return backend.factors(A, definite=definite)
 
 
@@ -253,15 +290,25 @@ class Factorisation:
     @cached_property
     def condition(self) -> float:
         """A lower bound of the condition, sharp to a small factor: the growth of a random right-hand side."""
-        b = np.random.Generator(np.random.PCG64(0)).standard_normal(self.matrix.shape[0])
-        return self.size * float(np.abs(self.solve(b)).max(initial=0.0) / np.abs(b).max(initial=1.0))
+        b, x = self._trial
+        return self.size * float(np.abs(self._improved(x, b)).max(initial=0.0) / np.abs(b).max(initial=1.0))
 
     @property
     def error(self) -> float:
         """Backward error of the factors themselves: of a random right-hand side, without refinement."""
-        b = np.random.Generator(np.random.PCG64(1)).standard_normal(self.matrix.shape[0])
-        x = self._bare(b)
+        b, x = self._trial
         return self._error(x, b, b - self.matrix @ x)
+
+    @cached_property
+    def _trial(self) -> tuple[Array, Array]:
+        """A random right-hand side and its solution, without refinement."""
+        b = np.random.Generator(np.random.PCG64(0)).standard_normal(self.matrix.shape[0])
+        return b, self._bare(b)
+
+    @property
+    def order(self) -> NDArray[np.intp] | None:
+        """The order of elimination (n), or None."""
+        return self.factors.order
 
     @property
     def memory(self) -> int:
@@ -286,7 +333,10 @@ class Factorisation:
         NumericalError
             If the solution is wrong even then.
         """
-        x = self._bare(b)
+        return self._improved(self._bare(b), b)
+
+    def _improved(self, x: Array, b: Array) -> Array:
+        """Return a solution that is checked, and refined where that helps."""
         residual = b - self.matrix @ x
         error = self._error(x, b, residual)
         if error > _FINE:
@@ -320,7 +370,9 @@ class Factorisation:
         return float(np.max(left / np.where(scale > 0, scale, 1.0)))
 
 
-def factorise(A: csc_array, backend: str = "splu", *, definite: bool = False) -> Factorisation:
+def factorise(
+    A: csc_array, backend: str = "auto", *, definite: bool = False, ordered: bool = False
+) -> Factorisation:
     """Factorise a symmetric sparse matrix.
 
     A random right-hand side is solved at once, so that a backend that returns wrong solutions is refused
@@ -332,9 +384,11 @@ def factorise(A: csc_array, backend: str = "splu", *, definite: bool = False) ->
         The matrix (n x n), symmetric, scaled so that its entries are of like size. A complex one, symmetric
         too and not Hermitian, is taken by `splu` alone.
     backend
-        One of `BACKENDS`.
+        One of `BACKENDS`, or ``auto``: `backend_for` its size.
     definite
         True of a positive definite matrix: some backends take no others, and others are faster then.
+    ordered
+        True if rows and columns are in a good order of elimination already (`Factorisation.order`).
 
     Raises
     ------
@@ -348,10 +402,12 @@ def factorise(A: csc_array, backend: str = "splu", *, definite: bool = False) ->
     if not issparse(A) or A.shape[0] != A.shape[1]:
         raise UsageError("a matrix to be factorised must be sparse and square")
     A = csc_array(A, dtype=complex if np.iscomplexobj(A) else float)
+    if backend == "auto":
+        backend = "splu" if np.iscomplexobj(A) else backend_for(A.shape[0])
     A.sort_indices()
     if not np.isfinite(A.data).all():
         raise UsageError("a matrix to be factorised has entries that are not finite numbers")
     size = float(np.asarray(abs(A).sum(axis=0)).max(initial=0.0))
-    factor = Factorisation(backend, A, bare(A, backend, definite=definite), size)
+    factor = Factorisation(backend, A, bare(A, backend, definite=definite, ordered=ordered), size)
     _ = factor.condition  # which is a checked solve
     return factor

@@ -86,7 +86,7 @@ def frequency_response_functions(
     *,
     method: str = "auto",
     accuracy: float = 1e-8,
-    backend: str = "splu",
+    backend: str = "auto",
 ) -> FrequencyResponse:
     """Compute frequency response functions.
 
@@ -182,7 +182,7 @@ def _solved(M: Matrix, C: Matrix, K: Matrix, forces: Array, omega: float) -> Arr
 
 
 def by_modes(
-    M: Matrix, C: Matrix, K: Matrix, ports: Ports, omega: Array, accuracy: float, backend: str = "splu"
+    M: Matrix, C: Matrix, K: Matrix, ports: Ports, omega: Array, accuracy: float, backend: str = "auto"
 ) -> FrequencyResponse:
     """Compute the response of the modes of the band with residual vectors.
 

@@ -224,7 +224,9 @@ def checked(labels: Iterable[Label], n: int) -> tuple[Label, ...]:
     UsageError
         If there are not n, two are the same, or a text could be taken for a number.
     """
-    given = tuple(labels) or tuple(range(1, n + 1))
+    given = tuple(labels)
+    if not given:
+        return tuple(range(1, n + 1))
     if len(given) != n:
         raise UsageError(f"there are {len(given)} DOF labels, but {n} DOFs")
     if len(set(given)) != n:

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.defaults import BACKEND
 from dynid.errors import NumericalError
 from dynid.structure.factorisation import factorise
 from dynid.structure.matrices import Array
@@ -68,7 +67,7 @@ def lowest_oscillating(
     Z = K + shift * damping
     scale = 1 / np.sqrt(Z.diagonal())
     balanced = diags_array(scale) @ csc_array(Z) @ diags_array(scale)
-    factor = factorise(csc_array(balanced), BACKEND.value, definite=True)
+    factor = factorise(csc_array(balanced), definite=True)
 
     def inverse(state: Array) -> Array:
         x, v = state[:n], elastic * state[n:]  # v is divided by a frequency: both are displacements

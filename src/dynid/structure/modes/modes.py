@@ -6,15 +6,20 @@ rigid-body modes from elastic ones and states the uncertainty of each frequency 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.defaults import ALL_MODES, BACKEND, DENSE_MODES, FEW_MODES
+from dynid.defaults import ALL_MODES, DENSE_MODES, FEW_MODES
 from dynid.errors import NumericalError, Singular, UsageError
 from dynid.lti.floating import guarded
-from dynid.structure.matrices import Array, Matrix, as_array
+from dynid.structure.matrices import Array, Matrix, as_array, is_sparse
 from dynid.structure.modes.pencil import Pencil, absolute, scaled, times, too_many
 from dynid.structure.modes.strain_energy import StrainEnergy
 
@@ -240,6 +245,60 @@ def _rigid(square: Array, parts: Array) -> NDArray[np.bool_]:
     return np.asarray((energy <= max(_ROUNDING, 10 * lowest)) | (parts == 0))
 
 
+class _Remembered(NamedTuple):
+    """Modes of sparse matrices, the backend asked for, and the time that they took, s."""
+
+    matrices: tuple[Matrix, Matrix, Matrix]
+    backend: str
+    found: Modes
+    seconds: float
+
+
+@dataclass
+class ModeMemory:
+    """The last modes of large matrices, for those who ask for the same ones again.
+
+    `seconds` is the time that modes took that were asked for again: the cost of work that shares them is
+    its own time and that.
+    """
+
+    last: _Remembered | None = None
+    seconds: float = 0.0
+
+    def recall(self, matrices: tuple[Matrix, Matrix, Matrix], count: int, backend: str) -> Modes | None:
+        """Return the lowest modes of the same matrices, if they are known."""
+        last = self.last
+        if last is None or last.backend != backend or count > len(last.found.omega):
+            return None
+        if not all(_equal(one, other) for one, other in zip(matrices, last.matrices, strict=True)):
+            return None
+        self.seconds += last.seconds
+        return last.found.first(count)
+
+
+_memory: ContextVar[ModeMemory | None] = ContextVar("memory", default=None)
+
+
+@contextmanager
+def remembered_modes() -> Iterator[ModeMemory]:
+    """Compute the lowest modes of the same large matrices only once within the block."""
+    token = _memory.set(ModeMemory())
+    memory = _memory.get()
+    assert memory is not None
+    try:
+        yield memory
+    finally:
+        _memory.reset(token)
+
+
+def _equal(one: Matrix, other: Matrix) -> bool:
+    """Return True if sparse matrices are the same, entry by entry as they are stored."""
+    if one is other:
+        return True
+    parts = ((getattr(one, name), getattr(other, name)) for name in ("indptr", "indices", "data"))
+    return all(np.array_equal(a, b) for a, b in parts)
+
+
 @guarded("the modes of the structure")
 def modes(
     M: Matrix,
@@ -267,7 +326,8 @@ def modes(
         Or all modes below this frequency, rad/s; with both, as many of those as `count`. With neither,
         all modes.
     backend
-        ``auto``: dense matrices or, for few modes of many DOFs, sparse ones factorised by SuperLU;
+        ``auto``: dense matrices or, for few modes of many DOFs, sparse ones factorised by SuperLU, or by
+        PARDISO where it is installed and there are many;
         ``dense``; or a factorisation backend: ``splu``, ``cholespy``, ``pardiso``.
     proof
         Whether sparse modes asked for by their number are proved complete by a count of pivots, which
@@ -290,7 +350,7 @@ def modes(
     if backend == "auto":
         backend = solver_for(K.shape[0], count, below)
     if backend != "dense":
-        return _lowest_sparse(M, C, K, count, below, backend, proof)
+        return _lowest_or_known(M, C, K, count, below, backend, proof)
     from dynid.structure.modes.dense import eigenpairs
 
     pencil = scaled(as_array(K), as_array(M))
@@ -304,11 +364,13 @@ def modes(
 
 def solver_for(size: int, count: int | None, below: float | None) -> str:
     """Return the backend that is chosen by size, and by how many modes are asked for."""
+    from dynid.structure.factorisation import backend_for
+
     if size <= _SMALL:
         return "dense"
     few = count is not None and count <= size // _PART
     if few or (size > _LARGE and (count or below)):
-        return BACKEND.value
+        return backend_for(size)
     if size > _LARGE:
         raise UsageError(
             f"all modes of {size} DOFs are asked for",
@@ -316,7 +378,23 @@ def solver_for(size: int, count: int | None, below: float | None) -> str:
             f"{_LARGE} DOFs.",
             names=("modes",),
         )
-    return BACKEND.value if below is not None else "dense"
+    return backend_for(size) if below is not None else "dense"
+
+
+def _lowest_or_known(
+    M: Matrix, C: Matrix, K: Matrix, count: int | None, below: float | None, backend: str, proof: bool
+) -> Modes:
+    memory = _memory.get()
+    if memory is None or not (proof and is_sparse(K) and is_sparse(M) and is_sparse(C)):
+        return _lowest_sparse(M, C, K, count, below, backend, proof)
+    if below is None and count is not None:
+        known = memory.recall((M, C, K), count, backend)
+        if known is not None:
+            return known
+    memory.last, started = None, perf_counter()  # its matrices need not be kept any longer
+    found = _lowest_sparse(M, C, K, count, below, backend, proof)
+    memory.last = _Remembered((M, C, K), backend, found, perf_counter() - started)
+    return found
 
 
 def _lowest_sparse(

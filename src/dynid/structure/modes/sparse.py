@@ -15,6 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
 from dynid.errors import Diverged, NumericalError, Singular
@@ -65,6 +66,7 @@ class SparseSpectrum:
         self._ratios = (self.K.diagonal() / np.where(mass > 0, mass, 1.0))[mass > 0]
         self._rng = np.random.Generator(np.random.PCG64(self.seed))
         self._factor: Factorisation | None = None
+        self._order: NDArray[np.intp] | None = None  # of elimination, once a factorisation has found it
         self._shift = self._first_shift = self.pencil.shift
 
     def lowest(self, count: int, *, proof: bool) -> tuple[Array, Array, float]:
@@ -122,6 +124,7 @@ class SparseSpectrum:
         while True:
             if self._factor is None:
                 self._factor, self._shift = self._shifted()
+                self._order = self._factor.order
             known = (1 / (self.square + self._shift), self.shapes) if len(self.square) else None
             try:
                 theta, shapes = largest(self._factor.solve, self.M, count, self._rng, known)
@@ -210,7 +213,7 @@ class SparseSpectrum:
     def _count(self, value: float) -> tuple[int, float]:
         self._factor = None  # two factorisations at a time would double the memory
         backend = self.backend if BACKENDS[self.backend].indefinite else "splu"
-        return eigenvalues_below(self.K, self.M, value, backend)
+        return eigenvalues_below(self.K, self.M, value, backend, self._order)
 
 
 def _stay_missing(backend: str) -> NumericalError:
@@ -220,7 +223,7 @@ def _stay_missing(backend: str) -> NumericalError:
     )
 
 
-def negative_eigenvalues(A: Matrix, backend: str = "splu") -> int:
+def negative_eigenvalues(A: Matrix, backend: str = "splu", *, ordered: bool = False) -> int:
     """Return the number of negative eigenvalues of a symmetric matrix.
 
     Parameters
@@ -229,6 +232,8 @@ def negative_eigenvalues(A: Matrix, backend: str = "splu") -> int:
         The matrix (n x n), dense (Bunch–Kaufman pivots) or sparse (the backend's pivots).
     backend
         The factorisation backend of sparse matrices, one that takes indefinite ones.
+    ordered
+        True if rows and columns are in a good order of elimination already.
 
     Raises
     ------
@@ -241,7 +246,7 @@ def negative_eigenvalues(A: Matrix, backend: str = "splu") -> int:
         return _negatives_dense(np.asarray(A))
     for diagonal in (False, True) if backend == "splu" else (False,):
         try:
-            factor = factorise(A, backend, definite=diagonal)
+            factor = factorise(A, backend, definite=diagonal, ordered=ordered)
         except NumericalError:
             if not diagonal:
                 raise
@@ -271,7 +276,9 @@ def _negatives_dense(A: Array) -> int:
     return int(np.count_nonzero(pivots < 0)) + len(twos)
 
 
-def eigenvalues_below(K: Matrix, M: Matrix, value: float, backend: str = "splu") -> tuple[int, float]:
+def eigenvalues_below(
+    K: Matrix, M: Matrix, value: float, backend: str = "splu", order: NDArray[np.intp] | None = None
+) -> tuple[int, float]:
     """Count the eigenvalues of ``K phi = lambda M phi`` below a value.
 
     Parameters
@@ -282,6 +289,8 @@ def eigenvalues_below(K: Matrix, M: Matrix, value: float, backend: str = "splu")
         The value.
     backend
         As of `negative_eigenvalues`.
+    order
+        A good order of elimination (n) where one is known.
 
     Returns
     -------
@@ -297,7 +306,10 @@ def eigenvalues_below(K: Matrix, M: Matrix, value: float, backend: str = "splu")
     for nudge in _NUDGES:
         nudged = value + nudge * abs(value)
         try:
-            return negative_eigenvalues(combined(1.0, K, -nudged, M), backend), nudged
+            A = combined(1.0, K, -nudged, M)
+            if order is not None:
+                A = A[order][:, order]
+            return negative_eigenvalues(A, backend, ordered=order is not None), nudged
         except NumericalError:
             continue
     raise NumericalError(

@@ -11,14 +11,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.structure.matrices import Matrix, triplets
+from dynid.structure.matrices import Matrix, is_sparse, triplets
 
 Array = NDArray[np.float64]
 
 # Dekker's constant: a product with it splits a double into two halves.
 _SPLIT = 2.0**27 + 1
-# Numbers that a block of products takes at a time: 16 MB each.
-_BLOCK = 2_000_000
 
 
 class StrainEnergy:
@@ -34,18 +32,22 @@ class StrainEnergy:
     """
 
     def __init__(self, K: Matrix) -> None:
-        rows, columns, data = triplets(K)
-        kept = data != 0
-        rows, columns, data = rows[kept], columns[kept], data[kept]
-        # The entries of a row, one after the other; rows of many entries first.
-        count = np.bincount(rows, minlength=K.shape[0])
+        if is_sparse(K):
+            rows = K.tocsr()  # a copy: K is stored by columns
+            rows.sum_duplicates()
+            rows.eliminate_zeros()
+            starts, columns, data = rows.indptr, rows.indices, rows.data
+        else:
+            places, columns, data = triplets(K)  # row by row
+            starts = np.searchsorted(places, np.arange(K.shape[0] + 1))
+        # The first entries of all rows, then the second ones, and so on; rows of many entries first.
+        count = np.diff(starts)
         self._rows = np.argsort(-count, kind="stable")
-        rank = np.argsort(self._rows, kind="stable")
-        order = np.argsort(rows, kind="stable")
-        place = np.arange(len(rows)) - np.repeat(np.cumsum(count) - count, count)
-        order = order[np.lexsort((rank[rows[order]], place))]
+        have = np.searchsorted(-count[self._rows], -np.arange(int(count.max(initial=0))), side="left")
+        first = starts[self._rows]
+        order = np.concatenate([first[:0], *(first[:n] + place for place, n in enumerate(have))])
         self._columns, self._entries = columns[order], data[order]
-        self._ends = np.concatenate([[0], np.cumsum(np.bincount(place))]).tolist()
+        self._ends = np.concatenate([[0], np.cumsum(have)]).tolist()
         self._halves = _halves(self._entries)
 
     def energy(self, shape: Array) -> float:
@@ -58,38 +60,37 @@ class StrainEnergy:
     def gram(self, left: Array, right: Array) -> Array:
         """Return ``left^T K right`` (a x b) of shapes (n x a, n x b)."""
         out, moved = np.zeros((left.shape[1], right.shape[1])), right[self._rows]
-        for columns in self._blocks(left.shape[1]):
-            forces = self._forces(left[:, columns])
-            for column, force, lost in zip(columns, forces[0].T, forces[1].T, strict=True):
-                high, low = _halves(force)
-                work, rest = _product(force[:, None], (high[:, None], low[:, None]), moved)
-                out[column] = _total(work, rest + moved * lost[:, None])
+        for column, (force, lost) in enumerate(zip(*(part.T for part in self._forces(left)), strict=True)):
+            high, low = _halves(force)
+            work, rest = _product(force[:, None], (high[:, None], low[:, None]), moved)
+            out[column] = _total(work, rest + moved * lost[:, None])
         return out
 
     def residual(self, X: Array, B: Array) -> Array:
         """Return ``B - K X`` (n x c), rounded once."""
         out = np.empty_like(B)
-        for columns in self._blocks(X.shape[1]):
-            force, lost = self._forces(X[:, columns])
-            left, error = _sum(B[self._rows][:, columns], -force)
-            out[np.ix_(self._rows, columns)] = left + (error - lost)
+        force, lost = self._forces(X)
+        left, error = _sum(B[self._rows], -force)
+        out[self._rows] = left + (error - lost)
         return out
-
-    def _blocks(self, columns: int) -> list[NDArray[np.intp]]:
-        """Return the columns in blocks whose products fit into memory."""
-        each = max(1, _BLOCK // max(1, len(self._entries)))
-        return [np.arange(first, min(first + each, columns)) for first in range(0, columns, each)]
 
     def _forces(self, X: Array) -> tuple[Array, Array]:
         """Return ``K X`` (n x c) and its rounding error, in the order of `_rows`."""
-        high, low = self._halves
-        product, rest = _product(self._entries[:, None], (high[:, None], low[:, None]), X[self._columns])
-        force, lost = np.zeros(X.shape), np.zeros(X.shape)
-        for first, last in pairwise(self._ends):
-            part = slice(0, last - first)
-            force[part], error = _sum(force[part], product[first:last])
-            lost[part] += error + rest[first:last]
+        force, lost = np.zeros(X.shape, order="F"), np.zeros(X.shape, order="F")
+        for column in range(X.shape[1]):
+            self._add_force(np.ascontiguousarray(X[:, column]), force[:, column], lost[:, column])
         return force, lost
+
+    def _add_force(self, x: Array, force: Array, lost: Array) -> None:
+        """Add ``K x`` and its rounding error, one entry of all rows at a time: in fast memory."""
+        (a, b), (c, d) = self._halves, _halves(x)
+        for first, last in pairwise(self._ends):
+            entries, part = slice(first, last), slice(0, last - first)
+            at = self._columns[entries]
+            product, high, low = self._entries[entries] * x[at], c[at], d[at]
+            rest = ((a[entries] * high - product) + a[entries] * low + b[entries] * high) + b[entries] * low
+            force[part], error = _sum(force[part], product)
+            lost[part] += error + rest
 
 
 def _product(a: Array, halves: tuple[Array, Array], b: Array) -> tuple[Array, Array]:

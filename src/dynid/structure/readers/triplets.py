@@ -45,14 +45,15 @@ def assembled(
     """
     from scipy.sparse import coo_array  # heavy import, needed here only
 
-    wrong = (ends < 1) | (ends > np.array(shape))
-    if wrong.any():
+    if ends.size and (ends.min() < 1 or np.any(ends.max(axis=0) > shape)):
+        wrong = (ends < 1) | (ends > np.array(shape))
         row, column = ends[int(np.argmax(wrong.any(axis=1)))]
         raise FileError(
             f"{path} names the entry ({row}, {column}); rows and columns count from 1 to "
             f"{shape[0]} and {shape[1]}"
         )
-    rows, columns = ends.T - 1
+    index = np.int32 if max(shape) <= np.iinfo(np.int32).max else np.int64
+    rows, columns = (end.astype(index) - 1 for end in ends.T)
     if mirror:
         off = rows != columns
         rows, columns = np.concatenate([rows, columns[off]]), np.concatenate([columns, rows[off]])
