@@ -39,6 +39,7 @@ SMALL = {
     "many-modes": (20, 1e-10),
     "structure-response": (3, 1e-8),
     "frf-joints": (60, 0.1),
+    "plate-process": (400, 1e-10),
     "startup": (1, 0),
     "study": (2, 1e-15),
     "robot-arm": (1024, 0.25),

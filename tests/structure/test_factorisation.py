@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from dynid.errors import NumericalError, Singular, UsageError
 from dynid.structure import factorisation
-from dynid.structure.factorisation import BACKENDS, available, factorise
+from dynid.structure.factorisation import BACKENDS, available, backend_for, factorise
 from dynid.structure.modes import modes
 from dynid.structure.modes.sparse import eigenvalues_below, negative_eigenvalues
 
@@ -172,3 +172,37 @@ def test_counts_below_values_of_a_dense_and_a_sparse_pencil():
 def test_a_value_that_hits_an_eigenvalue_is_nudged():
     K = sp.diags_array(np.arange(1.0, 9.0), format="csc")
     assert eigenvalues_below(K, sp.eye_array(8, format="csc"), 3.0) == (3, pytest.approx(3.0, rel=2e-8))
+
+
+def test_the_backend_follows_the_size_and_what_is_installed(monkeypatch):
+    def installed(package):
+        monkeypatch.setitem(BACKENDS, "pardiso", BACKENDS["pardiso"]._replace(package=package))
+
+    installed("numpy")  # is there
+    assert [backend_for(size) for size in (20_000, 20_001)] == ["splu", "pardiso"]
+    installed("no_such_package")
+    assert backend_for(10**6) == "splu"
+    assert factorise(string(3)[0]).name == "splu"
+
+
+def test_a_matrix_that_superlu_cannot_count_is_refused(monkeypatch):
+    monkeypatch.setattr(factorisation._SuperLUFactors, "_FILL", 10**9)
+    with pytest.raises(UsageError, match="too large for SuperLU") as refusal:
+        factorise(string(3)[0], "splu")
+    assert "dynid[solvers]" in refusal.value.remedy
+
+
+def test_the_order_of_one_factorisation_serves_another():
+    K, exact = grid(20)
+    order = factorise(K, "splu", definite=True).order
+    assert sorted(order) == list(range(400))
+    A = sp.csc_array(K - 1.0 * sp.eye_array(400))
+    counts = [
+        eigenvalues_below(K, sp.eye_array(400, format="csc"), 1.0, "splu", given) for given in (None, order)
+    ]
+    assert counts == [(np.count_nonzero(exact < 1.0), 1.0)] * 2
+    turned = factorise(A[order][:, order], "splu", ordered=True)
+    found = factorise(A, "splu")
+    b = np.arange(400.0)
+    np.testing.assert_allclose(turned.solve(b[order]), found.solve(b)[order], rtol=1e-9)
+    assert turned.memory <= 1.1 * found.memory

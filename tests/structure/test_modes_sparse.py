@@ -11,7 +11,7 @@ from dynid.errors import NumericalError, Singular, UsageError
 from dynid.structure.assembly import Support
 from dynid.structure.beam import beam
 from dynid.structure.factorisation import available
-from dynid.structure.modes import lanczos, modes
+from dynid.structure.modes import lanczos, modes, remembered_modes
 from dynid.structure.modes.sparse import SparseSpectrum
 
 from .pencils import free_string, grid, string
@@ -264,3 +264,35 @@ def test_nearly_free_dofs_on_a_chain_are_found_with_all_the_others_or_refused(se
     found = modes(*matrices, count=8, backend="splu")
     stated = 3 * (dense.uncertainty + found.uncertainty)
     assert np.all(np.abs(found.omega - dense.omega) <= 1e-8 * dense.omega + stated)
+
+
+def test_the_same_modes_are_computed_once(monkeypatch):
+    K, exact = grid(24)
+    M, C = sp.eye_array(576, format="csc"), sp.csc_array((576, 576))
+    K = sp.csc_array(K)
+    computed = []
+    whole = SparseSpectrum.lowest
+
+    def counted(self, count, **options):
+        computed.append(count)
+        return whole(self, count, **options)
+
+    monkeypatch.setattr(SparseSpectrum, "lowest", counted)
+    with remembered_modes() as memory:
+        first = modes(M, C, K, 5)
+        assert memory.seconds == 0
+        again = modes(M.copy(), C.copy(), K.copy(), 4)  # equal, and not the same objects
+        assert computed == [5]
+        assert memory.seconds > 0
+        np.testing.assert_array_equal(again.omega, first.omega[:4])
+        modes(M, C, K, 6)  # more of them
+        modes(M, C, sp.csc_array(2 * K), 6)  # another structure
+        modes(M, C, K, 6)  # only the last are remembered
+        modes(M, C, K, 6, proof=False)  # with nothing proved
+        assert computed == [5, 6, 6, 6, 6]
+        below = modes(M, C, K, below=float(np.sqrt(exact[8])) * 1.01)
+        few = modes(M, C, K, 3)
+        np.testing.assert_array_equal(few.omega, below.omega[:3])
+        assert computed == [5, 6, 6, 6, 6]
+    modes(M, C, K, 3)
+    assert computed == [5, 6, 6, 6, 6, 3]

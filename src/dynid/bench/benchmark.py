@@ -152,6 +152,7 @@ BENCHMARKS = {
     "many-modes": CatalogueEntry("modes:MANY", 2),
     "structure-response": CatalogueEntry("structure_response", 3),
     "frf-joints": CatalogueEntry("frf_joints", 5),
+    "plate-process": CatalogueEntry("plate_process", 0),  # minutes at the size that matters
     "startup": CatalogueEntry("startup", 17),
     "study": CatalogueEntry("study", 15),
     "robot-arm": CatalogueEntry("robot_arm", 0),  # its data are not in the package

@@ -36,7 +36,7 @@ class StrainEnergy:
             rows = K.tocsr()  # a copy: K is stored by columns
             rows.sum_duplicates()
             rows.eliminate_zeros()
-            starts, columns, data = rows.indptr, rows.indices, rows.data
+            starts, columns, data = rows.indptr.astype(np.intp), rows.indices.astype(np.intp), rows.data
         else:
             places, columns, data = triplets(K)  # row by row
             starts = np.searchsorted(places, np.arange(K.shape[0] + 1))
