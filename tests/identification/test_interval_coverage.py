@@ -1,5 +1,7 @@
 """Errors over many noisy records, against the Cramér–Rao bound and the intervals that are reported."""
 
+import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,3 +31,26 @@ def test_errors_are_as_small_as_any_can_be_and_as_large_as_they_are_said_to_be(n
     rms = np.sqrt(np.mean(np.square(errors), axis=0))
     np.testing.assert_allclose(rms, 1, atol=3 / np.sqrt(2 * RECORDS))
     np.testing.assert_allclose(np.mean(held, axis=0), 0.95, atol=3 * np.sqrt(0.95 * 0.05 / RECORDS))
+
+
+@pytest.mark.slow
+def test_intervals_of_joints_from_frequency_responses():
+    """The frame of the benchmark with 2 % proportional noise; 2,000 records with DYNID_RECORDS=2000."""
+    from dynid.bench.cases import frf_joints
+    from dynid.identification.frf_measurement import FrfSystem
+    from dynid.identification.identify import identify_frf
+
+    count = int(os.environ.get("DYNID_RECORDS", "200"))
+    case = frf_joints._case(791)
+    clean = FrfSystem.of(case.model, case.measurement.channels).response(case.omega).values
+    true, held = np.array(list(frf_joints._TRUE.values())), []
+    for seed in range(count):
+        noise = np.random.default_rng(1000 + seed).standard_normal((2, *clean.shape)) / np.sqrt(2)
+        values = clean * (1 + 0.02 * (noise[0] + 1j * noise[1]))
+        result = identify_frf(case.model, replace(case.measurement, source=values))
+        assert result.value("identification/diagnostics/converged"), seed
+        estimate, deviation = (
+            result[f"identification/parameters/{part}"].data for part in ("estimate", "standard_error")
+        )
+        held.append(np.abs(np.log(true / estimate)) <= 1.959964 * deviation / estimate)
+    np.testing.assert_allclose(np.mean(held, axis=0), 0.95, atol=3 * np.sqrt(0.95 * 0.05 / count))

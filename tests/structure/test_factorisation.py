@@ -1,5 +1,6 @@
 """Factorisations whose solutions are checked, and inertia counts against exact ones."""
 
+import os
 from fractions import Fraction
 
 import numpy as np
@@ -206,3 +207,21 @@ def test_the_order_of_one_factorisation_serves_another():
     b = np.arange(400.0)
     np.testing.assert_allclose(turned.solve(b[order]), found.solve(b)[order], rtol=1e-9)
     assert turned.memory <= 1.1 * found.memory
+
+
+def test_the_library_of_pardiso_is_named_for_pypardiso(monkeypatch, tmp_path):
+    (tmp_path / "lib").mkdir()
+    monkeypatch.setattr("sys.prefix", str(tmp_path))
+    for name in ("PYPARDISO_MKL_RT", "KMP_BLOCKTIME"):
+        monkeypatch.setenv(name, "")
+        monkeypatch.delenv(name)
+    factorisation._prepare_library()
+    assert "PYPARDISO_MKL_RT" not in os.environ  # elsewhere pypardiso looks for it
+    library = tmp_path / "lib" / "libmkl_rt.so.3"
+    library.touch()
+    factorisation._prepare_library()
+    assert os.environ["PYPARDISO_MKL_RT"] == str(library)
+    assert os.environ["KMP_BLOCKTIME"] == "0"
+    monkeypatch.setenv("KMP_BLOCKTIME", "200")
+    factorisation._prepare_library()
+    assert os.environ["KMP_BLOCKTIME"] == "200"

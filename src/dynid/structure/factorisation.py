@@ -157,12 +157,9 @@ class _PardisoFactors:
     order = None
 
     def __init__(self, A: csc_array, *, definite: bool) -> None:
+        _prepare_library()
         from pypardiso.pardiso_wrapper import PyPardisoError, PyPardisoSolver
 
-        # Otherwise pypardiso looks through all installed files, each time.
-        library = next(Path(sys.prefix).glob("lib/libmkl_rt.*"), None)
-        if library is not None:
-            os.environ.setdefault("PYPARDISO_MKL_RT", str(library))
         self._upper = csr_matrix(triu(A, format="csr"))
         self._upper.sort_indices()
         self._solver: Any = PyPardisoSolver(mtype=self._DEFINITE if definite else self._INDEFINITE)
@@ -198,6 +195,17 @@ class _PardisoFactors:
         # At the exit of the interpreter the library, or what calls it, may be gone; the memory goes with it.
         if hasattr(self, "_solver") and not sys.is_finalizing():
             self._call(self._RELEASE, np.zeros(self._upper.shape[0]))
+
+
+def _prepare_library() -> None:
+    """Name the library of PARDISO, for which pypardiso else looks through all installed files.
+
+    Threads that wait for others do not use processors.
+    """
+    library = next(Path(sys.prefix).glob("lib/libmkl_rt.*"), None)
+    if library is not None:
+        os.environ.setdefault("PYPARDISO_MKL_RT", str(library))
+    os.environ.setdefault("KMP_BLOCKTIME", "0")
 
 
 class Backend(NamedTuple):

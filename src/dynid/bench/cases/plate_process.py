@@ -7,6 +7,7 @@ takes PARDISO where `dynid[solvers]` is installed.
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 import tempfile
@@ -37,7 +38,7 @@ np.savez("found.npz", T=T, mass=T.T @ (M @ T), stiffness=T.T @ (K @ T), frequenc
 
 
 def _side(dofs: int) -> int:
-    return max(4, round(dofs**0.5))
+    return max(4, math.isqrt(dofs))
 
 
 def _files(dofs: int) -> Path:
