@@ -229,6 +229,17 @@ def test_a_controller_feeds_a_mode():
     np.testing.assert_allclose(result["bond_graph/energy/growth_rate_by_control"].data, [-0.05], rtol=1e-12)
 
 
+def test_the_states_of_a_controller_store_no_energy():
+    loops = {
+        "loops": [{"from": "m.f", "to": "F", "controller": {"pid": {"kp": 1, "ki": 2}}, "reference": "r"}]
+    }
+    grid = {"start": 1, "stop": 2, "points": 2}
+    result = run(CHAIN, CHAIN_BONDS, ["energy"], control=loops, frequency=grid)
+    assert "controllers" in str(result.value("bond_graph/energy/status"))
+    assert list(result["bond_graph/energy/storage"].data) == ["m", "k"]
+    assert result["bond_graph/energy/energy"].data.shape == (2, 1, 2)
+
+
 def test_a_graph_without_storage_has_no_modes():
     result = run({"V": "Se", "j": 1, "R": node("R", 2)}, ["V -> j -> R"], ["energy"], output="R.f")
     assert result["bond_graph/energy/stored_share"].data.shape == (0, 0)

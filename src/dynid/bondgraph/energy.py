@@ -18,6 +18,8 @@ from dynid.bondgraph.plan import ReducedGraph
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
+#: The part whose elements stand for controllers.
+CONTROL = "control"
 #: Eigenvalues nearer to each other than this, relative to the larger one, are one repeated eigenvalue.
 _EQUAL = 1e-7
 #: A second eigenvector nearer to the first than this is the same one: the eigenvalue is defective.
@@ -40,10 +42,14 @@ class EnergyElements:
         Its I, C or R.
     storages, resistors
         Names of the elements as they are drawn; a field or a structure is one.
+    controlled
+        Whether controllers have states, which store no energy.
     """
 
     def __init__(self, graph: BondGraph) -> None:
-        single = [node for node in graph.nodes.values() if node.type in STORAGES or node.type == "R"]
+        every = [node for node in graph.nodes.values() if node.type in STORAGES or node.type == "R"]
+        single = [node for node in every if node.part != CONTROL]
+        self.controlled = any(node.type in STORAGES for node in every if node.part == CONTROL)
         self.ports = [Port(node.name, "e" if node.type == "C" else "f") for node in single]
         self.values = np.array([float(graph.value(node.name)) for node in single])
         self._stores = np.array([node.type in STORAGES for node in single], dtype=bool)

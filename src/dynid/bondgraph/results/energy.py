@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 _ENERGY, _SOURCES = "bond_graph/energy", "bond_graph/source_performance"
+_CONTROLLED = "undefined: modes that controllers have part in have no shares of energy"
 _NEGATIVE = "undefined: shares of energy are not defined for elements of negative values"
 
 
@@ -41,10 +42,10 @@ def add_energy(result: Result, graph: BondGraph, inputs: tuple[str, ...], omega:
     reduced = ReducedGraph(graph, inputs, elements.ports, traced=False)
     result.add_axis(f"{_ENERGY}/storage", np.array(elements.storages, dtype=object))
     result.add_axis(f"{_ENERGY}/resistor", np.array(elements.resistors, dtype=object))
-    if elements.passive:
-        _add_modes(result, elements, reduced)
+    if elements.controlled or not elements.passive:
+        result.add(f"{_ENERGY}/status", _CONTROLLED if elements.controlled else _NEGATIVE)
     else:
-        result.add(f"{_ENERGY}/status", _NEGATIVE)
+        _add_modes(result, elements, reduced)
     if omega is None:
         return
     squares = np.abs(frequency_response(reduced, omega).transpose(0, 2, 1)) ** 2
