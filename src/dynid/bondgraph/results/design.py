@@ -98,18 +98,20 @@ def _add_targets(result: Result, designed: Designed) -> None:
         result.add(f"{group}/{name}", np.array(names, dtype=object), ("target",))
     units = [_unit(functions, one) for one in design.targets]
     result.add(f"{group}/unit", np.array(units, dtype=object), ("target",))
-    wanted = [one.frequency if isinstance(one, RootTarget) else math.nan for one in design.targets]
+    wanted = [one.frequency if isinstance(one, RootTarget) else 0.0 for one in design.targets]
     dampings = [
-        one.damping if isinstance(one, RootTarget) and one.damping is not None else math.nan
+        one.damping if isinstance(one, RootTarget) and one.damping is not None else 0.0
         for one in design.targets
     ]
-    note = "rad/s of a zero or pole; NaN of a norm, which is minimised"
+    note = "rad/s of a zero or pole; 0 of a norm, which is minimised"
     result.add(f"{group}/wanted", wanted, ("target",), note=note)
-    result.add(f"{group}/wanted_damping", dampings, ("target",), note="NaN where none is wanted")
+    result.add(f"{group}/wanted_damping", dampings, ("target",), note="where one is wanted")
+    damped = [isinstance(one, RootTarget) and one.damping is not None for one in design.targets]
+    result.add(f"{group}/damping_wanted", damped, ("target",))
     for name, at in (("start", designed.start), ("reached", designed.solution.found)):
         rows = _values(functions, at)
         result.add(f"{group}/{name}", [row[0] for row in rows], ("target",))
-        result.add(f"{group}/{name}_damping", [row[1] for row in rows], ("target",), note="NaN of a norm")
+        result.add(f"{group}/{name}_damping", [row[1] for row in rows], ("target",), note="0 of a norm")
     result.add(f"{group}/residual", _residuals(functions, designed.solution.found), ("target",))
     if design.compared:
         others = [functions.at(functions.coordinates.of(values)) for values in design.compared.values()]
@@ -121,7 +123,7 @@ def _add_targets(result: Result, designed: Designed) -> None:
         result.add(f"{group}/value", found, ("design", "name"))
         table = np.array([_values(functions, at) for at in others])
         result.add(f"{group}/reached", table[:, :, 0], ("design", "target"))
-        result.add(f"{group}/reached_damping", table[:, :, 1], ("design", "target"), note="NaN of a norm")
+        result.add(f"{group}/reached_damping", table[:, :, 1], ("design", "target"), note="0 of a norm")
 
 
 def _unit(functions: DesignFunctions, target: Target) -> str:
@@ -132,15 +134,15 @@ def _unit(functions: DesignFunctions, target: Target) -> str:
 
 
 def _values(functions: DesignFunctions, at: Evaluation) -> list[tuple[float, float]]:
-    """Return of each target frequency and damping ratio, or the norm and NaN; NaN where there is no root."""
+    """Return of each target frequency and damping ratio, or norm and 0; infinite where no root is."""
     roots, sizes = iter(at.reached), iter(at.norms)
     rows = []
     for target in functions.design.targets:
         if isinstance(target, Criterion):
-            rows.append((next(sizes).value, math.nan))
+            rows.append((next(sizes).value, 0.0))
         else:
             root = next(roots)
-            rows.append((math.nan, math.nan) if root is None else (root.frequency, root.damping))
+            rows.append((math.inf, 0.0) if root is None else (root.frequency, root.damping))
     return rows
 
 

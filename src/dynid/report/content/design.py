@@ -42,14 +42,22 @@ def target_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]
     group, unit = f"{DESIGN}/targets", frequency_unit(result)
     get = {
         part: result[f"{group}/{part}"].data
-        for part in (*_NAMES, "wanted", "wanted_damping", "start", "start_damping", *_REACHED)
+        for part in (
+            *_NAMES,
+            "wanted",
+            "wanted_damping",
+            "damping_wanted",
+            "start",
+            "start_damping",
+            *_REACHED,
+        )
     }
     others = list(map(str, result[f"{DESIGN}/compared/design"].data)) if compares(result) else []
     rows = []
     for k, kind in enumerate(get["kind"]):
         channel = f"{get['output'][k]} / {get['input'][k]}"
         if kind in _ROOTS:
-            damped = not math.isnan(get["wanted_damping"][k])
+            damped = bool(get["damping_wanted"][k])
             cells = [f"{kind} of {channel}, {unit.name}{', ζ' if damped else ''}"]
             for part in ("wanted", "start", "reached"):
                 cells.append(_root(get[part][k], get[f"{part}_damping"][k], unit.factor, damped))
@@ -70,7 +78,7 @@ def target_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]
 
 
 def _root(omega: float, damping: float, factor: float, damped: bool) -> str:
-    if math.isnan(omega):
+    if math.isinf(omega):
         return "none"
     return f"{factor * omega:.6g}{f', {damping:.4g}' if damped else ''}"
 
