@@ -213,6 +213,9 @@ class Circuit:
         if node.type not in JUNCTIONS and port not in self.variables:
             kind: NodeType = "0" if behind.quantity == "e" else "1"
             key = (port.node, kind)
+            near = [end for bond in self.graph.bonds_of(port.node) for end in bond if end != port.node]
+            if len(near) == 1 and self.graph.nodes[near[0]].type == kind:
+                self._sensors[key] = near[0]  # its junction has the variable
             if key not in self._sensors:
                 self._sensors[key] = sensor = self._add(kind, f"{port.node}.{behind.quantity}_sensor")
                 place = next(k for k, one in enumerate(self.bonds) if port.node in one)
