@@ -205,6 +205,11 @@ def test_a_root_at_the_origin_is_not_stable():
     assert not found.stable
     assert "origin" in found.stability
     assert found.Ms == math.inf
+    closed = QuasiPolynomial({ZERO: fmpz_poly([2, 1]), Fraction(1): fmpz_poly([-2])})
+    roots, line = rightmost_roots(closed, [1e-9, -1 + 6j, -2 + 13j], 4)
+    assert roots[0].value == 0
+    assert line < 0
+    assert roots_right_of(closed, line) == len(roots)
 
 
 def test_a_multiple_root_is_not_refined():

@@ -20,6 +20,8 @@ from dynid.errors import Undecided
 PRECISION = 160
 #: Relative width below which an interval of frequencies is not divided further.
 _NARROW = 2.0**-60
+#: Size below which a root beside one at the origin is that root.
+_ORIGIN = 1e-30
 #: Bits of a value that is exact to double precision.
 _DOUBLE = 60
 #: Doublings of a radius before it is given up.
@@ -343,12 +345,16 @@ def rightmost_roots(
     most
         About the number of roots that are wanted.
     """
-    found: list[RefinedRoot] = []
+    found = [RefinedRoot(0j, 0.0)] if given.at_origin() == 0 else []
     for start in sorted(starts, key=lambda s: -s.real):
         if start.imag < 0:
             continue
         root = refined_root(given, start)
-        if root is None or any(abs(root.value - one.value) <= root.radius + one.radius for one in found):
+        if (
+            root is None
+            or (found and abs(root.value) < _ORIGIN and not found[0].radius)
+            or any(abs(root.value - one.value) <= root.radius + one.radius for one in found)
+        ):
             continue
         if abs(root.value.imag) <= root.radius:
             root = RefinedRoot(complex(root.value.real), root.radius)
