@@ -34,15 +34,17 @@ COMMANDS = {
     "library": ("dynid.cli.help:library", "List the models of machines and components, or print one."),
     "schema": ("dynid.cli.help:schema", "Print the JSON Schema of scenes."),
     "bench": ("dynid.cli.bench:bench", "Measure the speed and the error of the algorithms."),
+    "demo": ("dynid.cli.demo:demo", "Run a tour of the commands in a temporary folder."),
+    "doctor": ("dynid.cli.doctor:doctor", "Report versions, optional packages and folders."),
     "help": ("dynid.cli.help:help_", "Print the manual of a topic."),
 }
 
 #: The commands in groups, as `dynid --help` lists them.
 GROUPS = {
-    "Run": ("new", "check", "run", "plan"),
+    "Run": ("demo", "new", "check", "run", "plan"),
     "Studies": ("study", "study-merge", "study-worst"),
     "Results": ("show", "report", "plot", "watch", "compare", "export"),
-    "Help": ("help", "library", "schema", "bench"),
+    "Help": ("help", "library", "schema", "doctor", "bench"),
 }
 
 
@@ -91,9 +93,7 @@ class LazyGroup(click.Group):
         if args and args[0].startswith("-"):
             ctx.fail(f"No such option '{args[0]}'")
         if args and args[0] not in COMMANDS:
-            from dynid.suggestions import did_you_mean
-
-            ctx.fail(f"no command '{args[0]}'{did_you_mean(args[0], COMMANDS)}")
+            ctx.fail(_unknown_command(args[0]))
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
@@ -102,6 +102,16 @@ class LazyGroup(click.Group):
         for title, names in GROUPS.items():
             with formatter.section(title):
                 formatter.write_dl([(name.ljust(width), COMMANDS[name][1]) for name in names])
+
+
+def _unknown_command(name: str) -> str:
+    """Return the message for what is no command; a file is meant to be run or shown."""
+    for suffixes, verb in (((".yaml", ".yml"), "run"), ((".h5", ".hdf5"), "show")):
+        if name.lower().endswith(suffixes):
+            return f"'{name}' is a file, no command; write: dynid {verb} {name}"
+    from dynid.suggestions import did_you_mean
+
+    return f"no command '{name}'{did_you_mean(name, COMMANDS)}"
 
 
 def citation() -> str:
@@ -128,8 +138,8 @@ def _cite(context: click.Context, _option: click.Parameter, asked: bool) -> None
 def cli() -> None:
     """Bond graphs in the frequency domain, and joint identification on reduced FE models.
 
-    Each run reads one YAML scene and writes one HDF5 file. To start: dynid new bond-graph, then
-    dynid run bond-graph.yaml. Manual: dynid help
+    Each run reads one YAML scene and writes one HDF5 file. To start: dynid demo, or dynid new
+    bond-graph and dynid run bond-graph.yaml. Manual: dynid help
     """
 
 

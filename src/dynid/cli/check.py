@@ -155,7 +155,7 @@ def explanation_lines(explained: Explanation, loading: float = 0.0) -> Iterator[
 
     `loading`: seconds in which a scene is read, a part of every run.
     """
-    from dynid.cli.summary.causality import causality_lines
+    from dynid.cli.summary.derivations import causality_lines
     from dynid.cli.summary.identification import identifiability_lines
 
     parts = [

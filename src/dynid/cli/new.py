@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import dedent, indent
 from typing import TYPE_CHECKING
 
 import click
@@ -35,7 +36,7 @@ def _names() -> list[str]:
 
 
 @click.command()
-@click.argument("name", shell_complete=among(_names))
+@click.argument("name", required=False, shell_complete=among(_names))
 @click.option("-o", "--output", type=click.Path(), help="The file to write; default ./NAME.yaml.")
 @click.option("--force", is_flag=True, help="Replace an existing file.")
 @click.option("--no-schema", is_flag=True, help=f"Do not write {_SCHEMA}, from which editors complete keys.")
@@ -50,7 +51,7 @@ def _names() -> list[str]:
 )
 @click.option("--distinct", is_flag=True, help="chain: different parameter values in every stage.")
 def new(
-    name: str,
+    name: str | None,
     output: str | None,
     force: bool,
     no_schema: bool,
@@ -58,7 +59,7 @@ def new(
     stages: int | None,
     distinct: bool,
 ) -> int:
-    """Write a commented template scene.
+    """Write a commented template scene; without NAME, list the templates.
 
     \b
     bond-graph      transfer functions, zeros, poles and responses of a motor
@@ -75,6 +76,11 @@ def new(
     """  # noqa: D301 - click's mark against wrapping
     from dynid.file_access import replace_file
 
+    if name is None:
+        assert new.help is not None
+        click.echo("dynid new NAME, where NAME is one of\n")
+        click.echo(indent(dedent(new.help.partition("\b\n")[2]).rstrip(), "  "))
+        return 0
     refuse_unknown(name, _names(), "template")
     if name != _CHAIN and (stages is not None or distinct):
         raise UsageError(f"a template '{name}' has no stages", remedy=f"Use them with `dynid new {_CHAIN}`.")

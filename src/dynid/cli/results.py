@@ -17,8 +17,10 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("file", type=click.Path())
 @click.option("--all", "everything", is_flag=True, help="List every array, with its axes and units.")
+@click.option("--trace", is_flag=True, help="Print the derivations, too: causality, reduction steps.")
+@click.option("--json", "as_json", is_flag=True, help="Print the answer as one JSON object.")
 @reads_results("file")
-def show(file: str, everything: bool) -> int:
+def show(file: str, everything: bool, trace: bool, as_json: bool) -> int:
     """Print the summary of a result: of a run, a plan, a study or a benchmark.
 
     For an interrupted study, the finished samples are summarized.
@@ -29,7 +31,13 @@ def show(file: str, everything: bool) -> int:
     # Of a study only what the screen needs is read; it may be one that was interrupted.
     with open_stored(file, partial=True) as stored:
         result = stored if stored.kind == "study" else read_result(file)
-        click.echo(summary(result, str(result.attrs.get("created", ""))))
+        if as_json:
+            from dynid.report.content import warnings
+            from dynid.store.export import answer_json
+
+            click.echo(answer_json(result, warnings(result)))
+            return 0
+        click.echo(summary(result, str(result.attrs.get("created", "")), trace=trace))
         if everything:
             click.echo("\n" + contents(result))
     return 0

@@ -39,6 +39,8 @@ class LocatedError(DynidError):
     is_flag=True,
     help="Compare the cost and error of the selected algorithms with those of the alternatives.",
 )
+@click.option("-v", "--verbose", is_flag=True, help="Print the derivations, too: causality, reduction steps.")
+@click.option("--json", "as_json", is_flag=True, help="Print the answer as one JSON object.")
 @click.option("-q", "--quiet", is_flag=True, help="Print only errors and warnings.")
 def run(
     scene: str,
@@ -47,6 +49,8 @@ def run(
     junit: str | None,
     report: str | None,
     accuracy: bool,
+    verbose: bool,
+    as_json: bool,
     quiet: bool,
 ) -> int:
     """Run one scene and write one HDF5 file.
@@ -80,20 +84,22 @@ def run(
 
             write_page(read_result(target), report)
     outcomes = checked_expectations(loaded, result, junit)
-    if not quiet:
+    if not quiet and not as_json:
         from dynid.cli.summary import summary
 
-        click.echo(summary(result, f"{time.perf_counter() - started:.2g} s"))
+        click.echo(summary(result, f"{time.perf_counter() - started:.2g} s", trace=verbose))
         click.echo(f"\n  wrote {target}{f', {report}' if report else ''}")
-    # Scripts that do not read the screen find the warnings on standard error.
-    from dynid.report.content.identification import cautions
+    from dynid.report.content import warnings
 
-    of_graph = result["bond_graph/warnings"].data if "bond_graph/warnings" in result else ()
-    of_nodes = result.group_attrs.get("structure/nodes", {}).get("doubt")
-    of_design = result["bond_graph/design/warnings"].data if "bond_graph/design/warnings" in result else ()
-    for warning in (*of_graph, *of_design, *([] if of_nodes is None else [of_nodes]), *cautions(result)):
+    said = warnings(result)
+    if as_json:
+        from dynid.store.export import answer_json
+
+        click.echo(answer_json(result, said))
+    # Scripts that do not read the screen find the warnings on standard error.
+    for warning in said:
         click.echo(f"{scene}: warning: {warning}", err=True)
-    return report_expectations(loaded, outcomes, quiet)
+    return report_expectations(loaded, outcomes, quiet or as_json)
 
 
 def compute(scene: Scene, listener: Listener, *, accuracy: bool) -> Result:

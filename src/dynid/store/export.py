@@ -6,6 +6,8 @@ Equal results give equal bytes: no date is written.
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Sequence
 from io import BytesIO
 from typing import Any
 
@@ -17,6 +19,8 @@ from dynid.result import Result
 
 _TRANSFER = "bond_graph/transfer_function"
 _STATE_SPACE = "bond_graph/state_space"
+# Most entries of an array in the answer of a result.
+_SHORT = 100
 _MATRICES = ("mass", "stiffness", "damping", "T")
 # The header of a MATLAB file, 116 bytes.
 _MATLAB_TEXT = b"MATLAB 5.0 MAT-file, written by dynid".ljust(116)
@@ -48,6 +52,45 @@ def transfer_functions_json(result: Result) -> bytes:
         )
     document = {"title": result.title, "variable": "s", "transfer_functions": found}
     return (json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
+def answer_json(result: Result, warnings: Sequence[str]) -> str:
+    """Return the answer of a result as one JSON object: kind, title, status, answer, warnings.
+
+    `answer` has every array of at most 100 entries by its path: numbers, Booleans, texts and nested lists
+    of them; complex numbers are pairs of real and imaginary part, infinite ones the texts "inf" and "-inf",
+    and NaN is null.
+
+    Parameters
+    ----------
+    result
+        The result.
+    warnings
+        The warnings of the run.
+    """
+    document = {
+        "kind": result.kind,
+        "title": result.title,
+        "status": str(result.attrs.get("status", "complete")),
+        "answer": {
+            path: _plain(variable.data.tolist())
+            for path, variable in result.items()
+            if variable.data.dtype.names is None and variable.data.size <= _SHORT
+        },
+        "warnings": list(warnings),
+    }
+    return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON can hold it."""
+    if isinstance(value, list):
+        return [_plain(part) for part in value]
+    if isinstance(value, complex):
+        return [_plain(value.real), _plain(value.imag)]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else str(value)
+    return value
 
 
 def matlab_file(result: Result) -> bytes:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from textwrap import wrap
 from typing import TYPE_CHECKING
 
+from dynid.cli.summary.derivations import derivation_lines
 from dynid.report.content import doubts, method, part_name
 from dynid.scene.kind import KINDS, resolve
 
@@ -23,7 +24,7 @@ _OTHERS = {
 _NAMES = 6
 
 
-def summary(result: Result, note: str) -> str:
+def summary(result: Result, note: str, *, trace: bool = False) -> str:
     """Return a result as a screen of text.
 
     Parameters
@@ -32,6 +33,8 @@ def summary(result: Result, note: str) -> str:
         The result.
     note
         End of the headline: the duration of the run, or the time of creation.
+    trace
+        With the derivations: causality, and the steps of the reduction.
     """
     kind = KINDS.get(result.kind)
     screen = kind.load("summary") if kind else resolve(_OTHERS.get(result.kind, ""))
@@ -40,6 +43,8 @@ def summary(result: Result, note: str) -> str:
     lines = [_headline(result.title, method(result), note), "", *screen(result)]
     while not lines[-1]:
         lines.pop()
+    if derivations := derivation_lines(result):
+        lines += ["", *derivations] if trace else ["", "  derivation: -v, or dynid show --trace"]
     if warnings := doubts(result):
         lines += ["", *(f"  {line}" for sentence in warnings for line in wrap(sentence, 104))]
     if need := need_lines(result):

@@ -7,8 +7,8 @@ from textwrap import wrap
 
 import numpy as np
 
-from dynid.cli.summary.causality import causality_lines, equation_lines
 from dynid.cli.summary.common import response_lines
+from dynid.cli.summary.derivations import equation_lines
 from dynid.cli.summary.design import design_lines
 from dynid.cli.summary.transfer_functions import channel_lines
 from dynid.number_format import MOST_ROOTS, counted, roots_text
@@ -17,12 +17,10 @@ from dynid.report.content.characteristics import energy_lines, source_lines
 from dynid.report.scenes import in_hertz
 from dynid.result import Result
 
-#: Most steps, and prototypes, that are listed.
-_MOST, _MOST_OUTPUTS = MOST_ROOTS, 6
+#: Most slopes that are listed.
+_MOST = MOST_ROOTS
 #: Longest formula of a port, and width of its names.
 _LONGEST, _WIDTH = 70, 16
-#: Longest formula of a part of a prototype.
-_LONGEST_SYSTEM = 1000
 
 
 def lines(result: Result) -> list[str]:
@@ -43,9 +41,7 @@ def lines(result: Result) -> list[str]:
     for warning in result["bond_graph/warnings"].data if "bond_graph/warnings" in result else ():
         screen += wrap(f"warning: {warning}", 100, initial_indent="  ", subsequent_indent="    ")
     screen += _operating_point(result)
-    screen += causality_lines(result)
-    screen += design_lines(result)
-    screen += [*_reduction(result), ""]
+    screen += [*design_lines(result), ""]
     screen += _port(result)
     screen += channel_lines(result)
     screen += _energy(result)
@@ -69,35 +65,6 @@ def _operating_point(result: Result) -> Iterable[str]:
     yield from (f"      {name:<{width}} = {value}" for name, value in slopes[:_MOST])
     if len(slopes) > _MOST:
         yield f"      … {counted(len(slopes) - _MOST, 'more slope')} in the file"
-
-
-def _reduction(result: Result) -> Iterable[str]:
-    """Yield the prototype of each output, and the steps of its reduction."""
-    group = "bond_graph/reduction"
-    if f"{group}/output" not in result:
-        return
-    letters = np.atleast_1d(result[f"{group}/prototype"].data)
-    steps = result[f"{group}/steps"].data if f"{group}/steps" in result else None
-    outputs = result[f"{group}/output"].data
-    for place, output in enumerate(outputs[:_MOST_OUTPUTS]):
-        reached = f"prototype {letters[place]}:  {result[f'{group}/prototype_equation'].data[place]}"
-        own = [] if steps is None else [row for row in steps if row["output"] == output]
-        count = len(own) - 1
-        how = f"reduced in {counted(count, 'step')} to " if count > 0 else ""
-        yield f"  {output}: {how}{reached}"
-        for part in ("system_a", "system_b"):
-            system = str(result[f"{group}/{part}"].data[place])
-            cut = f"{system[:_LONGEST]}… (in the file)"
-            yield f"      {system if len(system) <= _LONGEST_SYSTEM else cut}"
-        for number, row in enumerate(own[:_MOST] if place == 0 else [], 1):
-            first, *rest = wrap(f"{row['rule']}: {row['equation']}", 92, break_long_words=False)
-            # The last row is the prototype itself, not a step.
-            yield f"    {number:>2}. {first}" if number <= count else f"        {first}"
-            yield from (f"          {line}" for line in rest)
-        if place == 0 and len(own) > _MOST:
-            yield f"    … {counted(len(own) - _MOST, 'more step')} in the file"
-    if len(outputs) > _MOST_OUTPUTS:
-        yield f"  … {counted(len(outputs) - _MOST_OUTPUTS, 'more output')} in the file"
 
 
 def _energy(result: Result) -> Iterable[str]:

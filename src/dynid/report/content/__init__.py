@@ -59,6 +59,16 @@ def doubts(result: Result) -> list[str]:
     return list(dict.fromkeys(f"warning: {sentence}" for sentence in texts))
 
 
+def warnings(result: Result) -> list[str]:
+    """Return what users must know of a result: warnings of its graph, nodes and identification."""
+    from dynid.report.content.identification import cautions
+
+    paths = ("bond_graph/warnings", "bond_graph/design/warnings")
+    of_graph = [str(text) for path in paths if path in result for text in result[path].data]
+    of_nodes = result.group_attrs.get("structure/nodes", {}).get("doubt")
+    return [*of_graph, *([] if of_nodes is None else [str(of_nodes)]), *cautions(result)]
+
+
 def doubtful(result: Result) -> Iterator[ReportSection]:
     """Yield the verdicts that round-off leaves undecided."""
     if found := doubts(result):

@@ -76,7 +76,7 @@ from dynid.scene.schema.references import Path, sections
 from dynid.scene.schema.signals import SignalPart, TimeGrid
 from dynid.scene.schema.structure import StructureModel
 from dynid.scene.yaml.source import Source
-from dynid.suggestions import did_you_mean
+from dynid.suggestions import did_you_mean, shortened
 
 #: Physical domains; `mechanical` is translation.
 Domain = Literal["mechanical", "rotational", "electrical", "magnetic", "hydraulic", "acoustic", "thermal"]
@@ -582,9 +582,8 @@ def _driving_faults(source: Source) -> list[Fault]:
     for path, signal in sections(BondGraphScene, source.data, SignalPart):
         name = signal.get("source")
         if isinstance(name, str) and name not in inputs:
-            faults.append(
-                source.fault((*path, "source"), f"'{name}' is not an input{did_you_mean(name, inputs)}")
-            )
+            there = did_you_mean(name, inputs) or f"; there are: {shortened(inputs) or 'none'}"
+            faults.append(source.fault((*path, "source"), f"'{name}' is not an input{there}"))
         faults += calibration_faults(source, path, signal)
         if "dof" in signal:
             faults.append(source.fault((*path, "dof"), "a bond graph has sources, not DOFs", key=True))

@@ -10,7 +10,7 @@ from pydantic import PlainValidator, ValidationInfo, WithJsonSchema
 from dynid.bondgraph.graph import NODE_TYPES, QUANTITIES, SOURCES, Port, port_fault
 from dynid.scene.schema.quantities import fault, names_of
 from dynid.scene.schema.raw import MULTIPORTS, PORT, ports_of
-from dynid.suggestions import did_you_mean
+from dynid.suggestions import did_you_mean, shortened
 
 
 def unknown_node(nodes: Mapping[str, str], name: str) -> str:
@@ -57,7 +57,8 @@ def _source_name(raw: Any, info: ValidationInfo) -> str:
     name, nodes = str(raw), names_of(info).nodes
     sources = [node for node, kind in nodes.items() if kind in SOURCES]
     if nodes and name not in nodes:
-        raise fault(f"no node '{name}'{did_you_mean(name, sources)}")
+        there = did_you_mean(name, sources) or f"; sources are: {shortened(sources) or 'none'}"
+        raise fault(f"no node '{name}'{there}")
     if nodes and nodes[name] in (*NODE_TYPES, *MULTIPORTS, PORT) and nodes[name] not in SOURCES:
         raise fault(
             f"'{name}' is no source (Se, Sf); only sources can be inputs{did_you_mean(name, sources)}"

@@ -1,15 +1,26 @@
-"""Screen of causality and state equations: states, derivative causality, conflicts, zero dynamics."""
+"""Screen of derivations: causality, the steps of the reduction, state equations."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from textwrap import wrap
 
-from dynid.number_format import counted
+import numpy as np
+
+from dynid.number_format import MOST_ROOTS, counted
 from dynid.result import Result
 
 #: Most states, remarks of a kind, and bonds that are listed.
 _STATES, _REMARKS, _BONDS = 12, 6, 24
+#: Most steps, and prototypes, that are listed.
+_MOST, _MOST_OUTPUTS = MOST_ROOTS, 6
+#: Longest formula of a part of a prototype, and what is shown of longer ones.
+_LONGEST_SYSTEM, _LONGEST = 1000, 70
+
+
+def derivation_lines(result: Result) -> list[str]:
+    """Return the causality of a graph, and its reduction to a prototype, line by line."""
+    return [*causality_lines(result), *_reduction(result)]
 
 
 def causality_lines(result: Result) -> Iterable[str]:
@@ -67,6 +78,35 @@ def _zero_dynamics(result: Result, prefix: str) -> Iterable[str]:
             yield from _hanging("", str(note))
     if len(groups) > _REMARKS:
         yield f"{'':15}… {counted(len(groups) - _REMARKS, 'more channel')} in the file"
+
+
+def _reduction(result: Result) -> Iterable[str]:
+    """Yield the prototype of each output, and the steps of its reduction."""
+    group = "bond_graph/reduction"
+    if f"{group}/output" not in result:
+        return
+    letters = np.atleast_1d(result[f"{group}/prototype"].data)
+    steps = result[f"{group}/steps"].data if f"{group}/steps" in result else None
+    outputs = result[f"{group}/output"].data
+    for place, output in enumerate(outputs[:_MOST_OUTPUTS]):
+        reached = f"prototype {letters[place]}:  {result[f'{group}/prototype_equation'].data[place]}"
+        own = [] if steps is None else [row for row in steps if row["output"] == output]
+        count = len(own) - 1
+        how = f"reduced in {counted(count, 'step')} to " if count > 0 else ""
+        yield f"  {output}: {how}{reached}"
+        for part in ("system_a", "system_b"):
+            system = str(result[f"{group}/{part}"].data[place])
+            cut = f"{system[:_LONGEST]}… (in the file)"
+            yield f"      {system if len(system) <= _LONGEST_SYSTEM else cut}"
+        for number, row in enumerate(own[:_MOST] if place == 0 else [], 1):
+            first, *rest = wrap(f"{row['rule']}: {row['equation']}", 92, break_long_words=False)
+            # The last row is the prototype itself, not a step.
+            yield f"    {number:>2}. {first}" if number <= count else f"        {first}"
+            yield from (f"          {line}" for line in rest)
+        if place == 0 and len(own) > _MOST:
+            yield f"    … {counted(len(own) - _MOST, 'more step')} in the file"
+    if len(outputs) > _MOST_OUTPUTS:
+        yield f"  … {counted(len(outputs) - _MOST_OUTPUTS, 'more output')} in the file"
 
 
 def equation_lines(result: Result, group: str) -> Iterable[str]:
