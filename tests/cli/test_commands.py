@@ -264,6 +264,7 @@ _KEYWORDS = {
         "additionalProperties",
         "propertyNames",
         "minProperties",
+        "maxProperties",
     ),
     *("items", "minItems", "maxItems", "minLength", "maxLength", "minimum", "maximum"),
     *("exclusiveMinimum", "exclusiveMaximum", "discriminator", "pattern", "format"),

@@ -47,7 +47,7 @@ def test_new_without_a_name_lists_the_templates(dynid):
         (["run", "motor.yaml", "--set", "R=3"], "did you mean --set parameters.R=3?"),
         (["run", "motor.yaml", "--set", "Q=3"], "'Q' is not a key"),
         (["run", "motor.yaml", "--set", "parameters.R=3,5"], "decimals stand behind a point"),
-        (["run", "motor.yaml", "--set", "analysis.inputs=[V_x]"], "no node 'V_x'; sources are: v"),
+        (["run", "motor.yaml", "--set", "analysis.inputs=[torque]"], "no node 'torque'; sources are: v"),
         (
             ["run", "motor.yaml", "--set", "analysis.time.input.source=w9"],
             "'w9' is not an input; there are: v",

@@ -41,7 +41,7 @@ def lines(result: Result) -> list[str]:
     for warning in result["bond_graph/warnings"].data if "bond_graph/warnings" in result else ():
         screen += wrap(f"warning: {warning}", 100, initial_indent="  ", subsequent_indent="    ")
     screen += _operating_point(result)
-    screen += [*design_lines(result), ""]
+    screen += ["", *design_lines(result)]
     screen += _port(result)
     screen += channel_lines(result)
     screen += _energy(result)

@@ -208,7 +208,8 @@ def nastran_module(name: str, path: Path) -> Any:
         If pyyeti is not installed.
     """
     try:
-        return import_module(f"pyyeti.nastran.{name}")
+        with np.printoptions():  # which pyyeti changes for all
+            return import_module(f"pyyeti.nastran.{name}")
     except ImportError:
         raise FileError(
             f"{path} is a Nastran file, which needs the package pyyeti",
