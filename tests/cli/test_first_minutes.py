@@ -54,7 +54,8 @@ def test_new_without_a_name_lists_the_templates(dynid):
         ),
     ],
 )
-def test_a_wrong_first_command_is_answered_with_the_right_one(dynid, motor, command, answer):
+@pytest.mark.usefixtures("motor")
+def test_a_wrong_first_command_is_answered_with_the_right_one(dynid, command, answer):
     code, _, said = dynid(*command)
     assert code == 2
     assert answer in said
@@ -65,7 +66,8 @@ def test_a_node_that_is_set_by_its_name_alone_is_found(dynid, motor):
     assert "did you mean --set graph.nodes.J.value=3?" in dynid("run", "motor.yaml", "--set", "J=3")[2]
 
 
-def test_the_answer_comes_first_and_derivations_when_they_are_asked_for(dynid, motor):
+@pytest.mark.usefixtures("motor")
+def test_the_answer_comes_first_and_derivations_when_they_are_asked_for(dynid):
     code, said, _ = dynid("run", "motor.yaml")
     assert code == 0
     lines = said.splitlines()
@@ -74,11 +76,12 @@ def test_the_answer_comes_first_and_derivations_when_they_are_asked_for(dynid, m
     assert "dynid show --trace" in said
     for command in (("run", "motor.yaml", "-v"), ("show", "motor.h5", "--trace")):
         traced = dynid(*command)[1]
-        assert "J.f: prototype b" in traced or "prototype" in traced
+        assert "prototype" in traced
         assert traced.index("poles   -4") < traced.index("prototype")
 
 
-def test_the_answer_as_one_json_object(dynid, motor):
+@pytest.mark.usefixtures("motor")
+def test_the_answer_as_one_json_object(dynid):
     code, ran, said = dynid("run", "motor.yaml", "--json")
     assert (code, said) == (0, "")
     answer = json.loads(ran)
