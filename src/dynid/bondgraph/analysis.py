@@ -209,6 +209,11 @@ def _add_responses(result: Result, reduced: ReducedGraph, analysis: Analysis) ->
     if "time_response" in asked and analysis.times is not None:
         report_progress("time response")
         add_time_response(result, reduced, analysis.times, analysis.signals, analysis.initial)
+        if analysis.linearisation is not None:
+            from dynid.bondgraph.results.operating_point import add_nonlinear_response
+
+            report_progress("nonlinear time response")
+            add_nonlinear_response(result, analysis)
 
 
 def _add_port(result: Result, reduced: ReducedGraph, analysis: Analysis, port: Bond) -> None:

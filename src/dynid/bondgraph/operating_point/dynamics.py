@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dynid.bondgraph.graph import Port
 from dynid.bondgraph.operating_point.equations import LawEquations, System
 from dynid.bondgraph.operating_point.newton import equilibrated
 from dynid.errors import NumericalError
@@ -67,23 +68,74 @@ class LawDynamics:
         self._basis = V[rank:].T  # of efforts and flows that fulfil the linear equations
         self._particular = V[:rank].T @ ((U[:, :rank].T @ driven[static]) / s[:rank, None])
         self._left = ~static
+        self._regular = False  # once h is known to determine c
+        self._prepare(whole)
+        self._storage_rows, self._places = self._storages()
         self._rate_rows = np.array(equations.rates, dtype=int)
+
+    def _storages(self) -> tuple[list[tuple[int, int]], list[int]]:
+        """Return the columns of output and state of every storage, and the rows of their equations."""
+        found: list[tuple[int, int]] = []
+        places = []
+        equations, first = self.equations, len(self.equations.rows)
+        graph = equations.model.graph
+        for state in equations.states:
+            if not graph.is_state(state):
+                continue
+            out = equations.column(Port(state.node, "f" if state.quantity == "p" else "e"))
+            found.append((out, equations.column(state)))
+            rows = [k for k, (node, _, _) in enumerate(equations.rows) if node == state.node]
+            rows += [first + k for k, row in enumerate(equations.laws) if row.node == state.node]
+            places.append(rows[0])
+        return found, places
 
     def efforts_and_flows(self, c: Array, u: Array) -> Array:
         """Return the efforts and flows of all bonds."""
         return np.asarray(self.y_scale * (self._basis @ c + self._particular @ u))
 
+    def _prepare(self, whole: Array) -> None:
+        """Take the linear storages together, and what the laws read of efforts, flows and states."""
+        count, linear = self._count, len(self.equations.rows)
+        storages = self._left[:linear]
+        by_y = whole[:linear][storages][:, :count]
+        self._linear = by_y @ self._basis, whole[:linear][storages][:, count:], by_y @ self._particular
+        laws = self.equations.laws
+        self._gradients = [self.equations.model.laws[row.node].gradient() for row in laws]
+        read = [[row.out, *([row.factor] if row.factor >= 0 else []), *row.arguments] for row in laws]
+        #: Of every law, by the columns that it reads: derivatives of the variables by c, x (scaled) and u.
+        self._reads = []
+        for columns in read:
+            by_c, by_x = (
+                np.zeros((len(columns), self._basis.shape[1])),
+                np.zeros((len(columns), len(self.x_scale))),
+            )
+            by_u = np.zeros((len(columns), self._particular.shape[1]))
+            for k, column in enumerate(columns):
+                if column < count:
+                    by_c[k] = self.y_scale[column] * self._basis[column]
+                    by_u[k] = self.y_scale[column] * self._particular[column]
+                else:
+                    by_x[k, column - count] = self.x_scale[column - count]
+            self._reads.append((by_c, by_x, by_u))
+
     def _storages_and_laws(self, c: Array, x: Array, u: Array) -> tuple[Array, Array, Array]:
         """Return the scaled residuals h, and their derivatives by c and by the scaled states."""
-        z = np.concatenate([self.efforts_and_flows(c, u), x])
-        residual, matrix = self._system.residual(z)
-        scaled = self._rows[self._left, None] * matrix[self._left].toarray()
-        by_y = scaled[:, : self._count] * self.y_scale
-        return (
-            self._rows[self._left] * residual[self._left],
-            by_y @ self._basis,
-            scaled[:, self._count :] * self.x_scale,
-        )
+        scaled = x / self.x_scale
+        by_c, by_x, by_u = self._linear
+        residuals, rows_c, rows_x = [by_c @ c + by_x @ scaled + by_u @ u], [by_c], [by_x]
+        rows = self._rows[len(self.equations.rows) :]
+        for row, gradient, (law_c, law_x, law_u), size in zip(
+            self.equations.laws, self._gradients, self._reads, rows, strict=True
+        ):
+            out, *rest = (law_c @ c + law_x @ scaled + law_u @ u).tolist()
+            factor = row.sign * (rest.pop(0) if row.factor >= 0 else 1.0)
+            value, slopes = gradient(rest)
+            modulus = [-row.sign * value] if row.factor >= 0 else []
+            weights = size * np.array([1.0, *modulus, *(-factor * slope for slope in slopes)])
+            residuals.append(np.array([size * (out - factor * value)]))
+            rows_c.append((weights @ law_c)[None])
+            rows_x.append((weights @ law_x)[None])
+        return np.concatenate(residuals), np.concatenate(rows_c), np.concatenate(rows_x)
 
     @cached_property
     def rate_matrix(self) -> Array:
@@ -99,9 +151,12 @@ class LawDynamics:
 
     def _closed(self, by_c: Array, by_x: Array) -> tuple[Array, Array]:
         """Return the matrix that determines a correction of c, and the constraints N."""
+        if self._regular and np.isfinite(by_c).all():
+            return by_c, np.zeros((len(by_c), 0))
         U, s, _ = np.linalg.svd(by_c)
         rank = int((s > _RANK * s.max(initial=0.0)).sum())
         N = U[:, rank:]
+        self._regular = not N.shape[1]
         return np.vstack([by_c, N.T @ by_x @ self.rate_matrix]), N
 
     def unknowns(self, c: Array, x: Array, u: Array) -> Array:
@@ -137,6 +192,43 @@ class LawDynamics:
         """Return the rates of the states."""
         scaled = self.rate_matrix @ c + self._rates_of_inputs() @ u
         return np.asarray(self.x_scale * scaled)
+
+    def constraints(self, c: Array, x: Array, u: Array) -> tuple[Array, Array]:
+        """Return the constraints N on the states, and how far each input enters them."""
+        z = np.concatenate([self.efforts_and_flows(c, u), x])
+        _, matrix = self._system.residual(z)
+        by_y = self._rows[self._left, None] * matrix[self._left].toarray()[:, : self._count] * self.y_scale
+        _, by_c, by_x = self._storages_and_laws(c, x, u)
+        _, N = self._closed(by_c, by_x)
+        return N, N.T @ by_y @ self._particular
+
+    def state_sizes(self) -> Array:
+        """Return the sizes of the states: those at the point, else those by which they are scaled."""
+        x = np.abs(self.z[self._count :])
+        return np.where(x > 0, x, self.x_scale)
+
+    def state_with(self, out: int, state: int, z: Array, change: float) -> float:
+        """Return the state of a storage whose effort or flow differs by an amount from that at the point.
+
+        Raises
+        ------
+        NumericalError
+            If its law has no such value near.
+        """
+        z, wanted = z.copy(), z[out] + change
+        row = next(k for k, one in enumerate(self._storage_rows) if one == (out, state))
+        for _ in range(50):
+            z[out] = wanted
+            residual, matrix = self._system.residual(z)
+            place = self._places[row]
+            slope = float(matrix[[place], [state]][0])
+            if slope == 0:
+                break
+            step = float(residual[place]) / slope
+            z[state] -= step
+            if abs(step) <= 1e-14 * abs(z[state]):
+                return float(z[state])
+        raise NumericalError("the stored energy at t = 0 is no value of the law of its element")
 
     def natural_modes(self, u: Array) -> Array:
         """Return the natural modes at the point: eigenvalues of the linearised state equations."""

@@ -45,7 +45,7 @@ class Gradient:
     ) -> None:
         self._number: Callable[[Any], Any] = _high if high else float
         self._functions = _on_high_precision() if high else _ON_FLOATS
-        self._count = len(variables)
+        self._count, self._high = len(variables), high
         places = {name: place for place, name in enumerate(variables)}
         self._given: list[Any] = []  # values of the constant entries behind the variables
         self._steps: list[tuple[int, str, tuple[int, ...]]] = []
@@ -95,7 +95,7 @@ class Gradient:
         OutOfRangeError
             If the value or a derivative is not a finite number.
         """
-        entries = [*values, *self._given]
+        entries = [*(values if self._high else map(float, values)), *self._given]
         try:
             for place, name, operands in self._steps:
                 entries[place] = self._functions[name](*[entries[k] for k in operands])

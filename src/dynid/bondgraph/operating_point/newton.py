@@ -100,7 +100,9 @@ class Factor:
         if self._lu is not None:
             return np.asarray(self._lu.solve(self._rows * residual))
         U, s, V = self._svd
-        return np.asarray(V[: len(s)].T @ ((U.T @ (self._rows * residual)) / s))
+        step = np.asarray(V[: len(s)].T @ ((U.T @ (self._rows * residual)) / s))
+        step[self._fixed] = 0.0
+        return step
 
 
 def equilibrated(matrix: csr_array) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -9,9 +9,12 @@ import numpy as np
 from dynid.bondgraph.graph import ONE_PORTS, GraphUnits, Port, unit_quotient
 from dynid.bondgraph.operating_point.equilibrium import OperatingPoint
 from dynid.bondgraph.operating_point.linearisation import Linearisation
+from dynid.bondgraph.request import Analysis
+from dynid.errors import NumericalError
 from dynid.result import Result
 
 GROUP = "bond_graph/operating_point"
+_TIME = "bond_graph/time_response"
 _NUMERICAL = (
     "linear results are exact for the slopes as rounded to doubles; what rests on exact equality of slopes, "
     "as roots that cancel, is numerical"
@@ -110,3 +113,50 @@ def _add_slopes(result: Result, linear: Linearisation, units: GraphUnits) -> Non
     found = [unit_quotient(above, below) if above and below else "" for above, below in pairs]
     if any(found):
         result.add(f"{GROUP}/slope_unit", found, ("slope",))
+
+
+def add_nonlinear_response(result: Result, analysis: Analysis) -> None:
+    """Add the nonlinear response beside the linear one, and how far they differ.
+
+    Both are deviations from the operating point. `nonlinear_deviation` is their largest difference, beside
+    the largest value of the linear response.
+
+    Parameters
+    ----------
+    result
+        With the linear response.
+    analysis
+        What was asked for.
+    """
+    from dynid.bondgraph.operating_point.response import TOLERANCE, nonlinear_response
+
+    assert analysis.linearisation is not None
+    assert analysis.times is not None
+    if analysis.loops:
+        result.annotate(_TIME, nonlinear="left out: loops are closed around the linearisation")
+        return
+    point = analysis.linearisation.point
+    try:
+        found = nonlinear_response(
+            point, analysis.law_outputs, analysis.times, analysis.signals, analysis.initial
+        )
+    except NumericalError as error:
+        result.annotate(_TIME, nonlinear=f"left out: {error.problem}")
+        return
+    linear = result[f"{_TIME}/response"]
+    size = np.abs(linear.data).max(axis=0)
+    size[size == 0] = np.abs(found.outputs).max(axis=0)[size == 0]
+    size[size == 0] = 1.0
+    deviation = np.abs(found.outputs - linear.data).max(axis=0) / size
+    result.add(f"{_TIME}/nonlinear", found.outputs, ("time", "output"), linear.units)
+    values = [
+        point.value(port) if port.quantity in "ef" else _at_rest(point, port) for port in analysis.law_outputs
+    ]
+    result.add(f"{_TIME}/operating_value", np.array(values), ("output",), linear.units)
+    result.add(f"{_TIME}/nonlinear_deviation", deviation, ("output",))
+    result.annotate(_TIME, nonlinear_tolerance=TOLERANCE, nonlinear_error=found.error)
+
+
+def _at_rest(point: OperatingPoint, port: Port) -> float:
+    """Return the value of an integral; zero where it counts from t = 0."""
+    return point.value(port) if Port(port.node, port.quantity) in point.equations.states else 0.0

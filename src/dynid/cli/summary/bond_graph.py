@@ -12,7 +12,14 @@ from dynid.cli.summary.derivations import equation_lines
 from dynid.cli.summary.design import design_lines
 from dynid.cli.summary.transfer_functions import channel_lines
 from dynid.number_format import MOST_ROOTS, counted, roots_text
-from dynid.report.content.bond_graph import POINT, PORT, point_facts, point_slopes, port_items
+from dynid.report.content.bond_graph import (
+    POINT,
+    PORT,
+    nonlinear_facts,
+    point_facts,
+    point_slopes,
+    port_items,
+)
 from dynid.report.content.characteristics import energy_lines, source_lines
 from dynid.report.scenes import in_hertz
 from dynid.result import Result
@@ -48,6 +55,7 @@ def lines(result: Result) -> list[str]:
     screen += _margins(result)
     screen += equation_lines(result, "bond_graph/state_space")
     screen += response_lines(result, "bond_graph")
+    screen += (f"    {fact}" for fact in nonlinear_facts(result))
     return screen
 
 

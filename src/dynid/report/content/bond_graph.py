@@ -47,8 +47,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
         yield ReportSection(
             "Warnings", tuple(Statement(f"{text[0].upper()}{text[1:]}.", "bad") for text in warnings)
         )
-    if POINT in result.group_attrs:
-        yield ReportSection("Operating point", tuple(_operating_point(result)))
+    yield from _operating_point(result)
     yield from design_sections(result)
     yield from channel_sections(result)
     yield from _energy_and_sources(result)
@@ -99,6 +98,24 @@ def point_facts(result: Result) -> Iterator[tuple[str, str]]:
     yield "note", str(about["note"])
 
 
+def nonlinear_facts(result: Result) -> Iterator[str]:
+    """Yield how far the nonlinear response is from the linear one, or why there is none."""
+    group = "bond_graph/time_response"
+    about = result.group_attrs.get(group, {})
+    if "nonlinear" in about:
+        yield f"nonlinear response {about['nonlinear']}"
+    if f"{group}/nonlinear_deviation" not in result:
+        return
+    outputs, shares = (result[f"{group}/{name}"].data for name in ("output", "nonlinear_deviation"))
+    for output, share in list(zip(outputs, shares, strict=True))[:_OUTPUTS]:
+        yield f"{output}: the nonlinear response is off the linear one by {100 * share:.3g} % of its maximum"
+    yield from (
+        block.text for block in more(len(outputs), _OUTPUTS, "output") if isinstance(block, Statement)
+    )
+    tolerance, error = (float(about[f"nonlinear_{name}"]) for name in ("tolerance", "error"))
+    yield f"integrated with a relative tolerance of {tolerance:.0e}; estimated error {error:.1g} of it"
+
+
 def point_slopes(result: Result) -> list[tuple[str, str]]:
     """Return the slopes of the laws as text."""
     if f"{POINT}/slope" not in result:
@@ -115,7 +132,16 @@ def point_values(result: Result) -> list[tuple[str, str]]:
     return [(str(n), f"{v:.6g} {u}".rstrip()) for n, v, u in zip(names, values, units, strict=True) if v == v]
 
 
-def _operating_point(result: Result) -> Iterator[Block]:
+def _operating_point(result: Result) -> Iterator[ReportSection]:
+    """Yield the operating point, and how far linear results hold."""
+    if POINT not in result.group_attrs:
+        return
+    yield ReportSection("Operating point", tuple(_point_blocks(result)))
+    if facts := list(nonlinear_facts(result)):
+        yield ReportSection("Range of the linear response", tuple(Statement(f"{fact}.") for fact in facts))
+
+
+def _point_blocks(result: Result) -> Iterator[Block]:
     yield definitions(*point_facts(result))
     for heads, rows in (
         (("variable", "value"), point_values(result)),

@@ -224,7 +224,11 @@ def _time_response(result: Result, group: str) -> Picture:
     sources = _columns(result, group, "input", "source", "input_unit") if f"{group}/input" in result else {}
     shown = list(outputs.items())[:OUTPUTS]
     height = 240.0 if len(shown) == 1 else 150.0
-    curves = [(name, Curve(time, values, "", series_class(0)), height) for name, values in shown]
+    beside = f"{group}/nonlinear" in result
+    laws = dict(_columns(result, group, "nonlinear", "output", "unit")) if beside else {}
+    curves = [
+        (name, Curve(time, values, "linear" * beside, series_class(0)), height) for name, values in shown
+    ]
     moving = {name: values for name, values in sources.items() if np.any(np.asarray(values) != 0)}
     curves += [(n, Curve(time, values, "", series_class(6)), 90.0) for n, values in list(moving.items())[:3]]
     ranges = []
@@ -236,10 +240,19 @@ def _time_response(result: Result, group: str) -> Picture:
     left = f" The first {OUTPUTS} of {len(outputs)} outputs." if len(outputs) > OUTPUTS else ""
     about = f"{way}{'; '.join(ranges)}, over {short(float(time[-1] - time[0]))} s.{left}"
     rows = [
-        [Subplot(PlotAxis("time (s)"), PlotAxis(name), [curve], height=tall)] for name, curve, tall in curves
+        [
+            Subplot(
+                PlotAxis("time (s)"),
+                PlotAxis(name),
+                [curve, *([Curve(time, laws[name], "nonlinear", series_class(1))] if name in laws else [])],
+                height=tall,
+            )
+        ]
+        for name, curve, tall in curves
     ]
+    also = {f"nonlinear {name}": values for name, values in laws.items()}
     svg = chart("time-response", "Time response", rows, about, shared=True)
-    return Picture(svg, about, table_of({"time (s)": time, **dict(shown), **moving}))
+    return Picture(svg, about, table_of({"time (s)": time, **dict(shown), **also, **moving}))
 
 
 def _columns(result: Result, group: str, name: str, axis: str, unit: str) -> Mapping[str, ArrayLike]:

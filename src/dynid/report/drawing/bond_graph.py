@@ -6,7 +6,7 @@ graph that is left after every step (Park & Kim, Figs. 6 to 8).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice, pairwise
@@ -67,6 +67,8 @@ class DrawnGraph:
         Fields and structures, junctions in `graph`, by what is written in their boxes.
     loops
         Feedback: pairs of the node that is measured and the source that is driven.
+    laws
+        By node with a law the nodes whose variables the law depends on.
     """
 
     graph: BondGraph
@@ -76,6 +78,7 @@ class DrawnGraph:
     domains: dict[str, str]
     boxes: dict[str, str] = field(default_factory=dict)
     loops: tuple[tuple[str, str], ...] = ()
+    laws: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 def drawn_graph(result: Result) -> DrawnGraph:
@@ -94,6 +97,7 @@ def _graph_of(scene: PlainScene) -> DrawnGraph:
     with readable():
         analysis = scene.data.get("analysis") or {}
         nodes, boxes, types = [], dict[str, str](), node_types(scene.data)
+        laws: dict[str, tuple[str, ...]] = {}
 
         def drawn(end: str) -> str:
             return end.rpartition(".")[0] if types.get(end) == PORT else end
@@ -105,6 +109,10 @@ def _graph_of(scene: PlainScene) -> DrawnGraph:
                 boxes[str(name)] = f"{types[str(name)]} at {ports}"
                 given = {"type": "0" if given["type"] == "C" else "1"}
             kind, value = cast("NodeType", str(given["type"])), given.get("value")
+            read = _variables(given, types)
+            if read is not None:
+                laws[str(name)] = tuple(dict.fromkeys(map(drawn, read)))
+                value = 1  # a law is drawn without its text
             exact, formula = (None, None) if value is None else (scene.exact(value), scene.expression(value))
             nodes.append(Node(str(name), kind, exact, formula, str(given.get("domain") or "")))
         chains = map(chain_ends, scene.data["graph"]["bonds"])
@@ -129,7 +137,23 @@ def _graph_of(scene: PlainScene) -> DrawnGraph:
             GraphUnits(graph).domains,
             boxes,
             tuple(driven),
+            laws,
         )
+
+
+def _variables(node: dict[str, Any], types: Mapping[str, str]) -> list[str] | None:
+    """Return the nodes whose variables the law or modulus of a node depends on; None where it has a value."""
+    from dynid.arithmetic.expression import parse
+
+    law, value = mapping(node, "law"), node.get("value")
+    texts = list(law.values()) if law else [value] if isinstance(value, str) else []
+    read = [
+        holder
+        for text in texts
+        for holder, _, quantity in (name.rpartition(".") for name in sorted(parse(str(text)).names))
+        if quantity in ("e", "f", "q", "p") and holder in types
+    ]
+    return read if law or read else None
 
 
 def _measured(data: dict[str, Any]) -> list[str]:
@@ -180,6 +204,8 @@ def _graph_picture(name: str, title: str, result_title: str, sketch: Sketch, dra
         caption = "Power is positive along the half arrows. A box is a field or structure of many nodes."
     if drawn.loops:
         caption += " Dashed lines are feedback, from what is measured to the source that it drives."
+    if any(read != name for name, every in drawn.laws.items() for read in every):
+        caption += " Dashed lines are variables that laws depend on."
     if any(node.opens for node in sketch.nodes):
         caption += " The box of a sub-model leads to the drawing of its inside."
     table = FigureTable(("from", "to", "effort is imposed on"), tuple(rows))
@@ -206,6 +232,12 @@ def sketch_of(drawn: DrawnGraph) -> Sketch:
         domain = next((domains[end] for end in plain if end in domains), "")
         bonds.append(SketchBond(bond.tail, bond.head, strokes.get((bond.tail, bond.head), ""), domain))
     bonds += [SketchBond(*loop, equation_only=True) for loop in drawn.loops]
+    bonds += [
+        SketchBond(read, name, equation_only=True)
+        for name, every in drawn.laws.items()
+        for read in every
+        if read != name
+    ]
     source = next((name for name in drawn.inputs if graph.bonds_of(name)), None)
     cut = (drawn.port.tail, drawn.port.head) if drawn.port is not None else None
     return Sketch(nodes, tuple(bonds), source, next(iter(outputs), None), cut)
@@ -247,7 +279,7 @@ _DASHED = "couplings that are not bonds: the entries k between two junctions, de
 def reduction_strips(result: Result) -> Iterator[Figure]:
     """Yield the reduction strip of every output."""
     drawn = drawn_graph(result)
-    if drawn.boxes or drawn.loops:
+    if drawn.boxes or drawn.loops or drawn.laws:
         return
     steps = result["bond_graph/reduction/steps"].data
     for port in drawn.outputs:

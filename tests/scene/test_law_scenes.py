@@ -1,0 +1,353 @@
+"""Laws and operating points in scenes: equilibria, linearisations, nonlinear responses, faults."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpmath import mp, mpf
+
+import dynid
+from dynid.errors import Diverged, NumericalError, SceneError, Singular
+from dynid.scene.load import check_source
+from dynid.scene.yaml.source import parse_source
+
+POINT = "bond_graph/operating_point"
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+def scene(text):
+    return check_source(parse_source(text.lstrip("\n"), "scene.yaml"))
+
+
+def run(text):
+    return dynid.run(scene(text))
+
+
+def value(result, variable):
+    names = list(result[f"{POINT}/variable"].data)
+    return result[f"{POINT}/value"].data[names.index(variable)]
+
+
+def slope(result, name):
+    return result[f"{POINT}/slope_value"].data[list(result[f"{POINT}/slope"].data).index(name)]
+
+
+DUFFING = """
+dynid: 1
+kind: bond-graph
+graph:
+  nodes:
+    F: Se
+    x: 1
+    m: {type: I, value: 2}
+    c: {type: R, law: {e: "0.5*f + f*abs(f)"}}
+    k: {type: C, law: {e: "-q + 4*q**3"}}
+  bonds: [F -> x, x -> m, x -> c, x -> k]
+OPERATING
+analysis: {outputs: [k.q]}
+"""
+
+
+def duffing(point, analysis="{outputs: [k.q]}"):
+    return DUFFING.replace("OPERATING", f"operating_point: {point}").replace("{outputs: [k.q]}", analysis)
+
+
+@pytest.fixture(scope="module")
+def servo():
+    return dynid.run(dynid.load_scene(CONFIGS / "servo_orifices.yaml"))
+
+
+def servo_point():
+    """The equilibrium of the servo by hand: all flows through the orifices, at 40 digits."""
+    mp.dps = 40
+    p, u, x = mpf(10) ** 7, mpf(2) / 10**5, mpf(4) / 10**6
+    K = mpf("0.62") * mpf("0.02") * mp.sqrt(mpf(2) / 870)
+    # (u + x) sqrt(p - a) = (u - x) sqrt(a); the other chamber alike
+    a = p * (u + x) ** 2 / ((u + x) ** 2 + (u - x) ** 2)
+    b = p * (u - x) ** 2 / ((u + x) ** 2 + (u - x) ** 2)
+    force = (a - b) / 1000 - 500
+    q = mp.findroot(lambda q: mpf(400000) * q + mpf(2) * 10**9 * q**3 - force, mpf("0.005"))
+    return K, u, x, p, a, b, q
+
+
+def test_the_equilibrium_of_the_servo_is_that_by_hand(servo):
+    K, u, x, p, a, b, q = servo_point()
+    expected = {"oil_a.e": a, "oil_b.e": b, "load_spring.q": q, "in_a.f": K * (u + x) * mp.sqrt(p - a)}
+    for name, wanted in expected.items():
+        assert abs(value(servo, name) / wanted - 1) < 1e-15
+    slopes = {
+        "d in_a.f / d in_a.e": K * (u + x) / (2 * mp.sqrt(p - a)),
+        "d in_a.f / d signal.f": K * mp.sqrt(p - a),
+        "d out_a.f / d signal.f": -K * mp.sqrt(a),
+        "d load_spring.e / d load_spring.q": 400000 + mpf(6) * 10**9 * q**2,
+    }
+    for name, wanted in slopes.items():
+        assert abs(slope(servo, name) / wanted - 1) < 1e-15
+    assert servo.value(f"{POINT}/residual") < 1e-15
+    assert list(servo[f"{POINT}/stability"].data) == ["stable"]
+
+
+def test_the_linearisation_of_the_servo_is_that_by_hand(servo):
+    """Spool to displacement of the spring: both chambers, piston, mass; at 40 digits."""
+    K, u, x, p, a, b, q = servo_point()
+    A, C, m, d = mpf(1) / 1000, mpf(1) / 10**4 / mpf("1.4e9"), 30, 4000
+    stiffness = 400000 + mpf(6) * 10**9 * q**2
+    top, bottom = (
+        servo[f"bond_graph/transfer_function/load_spring.q/spool/{part}"].data
+        for part in ("numerator", "denominator")
+    )
+    for s in (mpf(3), mpf(200), mpf(1500)):
+        flows = []
+        for sign, e, other in ((1, p - a, a), (-1, p - b, b)):
+            into = sign * K * (mp.sqrt(e) + mp.sqrt(other))
+            leak = K * ((u + sign * x) / mp.sqrt(e) + (u - sign * x) / mp.sqrt(other)) / 2
+            flows.append((into, C * s + leak))
+        # pressure = (flow in - A s q)/(C s + leak) in a, (flow in + A s q)/(…) in b
+        stiff = m * s**2 + d * s + stiffness + sum(A**2 * s / capacity for _, capacity in flows)
+        wanted = A * (flows[0][0] / flows[0][1] - flows[1][0] / flows[1][1]) / stiff
+        found = mp.polyval([mpf(c) for c in top], s) / mp.polyval([mpf(c) for c in bottom], s)
+        assert abs(found / wanted - 1) < 1e-12
+
+
+def test_the_nonlinear_response_of_the_servo_is_that_of_its_equations(servo):
+    from scipy.integrate import solve_ivp
+
+    K, u, _, p, a, b, q = map(float, servo_point())
+    C, A = 1e-4 / 1.4e9, 1e-3
+
+    def flow(opening, drop):
+        return K * opening * np.sign(drop) * np.sqrt(abs(drop))
+
+    def rates(_, z, spool=8e-6):
+        pa, pb, v, y = z
+        return [
+            (flow(u + spool, p - pa) - flow(u - spool, pa) - A * v) / C,
+            (flow(u - spool, p - pb) - flow(u + spool, pb) + A * v) / C,
+            (A * (pa - pb) - 500 - 4000 * v - 4e5 * y - 2e9 * y**3) / 30,
+            v,
+        ]
+
+    times = servo["bond_graph/time_response/time"].data
+    wanted = solve_ivp(rates, (0, times[-1]), [a, b, 0, q], "DOP853", times, rtol=1e-11, atol=1e-9)
+    found = servo["bond_graph/time_response/nonlinear"].data
+    for k, row, rest in ((0, 3, q), (1, 0, a)):
+        own = wanted.y[row] - rest
+        np.testing.assert_allclose(found[:, k], own, atol=1e-6 * np.abs(own).max())
+    deviation = servo["bond_graph/time_response/nonlinear_deviation"].data
+    assert np.all((deviation > 0.01) & (deviation < 0.2))
+
+
+def test_a_small_input_has_the_linear_response():
+    text = duffing(
+        "{choose: stable}",
+        "{outputs: [k.q], time: {stop: 5, step: 0.1, input: {kind: step, amplitude: 1.0e-6}}}",
+    )
+    assert run(text)["bond_graph/time_response/nonlinear_deviation"].data[0] < 1e-5
+
+
+def test_all_equilibria_of_a_double_well_are_found():
+    result = run(duffing("{}"))
+    names = list(result[f"{POINT}/variable"].data)
+    found = result[f"{POINT}/equilibria"].data[:, names.index("k.q")]
+    assert found[0] == 0
+    assert sorted(found) == [-0.5, 0, 0.5]
+    stability = dict(zip(found, result[f"{POINT}/stability"].data, strict=True))
+    assert stability == {-0.5: "stable", 0: "unstable", 0.5: "stable"}
+    assert "3 equilibria" in result["bond_graph/warnings"].data[0]
+
+
+@pytest.mark.parametrize(
+    ("point", "at"), [("{start: {k.q: 0.4}}", 0.5), ("{choose: stable}", None), ("{choose: 3}", None)]
+)
+def test_an_equilibrium_is_chosen(point, at):
+    result = run(duffing(point))
+    assert abs(value(result, "k.q")) == 0.5
+    assert at is None or value(result, "k.q") == at
+    assert slope(result, "d k.e / d k.q") == 2
+    assert slope(result, "d c.e / d c.f") == 0.5
+
+
+def test_a_given_point_is_taken_and_its_rates_are_a_warning():
+    result = run(duffing("{values: {k.q: 0.25, m.f: 3}, inputs: {F: 0}}"))
+    assert slope(result, "d k.e / d k.q") == -1 + 12 * 0.25**2
+    assert slope(result, "d c.e / d c.f") == 6.5
+    assert "no equilibrium: d(m.p)/dt = -10.31" in result["bond_graph/warnings"].data[0]
+    assert f"{POINT}/equilibria" not in result
+
+
+def test_a_law_of_zero_slope_leaves_its_element_out():
+    result = run(duffing("{start: {k.q: 0.5}}").replace("0.5*f + f*abs(f)", "f*abs(f)"))
+    assert result.group_attrs[POINT]["flat"] == "c"
+    np.testing.assert_allclose(result["bond_graph/transfer_function/k.q/F/denominator"].data, [1, 0, 1])
+
+
+CRANK = """
+dynid: 1
+kind: bond-graph
+parameters: {r: 0.5}
+models:
+  crank:
+    ports: [shaft, slide]
+    parameters: {r: 1, f: 3}
+    nodes:
+      shaft: 1
+      n: {type: TF, value: "r*cos(shaft.q)"}
+      slide: 1
+      damper: {type: R, law: {e: "f*abs(f) + 2*f*shaft.q"}}
+    bonds: [shaft -> n -> slide, slide -> damper]
+graph:
+  nodes:
+    T: Se
+    W: Se
+    arm: 1
+    J: {type: I, value: 2}
+    k: {type: C, value: 0.01}
+    c: {model: crank, r: r}
+    x: 1
+    m: {type: I, value: 10}
+  bonds: [T -> arm, arm -> J, arm -> k, arm -> c.shaft, c.slide -> x, W -> x, x -> m]
+operating_point: {inputs: {T: 3, W: -98}}
+analysis:
+  inputs: [T]
+  outputs: [arm.q, c.damper.e]
+  time: {stop: 1, step: 0.02, input: {kind: step, amplitude: 0.1, source: T}}
+"""
+
+
+def test_a_crank_in_a_model_is_linearised_with_its_geometric_stiffness():
+    """J phi'' + n m x'' + … with dx = n dphi, W n(phi) turns with the arm; a parameter f stays apart."""
+    result = run(CRANK)
+    mp.dps = 30
+    phi = mp.findroot(lambda p: 3 - 98 * mp.cos(p) / 2 - 100 * p, mpf("-0.4"))
+    assert abs(value(result, "k.q") / phi - 1) < 1e-15
+    n, slope_n = mp.cos(phi) / 2, -mp.sin(phi) / 2
+    bottom = [2 + 10 * n**2, 2 * phi * n**2, 100 + 98 * slope_n]
+    top, found = (
+        result[f"bond_graph/transfer_function/arm.q/T/{part}"].data for part in ("numerator", "denominator")
+    )
+    np.testing.assert_allclose(found, [float(c / bottom[0]) for c in bottom], rtol=1e-13)
+    np.testing.assert_allclose(top[-1], float(1 / bottom[0]), rtol=1e-13)
+
+
+def test_storage_in_derivative_causality_has_a_nonlinear_response():
+    """The crank's mass moves with the arm: phi'' by hand, with the centrifugal term of the modulus."""
+    from scipy.integrate import solve_ivp
+
+    result = run(CRANK)
+    phi = value(result, "k.q")
+
+    def rates(_, z):
+        p, w = z
+        n, slope_n = np.cos(p) / 2, -np.sin(p) / 2
+        v = n * w
+        force = -98 - v * abs(v) - 2 * v * p - 10 * slope_n * w**2
+        return [w, (3.1 - 100 * p + n * force) / (2 + 10 * n**2)]
+
+    times = result["bond_graph/time_response/time"].data
+    wanted = solve_ivp(rates, (0, 1), [phi, 0], "DOP853", times, rtol=1e-11, atol=1e-13).y[0] - phi
+    found = result["bond_graph/time_response/nonlinear"].data[:, 0]
+    np.testing.assert_allclose(found, wanted, atol=1e-5 * np.abs(wanted).max())
+
+
+def test_feedback_is_closed_around_the_linearisation():
+    text = (
+        duffing("{start: {k.q: 0.5}}")
+        + "control: {loops: [{from: k.q, to: F, controller: {gain: 5}, reference: r}]}\n"
+    )
+    result = run(text)
+    np.testing.assert_allclose(result["bond_graph/transfer_function/k.q/r/denominator"].data, [1, 0.25, 3.5])
+
+
+FLOATING = """
+dynid: 1
+kind: bond-graph
+graph:
+  nodes:
+    Q: Sf
+    a: 0
+    tank: {type: C, law: {e: "q + q**2"}}
+    valve: {type: R, law: {e: "f*abs(f) + f"}}
+    between: 1
+    b: 0
+    other: {type: C, value: 1}
+  bonds: [Q -> a, a -> tank, a -> between -> b, between -> valve, b -> other]
+operating_point: {start: {tank.q: 2, other.q: 1}}
+analysis: {outputs: [tank.e]}
+"""
+
+
+def test_what_is_conserved_is_that_of_the_start():
+    """Both tanks share what is in them: q + q^2 = 3 - q."""
+    assert value(run(FLOATING), "tank.q") == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "message"),
+    [
+        (
+            FLOATING.replace("{start", "{inputs: {Q: 1}, start"),
+            Singular,
+            "Q changes other.q and tank.q at a constant rate",
+        ),
+        (
+            duffing("{inputs: {F: 1}, search: {starts: 0}, choose: 2}"),
+            Singular,
+            "equilibrium 2 is chosen, but 1 was found",
+        ),
+        (duffing("{search: {starts: 0}, choose: stable}"), Singular, "the equilibrium is not stable"),
+        (
+            duffing("{inputs: {F: 3}}").replace("-q + 4*q**3", "1 + q**2").replace("F: 3", "F: 0"),
+            NumericalError,
+            "equilibrium",
+        ),
+        (duffing("{values: {k.q: 1}}"), Singular, "does not determine 'c.f'"),
+        (duffing("{}").replace("0.5*f + f*abs(f)", "f + abs(f)"), Singular, "kink at the operating point"),
+        (
+            duffing("{values: {k.q: 0, c.f: 1}}").replace("-q + 4*q**3", "sqrt(q)"),
+            NumericalError,
+            "determined|slope",
+        ),
+    ],
+)
+def test_points_without_a_linearisation_are_refused(text, error, message):
+    with pytest.raises((error, Diverged), match=message):
+        run(text)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "message"),
+    [
+        ("-q + 4*q**3", "-k*q", 9, "no parameter or variable 'k'"),
+        ("-q + 4*q**3", "-q + xx.q", 9, "'xx.q': no node 'xx'; did you mean 'x'"),
+        ("-q + 4*q**3", "-q + x.e", 9, "a 1-junction has one flow only"),
+        ("-q + 4*q**3", "-p", 9, "'p' is not the variable of this law, which is q"),
+        ("-q + 4*q**3", "q +", 9, "this is not arithmetic"),
+        ('{e: "-q + 4*q**3"}', "{f: q}", 9, "the law of C is {e: …} of q"),
+        ('{e: "-q + 4*q**3"}', "{e: q, f: q}", 9, "a law gives the effort or the flow"),
+        ('law: {e: "-q + 4*q**3"}', "value: 1, law: {e: q}", 9, "C has a 'law' or a 'value', not both"),
+        (
+            "{type: I, value: 2}",
+            "{type: I, value: x.f}",
+            7,
+            "the value of I cannot depend on variables; write a law",
+        ),
+        ("F: Se", "F: {type: Se, law: {e: f}}", 5, "only R, I and C have a law, not Se"),
+        ("c: {type: R, law: {e", "c: {type: TF, law: {e", 8, "a TF has a modulus, and no law"),
+        ("value: 2}", "value: 2}\n    n: {type: TF, value: 2*y.q}", 8, "no parameter 'y.q'"),
+        ("OPERATING", "operating_point: {inputs: {G: 1}}", 11, "no node 'G'"),
+        ("OPERATING", "operating_point: {inputs: {m: 1}}", 11, "'m' is no source"),
+        ("OPERATING", "operating_point: {start: {k: 1}}", 11, "'k' is no variable: NODE.e"),
+        ("OPERATING", "operating_point: {start: {kk.q: 1}}", 11, "'kk.q': no node 'kk'; did you mean 'k.q'"),
+        ("OPERATING", "operating_point: {values: {x.e: 1}}", 11, "a 1-junction has one flow only"),
+        ("OPERATING", "operating_point: {values: {k.q: 1}, start: {k.q: 1}}", 11, "is not solved for"),
+        ("OPERATING", "operating_point: {search: {ranges: {k.q: [1, 0]}}}", 11, "starts above its end"),
+        ("OPERATING", "operating_point: {choose: 0}", 11, "choose"),
+    ],
+)
+def test_faults_are_located(old, new, line, message):
+    text = DUFFING.replace(old, new).replace("OPERATING", "")
+    with pytest.raises(SceneError) as caught:
+        scene(text)
+    found = [fault for fault in caught.value.faults if message in fault.message]
+    assert found, str(caught.value)
+    assert found[0].line == line
