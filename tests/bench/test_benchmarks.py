@@ -42,6 +42,7 @@ SMALL = {
     "plate-process": (400, 1e-10),
     "startup": (1, 0),
     "study": (2, 1e-15),
+    "study-of-reductions": (2, 1e-11),
     "robot-arm": (1024, 0.25),
 }
 QUICK = [

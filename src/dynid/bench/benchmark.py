@@ -155,6 +155,7 @@ BENCHMARKS = {
     "plate-process": CatalogueEntry("plate_process", 0),  # minutes at the size that matters
     "startup": CatalogueEntry("startup", 17),
     "study": CatalogueEntry("study", 15),
+    "study-of-reductions": CatalogueEntry("reduction_study", 0),
     "robot-arm": CatalogueEntry("robot_arm", 0),  # its data are not in the package
 }
 

@@ -91,7 +91,7 @@ class _Basis:
         self.width = min(n, width)
         # Zeros, not what memory held: vectorised products may read it and raise for its bits.
         self.V = np.zeros((n, self.width + 1), order="F")
-        self.P = np.zeros_like(self.V)  # M V
+        self.P = np.zeros(self.V.shape, order="F")  # M V
         self.T = np.zeros((self.width, self.width))
         self.size, self.coupling = 0, 0.0
         self.held = 0  # vectors that T couples with the one behind

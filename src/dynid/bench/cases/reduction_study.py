@@ -1,0 +1,118 @@
+"""Samples of a beam reduced by SEREP over its stiffness and mass: in one process, or by a command each."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dynid.bench.benchmark import Alternative, Benchmark
+
+if TYPE_CHECKING:
+    from dynid.study.plan import Plan
+
+_PATH = "reduction/serep/frequencies"
+_ELEMENTS, _LENGTH = 12, 7.0
+_SCENE = f"""\
+dynid: 1
+kind: reduction
+parameters: {{EI: 1700, rhoA: 0.1}}
+structure:
+  beam:
+    elements: {_ELEMENTS}
+    length: {_LENGTH}
+    EI: EI
+    rhoA: rhoA
+    supports: [{{node: 1, fix: [w]}}, {{node: {_ELEMENTS + 1}, fix: [w, theta]}}]
+reduction: [{{method: serep, masters: [1, 5, 10, 16, 22], modes: [1, 2, 3, 4, 5]}}]
+"""
+_STUDY = f"""\
+dynid: 1
+kind: study
+scene: beam.yaml
+vary:
+  parameters.EI: {{{{distribution: uniform, low: 1500, high: 2000}}}}
+  parameters.rhoA: {{{{distribution: uniform, low: 0.05, high: 0.2}}}}
+sampling: {{{{method: latin-hypercube, samples: {{samples}}, seed: 1}}}}
+collect: [{_PATH}]
+"""
+
+
+def _plan(samples: int) -> Plan:
+    """Write the study into a folder of its own, and plan it."""
+    from dynid.scene.load import load_scene
+    from dynid.study.plan import make_plan
+
+    folder = Path(tempfile.mkdtemp())
+    (folder / "beam.yaml").write_text(_SCENE, encoding="utf-8")
+    (folder / "study.yaml").write_text(_STUDY.format(samples=samples), encoding="utf-8")
+    return make_plan(load_scene(folder / "study.yaml"))
+
+
+def _in_process(samples: int) -> Callable[[], Any]:
+    import numpy as np
+
+    from dynid.scene.batch import run_batch
+
+    plan = _plan(samples)
+    overrides = plan.overrides(range(samples))
+    return lambda: np.array(
+        [outcome.values[_PATH].data for outcome in run_batch(plan.base, overrides, plan.collect)]
+    )
+
+
+def _processes(samples: int) -> Callable[[], Any]:
+    """Return one command for each sample."""
+    import numpy as np
+
+    from dynid.store import read_result
+
+    plan = _plan(samples)
+
+    def work() -> Any:
+        found = []
+        for number in range(samples):
+            target = Path(tempfile.mkdtemp()) / "sample.h5"
+            settings = [f"--set={path}={value!r}" for path, value in plan.override(number).items()]
+            command = [sys.executable, "-m", "dynid", "run", plan.base.source.file, "-q", "-o", str(target)]
+            subprocess.run([*command, *settings], check=True)
+            found.append(read_result(target)[_PATH].data)
+        return np.array(found)
+
+    return work
+
+
+def _error(samples: int, found: Any) -> float:
+    """Return the error against the frequencies of one beam, scaled by the root of EI / rhoA."""
+    import numpy as np
+    from scipy.linalg import eigh
+
+    from dynid.structure.assembly import Support
+    from dynid.structure.beam import beam
+    from dynid.structure.matrices import as_array
+
+    ends = [Support(1, ("w",)), Support(_ELEMENTS + 1, ("w", "theta"))]
+    unit = beam(_ELEMENTS, _LENGTH, 1.0, 1.0, supports=ends)
+    omega = np.sqrt(eigh(as_array(unit.K), as_array(unit.M), eigvals_only=True)[: found.shape[1]])
+    plan = _plan(samples)
+    values = np.array([list(plan.override(number).values()) for number in range(samples)], dtype=float)
+    true = np.sqrt(values[:, :1] / values[:, 1:]) * omega
+    return float(np.max(np.abs(found / true - 1)))
+
+
+BENCHMARK = Benchmark(
+    title="SEREP of samples of a beam of 23 DOFs over its stiffness and mass",
+    size="samples",
+    sizes=(3, 100),
+    full=(10_000,),
+    alternatives=(
+        Alternative("in-process", _in_process),
+        Alternative("process-each", _processes, most=3),
+    ),
+    error=_error,
+    measure="largest relative error of a frequency",
+    remark="a study runs each sample in a process of its workers",
+)
