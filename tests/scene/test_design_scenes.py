@@ -247,12 +247,14 @@ def test_graphs_with_delays_are_not_designed():
 
 
 def test_numbers_that_cannot_depend_on_parameters_are_located():
-    structure = "structure: {beam: {elements: e, length: 1, EI: 1, rhoA: 1}}, ports: {tip: 1}"
-    text = SCENE.replace(
-        "k: {type: C, value: 1/k}", f"k: {{type: C, value: 1/k}}\n    s: {{type: structure, {structure}}}"
-    )
-    text = text.replace("j -> k]", "j -> k, j -> s.tip]").replace("  spare: 1", "  e: 2")
-    assert all(fault.startswith("scene.yaml:") for fault in faults(text, free="{e: }"))
+    beam = "structure: {beam: {elements: 2, length: 1, EI: 1, rhoA: 1}}"
+    reduction = "reduction: {method: craig-bampton, masters: [1], modes: {below: e}}"
+    node = f"s: {{type: structure, {beam}, {reduction}, ports: {{tip: 1}}}}"
+    text = SCENE.replace("k: {type: C, value: 1/k}", f"k: {{type: C, value: 1/k}}\n    {node}")
+    text = text.replace("j -> k]", "j -> k, j -> s.tip]").replace("  spare: 1", "  e: 200")
+    (fault,) = faults(text, free="{e: }")
+    assert fault.startswith("scene.yaml:16:")
+    assert "this depends on 'e'" in fault
 
 
 def test_every_sample_of_a_study_is_designed():
@@ -261,3 +263,34 @@ def test_every_sample_of_a_study_is_designed():
     made = scene()
     assert batched(made, [{"parameters.m": 2.0}, {"parameters.m": 3.0}], (), 0) is None
     assert why_alone(made, ["parameters.m"], (), 0) == "every sample is designed by itself"
+
+
+def test_expectations_of_a_design_that_fill_lines_are_left_out():
+    text = SCENE + "expect:\n  - {path: bond_graph/design/met,\n     value: true}\n"
+    text += "  - {path: bond_graph/properties/k.q/F/stable, value: true}\n"
+    made = designed_scene_text(dynid.run(scene(text)))
+    (kept,) = parse_source(made).data["expect"]
+    assert kept["path"] == "bond_graph/properties/k.q/F/stable"
+
+
+def test_the_screen_and_the_page_show_the_design():
+    from dynid.cli.summary import summary
+    from dynid.report.content.design import design_sections
+    from dynid.report.registry import figures
+
+    compared = (
+        "[{zero: {frequency: 1.2, damping: 0.3}}, {minimise: h2}]\n  compare: {other: {f: 1, zeta: 0.1}}"
+    )
+    text = (ROOT / "configs/absorber_design.yaml").read_text().partition("\nexpect:")[0]
+    text = text.replace("zeta: {start: 0.2, min: 0.01, max: 1}", "zeta: {max: 0.36}")
+    start, _, rest = text.partition("    - {minimise: hinf}")
+    result = dynid.run(
+        scene(start.replace("targets:", f"targets: {compared}") + "\n" + rest.partition("3))}\n")[2])
+    )
+    screen = summary(result, "")
+    assert "zero of K.q / F, rad/s, ζ  1.2, 0.3" in screen
+    assert "zeta    0.2      0.36    0.1" in screen
+    (section,) = design_sections(result)
+    assert section.title == "Design"
+    drawn = next(figure for figure in figures(result) if figure.name == "design")
+    assert "Frequency response of K.q/F at the start" in drawn.draw().caption
