@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from dynid.defaults import SATURATED
 from dynid.lti.recurrence import recurrence
 from dynid.lti.signals import Multisine, Signal
+from dynid.native import call, compiled
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -405,6 +406,11 @@ def _triangle(gram: Array, active: int, most: int) -> tuple[NDArray[np.int_], Ar
         Most directions.
     """
     left, rounding = gram.copy(), float(np.finfo(float).eps)
+    if compiled():
+        taken, directions = np.empty(active, dtype=np.int64), np.empty((active, len(gram)))
+        limits = max(0, most), _DIGITS, _NEW, _ROUNDED
+        count = call("dynid_independent", len(gram), left, active, *limits, taken, directions)
+        return None if count < 0 else (taken[:count], directions[:count])
     places: list[int] = []
     rows: list[Array] = []
     for k in range(active):

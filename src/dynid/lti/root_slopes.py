@@ -9,6 +9,7 @@ which are split off by orthogonal transformations (A. Emami-Naeini, P. Van Doore
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -95,9 +96,14 @@ def _zero_dynamics(A: Array, b: Array, c: Array, d: float) -> Array | None:
         length = float(np.linalg.norm(c))
         if not len(A) or length <= _ROUNDING:
             return None
-        basis = np.linalg.qr(np.column_stack([c, np.eye(len(c))]))[0]
-        first, rest = basis[:, 0], basis[:, 1:]
-        A, b, c, d = rest.T @ A @ rest, rest.T @ b, first @ A @ rest, float(first @ b)
+        # The output's direction first, by a reflection: H = 1 - share v v^T.
+        v = c.copy()
+        v[0] += math.copysign(length, v[0])
+        share = 2 / float(v @ v)
+        A = A - np.outer(share * v, v @ A)
+        A -= np.outer(A @ v, share * v)
+        b = b - share * float(v @ b) * v
+        A, b, c, d = A[1:, 1:], b[1:], A[0, 1:], float(b[0])
     return A - np.outer(b, c) / d
 
 

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NumericalError
-from dynid.structure.factorisation import factorise
 from dynid.structure.matrices import Array
 
 ComplexArray = NDArray[np.complex128]
@@ -60,6 +59,8 @@ def lowest_oscillating(
     """
     from scipy.sparse import csc_array, diags_array
     from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
+
+    from dynid.structure.factorisation import factorise
 
     M, C, K = matrices
     n, shift = M.shape[0], _SHIFT * elastic

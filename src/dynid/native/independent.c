@@ -1,0 +1,26 @@
+/* Linearly independent columns from their products; see `dynid.identification.saturated_model._triangle`. */
+#include <math.h>
+
+#include "products.h"
+
+/* Take the independent ones among the first `active` columns, `most` at the most, out of their products `left`
+ * (d x d, overwritten): their places, and all columns in their directions (rows, most x d). Returns how many
+ * there are, or -1 where digits are lacking: `digits` times rounding, for columns of `least` and above. */
+ENTRY int64_t dynid_independent(int64_t d, double *left, int64_t active, int64_t most, double digits,
+                                double least, double rounded, int64_t *places, double *rows) {
+  double rounding = 0x1p-52;
+  int64_t found = 0;
+  for (int64_t k = 0; k < active && found < most; k++) {
+    const double square = left[k * d + k], floor = least * least;
+    if (rounding > digits * (square > floor ? square : floor)) return -1;
+    if (!(square > floor)) continue;
+    double *row = rows + found * d, largest = 0.0;
+    for (int64_t c = 0; c < d; c++) row[c] = left[k * d + c] / sqrt(square);
+    for (int64_t i = k + 1; i < d; i++) /* what was taken is not read again */
+      for (int64_t c = 0; c < d; c++) left[i * d + c] -= row[i] * row[c];
+    places[found++] = k;
+    for (int64_t c = k + 1; c < d; c++) largest = fabs(row[c]) > largest ? fabs(row[c]) : largest;
+    if (square < rounded && largest * largest > square) rounding *= largest * largest / square;
+  }
+  return found;
+}
