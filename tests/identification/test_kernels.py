@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from dynid import native
@@ -150,6 +150,7 @@ def test_fits_are_the_same_both_ways(monkeypatch, channels, missing):
 
 @settings(max_examples=25, deadline=None)
 @given(rows=st.integers(1, 300), columns=st.integers(1, 20), seed=st.integers(0, 1000))
+@example(rows=1, columns=15, seed=707)  # rounding of rounding: the squares leave the range
 def test_triangles_keep_lengths_and_angles(rows, columns, seed):
     """Against the rows themselves, whose products with each other a triangle of them keeps."""
     values = (

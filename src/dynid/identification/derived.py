@@ -386,7 +386,12 @@ class DerivedQuantities:
     def _at(self, eta: Array) -> Matrices:
         key = eta.tobytes()
         if key not in self._known:
-            self._known[key] = self.system.at(self.posterior.values(eta))
+            values, affine = self.posterior.values(eta), self.system.affine
+            self._known[key] = (
+                self.system.at(values)
+                if affine is None
+                else affine.at(np.array([values[unknown.name] for unknown in self.system.unknowns]))
+            )
         return self._known[key]
 
     @property

@@ -118,10 +118,14 @@ def balance(A: Array) -> Array:
     """
     size = np.abs(A) * (1.0 - np.eye(len(A)))
     exponents = np.zeros(len(A), dtype=int)
-    with np.errstate(over="ignore", divide="ignore"):
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         for _ in range(30):
             balanced = True
-            for i in range(len(A)):  # scale a state where that makes its row and column smaller
+            columns, rows = size.sum(axis=0), size.sum(axis=1)
+            there = (columns > 0) & (rows > 0)
+            apart = np.log2(np.where(there, rows, 1.0)) - np.log2(np.where(there, columns, 1.0))
+            for i in np.flatnonzero(np.abs(apart) > 0.9).tolist():  # else e is 0
+                # scale a state where that makes its row and column smaller
                 column, row = float(size[:, i].sum()), float(size[i].sum())
                 if not (0 < column < math.inf and 0 < row < math.inf):
                     continue

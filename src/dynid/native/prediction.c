@@ -99,7 +99,7 @@ INLINE void reflect(double *R, double *block, double *products, int64_t w) {
     const double *pivot = block + j * ROWS;
     for (int64_t k = j; k < w; k++) products[k] = dot(ROWS, block + k * ROWS, pivot);
     const double square = products[j];
-    if (square == 0.0) continue;
+    if (square < 1e-280) continue; /* of columns near one: rounding of rounding, whose reciprocal overflows */
     const double diagonal = R[j * w + j], length = copysign(sqrt(diagonal * diagonal + square), diagonal);
     const double head = diagonal + length, share = 1.0 / (length * head);
     R[j * w + j] = -length;

@@ -93,6 +93,26 @@ def _nodal(stages: int) -> Callable[[], Any]:
     return lambda: np.array([solve(w) for w in frequencies()])
 
 
+def _recursion(stages: int) -> Callable[[], Any]:
+    """Move the Thévenin equivalent of what lies before a mass from mass to mass, at all frequencies."""
+    import numpy as np
+
+    rows = [tuple(map(float, stage)) for stage in distinct(stages)]
+
+    def work() -> Any:
+        s = 1j * frequencies()
+        force, seen = np.ones_like(s), np.zeros_like(s)
+        for m, k, b in rows[:-1]:
+            joint = k / s + b
+            seen = seen + s * m
+            share = joint / (seen + joint)
+            force, seen = force * share, seen * share
+        m, k, b = rows[-1]
+        return force / (seen + s * m + k / s + b)
+
+    return work
+
+
 def _control(stages: int) -> Callable[[], Any]:
     import control
 
@@ -133,6 +153,7 @@ BENCHMARK = Benchmark(
     alternatives=(
         Alternative("reduction", by_reduction(reduced)),
         Alternative("reduction-compiled", _compiled, most=100),
+        Alternative("recursion", _recursion, peer=True),
         Alternative("state-space", _solved, most=10, peer=True),
         Alternative("sparse-lu", _sparse, most=1000, peer=True),
         Alternative("sparse-nodal", _nodal, most=1000, peer=True),
@@ -142,5 +163,4 @@ BENCHMARK = Benchmark(
     error=lambda stages, found: distance(found, partial(exact_response, stages), 25 if stages <= 1000 else 5),
     default=lambda _: "reduction",
     full=(4000, 10_000),
-    remark="compiled reductions take a second to load, once a process",
 )
