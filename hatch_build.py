@@ -61,9 +61,9 @@ class NativeLibrary(BuildHookInterface):
         for old in folder.glob("library*"):
             old.unlink()
         try:
-            made = [built(folder, "library", [])]
+            made = [built(folder, "library.plain", [])]
             if platform.machine().lower() in ("x86_64", "amd64"):
-                made.append(built(folder, "library_avx2", ["-mavx2", "-mfma"]))
+                made.append(built(folder, "library.avx2", ["-mavx2", "-mfma"]))
         except (OSError, subprocess.CalledProcessError) as failure:
             self.app.display_warning(f"dynid is built without its C library: {failure}")
             self.app.display_warning(str(getattr(failure, "stderr", "")))
@@ -74,7 +74,10 @@ class NativeLibrary(BuildHookInterface):
 
 
 def built(folder: Path, name: str, flags: list[str]) -> Path:
-    """Compile the sources in a folder into a library there; return its path."""
+    """Compile the sources in a folder into a library there; return its path.
+
+    The point in its name keeps it from being taken for a module.
+    """
     command, target = compiler() or ["cc"], folder / f"{name}.{SUFFIX}"
     with TemporaryDirectory() as scratch:
         objects = []

@@ -24,7 +24,7 @@ Array: TypeAlias = NDArray[Any]
 
 VARIABLE = "DYNID_COMPILED"
 #: The version of the functions' arguments, as in `abi.c`: a library of another one is not used.
-ABI = 1
+ABI = 2
 _NO_MEMORY = -(2**63)
 
 
@@ -54,9 +54,9 @@ def found() -> ctypes.CDLL | None:
     from pathlib import Path
 
     folder = Path(__file__).parent
-    plain = next((made for path in folder.glob("library.*") if (made := _loaded(path))), None)
+    plain = next((made for path in folder.glob("library.plain.*") if (made := _loaded(path))), None)
     if plain is not None and plain.dynid_wide():
-        return next((made for path in folder.glob("library_avx2.*") if (made := _loaded(path))), plain)
+        return next((made for path in folder.glob("library.avx2.*") if (made := _loaded(path))), plain)
     return plain
 
 

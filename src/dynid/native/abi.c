@@ -1,7 +1,7 @@
 #include "products.h"
 
 /* The version of the functions' arguments, as in `__init__.py`. */
-ENTRY int64_t dynid_abi(void) { return 1; }
+ENTRY int64_t dynid_abi(void) { return 2; }
 
 /* Return 1 if this machine has wide registers and fused multiply-adds. */
 ENTRY int64_t dynid_wide(void) {
