@@ -46,8 +46,9 @@ MUTANTS = """\
 ## Mutants
 
 `python -m tests.mutants` introduces one small error at a time into the reduction of bond graphs and into
-the filter: another comparison, operator, constant or word, swapped arguments, a missing
-statement, condition or return value. A test must detect it. Messages are not mutated. `--sample N --seed S` tries a reproducible selection.
+the filter: another comparison, operator, constant or word, swapped arguments, a missing statement,
+condition or return value. A test must detect it. Messages are not mutated. `--sample N --seed S` tries a
+reproducible selection.
 
 {chosen} of the {mutants} mutants were tried, chosen by chance.
 """
