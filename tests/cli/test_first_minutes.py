@@ -1,6 +1,7 @@
 """The first commands of a new user: what is there, what is installed, a tour, and answers to wrong ones."""
 
 import json
+from types import SimpleNamespace
 
 import pytest
 
@@ -127,13 +128,20 @@ def test_the_doctor_finds_a_package_that_cannot_be_loaded_and_a_folder_that_cann
     dynid, monkeypatch, tmp_path
 ):
     monkeypatch.setitem(doctor_module._MODULES, "click", "no_such_module_of_click")
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "missing"))
+    monkeypatch.setattr(doctor_module.tempfile, "tempdir", str(tmp_path / "missing"))
     monkeypatch.setattr(doctor_module, "_version", lambda name: "" if name == "pyarrow" else "1.0")
     code, said, _ = dynid("doctor")
     assert code == 3
     assert "problem: click cannot be loaded" in said
-    assert "no folder for compiled code: set NUMBA_CACHE_DIR" in said
+    assert "no folder for temporary files: set TMPDIR" in said
     assert "pip install 'dynid[formats]'" in said
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_the_doctor_looks_for_the_compiled_library(dynid, monkeypatch, there):
+    monkeypatch.setattr("dynid.native.found", lambda: SimpleNamespace(_name="/library.so") if there else None)
+    said = dynid("doctor")[1]
+    assert ("/library.so" if there else "install dynid again where there is a C compiler") in said
 
 
 def test_screens_of_an_unknown_kind_have_no_derivations():

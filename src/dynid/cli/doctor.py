@@ -59,6 +59,7 @@ def doctor() -> int:
         fault = _unwritable(folder)
         click.echo(f"  {what:<18} {folder}{f' (not writable: {fault})' if fault else ''}")
         unwritable += [(what, variable)] if fault else []
+    click.echo(f"  {'compiled library':<18} {_library()}")
     click.echo(f"  {'threads':<18} {os.environ['OPENBLAS_NUM_THREADS']} for linear algebra\n")
     for name in broken:
         click.echo(f"  problem: {name} cannot be loaded: pip install --force-reinstall {name}")
@@ -100,10 +101,19 @@ def _import_fault(module: str) -> str:
     return ""
 
 
+def _library() -> str:
+    """Return where the library of compiled loops is, or what to do without it."""
+    from dynid.native import found
+
+    loaded = found()
+    if loaded is None:
+        return "absent, NumPy is used, which is slower: install dynid again where there is a C compiler"
+    return str(loaded._name)
+
+
 def _folders() -> Iterator[tuple[str, Path, str]]:
     """Yield folders that dynid writes to unasked: their use, place, and the variable that sets it."""
     yield "temporary files", Path(tempfile.gettempdir()), "TMPDIR"
-    yield "compiled code", Path(os.environ.get("NUMBA_CACHE_DIR") or Path(__file__).parent), "NUMBA_CACHE_DIR"
 
 
 def _unwritable(folder: Path) -> str:
