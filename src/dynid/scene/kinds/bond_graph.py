@@ -12,7 +12,7 @@ from dynid.bondgraph.request import Analysis, FormulaRequest, SensitivityParamet
 from dynid.defaults import TRACED_PARTS
 from dynid.errors import Singular, UsageError
 from dynid.scene.kinds.control import with_gains
-from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph
+from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph, has_law
 from dynid.scene.kinds.recorded_units import DrivenSource
 from dynid.scene.kinds.signals import angular_frequencies, build_signals, record_of
 from dynid.scene.load import Scene
@@ -113,7 +113,8 @@ def unread_files(scene: Scene) -> Iterator[KeyPath]:
 def question(scene: Scene) -> tuple[BondGraph, Analysis]:
     """Return the graph of a scene, and the request of its analysis."""
     model = cast("BondGraphScene", scene.model)
-    if "sensitivities" not in model.analysis.asked():
+    linearised = model.operating_point is not None or any(map(has_law, model.graph.nodes.values()))
+    if "sensitivities" not in model.analysis.asked() or linearised:  # those are by slopes
         built = built_graph(scene)
         return built.graph, graph_analysis(scene, model.analysis, built)
     known = _known_parameters(model)

@@ -22,6 +22,7 @@ from dynid.errors import DynidError
 from dynid.result import Variable
 from dynid.scene.collect import gather
 from dynid.scene.kinds.bond_graph import named_in, question
+from dynid.scene.kinds.graph_parts import has_law
 from dynid.scene.load import Scene
 from dynid.scene.outcomes import SampleOutcome
 from dynid.scene.run import run_scene
@@ -77,6 +78,8 @@ def batched(
 
 def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], of: int) -> str:  # noqa: ARG001
     """Return why samples that differ at these paths are not run together; empty where they are."""
+    if _has_operating_point(template):
+        return "every sample has an operating point of its own"
     for path in paths:
         if _place(template, path) is None:
             return f"{path} is no parameter, no value of an element and no stored energy"
@@ -92,6 +95,8 @@ def _planned(family: _BatchKey) -> _GraphBatch | None:
     places = [_place(family.scene, path) for path in family.paths]
     if None in places or cast("BondGraphScene", family.scene.model).design is not None:
         return None
+    if _has_operating_point(family.scene):
+        return None
     try:
         exemplar = run_scene(family.scene)
         wanted = tuple(gather(exemplar, family.collect))
@@ -100,6 +105,11 @@ def _planned(family: _BatchKey) -> _GraphBatch | None:
         )
     except (_NotShared, DynidError, ArithmeticError):
         return None
+
+
+def _has_operating_point(scene: Scene) -> bool:
+    model = cast("BondGraphScene", scene.model)
+    return model.operating_point is not None or any(map(has_law, model.graph.nodes.values()))
 
 
 class _NotShared(Exception):
