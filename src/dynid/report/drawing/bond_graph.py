@@ -221,7 +221,9 @@ def sketch_of(drawn: DrawnGraph) -> Sketch:
     nodes = tuple(
         _box(name, drawn.boxes[name], [str(port) for port in drawn.outputs if port.node == name])
         if name in drawn.boxes
-        else sketch_node(node, domains.get(name, ""), name in drawn.inputs, outputs.get(name, ()))
+        else sketch_node(
+            node, domains.get(name, ""), name in drawn.inputs, outputs.get(name, ()), name in drawn.laws
+        )
         for name, node in graph.nodes.items()
     )
     bonds = []
@@ -250,10 +252,12 @@ def _box(name: str, text: str, outputs: Sequence[str]) -> SketchNode:
     return SketchNode(name, lines, "", "output" if outputs else "")
 
 
-def sketch_node(node: Node, domain: str, is_input: bool, outputs: Iterable[str]) -> SketchNode:
+def sketch_node(
+    node: Node, domain: str, is_input: bool, outputs: Iterable[str], law: bool = False
+) -> SketchNode:
     """Return a node of a graph with its name, its value with unit, and its quantities that are outputs."""
-    notes = []
-    if node.value is not None:
+    notes = ["law"] if law else []
+    if node.value is not None and not law:
         number = short(float(node.value))
         if node.type in TWO_PORTS:
             notes.append(f"{'n' if node.type == 'TF' else 'r'} = {number}")
