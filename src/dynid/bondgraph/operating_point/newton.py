@@ -72,7 +72,8 @@ class Factor:
         with np.errstate(all="ignore"):
             size = onenormest(inverse) if shape[0] > 4 else np.linalg.norm(solve(np.eye(shape[0])), 1)
         condition = float(size * abs(self._matrix).sum(axis=0).max())
-        if np.isfinite(condition) and condition < 1 / _RANK:
+        large = shape[0] > DENSE_EQUILIBRIUM.value  # then the residual at high precision decides alone
+        if np.isfinite(condition) and (large or condition < 1 / _RANK):
             self._lu, self.condition = lu, condition
 
     def _decompose(self) -> None:
