@@ -7,7 +7,7 @@ import pytest
 from mpmath import mp, mpf
 
 import dynid
-from dynid.errors import Diverged, NumericalError, SceneError, Singular
+from dynid.errors import Diverged, NumericalError, SceneError, Singular, UsageError
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 
@@ -179,6 +179,15 @@ def test_a_law_of_zero_slope_leaves_its_element_out():
     result = run(duffing("{start: {k.q: 0.5}}").replace("0.5*f + f*abs(f)", "f*abs(f)"))
     assert result.group_attrs[POINT]["flat"] == "c"
     np.testing.assert_allclose(result["bond_graph/transfer_function/k.q/F/denominator"].data, [1, 0, 1])
+
+
+def test_stored_energy_of_a_flat_spring_is_refused():
+    text = duffing("{start: {k.q: 0}}").replace("-q + 4*q**3", "q**3") + "initial: {k: {e: 0.1}}\n"
+    with pytest.raises(UsageError, match="it stores nothing there"):
+        run(text)
+    result = run(text.replace("initial: {k: {e: 0.1}}", ""))
+    assert list(result[f"{POINT}/stability"].data) == ["neutral"]
+    assert "does not determine k.q" in result["bond_graph/warnings"].data[0]
 
 
 CRANK = """

@@ -230,8 +230,8 @@ class LawDynamics:
                 return float(z[state])
         raise NumericalError("the stored energy at t = 0 is no value of the law of its element")
 
-    def natural_modes(self, u: Array) -> Array:
-        """Return the natural modes at the point: eigenvalues of the linearised state equations."""
+    def natural_modes(self, u: Array) -> tuple[Array, float]:
+        """Return the natural modes at the point, and the largest entry of their state matrix."""
         c, x = self.at_point(u), self.z[self._count :]
         _, by_c, by_x = self._storages_and_laws(c, x, u)
         matrix, N = self._closed(by_c, by_x)
@@ -249,4 +249,5 @@ class LawDynamics:
         _, s, V = np.linalg.svd(fixed) if len(fixed) else (0, np.zeros(0), np.eye(by_x.shape[1]))
         rank = int((s > _RANK * s.max(initial=0.0)).sum())
         tangent = V[rank:].T
-        return np.linalg.eigvals(tangent.T @ self.rate_matrix @ by_states @ tangent)
+        A = tangent.T @ self.rate_matrix @ by_states @ tangent
+        return np.linalg.eigvals(A), float(np.abs(A).max(initial=0.0))

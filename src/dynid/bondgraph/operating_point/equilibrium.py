@@ -275,7 +275,8 @@ def _stability(equations: LawEquations, inputs: Mapping[str, Fraction], solution
         return 0
     sources = tuple(inputs)
     u = np.array([float(inputs[name]) for name in sources])
-    modes = LawDynamics(equations, solution.z, sources).natural_modes(u)
+    modes, size = LawDynamics(equations, solution.z, sources).natural_modes(u)
+    modes = np.where(np.abs(modes) <= 1e-7 * size, 0.0, modes)  # what rounding makes of repeated zeros
     margin = 1e-9 * float(np.abs(modes).max(initial=0.0))
     if (modes.real > margin).any():
         return -1

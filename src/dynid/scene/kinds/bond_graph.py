@@ -147,6 +147,14 @@ def graph_analysis(
         Variables of the sensitivities; absent: the values of the nodes.
     """
     model, graph = cast("BondGraphScene", scene.model), built.graph
+    flat = built.linearisation.flat if built.linearisation is not None else ()
+    for name in model.initial:
+        if name in flat:
+            raise UsageError(
+                f"the law of '{name}' has the slope zero at the operating point: it stores nothing there",
+                remedy="Leave its stored energy out, or choose another operating point.",
+                names=(f"initial.{name}", name),
+            )
     inputs = tuple(wanted.inputs or (name for name, node in graph.nodes.items() if node.type in ("Se", "Sf")))
     asked = wanted.asked()
     if wanted.results is None and sum(bool(node.part) for node in graph.nodes.values()) > TRACED_PARTS.value:
