@@ -1,13 +1,18 @@
 #include "products.h"
+#if defined(__x86_64__)
+#include <cpuid.h>
+#endif
 
 /* The version of the functions' arguments, as in `__init__.py`. */
 ENTRY int64_t dynid_abi(void) { return 2; }
 
-/* Return 1 if this machine has wide registers and fused multiply-adds. */
+/* Return 1 if this machine has wide registers and fused multiply-adds, and its system keeps them. */
 ENTRY int64_t dynid_wide(void) {
 #if defined(__x86_64__)
-  __builtin_cpu_init();
-  return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+  unsigned a, b, c, d;
+  if (!__get_cpuid(1, &a, &b, &c, &d) || !(c & bit_FMA) || !(c & bit_OSXSAVE)) return 0;
+  __asm__("xgetbv" : "=a"(a), "=d"(d) : "c"(0));
+  return (a & 6) == 6 && __get_cpuid_count(7, 0, &a, &b, &c, &d) && (b & bit_AVX2);
 #else
   return 0;
 #endif
