@@ -360,3 +360,49 @@ def test_faults_are_located(old, new, line, message):
     found = [fault for fault in caught.value.faults if message in fault.message]
     assert found, str(caught.value)
     assert found[0].line == line
+
+
+TIME = "{outputs: [k.q], time: {stop: 1, step: 0.1, input: {kind: KIND}}}"
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (
+            duffing("{choose: stable}", TIME.replace("KIND", "impulse")),
+            "an impulse has no nonlinear response",
+        ),
+        (duffing("{values: {k.q: 1, m.f: 0}}", TIME.replace("KIND", "step")), "the point is given"),
+        (
+            duffing("{start: {k.q: 0.5}}", TIME.replace("KIND", "step"))
+            + "control: {loops: [{from: k.q, to: F, controller: {gain: 5}, reference: r}]}\n",
+            "loops are closed",
+        ),
+        (
+            duffing("{}", TIME.replace("KIND", "step"))
+            .replace("F: Se", "F: Sf")
+            .replace("-q + 4*q**3", "q + q**3"),
+            "a source drives a storage element in derivative causality",
+        ),
+    ],
+)
+def test_a_nonlinear_response_that_is_left_out_says_why(text, reason):
+    result = run(text)
+    assert reason in result.group_attrs["bond_graph/time_response"]["nonlinear"]
+    assert "bond_graph/time_response/nonlinear" not in result
+
+
+def test_values_of_one_variable_that_differ_are_refused():
+    with pytest.raises(UsageError, match=r"'x.f' and 'F.f' are one variable"):
+        run(duffing("{values: {x.f: 1, F.f: 2, k.q: 1}}"))
+
+
+def test_values_against_the_equations_are_a_warning():
+    result = run(duffing("{values: {x.f: 1, m.f: 2, c.f: 2, k.q: 1}}"))
+    assert any("contradict the equations" in text for text in result["bond_graph/warnings"].data)
+
+
+def test_laws_are_refused_where_parameters_are_identified():
+    text = duffing("{}").replace("kind: bond-graph", "kind: identification")
+    with pytest.raises(SceneError, match="laws are for scenes of kind bond-graph"):
+        scene(text)
