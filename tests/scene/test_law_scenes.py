@@ -342,7 +342,7 @@ def test_points_without_a_linearisation_are_refused(text, error, message):
         ),
         ("F: Se", "F: {type: Se, law: {e: f}}", 5, "only R, I and C have a law, not Se"),
         ("c: {type: R, law: {e", "c: {type: TF, law: {e", 8, "a TF has a modulus, and no law"),
-        ("value: 2}", "value: 2}\n    n: {type: TF, value: 2*y.q}", 8, "no parameter 'y.q'"),
+        ("value: 2}", "value: 2}\n    n: {type: TF, value: 2*y.q}", 8, "'y.q': no node 'y'"),
         ("OPERATING", "operating_point: {inputs: {G: 1}}", 11, "no node 'G'"),
         ("OPERATING", "operating_point: {inputs: {m: 1}}", 11, "'m' is no source"),
         ("OPERATING", "operating_point: {start: {k: 1}}", 11, "'k' is no variable: NODE.e"),

@@ -43,7 +43,10 @@ def _modulated(raw: Any, info: ValidationInfo) -> Quantity:
             expression = parse(raw)
         except ExpressionError:
             return resolve(raw, info)
-        if variables_of(expression, nodes):
+        known = names_of(info)
+        unread = (name for name in expression.names if name not in known.parameters and known.complete)
+        meant = any("." in name and name.rpartition(".")[2] in QUANTITIES for name in unread)
+        if meant or variables_of(expression, nodes):
             if kind not in MODULATED:
                 remedy = "write a law" if kind in _GIVEN else "it has no value"
                 raise fault(f"the value of {kind} cannot depend on variables; {remedy}")
