@@ -119,7 +119,7 @@ def test_whatever_a_sample_fails_of_is_its_outcome(isolator, monkeypatch, error,
     def fail(*_):
         raise error
 
-    monkeypatch.setattr("dynid.scene.batch.run_scene", fail)
+    monkeypatch.setattr("dynid.scene.batch.check_source", fail)
     outcome = run_alone(isolator, {"parameters.b": 40}, ())
     assert (outcome.exit_code, outcome.error) == (code, said)
 

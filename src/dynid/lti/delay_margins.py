@@ -19,7 +19,7 @@ from dynid.lti.margins import LIMIT, Margins, lag, largest_of
 from dynid.lti.quasi_polynomials import PRECISION, QuasiPolynomial, divided, roots_right_of
 
 #: Gains below this are not followed to higher frequencies.
-_SMALL = 1e-6
+_LEAST_GAIN = 1e-6
 #: Relative width of intervals in which a function that touches zero is taken to be there.
 _TOUCH = 2.0**-45
 #: Halvings of an interval down to the rounding of doubles.
@@ -215,7 +215,7 @@ class _Loop(_Quotient):
         """Return a frequency from which on the loop's gain is below a given one, or near its limit."""
         from flint import arb
 
-        gain = max(gain, self.at_infinity + _SMALL * (1 + self.at_infinity))
+        gain = max(gain, self.at_infinity + _LEAST_GAIN * (1 + self.at_infinity))
         degree = self.bottom.degree
         lead = self.bottom.balls.terms[0].polynomials[0][degree]
         omega = arb(2) ** -200
@@ -263,7 +263,7 @@ class _Loop(_Quotient):
 
         def hopeless(low: Any, high: Any) -> bool:
             lower, upper = self.sizes(low, high)
-            small = upper < max(1 / above[0], _SMALL)
+            small = upper < max(1 / above[0], _LEAST_GAIN)
             return small or (lower > 1 and below[0] > 0 and lower > 1 / below[0])
 
         def note(omega: float) -> None:
@@ -281,7 +281,7 @@ class _Loop(_Quotient):
         if self.at_infinity:
             above = (1 / self.at_infinity, math.inf)
         reached, wanted = 0.0, (1 + self.at_infinity) / 2
-        while wanted > max(_SMALL, self.at_infinity):
+        while wanted > max(_LEAST_GAIN, self.at_infinity):
             top = self.beyond(wanted)
             for omega in _zeros(imaginary, top, hopeless, reached):
                 note(omega)

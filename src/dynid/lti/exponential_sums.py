@@ -31,7 +31,7 @@ _CANCELLED = 1e8
 #: Where d changes by less than this over a box, relative to its terms, it is flat: rounding decides.
 _FLAT = 1e-13
 #: Shortest half width of a box, in units of the fastest time constant.
-_SHORT = 1e-20
+_NARROWEST = 1e-20
 #: Working precisions, bits.
 _PRECISIONS = (160, 320, 640, 1280, 2560, 5120)
 
@@ -206,7 +206,7 @@ class ExponentialSum:
             monotone = terms[:, 1] > curving
             size = np.abs(values[:, 0]) if self.cancels else self._sum_of_bounds(low, high, 0)
             flat = 2 * half * (terms.sum(axis=1) + remainder) <= _FLAT * size
-            narrow = flat | (half <= np.maximum(8 * np.spacing(high), _SHORT))
+            narrow = flat | (half <= np.maximum(8 * np.spacing(high), _NARROWEST))
             one = may_vanish & monotone & ~narrow
             if one.any():
                 signs = [self.taylor(ends[one])[:, 1] >= 0 for ends in (low, high)]
