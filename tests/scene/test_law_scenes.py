@@ -290,6 +290,16 @@ def test_what_is_conserved_is_that_of_the_start():
     assert value(run(FLOATING), "tank.q") == 1
 
 
+#: Its level is zero at rest, where the slope of its outlet is infinite.
+EMPTY_TANK = """dynid: 1
+kind: bond-graph
+graph:
+  nodes: {Q: Sf, tank: 0, C: {type: C, value: 2e-4}, R: {type: R, law: {f: 1e-3*sqrt(e)}}}
+  bonds: [Q -> tank, tank -> C, tank -> R]
+analysis: {inputs: [Q], outputs: [C.e]}
+"""
+
+
 @pytest.mark.parametrize(
     ("text", "error", "message"),
     [
@@ -316,6 +326,7 @@ def test_what_is_conserved_is_that_of_the_start():
             NumericalError,
             "determined|slope",
         ),
+        (EMPTY_TANK, NumericalError, "no equilibrium was found"),
     ],
 )
 def test_points_without_a_linearisation_are_refused(text, error, message):

@@ -212,8 +212,14 @@ def _no_equilibrium(equations: LawEquations, worst: Solution | None) -> Numerica
 
 
 def _solution(system: System, z: NDArray[np.float64]) -> Solution | None:
+    """Return the solution that a start leads to; None where it leads to none, or out of a law's domain."""
     found = iterate(system, z)
-    return None if found is None else refined(system, *found)
+    if found is None:
+        return None
+    try:
+        return refined(system, *found)
+    except OutOfRangeError:  # at the edge of the domain, as sqrt at 0
+        return None
 
 
 def _vector(equations: LawEquations, given: Mapping[Port, Fraction]) -> NDArray[np.float64]:
