@@ -61,7 +61,7 @@ class Loop:
 
     @property
     def delayed(self) -> bool:
-        """Whether it has a delay."""
+        """True if it has a delay."""
         return bool(reference(self.delay)) or isinstance(self.delay, Dependent)
 
     def approximated(self) -> Loop:

@@ -99,7 +99,7 @@ class Criterion:
 
     @property
     def noun(self) -> str:
-        """What is minimised."""
+        """The minimised quantity."""
         return {"peak": "peak", "h2": "H2 norm", "hinf": "H∞ norm"}[self.kind]
 
     def __str__(self) -> str:

@@ -155,7 +155,7 @@ class SearchModel(Section):
 
 
 class OperatingPointModel(Section):
-    """Where laws are linearised: an equilibrium at constant inputs, or a point given by values."""
+    """The point at which laws are linearised: an equilibrium at constant inputs, or given values."""
 
     inputs: dict[str, Value] = {}
     values: dict[str, Value] = {}
