@@ -68,6 +68,12 @@ def test_all_results_are_those_of_the_designed_graph():
     assert float(scene_of(result).parameters["c"]) == result[f"{group}/value"].data[0]
 
 
+@pytest.mark.parametrize("target", ["pole: {frequency: 0.5, unit: Hz}", "pole: 0.5, unit: Hz"])
+def test_hertz_stand_beside_a_frequency_or_beside_a_root(target):
+    result = dynid.run(scene(free="{k: }", targets=f"[{{{target}}}]"))
+    assert result["bond_graph/design/value"].data == pytest.approx([2 * np.pi**2], rel=1e-13)
+
+
 def test_the_designed_scene_has_the_designed_values():
     result = dynid.run(ROOT / "configs/isolator_design.yaml")
     assert holds_design(result)

@@ -21,6 +21,7 @@ from dynid.scene.schema.design import design_faults
 from dynid.scene.schema.faults import located_faults
 from dynid.scene.schema.names import read_names
 from dynid.scene.schema.raw import mapping, written_key
+from dynid.units import angular_factor
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -176,13 +177,13 @@ def _sources(graph: BondGraph) -> list[str]:
 
 def _target(target: DesignTarget, output: Port, source: str, band: tuple[float, float]) -> Target:
     """Return a target of a channel; `band` is that of a peak without its own."""
-    factor = 2 * math.pi if target.unit == "Hz" else 1.0
+    factor = angular_factor(target.frequency_unit)
     root = target.zero or target.pole
     if root is not None:
         damping = None if root.damping is None else float(root.damping)
         kind = "zero" if target.zero else "pole"
         frequency = factor * float(root.frequency)
-        return RootTarget(kind, output, source, frequency, damping, hertz=target.unit == "Hz")  # type: ignore[arg-type]
+        return RootTarget(kind, output, source, frequency, damping, hertz=target.frequency_unit == "Hz")  # type: ignore[arg-type]
     assert target.minimise is not None
     low, high = (factor * float(edge) for edge in target.band) if target.band else band
     weight = 1.0 if target.weight is None else float(target.weight)

@@ -58,6 +58,7 @@ class RootModel(Section):
 
     frequency: Positive
     damping: Value | None = None
+    unit: Literal["rad/s", "Hz"] | None = None
 
     @model_validator(mode="after")
     def _is_a_ratio(self) -> Self:
@@ -89,6 +90,12 @@ class DesignTarget(Section):
     unit: Literal["rad/s", "Hz"] = "rad/s"
     band: Annotated[list[NotNegative], Field(min_length=2, max_length=2)] | None = None
     weight: Positive | None = None
+
+    @property
+    def frequency_unit(self) -> str:
+        """Unit of its frequencies, which stands beside them or beside the root."""
+        root = self.zero or self.pole
+        return (root.unit if root is not None else None) or self.unit
 
     @model_validator(mode="after")
     def _is_one_of_them(self) -> Self:
