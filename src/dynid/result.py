@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     import control
     import xarray
 
+#: The module that shows results in notebooks, of a higher layer.
+_NOTEBOOK = "dynid.report.notebook"
 #: Group of the state equations of a bond graph.
 _STATE_SPACE = "bond_graph/state_space"
 
@@ -215,6 +218,31 @@ class Result(Mapping[str, Variable]):
             Where the result has no such group, or xarray is not installed.
         """
         return _xarray_dataset(self, group)
+
+    def plot(self, name: str) -> Any:
+        """Draw a figure by matplotlib, in the style of its rcParams.
+
+        Parameters
+        ----------
+        name
+            The name of the figure, as ``dynid plot --list`` prints it: ``bode``, ``time-response``.
+
+        Returns
+        -------
+        matplotlib.axes.Axes or numpy.ndarray of them
+            The axes; of a figure with several subplots an array (rows x columns).
+
+        Raises
+        ------
+        UsageError
+            If there is no such figure, or it is a drawing without axes.
+        """
+        return import_module(_NOTEBOOK).axes(self, name)
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows of the result."""
+        text: str = import_module(_NOTEBOOK).html(self)
+        return text
 
     def merge(self, other: Result) -> None:
         """Add all arrays and group attributes of another result."""

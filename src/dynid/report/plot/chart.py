@@ -6,6 +6,7 @@ A subplot has two axes and the layers between them.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -28,6 +29,10 @@ _PAD, _BETWEEN, _KEY, _ROW = 12.0, 16.0, 26.0, 20.0
 _PARALLEL_PAD, _PARALLEL_HEIGHT, _APART = 16.0, 280.0, 110.0
 #: Colours of samples in parallel coordinates, from the lowest values on the last axis to the highest.
 _HUES = ("s1", "s6", "s3", "s5", "s2")
+
+
+#: Where charts are collected instead of drawn as SVG; None: they are drawn.
+declared: ContextVar[list[Sequence[Sequence[Subplot]]] | None] = ContextVar("declared", default=None)
 
 
 @dataclass(frozen=True)
@@ -208,6 +213,9 @@ def chart(
     str
         An SVG document.
     """
+    if (elsewhere := declared.get()) is not None:
+        elsewhere.append(rows)
+        return ""
     svg = Svg(name, title, description)
     y = _PAD + TITLE
     svg.text(_PAD, y, fitted(title, (width - 2 * _PAD) * SIZE / TITLE / 1.12), "title", anchor="start")

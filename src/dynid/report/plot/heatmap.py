@@ -51,7 +51,9 @@ class Heatmap:
     tips: Sequence[Sequence[str]] = ()
     edges: tuple[ArrayLike, ArrayLike] | None = None
 
-    def _edges(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    @property
+    def borders(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The edges of its columns and rows."""
         if self.edges is not None:
             return np.asarray(self.edges[0], dtype=float), np.asarray(self.edges[1], dtype=float)
         rows, columns = self.values.shape
@@ -64,7 +66,7 @@ class Heatmap:
 
     def extent(self) -> Extent:
         """Return the edges."""
-        x, y = self._edges()
+        x, y = self.borders
         return [x], [y]
 
     def legend(self) -> Iterable[LegendEntry]:
@@ -81,7 +83,7 @@ class Heatmap:
 
     def draw(self, svg: Svg, area: PlotArea) -> None:
         """Draw the cells one by one where they have texts, else cells of about the same value as one path."""
-        x, y = self._edges()
+        x, y = self.borders
         across, up = np.round(area.at_x(x), 1), np.round(area.at_y(y), 1)
         one_by_one = bool(len(self.texts) or len(self.tips))
         space = float(np.abs(np.diff(across)).min()) - 4

@@ -1,0 +1,139 @@
+"""Results in notebooks: HTML, and figures on axes of matplotlib."""
+
+from html.parser import HTMLParser
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+
+import dynid
+from dynid.errors import UsageError
+from dynid.report import figures
+from dynid.report.notebook import axes
+from dynid.report.plot import (
+    Annotation,
+    Band,
+    Bars,
+    Curve,
+    Heatmap,
+    Markers,
+    PlotAxis,
+    ReferenceLine,
+    Subplot,
+)
+from dynid.report.plot.chart import declared
+from dynid.result import Result
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+@pytest.fixture(autouse=True)
+def _without_a_window():
+    matplotlib.use("agg")
+    import matplotlib.pyplot as plt
+
+    yield
+    plt.close("all")
+
+
+@pytest.fixture(scope="module")
+def motor():
+    return dynid.run(dynid.load_scene(CONFIGS / "dc_motor.yaml"))
+
+
+class Tags(HTMLParser):
+    """Checks that every tag is closed in order."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.text = [], ""
+
+    def handle_starttag(self, tag, attrs):  # noqa: ARG002
+        if tag != "br":
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def test_a_notebook_shows_title_method_and_sections(motor):
+    page = Tags()
+    page.feed(motor._repr_html_())
+    assert not page.open
+    assert "DC motor, speed" in page.text
+    assert "bond graph · exact engine" in page.text
+    assert "-2.003" in page.text
+
+
+def test_names_of_a_scene_cannot_become_tags():
+    assert "<b>" not in Result("bond-graph", "<b>bold</b>")._repr_html_()
+    assert "&lt;b&gt;bold" in Result("bond-graph", "<b>bold</b>")._repr_html_()
+
+
+def test_a_bode_diagram_has_the_values_of_the_result(motor):
+    gain, phase = motor.plot("bode").ravel()
+    response = motor["bond_graph/frequency_response/response"].data[:, 0, 0]
+    line = gain.get_lines()[0]
+    np.testing.assert_allclose(line.get_ydata(), 20 * np.log10(np.abs(response)), rtol=1e-12)
+    assert gain.get_xscale() == "log"
+    assert "dB" in gain.get_ylabel()
+    assert "°" in phase.get_ylabel() or "deg" in phase.get_ylabel()
+    assert gain.get_legend() is not None
+
+
+def test_one_subplot_is_one_axes(motor):
+    ax = motor.plot("poles-J.f-voltage")
+    poles = motor["bond_graph/transfer_function/J.f/voltage/poles"].data
+    drawn = np.concatenate([line.get_xdata() for line in ax.get_lines() if line.get_marker() == "x"])
+    assert sorted(drawn) == pytest.approx(sorted(poles.real))
+
+
+def test_every_figure_is_drawn_or_refused(motor):
+    for figure in figures(motor):
+        if figure.name.startswith(("bond-graph", "reduction", "prototype")):
+            with pytest.raises(UsageError, match="is a drawing without axes"):
+                motor.plot(figure.name)
+        else:
+            assert motor.plot(figure.name) is not None
+
+
+def test_a_figure_is_suggested_and_svg_is_drawn_as_before(motor):
+    with pytest.raises(UsageError, match="no figure 'bod'; did you mean 'bode'"):
+        motor.plot("bod")
+    assert declared.get() is None
+    assert next(one for one in figures(motor) if one.name == "bode").svg.startswith("<svg")
+
+
+def test_every_layer_is_drawn(monkeypatch):
+    from dynid.report import notebook
+    from dynid.report.figure import Figure, Picture
+    from dynid.report.plot import chart
+
+    x = np.array([1.0, 2.0, 3.0])
+    layers = [
+        Curve(x, x, "curve", "s2 dash"),
+        Band(x, x - 1, x + 1, "band", "s3"),
+        Markers(x, x, "markers", symbol="ring"),
+        Bars([1, 2], 0, [2, 3], "bars"),
+        Bars([1, 2], 0, [2, 3], flat=True),
+        ReferenceLine(2.0, "level"),
+        ReferenceLine(1.5, upright=True),
+        Annotation(1, 1, "here", anchor="end"),
+    ]
+    plots = [
+        Subplot(PlotAxis("x", low=0, high=4), PlotAxis("y"), layers, title="all", square=True),
+        Subplot(PlotAxis("", names=("a", "b")), PlotAxis("", names=("c", "d")), [Heatmap(np.eye(2), -1, 1)]),
+    ]
+    figure = Figure("all", "All layers", lambda: Picture(chart("all", "All layers", [plots, plots[:1]])))
+    monkeypatch.setattr(notebook, "figures", lambda _: [figure])
+    grid = axes(Result("bond-graph"), "all")
+    assert grid.shape == (2, 2)
+    labels = {text.get_text() for text in grid[0, 0].get_legend().get_texts()}
+    assert labels == {"curve", "band", "markers", "bars", "level"}
+    assert grid[0, 0].get_lines()[0].get_linestyle() == "--"
+    assert [tick.get_text() for tick in grid[0, 1].get_xticklabels()] == ["a", "b"]
+    assert not grid[1, 1].axison
