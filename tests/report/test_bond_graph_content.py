@@ -42,7 +42,7 @@ def run(text):
 
 def screen(result):
     """Return what the terminal shows, as one line."""
-    return " ".join(summary(result, "now").split())
+    return " ".join(summary(result, "now", trace=True).split())
 
 
 def page(result):

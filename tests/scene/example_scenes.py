@@ -83,6 +83,18 @@ outputs: [{dof: 2, quantity: velocity}]
 substructures: {base: [1, 2]}
 """
 
+SYNTHESIS = """\
+dynid: 1
+kind: synthesis
+title: A wanted impedance
+parameters: {r: 4}
+impedance: {numerator: [1, 3, 1], denominator: [1, r]}
+forms: [cauer, brune]
+domain: electrical
+expect:
+  - {path: synthesis/brune/residual, max: 1.0e-12}
+"""
+
 STUDY = """\
 dynid: 1
 kind: study

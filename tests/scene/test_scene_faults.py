@@ -13,9 +13,9 @@ from dynid.scene.kind import KINDS
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import apply_overrides, parse_source
 from dynid.scene.yaml.writer import dump
-from tests.scene.example_scenes import ISOLATOR, JOINTS, REDUCTIONS, STUDY, check, faults_of
+from tests.scene.example_scenes import ISOLATOR, JOINTS, REDUCTIONS, STUDY, SYNTHESIS, check, faults_of
 
-EXAMPLES = {"bond-graph": ISOLATOR, "identification": JOINTS, "reduction": REDUCTIONS}
+EXAMPLES = {"bond-graph": ISOLATOR, "identification": JOINTS, "reduction": REDUCTIONS, "synthesis": SYNTHESIS}
 WRONG = [
     None, True, -1, 0, 1.5, 10**399, 1e300, 5e-324, math.nan, math.inf, "", "x", "9**9**9", "1/0",
     "on", "{message}",
@@ -96,11 +96,14 @@ def test_a_misspelt_key_is_named_once_with_the_key_that_is_meant(kind, path):
     ("text", "fault"),
     [
         ("[]", "1:1: a scene is a mapping; it starts with 'dynid: 1' and 'kind: …'"),
-        ("dynid: 1\n", "1:1: a scene needs the key 'kind': bond-graph, identification, reduction, study"),
+        (
+            "dynid: 1\n",
+            "1:1: a scene needs the key 'kind': bond-graph, identification, reduction, synthesis, study",
+        ),
         (
             "dynid: 1\nkind: bondgraph\n",
-            "2:7: unknown kind 'bondgraph'; it is one of bond-graph, identification, reduction, study; "
-            "did you mean 'bond-graph'?",
+            "2:7: unknown kind 'bondgraph'; it is one of bond-graph, identification, reduction, synthesis, "
+            "study; did you mean 'bond-graph'?",
         ),
     ],
 )

@@ -151,7 +151,7 @@ def apply_overrides(source: Source, assignments: Iterable[str]) -> Source:
 
 def _whole_path(source: Source, name: str) -> str:
     """Return the path of a parameter or node that is given by its name alone; '' for others."""
-    if name in source.data or "." in name:
+    if not isinstance(source.data, dict) or name in source.data or "." in name:
         return ""
     for place in (f"parameters.{name}", f"graph.nodes.{name}.value"):
         holder: Any = source.data
