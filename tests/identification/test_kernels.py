@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +77,17 @@ def test_both_ways_give_the_same_numbers(monkeypatch, channels, missing):
         monkeypatch, fits_of(model, channels, samples=200, missing=missing), origin_of(model)
     )
     assert_same(plain, kernel, 1e-11)  # rounding, carried along by 200 nonlinear steps
+
+
+def test_loads_that_do_not_act_are_as_if_they_were_not_there(monkeypatch):
+    model = suspension()
+    alone = fits_of(model)
+    both = fits_of(model, loads=(*LOADS, Load(2, Step(50.0))))
+    both = replace(both, model=both.model.driven_by([0]), data=alone.data)
+    for one, other in zip(
+        paths(monkeypatch, alone, origin_of(model)), paths(monkeypatch, both, origin_of(model)), strict=True
+    ):
+        assert_same(one, other, 1e-11)  # rounding, carried along by 60 nonlinear steps
 
 
 @settings(max_examples=15, deadline=None)
