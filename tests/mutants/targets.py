@@ -25,8 +25,8 @@ TESTS = [
     f"tests/{folder}/test_{name}.py"
     for folder, names in {
         "bondgraph": "activated_bonds bicausal hidden_modes latex modelled_part port program "
-        "published_graphs reduction regressions sensitivity snapshots state_equations stored_energy trace transfer_formulas "
-        "transfer_properties",
+        "published_graphs reduction regressions sensitivity snapshots state_equations stored_energy trace "
+        "transfer_formulas transfer_properties",
         "identification": "filter kernels estimators sensitivities extreme_values diagnostics",
     }.items()
     for name in names.split()

@@ -218,11 +218,13 @@ def _wrong_residue(numerator: Any, denominator: Any) -> Violation | None:
 
 def _positive_roots(polynomial: Any) -> list[tuple[Fraction, Fraction]]:
     """Return disjoint intervals around x of the roots w = -x < 0 of a polynomial, in ascending order of x."""
+    from flint import fmpq_poly
+
     from dynid.lti.enclosures import enclosures
 
     simple = polynomial // polynomial.gcd(polynomial.derivative())
     if simple[0] == 0:
-        simple = simple.right_shift(1)
+        simple //= fmpq_poly([0, 1])
     if simple.degree() < 1:
         return []
     real = [
@@ -241,7 +243,7 @@ def ball_fraction(number: Any) -> Fraction:
 def _double(value: Any) -> float:
     """Return the nearest double of a rational number, infinite beyond their range."""
     try:
-        return float(value)
+        return float(value if isinstance(value, Fraction) else Fraction(int(value.p), int(value.q)))
     except OverflowError:
         return math.inf if value > 0 else -math.inf
 

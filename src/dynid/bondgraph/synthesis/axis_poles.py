@@ -40,9 +40,9 @@ def without_axis_poles(
         numerator -= inertia * s * denominator
         parts.append(Element("I", fraction(inertia)))
     if denominator[0] == 0:
-        rest = denominator.right_shift(1)
+        rest = denominator // s
         stiffness = numerator[0] / rest[0]
-        numerator, denominator = (numerator - stiffness * rest).right_shift(1), rest
+        numerator, denominator = (numerator - stiffness * rest) // s, rest
         parts.append(Element("C", 1 / fraction(stiffness)))
     factor = axis_factor(denominator) if factor is None else factor
     if factor.degree() > 0:
