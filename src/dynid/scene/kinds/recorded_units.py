@@ -111,7 +111,7 @@ def recorded_factor(given: Sensor, heading: Heading | None, measured: Any, place
     return factor / float(sensitivity.value) if sensitivity else factor
 
 
-def amplitude_factor(unit: str | None, measured: Any, place: str, *, impulse: bool) -> float:
+def amplitude_factor(unit: str, measured: Any, place: str, *, impulse: bool) -> float:
     """Return the factor by which an amplitude is multiplied to be SI; that of an impulse is an area.
 
     Raises
@@ -121,8 +121,6 @@ def amplitude_factor(unit: str | None, measured: Any, place: str, *, impulse: bo
     """
     from dynid.units import as_factor, si_factor
 
-    if unit is None:
-        return 1.0
     expected = [f"{as_factor(one)}.s" if impulse else one for one in units_of(measured)]
     try:
         return si_factor(

@@ -130,8 +130,6 @@ def located(place: str, structure: StructureModel) -> Iterator[None]:
     """Add the place of the structure, or of the file, to the names of an error."""
     try:
         yield
-    except SceneError:
-        raise
     except DynidError as error:
         kind = next(kind for kind in StructureModel.model_fields if getattr(structure, kind) is not None)
         keys = type(getattr(structure, kind)).model_fields
