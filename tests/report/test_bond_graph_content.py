@@ -238,3 +238,147 @@ def test_a_result_of_another_kind_shows_what_it_holds():
     said = screen(result)
     assert said.startswith("Tomorrow weather · now")
     assert "clouds" in said
+
+
+WELL = """\
+dynid: 1
+kind: bond-graph
+graph:
+  nodes:
+    F: {type: Se, domain: mechanical}
+    x: 1
+    m: {type: I, value: 2}
+    c: {type: R, law: {e: "0.5*f + f*abs(f)"}}
+    k: {type: C, law: {e: "-q + 4*q**3"}}
+  bonds: [F -> x, x -> m, x -> c, x -> k]
+operating_point: {POINT}
+analysis: {outputs: [k.q, m.f], results: [energy, time_response], time: {stop: 1, step: 0.25}}
+"""
+
+
+def test_the_operating_point_its_slopes_and_the_range_of_linear_results():
+    """The wells of -q + 4 q^3 lie at q = ±1/2, with the slope 12 q^2 - 1 = 2; a damper of slope 0.5."""
+    result = run(WELL.replace("POINT", "start: {k.q: 0.4}"))
+    both_say(
+        result,
+        "3 equilibria found (stable, unstable, stable); number 1 is analysed",
+        "inputs F = 0",
+        "of the terms, condition",
+        "linear results are exact for the slopes as rounded to doubles",
+        "energy in k 50 %, m 50 %; dissipated in c 100 %",
+    )
+    assert "d c.e / d c.f = 0.5 N.s/m d k.e / d k.q = 2 N/m" in screen(result)
+    assert "slope value d c.e / d c.f 0.5 N.s/m d k.e / d k.q 2 N/m" in page(result)
+    assert "m.p 0 N.s k.q 0.5 m" in page(result)
+    linear, other = (
+        result[f"bond_graph/time_response/{name}"].data[..., 0] for name in ("response", "nonlinear")
+    )
+    assert linear.shape == other.shape
+    deviation = 100 * np.abs(other - linear).max() / np.abs(linear).max()
+    both_say(result, f"k.q: the nonlinear response is off the linear one by {deviation:.3g} % of its maximum")
+    both_say(result, "integrated with a relative tolerance of 1e-08; estimated error")
+
+
+def test_a_given_point_leaves_open_what_it_does_not_say():
+    """Without a domain no number has a unit; the response that is left out says why."""
+    text = WELL.replace("POINT", "values: {k.q: 1, m.f: 0}").replace("{type: Se, domain: mechanical}", "Se")
+    result = run(text)
+    both_say(result, "point given", "the point is given")
+    assert "d c.e / d c.f = 0.5 d k.e / d k.q = 11" in screen(result)
+    assert "d c.e / d c.f 0.5 d k.e / d k.q 11" in page(result)
+    assert "is off the linear one" not in screen(result)
+
+
+OSCILLATOR = """\
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {F: Se, x: 1, m: {type: I, value: 2}, k: {type: C, value: 0.5}, b: {type: R, value: 1}}
+  bonds: [F -> x, x -> m, x -> k, x -> b]
+analysis:
+  outputs: [m.f, k.q]
+  results: [energy, step_info, bandwidth, source_performance]
+  frequency: {start: 0.1, stop: 10, points: 5}
+"""
+
+
+def test_characteristics_of_steps_bands_modes_and_sources():
+    """Of k/m = 1 rad^2/s^2 and a damping ratio of 1/4."""
+    zeta, wave = 0.25, np.sqrt(1 - 0.25**2)
+    overshoot = 100 * np.exp(-np.pi * zeta / wave)
+    peak, at = 0.5 * (1 + overshoot / 100), np.pi / wave
+    half = 1 - 2 * zeta**2
+    band = np.sqrt(half + np.sqrt(half**2 + 1))
+    largest, where = 0.5 / (2 * zeta * wave), np.sqrt(half)
+    result = run(OSCILLATOR)
+    both_say(
+        result,
+        f"overshoot {overshoot:.4g} % · peak {peak:.4g} at {at:.4g} s",
+        f"{band:.4g} rad/s (-3 dB of T(0)) · largest |T| {largest:.4g} at {where:.4g} rad/s",
+        "partly defined: rise time, settling time and overshoot refer to the final value, which is 0",
+        "largest |T| 1 at 1 rad/s · partly defined: T(0) is 0, which the bandwidth refers to",
+        "energy in m 50 %, k 50 %; dissipated in b 100 %",
+        "at an amplitude of 1 at most 0.5 W at 1 rad/s, where |Z| = 1",
+    )
+
+
+def test_what_no_resistor_damps_and_shares_that_are_not_defined():
+    free = OSCILLATOR.replace(", b: {type: R, value: 1}", "").replace(", x -> b", "")
+    both_say(
+        run(free),
+        "undefined: there is no steady state; marginal, not stable: poles at ±1j lie on the imaginary axis",
+        "energy in m 50 %, k 50 %; no resistor damps it",
+    )
+    both_say(
+        run(OSCILLATOR.replace("value: 0.5", "value: -0.5")),
+        "undefined: shares of energy are not defined for elements of negative values",
+    )
+
+
+LOOP = """\
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {u: Se, j: 1, J: {type: I, value: 0.5}, b: {type: R, value: DAMPING}}
+  bonds: [u -> j, j -> J, j -> b]
+control:
+  loops: [{from: J.f, to: u, controller: {CONTROLLER}, reference: r}]
+analysis: {outputs: [J.f], results: [properties]}
+"""
+
+
+def crossing(gain, damping):
+    """Return where |gain / (s/2 + damping)| is 1, rad/s."""
+    return 2 * np.sqrt(gain**2 - damping**2)
+
+
+@pytest.mark.parametrize(("damping", "said"), [(0.2, ""), (-0.2, "least gain 0.1 of this one · ")])
+def test_margins_of_a_loop_without_delay(damping, said):
+    result = run(LOOP.replace("DAMPING", str(damping)).replace("CONTROLLER", "gain: 2"))
+    omega = crossing(2, damping)
+    phase = np.pi - np.angle(0.5j * omega + damping)
+    assert (
+        f"loop J.f -> u any larger gain · {said}phase margin {np.degrees(phase):.4g}° · "
+        f"delay margin {phase / omega:.4g} s · Ms 1, Mt {2 / (2 + damping):.4g} "
+    ) in screen(result)
+
+
+def test_margins_and_poles_of_a_loop_with_delay():
+    """The loop turns by pi where atan(2.5 w) + 0.1 w = pi, and crosses 1 as without the delay."""
+    from scipy.optimize import brentq
+
+    turned = brentq(lambda w: np.arctan(2.5 * w) + 0.1 * w - np.pi, 1, 30)
+    gain = np.hypot(0.5 * turned, 0.2) / 2
+    omega = crossing(2, 0.2)
+    phase = np.pi - np.arctan(2.5 * omega) - 0.1 * omega
+    stable = screen(run(LOOP.replace("DAMPING", "0.2").replace("CONTROLLER", "gain: 2, delay: 0.1")))
+    assert "delays are Padé approximants of order 6 in what is a rational function" in stable
+    assert (
+        f"gain margin {gain:.4g} · phase margin {np.degrees(phase):.4g}° · "
+        f"delay margin {phase / omega:.4g} s · Ms 1.419, Mt 0.9091 "
+    ) in stable
+    assert "poles with delays: -9.573 ± 4.94j, -30.01 ± 74.77j" in stable
+    unstable = screen(run(LOOP.replace("DAMPING", "0.2").replace("CONTROLLER", "gain: 20, delay: 0.1")))
+    assert "unstable: 2 roots lie in the right half-plane (Nyquist count with delays)" in unstable
+    assert f"and gain times {gain / 10:.4g} " in unstable
+    assert "phase margin" not in unstable
