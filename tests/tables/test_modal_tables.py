@@ -101,3 +101,87 @@ def test_damping_ratios_of_matlab_files_are_ratios(tmp_path):
     savemat(tmp_path / "x.mat", {"frequency": np.array([9.0, 12.0]), "damping": np.array([np.nan, 2.0])})
     with pytest.raises(FileError, match="mode 2 has the damping ratio 2"):
         read_modes(tmp_path / "x.mat", {}, PLACE)
+
+
+@pytest.fixture
+def stored(tmp_path):
+    """Write a MATLAB file of two modes and return the modes in it."""
+    from scipy.io import savemat
+
+    def modes(names=(), **variables):
+        given = {"frequency": np.array([9.0, 12.0]), **variables}
+        savemat(tmp_path / "x.mat", {name: value for name, value in given.items() if value is not None})
+        return read_modes(tmp_path / "x.mat", dict(names), PLACE)
+
+    return modes
+
+
+def test_the_mean_of_tests_scatters_less_than_one(stored):
+    """By the root of their number, which is that of each mode, or of each value of a shape."""
+    shape, tests = np.array([[1.0, 2.0], [3.0, 4.0]]), np.array([[4.0, 9.0], [16.0, 1.0]])
+    found = stored(
+        shape=shape,
+        shape_std=0.6 * shape,
+        tests=tests,
+        frequency_std=np.array([0.3, 0.4]),
+        frequency_tests=np.array([9.0, 4.0]),
+        dofs=np.array([3, 7]),
+    )
+    np.testing.assert_allclose(found.frequency_std, [0.1, 0.2], rtol=1e-15)
+    np.testing.assert_allclose(found.shape_std, [[0.3, 0.4], [0.45, 2.4]], rtol=1e-15)
+    assert list(found.dofs) == [3, 7]
+    np.testing.assert_array_equal(stored(shape=shape, shape_std=shape, tests=4.0).shape_std, shape / 2)
+
+
+def test_eigenvalues_of_a_matlab_file_are_squares_of_frequencies(stored):
+    found = stored(
+        {"eigenvalue": "lambda"},
+        frequency=None,
+        eigenvalue_std=np.array([3.0, 8.0]),
+        **{"lambda": np.array([9.0, 16.0])},
+    )
+    np.testing.assert_array_equal(found.frequency, [3.0, 4.0])
+    np.testing.assert_array_equal(found.frequency_std, [0.5, 1.0])
+    assert found.unit == "rad/s"
+
+
+SQUARE = np.ones((2, 2))
+
+
+@pytest.mark.parametrize(
+    ("variables", "said"),
+    [
+        ({"frequency": np.array([9.0, np.nan])}, "mode 2 has no frequency. Leave it out, or give it one."),
+        ({"frequency_std": np.array([0.1, -0.1])}, "'frequency_std' is negative somewhere"),
+        ({"frequency": None}, "has no variable 'frequency'. Name it: frequency: NAME, or eigenvalue: NAME."),
+        (
+            {"frequency_tests": np.array([3.0, 0.0])},
+            "an eigenvalue or a number of tests that is not positive",
+        ),
+        ({"shape": np.ones((2, 3))}, "'shape' has 3 columns, but there are 2 modes"),
+        ({"shape": SQUARE, "shape_std": np.ones((3, 2))}, "'shape_std' is not as large as the shapes"),
+        ({"shape": SQUARE, "shape_std": SQUARE, "tests": 0 * SQUARE}, "has a number of tests below 1"),
+        (
+            {"shape": SQUARE, "shape_std": SQUARE, "tests": np.ones((3, 2))},
+            "'tests' has the shape (3, 2), the scatter (2, 2)",
+        ),
+    ],
+)
+def test_variables_of_a_matlab_file_that_make_no_sense_are_refused(stored, variables, said):
+    with pytest.raises(FileError) as caught:
+        stored(**variables)
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("1;2\n3;4\n", "has no header. The first line names the columns: frequency, damping, and DOFs."),
+        ("damping,12\n0.1,1\n", "has no column 'frequency'; it has damping, 12. Name it: frequency: NAME."),
+        ("frequency,12,std 13\n1,1,1\n", "has the scatter of '13', but no column '13'"),
+    ],
+)
+def test_columns_that_are_missing_are_named(read, text, said):
+    with pytest.raises(FileError) as caught:
+        read(text)
+    assert said in str(caught.value)

@@ -49,8 +49,9 @@ def test_complex_modes_have_their_eigenvalue(tmp_path):
     assert found.shape[2, "z"] / found.shape[1, "z"] == pytest.approx(complex(-0.5, 0.01), rel=1e-5)
 
 
-def test_analysis_data_2414(tmp_path):
-    columns = {
+def analysis(**changes):
+    """Return a data set 2414 of one mode at two nodes."""
+    return {
         "type": 2414,
         "analysis_dataset_label": 1,
         "analysis_dataset_name": "mode",
@@ -66,8 +67,11 @@ def test_analysis_data_2414(tmp_path):
         "record12_field5": 0.01,
         "node_nums": np.array([5, 6]),
         "data_at_node": [np.array([0, 0, 1.5, 0, 0.5, 0]), np.array([0, 0, -1.0, 0, 0, 0])],
-    }
-    path = written(tmp_path / "x.unv", columns)
+    } | changes
+
+
+def test_analysis_data_2414(tmp_path):
+    path = written(tmp_path / "x.unv", analysis())
     (found,) = read_shapes(path)
     assert found.frequency == pytest.approx(2 * math.pi * 9.5, rel=1e-15)
     assert found.damping == 0.01
@@ -103,3 +107,29 @@ def test_a_modal_survey_is_a_table_of_modes(tmp_path):
 )
 def test_what_makes_no_sense_is_refused(tmp_path, one, said):
     assert said in refusal(written(tmp_path / "x.unv", one))
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        (
+            {"r2": np.array([0.0])},
+            "a mode shape has fewer values than nodes. It is damaged.",
+        ),
+        (
+            {"number_of_data_values_for_the_data_component": 2},
+            "a mode shape has 2 values a node; 3 or 6 are read",
+        ),
+        ({"data_at_node": [np.zeros(6)]}, "a mode shape has fewer values than nodes. It is damaged."),
+        ({"data_at_node": [np.ones(6), np.ones(5)]}, "the shape at node 6 has 5 values. It is damaged."),
+        ({"data_type": 5}, "the shape at node 5 has 6 values. It is damaged."),
+    ],
+)
+def test_a_shape_whose_values_are_not_those_of_its_nodes_is_refused(tmp_path, monkeypatch, changes, said):
+    """Such as a reader may return of a damaged file."""
+    uff = pytest.importorskip("pyuff", reason="pyuff is an extra").UFF
+    one = mode(1.0, [1, 2], [1.0, 2.0], [0.0, 0.0], [0.0, 0.0]) if "r2" in changes else analysis()
+    path = written(tmp_path / "x.unv", one)
+    read = uff.read_sets
+    monkeypatch.setattr(uff, "read_sets", lambda *at, **how: read(*at, **how) | changes)
+    assert said in refusal(path)
