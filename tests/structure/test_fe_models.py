@@ -4,9 +4,10 @@ import importlib.util
 import re
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
-from scipy.io import mmwrite, netcdf_file
+from scipy.io import mmwrite, netcdf_file, savemat
 from scipy.sparse import csc_array
 
 from dynid.errors import FileError, UsageError
@@ -14,7 +15,11 @@ from dynid.scene.files import missing_files
 from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene
 from dynid.structure.imported import imported
+from dynid.structure.matrices import nothing
 from dynid.structure.modes.modes import modes
+from dynid.structure.nodes import Nodes
+from dynid.structure.readers import dof_order, exodus
+from dynid.structure.readers.node_file import ModeShapes, NodeFile
 from dynid.structure.readers.read import MatrixFile
 from dynid.structure.readers.read_nodes import read_nodes
 
@@ -355,8 +360,6 @@ def test_a_truncated_exodus_file(tmp_path, kept):
 
 def test_exodus_in_hdf5(tmp_path):
     """As netCDF 4 stores it."""
-    import h5py
-
     with h5py.File(tmp_path / "a.exo", "w") as store:
         for axis, column in zip("xyz", CUBE.T, strict=True):
             store[f"coord{axis}"] = column
@@ -408,3 +411,124 @@ def test_a_missing_file_of_nodes_is_located(tmp_path):
     )
     (fault,) = missing_files(load_scene(tmp_path / "s.yaml"))
     assert (fault.line, fault.column) == (7, 5)
+
+
+def test_what_an_exodus_file_leaves_out_is_left_out(tmp_path, monkeypatch):
+    """Sets and blocks without members, elements without edges, modes of another size than the nodes."""
+    path = tmp_path / "a.exo"
+    with h5py.File(path, "w") as store:
+        for axis, column in zip("xyz", CUBE.T, strict=True):
+            store[f"coord{axis}"] = column
+        store["eb_prop1"], store["ns_prop1"] = [1, 2, 3], [4, 5]
+        for block, kind in ((1, "SPHERE"), (3, "BEAM2")):
+            store[f"connect{block}"] = np.array([[1, 5]])
+            store[f"connect{block}"].attrs["elem_type"] = np.bytes_(kind)
+        store["node_ns2"] = [3]
+        store["name_nod_var"] = np.array([list(f"disp{axis}") for axis in "xyz"], dtype="S1")
+        store["name_glo_var"] = np.array([list("eigenfrequency")], dtype="S1")
+        store["vals_glo_var"] = np.ones((2, 1))
+        for k in (1, 2, 3):
+            store[f"vals_nod_var{k}"] = np.ones((2, 5))
+    found = read_nodes(path)
+    assert found.nodes.sets == {"5": (3,)}
+    assert found.nodes.lines == ((1, 5),)
+    assert found.modes is None
+    monkeypatch.setattr(exodus, "_MOST_LINES", 0)
+    assert read_nodes(path).nodes.lines == ()
+    with h5py.File(path, "r+") as store:
+        for k in (1, 2, 3):
+            del store[f"vals_nod_var{k}"]
+            store[f"vals_nod_var{k}"] = np.full((2, 12), float(k))
+    shapes, frequencies = read_nodes(path).modes
+    np.testing.assert_allclose(frequencies, 2 * np.pi * np.ones(2), rtol=1e-15)
+    np.testing.assert_array_equal(shapes, np.tile([[[1.0], [2.0], [3.0]]], (12, 1, 2)))
+    with h5py.File(path, "w") as store:
+        store["eb_prop1"] = [1]
+    with pytest.raises(FileError, match=r"a\.exo has no nodes"):
+        read_nodes(path)
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        ({"nodes": np.ones((2, 5))}, "has no nodes. These are a matrix node, nodes, xyz"),
+        ({"node": np.array([[1, 0, 3, 0, 0, 0, 0]])}, "has nodes in other than basic coordinates"),
+        ({"node": np.array([[1.5, 0, 0, 0]])}, "has numbers of nodes that are not whole"),
+        ({"xyz": np.eye(3), "dof": np.ones((2, 3))}, "has DOFs in 3 columns, not one or two"),
+        ({"xyz": np.eye(3), "dof": np.array([[1, 7], [2, 1]])}, "has DOFs that are no node and component 1"),
+    ],
+)
+def test_nodes_of_matlab_that_make_no_sense_are_refused(tmp_path, columns, said):
+    savemat(tmp_path / "n.mat", columns)
+    with pytest.raises(FileError) as caught:
+        read_nodes(tmp_path / "n.mat")
+    assert said in str(caught.value)
+
+
+def test_an_order_that_nothing_confirms_is_a_guess(tmp_path):
+    """Of a full stiffness on supports, as a reduced structure has it, rigid-body motions say nothing."""
+    root = np.random.default_rng(0).standard_normal((36, 36))
+    full = root @ root.T + np.eye(36)
+    (doubt,) = built(tmp_path, write(tmp_path, full, table_of(CUBE, NUMBERS))).nodes.doubts
+    assert doubt.startswith(
+        "the order of the DOFs, 10:x, 10:y, 10:z, …, is a guess that could not be confirmed: a rigid-body "
+        "motion of the nodes strains 100% of the DOFs"
+    )
+    stated = write(tmp_path, full, table_of(CUBE, NUMBERS, ",dofs", ["x y z"] * 12))
+    assert not built(tmp_path, stated).nodes.doubts
+    with pytest.raises(UsageError, match="none that is usual fits the stiffness"):  # springs to the ground
+        built(tmp_path, write(tmp_path, np.diag(np.diag(full)), table_of(CUBE, NUMBERS)))
+
+
+def test_of_a_large_stiffness_rigid_body_modes_are_not_counted(tmp_path, monkeypatch):
+    rows = np.random.default_rng(5).permutation(12)
+    nodes = write(tmp_path, lattice(CUBE)[::-1, ::-1], table_of(CUBE[rows], NUMBERS))
+    monkeypatch.setattr(dof_order, "_MOST_COUNTED", 35)
+    (doubt,) = built(tmp_path, nodes).nodes.doubts
+    assert "is a guess that could not be confirmed" in doubt
+
+
+def test_modes_of_the_nodes_tell_the_order_of_the_rows():
+    """Rows in any order of the nodes have the shapes of the file, each up to its sign."""
+    generator = np.random.default_rng(2)
+    K, M = lattice(CUBE), np.diag(np.repeat(np.linspace(1, 2, 12), 3))
+    made = modes(M, nothing(36, sparse=False), K, 20)
+    shapes = made.shapes.reshape(12, 3, -1) * generator.choice([-1.0, 1.0], 20)
+    nodes = Nodes(tuple(NUMBERS), CUBE)
+    order = generator.permutation(12)
+    rows = np.arange(36).reshape(12, 3)[order].ravel()
+    mixed = M[np.ix_(rows, rows)], K[np.ix_(rows, rows)]
+    labels, found = dof_order.assigned(*mixed, (), NodeFile(nodes, (), ModeShapes(shapes, made.omega)))
+    assert labels == tuple(f"{NUMBERS[k]}:{along}" for k in order for along in "xyz")
+    assert not found.doubts
+    others = Nodes(tuple(NUMBERS), CUBE[::-1] ** 2)  # of other positions: the stiffness does not confirm it
+    for wrong in (
+        NodeFile(nodes, (), ModeShapes(shapes, 1.01 * made.omega)),
+        NodeFile(nodes, (), ModeShapes(generator.standard_normal(shapes.shape), made.omega)),
+        NodeFile(others, (), ModeShapes(shapes, made.omega)),
+    ):
+        with pytest.raises(UsageError, match="none that is usual fits the stiffness"):
+            dof_order.assigned(*mixed, (), wrong)
+
+
+def test_notes_and_sets_of_sets_of_an_input_file(tmp_path):
+    text = """\
+** a comment
+
+*NODE
+1, 0, 0, 0
+2, 1, 0, 0
+3, 0, 1, 0
+*NSET, NSET=low
+1, 2,
+*NSET, NSET=all
+low, 3
+*TRANSFORM, NSET=low
+1, 0, 0, 0, 1, 0
+*BOUNDARY
+low, 1, 3
+"""
+    (tmp_path / "a.inp").write_text(text)
+    nodes = read_nodes(tmp_path / "a.inp").nodes
+    assert nodes.sets == {"low": (1, 2), "all": (1, 2, 3)}
+    assert nodes.notes[0] == "1 coordinate system of *TRANSFORM, which are not applied"
