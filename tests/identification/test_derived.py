@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from dynid.cli.summary import identification
 from dynid.identification.derived import (
     DELTA,
     LOGARITHM,
@@ -18,6 +19,8 @@ from dynid.identification.write_derived import DerivedRequest
 from dynid.identification.write_result import Further
 from dynid.lti.signals import Multisine
 from dynid.parameters import Parameter
+from dynid.report.content.derived import derived_sections, derived_table
+from dynid.result import Result
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.response import Channel, Load
@@ -193,3 +196,43 @@ def test_a_link_with_known_values_gives_a_zero_without_a_band():
     pair = np.flatnonzero(imaginary.value > 1)
     np.testing.assert_allclose(real.value[pair], -15, rtol=1e-9)
     np.testing.assert_allclose(imaginary.high[pair], imaginary.value[pair], rtol=1e-9)
+
+
+def test_the_report_and_the_screen_have_the_modes_with_their_bands(result, monkeypatch):
+    """The zero of 2.velocity / 5 is that of a known spring and mass: it is certain."""
+    columns, rows = derived_table(result)
+    assert columns == ("", "rad/s", "95 % band", "ζ in %", "95 % band")
+    assert [row[0] for row in rows] == [
+        *(f"mode {k}" for k in range(1, 6)),
+        *("zero 1 of 2.velocity/5", "zero 1 of 3.velocity/5", "zero 2 of 3.velocity/5"),
+    ]
+    for column, (name, factor) in enumerate((("frequency", 1.0), ("damping", 100.0))):
+        low, high = (factor * result[f"{DERIVED}/modes/{name}/{end}"].data for end in ("low", "high"))
+        for k in range(5):
+            found = [float(text) for text in rows[k][2 * column + 2].split(" … ")]
+            assert found == pytest.approx([low[k], high[k]], abs=0.03 * (high[k] - low[k]))
+    certain = rows[5]
+    assert (certain[2], certain[4]) == ("for all values", "for all values")
+    assert float(certain[1]) == pytest.approx(math.sqrt(25_000), abs=0.05)
+    (section,) = derived_sections(result)
+    table, *said = section.blocks
+    assert table.rows == tuple(rows)
+    assert said[0].text == "Stable (probability >0.999)."
+    assert said[1].text.startswith("2.velocity/5: not minimum phase for any values of the parameters")
+    monkeypatch.setattr(identification, "_MODES", 3)
+    screen = "\n".join(identification.lines(result))
+    assert "mode 3" in screen
+    assert "mode 4" not in screen
+    assert "    … 5 more rows in the file\n\n  stable (probability >0.999)\n  2.velocity/5: not" in screen
+
+
+@pytest.mark.parametrize(("gaussian", "word"), [(True, "is"), (False, "is not")])
+def test_a_posterior_that_was_checked_is_judged_without_a_table(gaussian, word):
+    result = Result("identification")
+    assert not list(derived_sections(result))
+    for name, value in {"k_hat": 0.314, "gaussian": gaussian, "effective_samples": 812.4}.items():
+        result.add(f"identification/posterior/{name}", value)
+    result.annotate("identification/posterior", samples=1000)
+    (section,) = derived_sections(result)
+    (said,) = section.blocks
+    assert said.text == f"The posterior {word} Gaussian (k = 0.31, 812 effective samples of 1000)."
