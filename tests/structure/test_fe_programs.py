@@ -247,6 +247,12 @@ def spoiled(text, old, new):
             "             3             3     999999999",
             "claims a matrix",
         ),
+        (
+            "             3             3             5",
+            "            -3             3             5",
+            "sizes are no whole numbers from 0",
+        ),
+        ("RSA", "CSA", "holds a matrix of type CSA; what is read is RSA or RUA: real, assembled"),
         ("(10I8)", "(99999I8)", "are no formats"),
         ("(10I8)", "(10F8)", "formats are not those"),
         ("(10I8)", "garbage", "formats are not those"),
@@ -284,6 +290,22 @@ def test_scripts_that_are_no_matrix(tmp_path):
     (tmp_path / "k.m").write_text("a=[\n2 2 5.5;\n1 2 3.5];\na=sparse(a(:,1),a(:,2),a(:,3),3,3);\n")
     found = read_matrix(MatrixFile(tmp_path / "k.m"), "stiffness").matrix.toarray()
     np.testing.assert_array_equal(found, [[0, 3.5, 0], [3.5, 5.5, 0], [0, 0, 0]])
+
+
+def test_scripts_that_claim_or_hold_too_much(tmp_path, monkeypatch):
+    (tmp_path / "k.m").write_text("a=[\n1 1 2;\n];\na=sparse(a(:,1),a(:,2),a(:,3),5000,4000)\n")
+    with pytest.raises(FileError, match="it claims 5000 x 4000, more rows than its bytes"):
+        read_matrix(MatrixFile(tmp_path / "k.m"), "stiffness")
+    monkeypatch.setattr("dynid.structure.readers.matlab_script._LONGEST", 40)
+    with pytest.raises(FileError, match=r"k\.m is too large for a script of a matrix"):
+        read_matrix(MatrixFile(tmp_path / "k.m"), "stiffness")
+
+
+def test_arrays_of_structures_hold_no_matrix_that_is_read(tmp_path):
+    several = np.array([(K,), (2 * K,)], dtype=[("K", object)])
+    savemat(tmp_path / "m.mat", {"models": several, "M": np.eye(3)})
+    with pytest.raises(FileError, match="has no matrix 'models/K'; it has M"):
+        read_matrix(MatrixFile(tmp_path / "m.mat", "models/K"), "stiffness")
 
 
 def test_models_that_are_not_whole(tmp_path):

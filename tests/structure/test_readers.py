@@ -523,6 +523,31 @@ def test_a_port_tells_the_matrices_behind_a_state_space(tmp_path):
         np.testing.assert_allclose(found, exact, atol=1e-10 * np.abs(exact).max())
 
 
+@pytest.mark.parametrize(
+    ("seen", "driven"),
+    [
+        (np.r_[np.eye(5)[2], np.eye(5)[2]], np.ones(5)),  # displacement and velocity in one
+        (np.r_[np.zeros(5), np.eye(5)[2]], np.zeros(5)),  # no mode is driven
+        (np.r_[np.zeros(5), -np.eye(5)[2]], np.eye(5)[2]),  # not collocated: of the other sign
+    ],
+)
+def test_a_port_that_is_not_collocated_tells_nothing(tmp_path, seen, driven):
+    """The mass is the one that there would be without it."""
+    M, C, K = chain()
+    B = np.concatenate([np.zeros(5), np.linalg.solve(M, driven)])[:, None]
+    found = from_state_space(state_space_file(tmp_path, (M, C, K), B=B, C=seen[None, :]))
+    without = from_state_space(state_space_file(tmp_path, (M, C, K)))
+    np.testing.assert_array_equal(found.M, without.M)
+
+
+def test_a_sparse_group_without_one_of_its_arrays_is_refused(tmp_path):
+    with h5py.File(tmp_path / "k.h5", "w") as store:
+        store["K/data"], store["K/indices"], store["K/shape"] = [1.0], [0], [1, 1]
+        store.create_group("K/indptr")
+    with pytest.raises(FileError, match="'/K' has no dataset 'indptr'"):
+        read_matrix(MatrixFile(tmp_path / "k.h5", "K"), "stiffness")
+
+
 def test_without_a_port_the_mass_is_the_one_closest_to_unity(tmp_path):
     M, C, K = chain()
     M = np.eye(5) + 1e-3 * K
