@@ -58,13 +58,13 @@ class NativeLibrary(BuildHookInterface):
         if self.target_name != "wheel":
             return
         folder = Path(self.root) / FOLDER
-        for old in folder.glob("library*"):
-            old.unlink()
         try:
             made = [built(folder, "library.plain", [])]
             if platform.machine().lower() in ("x86_64", "amd64"):
                 made.append(built(folder, "library.avx2", ["-mavx2", "-mfma"]))
         except (OSError, subprocess.CalledProcessError) as failure:
+            for old in folder.glob("library*"):
+                old.unlink()
             self.app.display_warning(f"dynid is built without its C library: {failure}")
             self.app.display_warning(str(getattr(failure, "stderr", "")))
             return
@@ -86,6 +86,8 @@ def built(folder: Path, name: str, flags: list[str]) -> Path:
             contracted = "off" if source.name in EVERY_ROUNDING else "fast"
             own = [*FLAGS, *flags, f"-ffp-contract={contracted}", "-c", str(source), "-o", objects[-1]]
             subprocess.run([*command, *own], check=True, capture_output=True, text=True)
-        linked = [*command, *flags, "-shared", *objects, "-o", str(target), "-lm"]
+        fresh = folder / f".{name}.{os.getpid()}"  # put in place at once: another process may use the old one
+        linked = [*command, *flags, "-shared", *objects, "-o", str(fresh), "-lm"]
         subprocess.run(linked, check=True, capture_output=True, text=True)
+        fresh.replace(target)
     return target
