@@ -8,7 +8,7 @@ import pytest
 from dynid.cli.summary.identification import lines
 from dynid.identification.verdict import verdict
 from dynid.number_format import quantity, with_error
-from dynid.report.content.identification import cautions
+from dynid.report.content.identification import cautions, method, noise_sentences, sections
 from dynid.result import Result
 from tests.identification.cases import run, simulated
 
@@ -224,3 +224,72 @@ def test_value_and_error_have_the_same_decimals(value, error, text):
 )
 def test_quantities_are_readable(value, error, text):
     assert quantity(value, error) == text
+
+
+@pytest.mark.parametrize(
+    ("orders", "said"),
+    [
+        ([0], "coloured noise (autoregression): a white"),
+        ([2, 0], "coloured noise (autoregression): a of order 2 (0.5, -0.25), b white"),
+        ([5], "coloured noise (autoregression): a of order 5 (0.5, -0.25, 0.125, -0.0625, …)"),
+        ([0, 0, 0, 1], "coloured noise (autoregression): a white, b white, c white, …"),
+    ],
+)
+def test_coloured_noise_has_its_orders_and_first_coefficients(orders, said):
+    result, group = Result("identification"), "identification/noise"
+    assert not list(noise_sentences(result))
+    result.add_axis(f"{group}/channel", list("abcd"[: len(orders)]))
+    result.add(f"{group}/order", orders, ("channel",))
+    row = [0.5, -0.25, 0.125, -0.0625, 0.03125]
+    result.add(f"{group}/coefficients", np.array([row] * len(orders)), ("channel", "lag"))
+    assert list(noise_sentences(result)) == [said]
+
+
+def test_noise_in_proportion_to_the_response_is_in_per_cent():
+    result, group = Result("identification"), "identification/noise"
+    result.add_axis(f"{group}/channel", ["a", "b"])
+    result.add(f"{group}/ratio", [0.021, 0.005], ("channel",))
+    assert list(noise_sentences(result)) == ["noise in proportion to the response: 2.1 % in a, 0.5 % in b"]
+
+
+def test_the_loss_of_huber_is_named_as_the_method():
+    result = Result("identification")
+    assert method(result) == "structure"
+    result.add("identification/diagnostics/passes", 2)
+    result.add_axis("identification/stages/stage", ["a filter pass"])
+    result.add("identification/stages/chosen", 1)
+    result.annotate("identification", estimator="filter")
+    assert method(result) == "identification · 2 filter passes"
+    result.annotate("identification", loss="huber")
+    assert method(result) == "identification · maximum likelihood with Huber's loss"
+
+
+@pytest.mark.parametrize("count", [0, 2, 25])
+def test_modes_of_a_structure_and_its_massless_dofs(count):
+    """The screen lists the first 8 massless DOFs and the last, the page the first 20."""
+    result, group = Result("identification"), "structure/modes"
+    result.add_axis(f"{group}/omega", [0.0, 2 * np.pi])
+    for name, values in {"damping": [0.0, 0.02], "name": ["", ""]}.items():
+        result.add(f"{group}/{name}", values, ("omega",))
+    result.add(f"{group}/rigid", 1)
+    result.add_axis(f"{group}/dof", [str(k) for k in range(30)])
+    if count:
+        result.add_axis(f"{group}/massless", [f"d{k}" for k in range(1, count + 1)])
+    screen = lines(result)
+    (section,) = sections(result)
+    table, *remark = section.blocks
+    assert table.rows[1] == ("2", "6.2832", "1", "2 %")
+    assert table.caption == "2 modes of 30 DOFs, 1 of the rigid body"
+    assert screen[-1].split() == ["2", "6.2832", "1", "2", "%"]
+    said = {0: "no massless DOFs", 2: "2 massless DOFs", 25: "25 massless DOFs"}[count]
+    assert screen[0] == f"  2 modes of 30 DOFs; 1 rigid-body mode, {said}"
+    if not count:
+        assert not remark
+        return
+    (statement,) = remark
+    if count == 2:
+        assert screen[1] == "    massless: d1, d2"
+        assert statement.text == "2 massless: d1, d2"
+    else:
+        assert screen[1] == f"    massless: {', '.join(f'd{k}' for k in range(1, 9))} … d25"
+        assert statement.text == f"25 massless: {', '.join(f'd{k}' for k in range(1, 21))}, …"
