@@ -259,8 +259,10 @@ analysis: {outputs: [k.q, m.f], results: [energy, time_response], time: {stop: 1
 def test_the_operating_point_its_slopes_and_the_range_of_linear_results():
     """The wells of -q + 4 q^3 lie at q = ±1/2, with the slope 12 q^2 - 1 = 2; a damper of slope 0.5."""
     result = run(WELL.replace("POINT", "start: {k.q: 0.4}"))
+    result.add_axis("bond_graph/approximations", ["the sums are rounded"])
     both_say(
         result,
+        "the sums are rounded",
         "3 equilibria found (stable, unstable, stable); number 1 is analysed",
         "inputs F = 0",
         "of the terms, condition",
@@ -382,3 +384,89 @@ def test_margins_and_poles_of_a_loop_with_delay():
     assert "unstable: 2 roots lie in the right half-plane (Nyquist count with delays)" in unstable
     assert f"and gain times {gain / 10:.4g} " in unstable
     assert "phase margin" not in unstable
+
+
+def test_a_loop_below_one_has_no_phase_margin_and_one_that_no_gain_stabilises_no_changes():
+    low = screen(run(LOOP.replace("DAMPING", "0.2").replace("CONTROLLER", "gain: 0.1")))
+    assert f"loop J.f -> u any larger gain · Ms 1, Mt {0.1 / 0.3:.4g} left out" in low
+    never = screen(run(LOOP.replace("DAMPING", "-0.2").replace("CONTROLLER", "gain: -2")))
+    assert "loop J.f -> u unstable: pole at 4.4 lies in the right half-plane left out" in never
+
+
+def test_a_law_that_is_flat_at_its_point_says_so():
+    both_say(
+        run(WELL.replace("POINT", "start: {k.q: 0}").replace("-q + 4*q**3", "q**3")),
+        "zero slopes k: no effort or flow of its own in the linearisation",
+        "1 equilibrium found, neutral",
+        "energy in m 100 %; dissipated in c 100 %",
+    )
+
+
+def test_a_port_of_a_source_and_one_storage():
+    """Neither side determines where it rests; the pole at 0 is of the storage alone."""
+    result = run("""\
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {F: Sf, x: 1, z: 0, c: {type: C, value: 2}}
+  bonds: [F -> x, x -> z, z -> c]
+analysis: {outputs: [c.e], port: x -> z, results: [prototype]}
+""")
+    both_say(
+        result,
+        "F: no static characteristic: a side has no finite line at s -> 0, or both lines are parallel",
+        "(eq 12): none",
+        "missed: at 0 rad/s",
+        "net power over the port 0 (eq 9)",
+    )
+
+
+CHANNELS = """\
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {F: Se, G: Se, H: Se, j: 1, m: {type: I, value: 2}, b: {type: R, value: 1},
+          k: {type: C, value: 0.5}, l: {type: R, value: 3}}
+  bonds: [F -> j -> m, G -> j, H -> j, j -> b, j -> k, j -> l]
+analysis:
+  outputs: [m.f, m.e, m.p, k.e, k.f, k.q, b.e, b.f, l.e, l.f, F.f, G.f, H.f]
+  results: [RESULTS]
+"""
+
+
+def test_of_39_channels_6_are_shown_in_full_and_30_in_a_table():
+    table = screen(run(CHANNELS.replace("RESULTS", "properties")))
+    assert "k.q / H 2 2 0.5 0 minimum phase stable" in table
+    assert "G.f / H 2 1 0 0 marginal, not minimum phase stable … 3 more channels in the file" in table
+    assert "H.f / F" not in table
+    alone = screen(run(CHANNELS.replace("RESULTS", "transfer_function")))
+    assert "m.e / H T(s) = s^2 / (s^2 + 2 s + 1)" in alone
+    assert "… 33 more channels in the file" in alone
+
+
+def test_of_many_storages_and_bonds_the_first_are_shown():
+    """Of 30 compliances at one effort, 29 depend on the first; 31 bonds."""
+    places = range(1, 31)
+    result = run(
+        "dynid: 1\nkind: bond-graph\ngraph:\n"
+        f"  nodes: {{F: Sf, y: 0, {', '.join(f'k{i}: {{type: C, value: {i}}}' for i in places)}}}\n"
+        f"  bonds: [F -> y, {', '.join(f'y -> k{i}' for i in places)}]\n"
+        "analysis: {outputs: [k1.e], results: [causality]}\n"
+    )
+    said = " ".join(summary(result, "now", trace=True).split())
+    assert said.count("is in derivative causality: its displacement is determined by k1 (C)") == 6
+    assert "derivative k7 (C) is in derivative causality" in said
+    assert "… 23 more in the file bonds (bar: causal stroke): F |-> y y |-> k1 y ->| k2" in said
+    assert "y ->| k23 … (31 in all) zeros" in said
+    assert "… 17 more derivatives in the file" in page(result)
+
+
+def test_of_many_steps_of_a_reduction_the_first_are_shown():
+    chain = chain_scene(16)
+    asked = chain[chain.index("results: [") : chain.index("]", chain.index("results: [")) + 1]
+    result = run(chain.replace(asked, "results: [reduction]"))
+    said = " ".join(summary(result, "now", trace=True).split())
+    steps = len(result["bond_graph/reduction/steps"].data)
+    assert f"v16.f: reduced in {steps - 1} steps to prototype d: Y = Y_B/(1 + Y_B*Z_A)" in said
+    assert f"12. source swap: e_eq_j2 = 1/Y_j2*f_eq_v2 … {steps - 12} more steps in the file" in said
+    assert f"… {steps - 60} more steps in the file" in page(result)
