@@ -14,7 +14,7 @@ from dynid.identification.modal_measurement import ModalMeasurement, Scatter
 from dynid.identification.modal_record import ModalLikelihood, ModalRecord, _turned
 from dynid.identification.simulation import Simulation
 from dynid.lti.signals import Multisine
-from dynid.parameters import Parameter, starts
+from dynid.parameters import Parameter, ParameterPrior, starts
 from dynid.structure.correlation import comac, mac, paired
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
@@ -467,3 +467,46 @@ def test_modes_with_both_records_and_responses_are_refused():
     responses = object.__new__(FrfMeasurement)
     with pytest.raises(UsageError, match="not with both"):
         identify_modes(chain(), measured(chain()), [taken], responses)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"omega": np.zeros(0)}, "measured modes need positive frequencies"),
+        ({"omega": np.array([1.0, -1.0])}, "measured modes need positive frequencies"),
+        ({"damping": np.zeros(3)}, "'damping' is (3,), but must be (2,)"),
+        ({"omega_std": np.zeros((2, 1))}, "'omega_std' is (2, 1), but must be (2,)"),
+        ({"shape": np.ones((3, 2))}, "'shape' is (3, 2), but there are 1 sensors and 2 modes"),
+    ],
+)
+def test_modes_of_other_sizes_are_refused(changes, said):
+    given = {"omega": np.array([1.0, 2.0]), "dofs": (1,), "shape": np.ones((1, 2))} | changes
+    with pytest.raises(UsageError) as caught:
+        ModalMeasurement(**given)
+    assert str(caught.value) == said
+
+
+def test_what_the_data_know_better_than_the_priors():
+    """A joint whose prior is wide, one that is known, and one that moves nothing: its prior stays."""
+
+    def joint(name, dofs, deviation):
+        prior = ParameterPrior(2e4, deviation)
+        return Joint(name, dofs, JointParameter(start=2e4, true=2e4, prior=prior))
+
+    joints = [joint("a", (1, 2), 0.3), joint("b", (2, 3), 0.3), joint("far", (4,), 0.1)]
+    model = lumped([2.0, 1.0, 1.0, 1.0], [Link((1,), 3e4, 0.0)], joints)
+    poles, shapes = true_modes(model)
+    alone = np.sqrt(2e4)  # of the mass at the fourth joint, which is left out
+    kept = np.abs(poles.imag - alone) > 1e-6 * alone
+    modal = ModalMeasurement(
+        poles.imag[kept], (1, 2, 3), shapes[:3, kept], omega_std=0.002 * poles.imag[kept], model_error=KNOWN
+    )
+    result = identify_modes(model, modal)
+    said = list(modes(result, "statements"))
+    strength = modes(result, "directions/strength")
+    assert np.all(strength[:2] > 10)
+    assert strength[2] < 1e-3
+    assert list(modes(result, "directions/label"))[2] == "far.k"
+    start = "the data determine 2 of 3 combinations better than the priors: "
+    assert [one for one in said if one.startswith(start)]
+    assert said[-1] == "known by their priors alone: far.k"
