@@ -95,3 +95,17 @@ def test_the_band_ends_where_the_grid_does(evaluate, expected):
 
 def test_one_frequency_is_its_own_maximum():
     assert refined(modes_of((1.0, 5.0, 0.05)), np.array([2.0]))[1] == 2.0
+
+
+def test_a_response_that_cannot_be_computed_anywhere_is_refused():
+    """Infinite only beside frequencies where it can be; an undamped pole is at one frequency."""
+
+    def nowhere(omega):
+        raise Singular(f"at {len(omega)} frequencies")
+
+    grid = np.linspace(1.0, 2.0, 5)
+    response = (1 / (1 + (grid - 1.5) ** 2))[:, None, None]
+    with pytest.raises(Singular, match=r"^at 1 frequencies$"):
+        peaks(nowhere, grid, response, [1.6])
+    with pytest.raises(Singular, match=r"^at 2 frequencies$"):
+        peaks(nowhere, grid, response, [1.3, 1.6])
