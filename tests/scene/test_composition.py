@@ -319,6 +319,12 @@ def place(text, fragment):
             "unknown key 'knots'",
         ),
         ("graph:\n", "graphs:\n", "models", "models are for a 'graph'; there is none"),
+        (
+            "rotor: 1",
+            "rotor: {model: motor}",
+            ", |rotor]",
+            "the port 'rotor' is an instance; name a port of another name",
+        ),
     ],
 )
 def test_faults_stand_where_they_are_written(old, new, at, message):
@@ -481,3 +487,36 @@ def test_an_unknown_that_an_instance_is_given_is_written_back_there():
     assert written.data["graph"]["nodes"]["two"]["c"] == estimate
     assert written.data["models"]["stage"]["parameters"]["b"] == 3
     check_source(written)
+
+
+def test_a_graph_of_too_many_nodes_is_refused_at_the_first_beyond(monkeypatch):
+    monkeypatch.setattr("dynid.scene.composition.MOST_NODES", 7)
+    text = MOTOR.lstrip("\n")
+    at = place(text, "d: {type: R, value: 0.5}").split(":")
+    assert f"scene.yaml:{at[0]}:" in faults(text)
+    assert "the graph has more than 7 nodes" in faults(text)
+    monkeypatch.setattr("dynid.scene.composition.MOST_NODES", 8)
+    assert len(built_graph(scene(text)).graph.nodes) == 8
+
+
+def test_a_model_of_two_files_is_refused_in_the_second(tmp_path):
+    models = MOTOR[MOTOR.index("models:") : MOTOR.index("parameters: {Rm")]
+    (tmp_path / "one.yaml").write_text(models)
+    (tmp_path / "two.yaml").write_text("# another one\n" + models)
+    own = tmp_path / "scene.yaml"
+    own.write_text(MOTOR.lstrip("\n").replace(models, "use: [one.yaml, two.yaml]\n"))
+    with pytest.raises(SceneError) as raised:
+        load_scene(own)
+    (found,) = raised.value.faults
+    assert (found.file, found.line) == (str(tmp_path / "two.yaml"), 3)
+    assert found.message == f"there are two models 'motor'; the other is in {tmp_path / 'one.yaml'}"
+
+
+@pytest.mark.parametrize("content", ["[motor]\n", "graph: {nodes: {}}\n"])
+def test_a_used_file_without_models_is_refused(tmp_path, content):
+    (tmp_path / "one.yaml").write_text(content)
+    own = tmp_path / "scene.yaml"
+    own.write_text(MOTOR.lstrip("\n") + "use: one.yaml\n")
+    with pytest.raises(SceneError, match=r"'one\.yaml' has no 'models'") as raised:
+        load_scene(own)
+    assert raised.value.faults[0].line == len(MOTOR.splitlines())

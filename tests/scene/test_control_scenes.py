@@ -163,6 +163,44 @@ def test_sensitivities_are_by_the_gains_of_controllers():
         np.testing.assert_allclose(slopes, (up - down) / (2 * step), rtol=1e-5, atol=1e-7)
 
 
+def test_sensitivities_are_by_the_coefficients_of_controllers():
+    """Numerator and denominator by their places in the scene; a coefficient of zero is none."""
+    text = SERVO.replace("CONTROLLER", "{numerator: [b1, 3], denominator: [0.5, 4, 0]}")
+    text += "  results: [sensitivities]\nparameters: {b1: 2}\n"
+    result = dynid.run(scene(text))
+    group = "bond_graph/sensitivities/shaft.q/target"
+    names = [str(name) for name in result[f"{group}/parameter"].data]
+    path = "control.loops.1.controller"
+    base = {"b1": 2, f"{path}.numerator.1": 3, f"{path}.denominator.0": 0.5, f"{path}.denominator.1": 4}
+    assert {name for name in names if name.startswith(path)} == base.keys() - {"b1"}
+
+    def poles(b1, b0, a2, a1):
+        plant = np.polyadd(np.polymul([0.01, 5], [0.001, 0.0001]), [0.01])
+        bottom = np.polymul(np.polymul(plant, [1, 0]), [a2, a1, 0])
+        return np.roots(np.polyadd(0.1 * np.array([b1, b0]), bottom))
+
+    own = result[f"{group}/poles"].data
+    for name, value in base.items():
+        step = 1e-5 * value
+        near = [poles(*(dict(base) | {name: value + sign * step}).values()) for sign in (1, -1)]
+        up, down = (each[np.abs(own[:, None] - each).argmin(axis=1)] for each in near)
+        slopes = result[f"{group}/pole_sensitivity"].data[:, names.index(name)]
+        np.testing.assert_allclose(slopes, (up - down) / (2 * step), rtol=1e-5, atol=1e-7)
+
+
+def test_loops_of_a_graph_without_a_solution_are_not_judged():
+    """Two efforts meet at one junction: the fault of the graph is reported, and no fault of its loop."""
+    from dynid.scene.run import preparation_errors
+
+    text = SERVO.replace("CONTROLLER", "{gain: 4}").replace(
+        "shaft: 1", "shaft: 1\n    node: 0\n    other: Se"
+    )
+    text = text.replace("[voltage -> m.supply", "[voltage -> node, other -> node, node -> m.supply")
+    (error,) = preparation_errors(scene(text))
+    assert "other" in str(error)
+    assert "voltage" in str(error)
+
+
 LATE = SERVO.replace("CONTROLLER", "{gain: 20, delay: tau}") + "parameters: {tau: 0.02}\n"
 
 

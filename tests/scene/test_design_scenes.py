@@ -245,6 +245,14 @@ def test_graphs_with_laws_are_not_designed():
     assert faults(text) == [f"scene.yaml:17:1: {message}"]
 
 
+def test_a_free_parameter_may_be_written_as_arithmetic():
+    plain = dynid.run(scene(SCENE.replace("c: {start: 1, min: 0.1}", "c: 1")))
+    result = dynid.run(scene(SCENE.replace("c: {start: 1, min: 0.1}", 'c: "3/4 + 1/4"')))
+    assert result["bond_graph/design/start"].data.tolist() == [1.0]
+    assert result["bond_graph/design/value"].data == plain["bond_graph/design/value"].data
+    assert result["bond_graph/design/value"].data == pytest.approx([2.0], rel=1e-13)
+
+
 def test_graphs_with_delays_are_not_designed():
     loop = "{from: k.q, to: F, controller: {gain: 1, delay: 0.1}, reference: r}"
     text = SCENE.replace("design:", f"control: {{loops: [{loop}]}}\ndesign:")

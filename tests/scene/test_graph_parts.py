@@ -418,6 +418,13 @@ STRUCTURE = "{type: structure, structure: {lumped: {masses: [1]}}, "
             8,
         ),
         (
+            f"{STRUCTURE}joints: {{j: {{points: [a, b], k: {{x: 3}}}}}}, ports: {{a: 1}}}}",
+            "one -> r",
+            "r.f",
+            "joint 'j' is between points, which a structure in a bond graph has not",
+            8,
+        ),
+        (
             "{type: I, value: 1, joints: {}, structure: {lumped: {masses: [1]}}}",
             "one -> r",
             "r.f",

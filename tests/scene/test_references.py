@@ -68,3 +68,11 @@ def test_sections_are_found_by_the_model_that_they_derive_from():
     assert sorted(signals) == ["impulse", "sine", "step"]
     records = [path for path, _ in sections(IdentificationScene, data, RecordModel)]
     assert records == [("measurement",), ("measurement", "records", 0)]
+
+
+def test_a_scene_of_no_known_kind_names_no_files():
+    from dynid.scene.files import file_places
+
+    data = {"structure": {"matrices": {"mass": "M.mtx", "stiffness": "K.mtx"}}}
+    assert list(file_places({"kind": "nothing", **data})) == []
+    assert [place[-1] for place in file_places({"kind": "reduction", **data})] == ["mass", "stiffness"]
