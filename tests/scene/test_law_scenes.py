@@ -362,6 +362,8 @@ def test_points_without_a_linearisation_are_refused(text, error, message):
         ("OPERATING", "operating_point: {values: {k.q: 1}, start: {k.q: 1}}", 11, "is not solved for"),
         ("OPERATING", "operating_point: {search: {ranges: {k.q: [1, 0]}}}", 11, "starts above its end"),
         ("OPERATING", "operating_point: {choose: 0}", 11, "choose"),
+        ('{e: "-q + 4*q**3"}', "{e: 3}", 9, "'e' must be a text, not 3"),
+        ("value: 2}", "value: 2*}", 7, "this is not arithmetic"),
     ],
 )
 def test_faults_are_located(old, new, line, message):
@@ -413,7 +415,162 @@ def test_values_against_the_equations_are_a_warning():
     assert any("contradict the equations" in text for text in result["bond_graph/warnings"].data)
 
 
-def test_laws_are_refused_where_parameters_are_identified():
-    text = duffing("{}").replace("kind: bond-graph", "kind: identification")
-    with pytest.raises(SceneError, match="laws are for scenes of kind bond-graph"):
+@pytest.mark.parametrize(("old", "new"), [("", ""), ("value: 2}", "value: 2*}")])
+def test_laws_are_refused_where_parameters_are_identified(old, new):
+    text = duffing("{}").replace("kind: bond-graph", "kind: identification").replace(old, new)
+    with pytest.raises(SceneError, match="laws are for scenes of kind bond-graph") as caught:
         scene(text)
+    places = [fault.line for fault in caught.value.faults if fault.message.startswith("laws are for")]
+    assert places == [8, 9]
+    assert any("this is not arithmetic" in fault.message for fault in caught.value.faults) == bool(new)
+
+
+def test_a_law_of_a_port_of_a_field_is_linearised():
+    """m x'' + (1 + K11) x = F with e = f(q_a) = K11 q_a beside: the law reads the effort of the port."""
+    text = """
+dynid: 1
+kind: bond-graph
+graph:
+  nodes:
+    F: Se
+    x: 1
+    m: {type: I, value: 2}
+    k: {type: C, matrix: [[0.25]], ports: [a]}
+    c: {type: R, law: {e: "f + 3*f*abs(k.a.e) + 2*k.a.e"}}
+  bonds: [F -> x, x -> m, x -> k.a, x -> c]
+operating_point: {inputs: {F: 6}}
+analysis: {outputs: [x.q]}
+"""
+    result = run(text)
+    # at rest 3 e = 6 with e = q/C; then m s^2 + (1 + 3 e) s + 3/C
+    assert value(result, "k.a.e") == 2
+    assert slope(result, "d c.e / d c.f") == 7
+    found = result["bond_graph/transfer_function/x.q/F/denominator"].data
+    np.testing.assert_allclose(found, [1, 3.5, 6], rtol=1e-13)
+
+
+def test_a_range_of_starts_in_order_is_searched():
+    result = run(duffing("{start: {k.q: 0.4}, search: {starts: 4, ranges: {k.q: [-0.6, -0.4]}}}"))
+    names = list(result[f"{POINT}/variable"].data)
+    assert -0.5 in result[f"{POINT}/equilibria"].data[:, names.index("k.q")]
+    assert value(result, "k.q") == 0.5
+
+
+@pytest.mark.parametrize("point", ["", "operating_point: {}"])
+def test_samples_of_a_graph_with_laws_are_run_alone(point):
+    from dynid.scene.kinds.bond_graph_samples import batched, why_alone
+
+    made = scene(DUFFING.replace("OPERATING", point))
+    assert batched(made, [{"graph.nodes.m.value": 2.0}, {"graph.nodes.m.value": 3.0}], (), 0) is None
+    reason = why_alone(made, ["graph.nodes.m.value"], (), 0)
+    assert reason == "every sample has an operating point of its own"
+
+
+def test_laws_without_an_operating_point_are_linearised_at_an_equilibrium_at_rest():
+    text = DUFFING.replace("OPERATING", "").replace("-q + 4*q**3", "3*q + 4*q**3")
+    found = run(text)["bond_graph/transfer_function/k.q/F/denominator"].data
+    np.testing.assert_allclose(found, [1, 0.25, 1.5], rtol=1e-13)
+
+
+HARD = DUFFING.replace("-q + 4*q**3", "3*q + 4*q**3").replace("OPERATING", "")
+
+
+def over_time(text, more=""):
+    return text.replace("{outputs: [k.q]}", f"{{outputs: [k.q], time: {{stop: 5, step: 0.1{more}}}}}")
+
+
+@pytest.mark.parametrize("element", ["k: {e: 0.5}", "m: {f: 0.2}"])
+def test_the_nonlinear_response_from_stored_energy_is_that_of_its_equations(element):
+    """q' = f(p), p' = -e(q) - r(f), from the state at which the law of the element gives e or f."""
+    from scipy.integrate import solve_ivp
+
+    text = over_time(HARD).replace("{type: I, value: 2}", '{type: I, law: {f: "p/2 + p**3"}}')
+    result = run(f"{text}initial: {{{element}}}\n")
+    q, p = 0.0, 0.0
+    if element.startswith("k"):
+        q = float(mp.findroot(lambda q: 3 * q + 4 * q**3 - mpf("0.5"), mpf("0.15")))
+    else:
+        p = float(mp.findroot(lambda p: p / 2 + p**3 - mpf("0.2"), mpf("0.3")))
+
+    def rates(_, state):
+        q, p = state
+        f = p / 2 + p**3
+        return [f, -3 * q - 4 * q**3 - 0.5 * f - f * abs(f)]
+
+    times = result["bond_graph/time_response/time"].data
+    wanted = solve_ivp(rates, (0, times[-1]), [q, p], "DOP853", times, rtol=1e-11, atol=1e-13).y[0]
+    found = result["bond_graph/time_response/nonlinear"].data[:, 0]
+    np.testing.assert_allclose(found, wanted, atol=1e-5 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (
+            over_time(HARD).replace("3*q + 4*q**3", "q/(1 + q**2)") + "initial: {k: {e: 2}}\n",
+            "the stored energy at t = 0 is no value of the law of its element",
+        ),
+        (
+            CRANK + "initial: {J: {f: 0.1}}\n",
+            "stored energy is given to storage elements in derivative causality",
+        ),
+        (
+            EMPTY_TANK.replace(
+                "[C.e]", "[C.e], time: {stop: 5, step: 0.1, input: {kind: step, amplitude: -2e-3}}"
+            )
+            + "operating_point: {inputs: {Q: 1.0e-3}, start: {C.e: 1}}\n",
+            "the nonlinear response leaves the range of a law: the law has no finite value there",
+        ),
+        (
+            over_time(HARD, ", input: {kind: step, amplitude: 2}")
+            .replace("0.5*f + f*abs(f)", "f/(1 + f**2)")
+            .replace("    m: {type: I, value: 2}\n", "")
+            .replace("x -> m, ", ""),
+            "the equations of the nonlinear response have no solution near the last one",
+        ),
+    ],
+)
+def test_a_nonlinear_response_that_has_no_values_says_why(text, reason):
+    result = run(text)
+    said = result.group_attrs["bond_graph/time_response"]["nonlinear"]
+    assert said == f"left out: {reason}"
+    assert "bond_graph/time_response/nonlinear" not in result
+    assert "bond_graph/time_response/response" in result
+
+
+def test_a_nonlinear_response_is_of_graphs_up_to_a_size(monkeypatch):
+    monkeypatch.setattr("dynid.bondgraph.operating_point.response._MOST", 9)
+    result = run(over_time(HARD, ", input: {kind: step}"))
+    said = result.group_attrs["bond_graph/time_response"]["nonlinear"]
+    assert said == "left out: the graph has 10 variables, more than 9"
+
+
+def test_an_iteration_that_does_not_end_finds_nothing(monkeypatch):
+    monkeypatch.setattr("dynid.bondgraph.operating_point.newton._MOST_STEPS", 1)
+    with pytest.raises(Diverged, match="no equilibrium was found from any start"):
+        run(duffing("{start: {k.q: 0.4}, search: {starts: 0}, inputs: {F: 1}}"))
+
+
+def small_limit(monkeypatch):
+    from types import SimpleNamespace
+
+    for module in ("newton", "equilibrium"):
+        name = f"dynid.bondgraph.operating_point.{module}.DENSE_EQUILIBRIUM"
+        monkeypatch.setattr(name, SimpleNamespace(value=1))
+
+
+def test_equilibria_of_large_graphs_are_found_by_sparse_factors_alone(monkeypatch):
+    small = run(duffing("{start: {k.q: 0.4}, search: {starts: 0}}"))
+    small_limit(monkeypatch)
+    result = run(duffing("{start: {k.q: 0.4}, search: {starts: 0}}"))
+    assert value(result, "k.q") == value(small, "k.q") == 0.5
+    assert "stable" in small[f"{POINT}/stability"].data
+    assert set(result[f"{POINT}/stability"].data) == {"neutral"}
+
+
+def test_a_singular_equilibrium_of_a_large_graph_is_not_found(monkeypatch):
+    text = duffing("{search: {starts: 0}}").replace("-q + 4*q**3", "q**3")
+    assert value(run(text), "k.q") == 0
+    small_limit(monkeypatch)
+    with pytest.raises(Diverged, match="no equilibrium was found from any start"):
+        run(text)

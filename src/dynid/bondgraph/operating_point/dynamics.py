@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dynid.arithmetic.numbers import OutOfRangeError
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.operating_point.equations import LawEquations, System
 from dynid.bondgraph.operating_point.newton import equilibrated
@@ -219,7 +220,10 @@ class LawDynamics:
         row = next(k for k, one in enumerate(self._storage_rows) if one == (out, state))
         for _ in range(50):
             z[out] = wanted
-            residual, matrix = self._system.residual(z)
+            try:
+                residual, matrix = self._system.residual(z)
+            except OutOfRangeError:
+                break
             place = self._places[row]
             slope = float(matrix[[place], [state]][0])
             if slope == 0:

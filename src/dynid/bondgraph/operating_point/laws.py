@@ -8,7 +8,7 @@ from typing import Literal
 
 from dynid.arithmetic.expression import Expression
 from dynid.arithmetic.numbers import Number
-from dynid.bondgraph.graph import BondGraph, Port, bond_sign
+from dynid.bondgraph.graph import BondGraph, Port
 from dynid.bondgraph.operating_point.gradient import Gradient
 
 
@@ -65,11 +65,3 @@ class LawGraph:
         if kind in "IC":
             return Port(name, "p" if kind == "I" else "q")
         return Port(name, "e" if law.gives == "f" else "f")
-
-    def canonical(self, port: Port) -> Port:
-        """Return a variable under one name: an effort or flow as that of the first bond of its node."""
-        return Port(port.node, port.quantity)
-
-    def sign(self, name: str) -> int:
-        """Return 1 where the bond of an element points at it, else -1."""
-        return bond_sign(self.graph, name)
