@@ -1,5 +1,6 @@
 """Feedback in scenes: controllers, references, identification in closed loop, faults."""
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -258,6 +259,36 @@ def test_verdicts_with_delays(tau, stable):
     assert result["bond_graph/margins/unstable_poles"].data[1] == (0 if stable else 2)
     if stable:
         assert result["bond_graph/margins/delay"].data[1] == pytest.approx(limit - tau, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("gain", "tau", "stable", "agree"),
+    [(0.01, 18, True, False), (-0.01, 17, False, False), (-0.01, 5, False, True), (-0.01, 20, True, True)],
+)
+def test_verdicts_are_those_of_the_delay_where_its_approximant_has_another(gain, tau, stable, agree):
+    """The root near the natural frequency turns with the phase of a delay too long for its approximant."""
+    result = dynid.run(
+        scene(f"""
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {{F: Se, x: 1, m: {{type: I, value: 1}}, c: {{type: R, value: 0.002}}, k: {{type: C, value: 1}}}}
+  bonds: [F -> x, x -> m, x -> c, x -> k]
+control: {{loops: [{{from: k.q, to: F, controller: {{gain: {gain}, delay: {tau}}}, reference: r}}]}}
+analysis: {{outputs: [k.q]}}
+""")
+    )
+    # the loop gain exceeds 1 near the natural frequency alone
+    root = mpmath.findroot(lambda s: s**2 + 0.002 * s + 1 + gain * mpmath.exp(-s * tau), 1j)
+    assert (root.real < 0) == stable
+    assert result.value("bond_graph/properties/k.q/r/stable") == stable
+    assert result.value("bond_graph/properties/k.q/r/stability").startswith(
+        "stable" if stable else "unstable"
+    )
+    assert result["bond_graph/margins/stable"].data.tolist() == [stable]
+    approximate = result["bond_graph/transfer_function/k.q/r/poles"].data.real.max() < 0
+    assert (approximate == stable) == agree
+    assert result.group_attrs["bond_graph/margins"]["approximants_agree"] == agree
 
 
 @pytest.mark.parametrize(
