@@ -325,3 +325,65 @@ def test_quadratic_programs_meet_their_conditions(seed):
     assert (A @ x <= b + 1e-9).all()
     assert (dual >= 0).all()
     assert dual @ (b - A @ x) == pytest.approx(0, abs=1e-9)
+
+
+def oscillator(*loss):
+    """Return a mass on a spring with a resistance, if any."""
+    elements = [("F", "Se"), ("j", "1"), ("m", "I", free("m", 1)), ("k", "C", 1), *loss]
+    return graph(elements, ["F j m", "j k", *("j c" for _ in loss)])
+
+
+def test_the_response_at_an_undamped_pole_is_infinite_and_beside_it_finite():
+    target = RootTarget("pole", Port("k", "q"), "F", 2.0)
+    functions = DesignFunctions(Design(oscillator(), (Parameter("m", 1.0),), (target,)))
+    found = functions.matrices(functions.coordinates.start)
+    omega = np.array([0.5, 1.0, 2.0, 3.0])
+    response = functions.response(found, target, omega)
+    assert np.isinf(response).tolist() == [False, True, False, False]
+    assert response[[0, 2, 3]] == pytest.approx(1 / (1 - omega[[0, 2, 3]] ** 2), rel=1e-14)
+
+
+@pytest.mark.parametrize("limits", [{}, {"low": -0.5, "high": 1.0}, {"low": 0.0, "high": 4.0}])
+def test_a_parameter_of_any_sign_may_start_at_zero(limits):
+    loss = Parameter("z", 0.0, scale="linear", **limits)
+    assert DesignFunctions(Design(absorber("1/10"), (loss,), (zero(1.2, 0.3),))).coordinates.units == [
+        limits.get("high", 1.0)
+    ]
+    found = designed([zero(1.2, 0.3)], F, loss)
+    assert found.values == pytest.approx({"f": 1.2, "z": 0.36}, rel=1e-12)
+
+
+def test_a_held_parameter_is_met_or_not():
+    made, held = oscillator(("c", "R", Fraction(1, 2))), Parameter("m", 1.0, low=1.0, high=1.0)
+    met = RootTarget("pole", Port("k", "q"), "F", 1.0, 0.25)
+    assert solve(Design(made, (held,), (met,), starts=1)).values == {"m": 1.0}
+    missed = RootTarget("pole", Port("k", "q"), "F", 2.0, 0.25)
+    with pytest.raises(Unreachable, match="1 rad/s"):
+        solve(Design(made, (held,), (missed,), starts=1))
+
+
+def test_an_output_without_the_input_has_no_zeros():
+    elements = [("F", "Se"), ("j", "1"), ("m", "I", free("m", 1)), ("c", "R", 1)]
+    elements += [("G", "Se"), ("i", "1"), ("n", "I", 1), ("d", "R", 1)]
+    made = graph(elements, ["F j m", "j c", "G i n", "i d"])
+    target = RootTarget("zero", Port("n", "f"), "F", 1.0)
+    with pytest.raises(Unreachable, match=r"n.f/F has no zeros"):
+        solve(Design(made, (Parameter("m", 1.0),), (target,), starts=1))
+
+
+def test_values_at_which_the_equations_have_no_solution_are_infinitely_far():
+    """The resistances a and -1 in series drive C and R side by side: the pole is -1 - 1/(a - 1)."""
+    elements = [("F", "Se"), ("j", "1"), ("r1", "R", free("a", 2)), ("r2", "R", -1), ("z", "0")]
+    elements += [("k", "C", 1), ("o", "1"), ("r3", "R", 1)]
+    made = graph(elements, ["F j r1", "j r2", "j z k", "z o r3"])
+    e = Port("k", "e")
+    design = Design(made, (Parameter("a", 2.0),), (RootTarget("pole", e, "F", 3.0, 1.0),), starts=1)
+    assert solve(design).values == {"a": pytest.approx(1.5, rel=1e-13)}
+    functions = DesignFunctions(Design(made, design.free, (*design.targets, Criterion("h2", e, "F"))))
+    nowhere, somewhere = functions.at(np.zeros(1)), functions.at(np.log([1.5]))
+    assert (nowhere.exists, somewhere.exists) == (False, True)
+    assert np.isinf(nowhere.residuals).all()
+    assert nowhere.norms[0].value == np.inf
+    assert "have no solution at these values" in nowhere.norms[0].why
+    # e/F = 2/(s + 3) at a = 1.5: its H2 norm is 2/sqrt(6)
+    assert somewhere.norms[0].value == pytest.approx(2 / sqrt(6), rel=1e-12)
