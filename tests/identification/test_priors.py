@@ -8,7 +8,7 @@ from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.imbedding import InvariantImbedding
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.parameters import ParameterPrior
+from dynid.parameters import Parameter, ParameterPrior
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from tests.identification.cases import LINKS, MASSES, diagnostic, parameter, run, simulated
@@ -142,3 +142,45 @@ def test_a_prior_replaces_missing_information():
 def test_nonsense_is_refused(given):
     with pytest.raises(UsageError):
         JointParameter(**given)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"start": np.inf}, "has a number that is not finite"),
+        ({"start": 1.0, "high": np.nan}, "has a number that is not finite"),
+        ({"start": 3.0, "high": 2.0}, "starts outside its limits"),
+        ({"start": 0.5, "low": 1.0}, "starts outside its limits"),
+        (
+            {"start": 1.0, "prior": ParameterPrior(1.0, 0.0)},
+            "has a prior without a positive standard deviation",
+        ),
+        (
+            {"start": 1.0, "true": -1.0},
+            "is estimated by its logarithm, and has a number that is not positive. Write `scale: linear` "
+            "where zero or negative values are possible.",
+        ),
+    ],
+)
+def test_numbers_of_a_parameter_that_make_no_sense_are_refused(given, said):
+    with pytest.raises(UsageError) as caught:
+        Parameter("a.k", **given)
+    assert str(caught.value) == f"the parameter a.k {said}"
+    assert caught.value.names == ("a.k",)
+
+
+@pytest.mark.parametrize(
+    ("given", "spread"),
+    [
+        ({"scale": "log"}, 2.0),
+        ({"spread": 0.5, "prior": ParameterPrior(3.0, deviation=0.2), "low": -1.0, "high": 7.0}, 0.5),
+        ({"prior": ParameterPrior(3.0, 0.1), "low": -1.0, "high": 7.0}, 0.3),
+        ({"low": -1.0, "high": 7.0}, 2.0),
+        ({"low": -1.0}, 6.0),
+        ({"start": -4.0}, 8.0),
+        ({"start": 0.0}, 1.0),
+    ],
+)
+def test_a_first_guess_may_be_off_by_what_is_known_of_the_parameter(given, spread):
+    one = Parameter("a.k", **({"start": 3.0, "scale": "linear"} | given))
+    assert one.first_spread == pytest.approx(spread, rel=1e-15)
