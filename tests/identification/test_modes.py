@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dynid.arithmetic.dependent import Dependent
+from dynid.cli.summary import identification
 from dynid.errors import NotIdentifiable, UsageError
 from dynid.identification.estimators.modal_search import ModalSearch
 from dynid.identification.identify_modes import ModalProblem, identify_modes
@@ -510,3 +511,18 @@ def test_what_the_data_know_better_than_the_priors():
     start = "the data determine 2 of 3 combinations better than the priors: "
     assert [one for one in said if one.startswith(start)]
     assert said[-1] == "known by their priors alone: far.k"
+    screen = " ".join(" ".join(identification.lines(result)).split())
+    assert all(" ".join(str(one).split()) in screen for one in said)
+
+
+def test_the_screen_has_the_first_measured_modes_and_what_they_say(monkeypatch):
+    from dynid.report.content.modes import modal_table
+
+    result = identify_modes(chain(), measured(chain(), seed=5))
+    monkeypatch.setattr(identification, "_MODES", 3)
+    screen = "\n".join(identification.lines(result))
+    _, rows = modal_table(result)
+    for row in rows[:3]:
+        assert " ".join(row) in " ".join(screen.split())
+    assert " ".join(rows[3][:3]) not in " ".join(screen.split())
+    assert "\n    … 1 more mode in the file" in screen
