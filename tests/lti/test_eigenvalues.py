@@ -6,7 +6,7 @@ from scipy.linalg import block_diag
 from scipy.sparse import csr_array
 
 from dynid.errors import Singular, Undecided
-from dynid.lti.pencil.eigenvalues import finite_eigenvalues
+from dynid.lti.pencil.eigenvalues import finite_eigenvalues, settle_origin
 
 
 def chain(N, seed=0):
@@ -96,3 +96,25 @@ def test_eigenvalues_known_to_be_zero_are_zero():
 
 def test_no_equations_have_no_eigenvalues():
     assert finite_eigenvalues(np.zeros((0, 0)), np.zeros((0, 0))).values.shape == (0,)
+
+
+def test_equations_without_a_derivative_have_no_eigenvalues():
+    """s x = -x beside 0 = 2 y; and s u v' - 1 with v' u = 0, whose determinant is constant."""
+    found = finite_eigenvalues(np.diag([1.0, 0.0]), np.diag([-1.0, 2.0]), count=1)
+    assert found.values == pytest.approx([-1])
+    assert found.infinite == 1
+    none = finite_eigenvalues(np.array([[1.0, 1.0], [-1.0, -1.0]]), np.eye(2), count=0)
+    assert len(none.values) == 0
+    assert none.infinite == 2
+
+
+def test_a_number_of_zeros_that_rounding_hides_is_refused():
+    value, bound = np.array([1e-3, 1.0], complex), np.full(2, 1e-15)
+    with pytest.raises(Undecided, match="rounding hides which 1 eigenvalues are 0"):
+        settle_origin(value, bound, 1)
+    assert value[0] == 1e-3
+    value[0] = 1e-18
+    settle_origin(value, bound, None)
+    assert value[0] == 1e-18
+    settle_origin(value, bound, 1)
+    assert (value.tolist(), bound.tolist()) == ([0, 1], [0, 1e-15])

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynid.errors import Singular
+from dynid.errors import NumericalError, Singular
 from dynid.lti.peaks import peaks
 
 
@@ -109,3 +109,16 @@ def test_a_response_that_cannot_be_computed_anywhere_is_refused():
         peaks(nowhere, grid, response, [1.6])
     with pytest.raises(Singular, match=r"^at 2 frequencies$"):
         peaks(nowhere, grid, response, [1.3, 1.6])
+
+
+@pytest.mark.parametrize("near", [(2.5,), (2.5, 3.5)])
+def test_an_error_at_all_frequencies_beside_the_grid_is_raised(near):
+    omega = np.linspace(1.0, 5.0, 5)
+
+    def evaluate(at):
+        if not np.isin(at, omega).all():
+            raise NumericalError("no value here")
+        return np.ones((len(at), 1, 1))
+
+    with pytest.raises(NumericalError, match="no value here"):
+        peaks(evaluate, omega, evaluate(omega), near)
