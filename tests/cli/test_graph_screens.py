@@ -1,0 +1,83 @@
+"""Screens of bond graphs with loops, laws and engines: the lines that say how far a result holds."""
+
+import pytest
+
+from dynid.cli.summary import summary
+from dynid.scene.load import check_source
+from dynid.scene.run import run_scene
+from dynid.scene.yaml.source import parse_source
+
+#: Its closed loop is s^3 + 500.1 s^2 + 1050 s + 10^4 C: stable up to C = 52.51 (Routh).
+SERVO = """
+dynid: 1
+kind: bond-graph
+graph:
+  nodes:
+    voltage: Se
+    m: {model: dc_motor, R: 2, L: 0.01, k: 0.1, J: 0.001, b: 0.0001}
+    shaft: 1
+  bonds: [voltage -> m.supply, m.shaft -> shaft]
+control:
+  loops:
+    - {from: m.L.f, to: voltage, controller: {gain: 3}}
+    - {from: shaft.q, to: voltage, controller: CONTROLLER, reference: target}
+analysis: {outputs: [shaft.q]}
+"""
+
+SPRING = """
+dynid: 1
+kind: bond-graph
+graph:
+  nodes:
+    F: Se
+    x: 1
+    m: {type: I, value: 2}
+    c: {type: R, law: {e: "0.5*f + f*abs(f)"}}
+    k: {type: C, law: {e: "-q + 4*q**3"}}
+  bonds: [F -> x, x -> m, x -> c, x -> k]
+operating_point: {start: {k.q: 0.4}}
+analysis: {outputs: [k.q], reading: binary}
+"""
+
+
+def screen(text):
+    return summary(run_scene(check_source(parse_source(text.lstrip("\n"), "scene.yaml"))), "")
+
+
+def test_margins_stand_below_their_loop():
+    own = screen(SERVO.replace("CONTROLLER", "{gain: 4}")).partition("loop shaft.q -> voltage\n")
+    assert "  loop m.L.f -> voltage\n    any larger gain · phase margin " in own[0]
+    line = own[2].splitlines()[0]
+    assert line.startswith("    gain margin 13.13 · phase margin 12.4° · delay margin ")
+    assert " · Ms " in line
+
+
+def test_an_unstable_loop_has_the_gains_at_which_its_roots_cross():
+    own = screen(SERVO.replace("CONTROLLER", "{gain: 4000}")).partition("loop shaft.q -> voltage\n")[2]
+    verdict, crossing = own.splitlines()[:2]
+    assert verdict.startswith("    unstable: poles at 53.43 ± 251.1j lie in the right half-plane")
+    assert crossing == "    its roots cross the axis at gain times 0.01313"
+
+
+def test_poles_with_delays_stand_below_the_loops():
+    text = screen(SERVO.replace("CONTROLLER", "{gain: 20, delay: 0.02}"))
+    assert "  delays are Padé approximants of order 6 in what is a rational function; " in text
+    assert "    unstable: 2 roots lie in the right half-plane (Nyquist count with delays)\n" in text
+    assert "  poles with delays: 2.962 ± 18.94j, " in text
+
+
+@pytest.mark.parametrize(("most", "left"), [(1, "      … 1 more slope in the file\n"), (2, "")])
+def test_the_operating_point_and_its_slopes_are_listed(most, left, monkeypatch):
+    monkeypatch.setattr("dynid.cli.summary.bond_graph._MOST", most)
+    text = screen(SPRING)
+    assert "  every value is read as the double nearest to it (reading: binary)\n" in text
+    assert "  warning: 3 equilibria were found; number 1 is analysed (nearest)" in text
+    assert "      point           3 equilibria found (stable, unstable, stable); number 1 is" in text
+    shown = "      d c.e / d c.f = 0.5\n" + ("" if most == 1 else "      d k.e / d k.q = 2\n")
+    assert f"{shown}{left}\n" in text
+
+
+def test_an_engine_that_rounds_says_so():
+    text = SERVO[: SERVO.index("control:")] + "analysis: {outputs: [shaft.q], engine: ENGINE}\n"
+    assert "  float engine: " in screen(text.replace("ENGINE", "float"))
+    assert "float engine: " not in screen(text.replace("ENGINE", "exact"))
