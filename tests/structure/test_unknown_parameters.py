@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import block_diag
 
 from dynid.errors import NumericalError, UsageError
 from dynid.structure.assembly import PointMass, Spring, Support, damped_structure
@@ -16,6 +17,7 @@ from dynid.structure.imported import MatrixPart, imported
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.modes.sensitivity import pole_sensitivities
+from dynid.structure.parts import assembled_parts
 from dynid.structure.ports import Channel, Load
 from dynid.structure.readers.read import MatrixFile
 from dynid.structure.reduction.methods import reduce
@@ -549,3 +551,49 @@ def test_modal_damping_without_a_derivative_is_refused():
     )  # fmt: skip
     with pytest.raises(NumericalError, match="modes of one frequency have different damping ratios"):
         double.slopes({})
+
+
+def test_parts_of_an_assembly_have_modal_damping_of_their_own():
+    """Each block is that of the part alone, and so is its derivative by the parameter of both."""
+    p, parameters = unknowns(EI=7.0)
+    supports = [Support(1, ("w", "theta"))]
+
+    def built(EI, ratio, parameters=()):
+        return beam(2, 2.0, EI, 3.0, supports=supports, damping=ModalDamping(ratio), parameters=parameters)
+
+    ratios = (0.02, [0.05, 0.01])
+    parts = [built(p["EI"], ratio, parameters) for ratio in ratios]
+    whole = assembled_parts(dict(zip("ab", parts, strict=True)), parts[0].unknowns)
+    values = {"EI": 9.0}
+    alone = [built(9.0, ratio).C for ratio in ratios]
+    np.testing.assert_allclose(whole.with_joints(values)[1], block_diag(*alone), rtol=0, atol=1e-12)
+    (slope,), owns = whole.slopes(values), [part.slopes(values)[0]["C"] for part in parts]
+    np.testing.assert_allclose(slope["C"], block_diag(*owns), rtol=0, atol=1e-12)
+    assert np.abs(owns[0]).max() > 1e-3
+
+
+def test_an_unknown_damping_ratio_of_known_modes_is_a_factor():
+    """The damping of the modes with the ratio z is proportional to it; that of the others stays."""
+    p, parameters = unknowns(z=0.02)
+    built = [
+        beam(
+            2,
+            2.0,
+            7.0,
+            3.0,
+            supports=[Support(1, ("w", "theta"))],
+            damping=ModalDamping(ratio),
+            parameters=more,
+        )
+        for ratio, more in (([p["z"], 0.01], parameters), ([0.05, 0.01], ()), ([1.0], ()))
+    ]
+    model, at, unit = built
+    np.testing.assert_allclose(model.with_joints({"z": 0.05})[1], at.C, rtol=0, atol=1e-12)
+    (slope,) = model.slopes({"z": 0.05})
+    np.testing.assert_allclose(slope["C"], unit.C, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("ratio", [-0.01, np.nan, [0.01, np.inf]])
+def test_damping_ratios_that_make_no_sense_are_refused(ratio):
+    with pytest.raises(UsageError, match=r"^damping ratios must be finite and not negative$"):
+        ModalDamping(ratio)
