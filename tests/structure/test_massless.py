@@ -12,6 +12,7 @@ from dynid.structure.lumped import Link, lumped
 from dynid.structure.modes import modes
 from dynid.structure.reduction.condensation import Guyan
 from dynid.structure.response import Channel, Load, frequency_response, time_response
+from dynid.structure.state_space import massless_directions, massless_motion
 from tests.structure.oracle import built, exact, frequencies
 
 
@@ -245,3 +246,34 @@ def test_an_identification_says_which_massless_dof_it_cannot_condense(tmp_path, 
     with pytest.raises(UsageError, match=said) as caught:
         dynid.run(tmp_path / "s.yaml")
     assert "frequency response functions" in caught.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("M", "C", "said"),
+    [
+        ([[1, 0], [0, -1]], [[0, 0], [0, 0]], "the mass matrix is indefinite, which shows in a massless"),
+        ([[1, 2], [2, 1]], [[0, 0], [0, 0]], "the mass matrix is indefinite, which shows in a massless"),
+        ([[1, 0], [0, 0]], [[0, 0], [0, -3]], "the damping matrix is indefinite, which shows in a massless"),
+        (
+            [[1, 0], [0, 0]],
+            [[0, 2], [2, 0]],
+            "the damping is indefinite: it couples a massless motion that it",
+        ),
+    ],
+)
+def test_matrices_that_are_indefinite_in_a_massless_direction_are_refused(M, C, said):
+    with pytest.raises(UsageError) as caught:
+        massless_directions(np.array(M, dtype=float), np.array(C, dtype=float))
+    assert str(caught.value).startswith(said)
+
+
+@pytest.mark.parametrize(
+    ("M", "said"),
+    [
+        ([[2, 1], [1, 1]], ""),
+        ([[1, 1], [1, 1]], "some motion moves no mass"),
+        ([[1, 0], [0, 0]], "1 of its 2 DOFs have no mass"),
+    ],
+)
+def test_a_massless_motion_is_said_in_words(M, said):
+    assert massless_motion(np.array(M, dtype=float)) == said
