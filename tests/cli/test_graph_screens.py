@@ -81,3 +81,14 @@ def test_an_engine_that_rounds_says_so():
     text = SERVO[: SERVO.index("control:")] + "analysis: {outputs: [shaft.q], engine: ENGINE}\n"
     assert "  float engine: " in screen(text.replace("ENGINE", "float"))
     assert "float engine: " not in screen(text.replace("ENGINE", "exact"))
+
+
+def test_energy_and_a_port_have_their_own_lines():
+    text = SPRING.replace('law: {e: "0.5*f + f*abs(f)"}', "value: 0.5").replace(
+        'law: {e: "-q + 4*q**3"}', "value: 0.5"
+    )
+    text = text.replace("operating_point: {start: {k.q: 0.4}}\n", "")
+    text = screen(text.replace("reading: binary", "port: x -> k, results: [poles, energy]"))
+    assert "  port x -> k: prototype " in text
+    # s^2 + 0.25 s + 1: half of the energy in each, all lost in the resistance
+    assert "  modes\n    -0.125 ± 0.9922j: energy in k 50 %, m 50 %; dissipated in c 100 %\n" in text

@@ -230,3 +230,24 @@ def test_values_and_common_factors():
     assert values[1] == pytest.approx(2 * np.exp(-1j) / 2j, rel=1e-15)
     assert on_axis(QuasiPolynomial({}), bottom, [2.0]) == [0]
     assert top(1 + 1j) == pytest.approx(2 * (4 + 1j) * np.exp(-(1 + 1j) / 2), rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("terms", "start"),
+    [
+        ({0: [1, 0, 1]}, 0j),  # no slope: s^2 + 1 at 0
+        ({0: [1], 1: [1]}, 0j),  # 1 + exp(-s) moves from 0 along the real axis
+        ({1: [1]}, 0j),  # exp(-s) has no root
+        ({0: [1, 2, 1]}, 1 + 1j),  # a double root is not isolated
+    ],
+)
+def test_a_start_that_leads_to_no_simple_root_finds_none(terms, start):
+    given = QuasiPolynomial({Fraction(delay): fmpz_poly(part) for delay, part in terms.items()})
+    assert refined_root(given, start) is None
+
+
+def test_starts_below_the_axis_or_of_a_known_root_add_none():
+    given = QuasiPolynomial({ZERO: fmpz_poly([10, 2, 1]) * fmpz_poly([4, 1])})
+    found, line = rightmost_roots(given, [-1 + 3j, -1.1 + 3j, -1 - 3j, -4.2 + 0j, -4 + 1e-9j], 5)
+    assert [one.value for one in found] == pytest.approx([-1 + 3j, -1 - 3j], abs=1e-12)
+    assert line == pytest.approx(-2.5)  # between them and the last one, which bounds where none is missing
