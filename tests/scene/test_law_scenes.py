@@ -397,6 +397,12 @@ TIME = "{outputs: [k.q], time: {stop: 1, step: 0.1, input: {kind: KIND}}}"
             .replace("-q + 4*q**3", "q + q**3"),
             "a source drives a storage element in derivative causality",
         ),
+        (  # pulled over the hill of its spring
+            duffing("{}", TIME.replace("KIND", "step, amplitude: 20").replace("stop: 1", "stop: 5"))
+            .replace("-q + 4*q**3", "q - q**3")
+            .replace("0.5*f + f*abs(f)", "0.1*f"),
+            "grows without bound",
+        ),
     ],
 )
 def test_a_nonlinear_response_that_is_left_out_says_why(text, reason):

@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 TOLERANCE, COARSE = 1e-8, 1e-6
 #: Largest number of variables of a graph whose nonlinear response is computed.
 _MOST = 600
+#: Most evaluations of the equations for a response, and as many more for every sample.
+_MOST_EVALUATIONS, _MOST_BY_SAMPLE = 20_000, 20
 
 
 @dataclass(frozen=True)
@@ -158,6 +160,7 @@ class _Run:
         from scipy.integrate import solve_ivp
 
         dynamics, x = self._dynamics, self._x.copy()
+        left = _MOST_EVALUATIONS + _MOST_BY_SAMPLE * len(self._times)
         found = np.zeros((len(self._times), len(self._columns)))
         found[0] = self._outputs(float(self._times[0]), x, float(self._times[0]))
         size = np.maximum(np.abs(x - self._z[self._first :]), 1e-6 * dynamics.state_sizes())
@@ -168,6 +171,12 @@ class _Run:
             at = self._times[inside] if end else np.append(self._times[inside], stop)
 
             def rates(t: float, x: Array, middle: float = middle) -> Array:
+                nonlocal left
+                left -= 1
+                if left < 0:
+                    raise NumericalError(
+                        f"the nonlinear response grows without bound at {t:.4g} s, or has too few samples"
+                    )
                 u = self._inputs(t, middle)
                 try:
                     self._c = dynamics.unknowns(self._c, x, u)
