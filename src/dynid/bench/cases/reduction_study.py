@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynid.bench.benchmark import Alternative, Benchmark
+from dynid.bench.cases.study import Work, run_each
 
 if TYPE_CHECKING:
     from dynid.study.plan import Plan
@@ -64,25 +63,9 @@ def _in_process(samples: int) -> Callable[[], Any]:
     )
 
 
-def _processes(samples: int) -> Callable[[], Any]:
+def _processes(samples: int) -> Work:
     """Return one command for each sample."""
-    import numpy as np
-
-    from dynid.store import read_result
-
-    plan = _plan(samples)
-
-    def work() -> Any:
-        found = []
-        for number in range(samples):
-            target = Path(tempfile.mkdtemp()) / "sample.h5"
-            settings = [f"--set={path}={value!r}" for path, value in plan.override(number).items()]
-            command = [sys.executable, "-m", "dynid", "run", plan.base.source.file, "-q", "-o", str(target)]
-            subprocess.run([*command, *settings], check=True)
-            found.append(read_result(target)[_PATH].data)
-        return np.array(found)
-
-    return work
+    return run_each(_plan(samples), _PATH)
 
 
 def _error(samples: int, found: Any) -> float:

@@ -111,25 +111,28 @@ def _as_study(executor: str) -> Callable[[int], Work]:
     return prepare
 
 
-def _processes(samples: int) -> Work:
-    """Return one command for each sample."""
+def run_each(plan: Plan, path: str) -> Work:
+    """Return one command for each sample of a study, which reads the array at a path of its result."""
     import numpy as np
 
     from dynid.store import read_result
 
-    plan = _plan(samples)
-
     def work() -> Any:
         found = []
-        for number in range(samples):
+        for number in range(plan.size):
             target = Path(tempfile.mkdtemp()) / "sample.h5"
-            settings = [f"--set={path}={value!r}" for path, value in plan.override(number).items()]
+            settings = [f"--set={key}={value!r}" for key, value in plan.override(number).items()]
             command = [sys.executable, "-m", "dynid", "run", plan.base.source.file, "-q", "-o", str(target)]
             subprocess.run([*command, *settings], check=True)
-            found.append(read_result(target)[f"{_GROUP}/poles"].data)
+            found.append(read_result(target)[path].data)
         return np.array(found)
 
     return work
+
+
+def _processes(samples: int) -> Work:
+    """Return one command for each sample."""
+    return run_each(_plan(samples), f"{_GROUP}/poles")
 
 
 def _error(samples: int, found: Any) -> float:
