@@ -139,6 +139,18 @@ def test_faults_are_located(old, new, message):
     assert message in str(raised.value)
 
 
+def assert_pole_slopes(result, group, poles, base):
+    """The sensitivities of poles are difference quotients of `poles`, a function of the values in `base`."""
+    names = [str(name) for name in result[f"{group}/parameter"].data]
+    own = result[f"{group}/poles"].data
+    for name, value in base.items():
+        step = 1e-5 * value
+        near = [poles(*(dict(base) | {name: value + sign * step}).values()) for sign in (1, -1)]
+        up, down = (each[np.abs(own[:, None] - each).argmin(axis=1)] for each in near)
+        slopes = result[f"{group}/pole_sensitivity"].data[:, names.index(name)]
+        np.testing.assert_allclose(slopes, (up - down) / (2 * step), rtol=1e-5, atol=1e-7)
+
+
 def test_sensitivities_are_by_the_gains_of_controllers():
     """Poles at a slightly different gain: of the polynomial by hand."""
     text = SERVO.replace("CONTROLLER", "{pid: {kp: 2*kp, ki: 5, kd: 1, tf: 0.01}}")
@@ -155,13 +167,7 @@ def test_sensitivities_are_by_the_gains_of_controllers():
         plant = np.polyadd(np.polymul([0.01, 2 + gain], [0.001, 0.0001]), [0.01])
         return np.roots(np.polyadd(0.1 * np.array(top), np.polymul(np.polymul(plant, [1, 0]), [tf, 1, 0])))
 
-    own = result[f"{group}/poles"].data
-    for name, value in base.items():
-        step = 1e-5 * value
-        near = [poles(*(dict(base) | {name: value + sign * step}).values()) for sign in (1, -1)]
-        up, down = (each[np.abs(own[:, None] - each).argmin(axis=1)] for each in near)
-        slopes = result[f"{group}/pole_sensitivity"].data[:, names.index(name)]
-        np.testing.assert_allclose(slopes, (up - down) / (2 * step), rtol=1e-5, atol=1e-7)
+    assert_pole_slopes(result, group, poles, base)
 
 
 def test_sensitivities_are_by_the_coefficients_of_controllers():
@@ -180,13 +186,7 @@ def test_sensitivities_are_by_the_coefficients_of_controllers():
         bottom = np.polymul(np.polymul(plant, [1, 0]), [a2, a1, 0])
         return np.roots(np.polyadd(0.1 * np.array([b1, b0]), bottom))
 
-    own = result[f"{group}/poles"].data
-    for name, value in base.items():
-        step = 1e-5 * value
-        near = [poles(*(dict(base) | {name: value + sign * step}).values()) for sign in (1, -1)]
-        up, down = (each[np.abs(own[:, None] - each).argmin(axis=1)] for each in near)
-        slopes = result[f"{group}/pole_sensitivity"].data[:, names.index(name)]
-        np.testing.assert_allclose(slopes, (up - down) / (2 * step), rtol=1e-5, atol=1e-7)
+    assert_pole_slopes(result, group, poles, base)
 
 
 def test_loops_of_a_graph_without_a_solution_are_not_judged():
