@@ -121,7 +121,7 @@ def value_at(polynomial: Any, point: Fraction) -> Fraction:
     from flint import fmpq
 
     value = polynomial(fmpq(point.numerator, point.denominator))
-    return Fraction(int(value.p), int(value.q))
+    return fraction(value)
 
 
 def axis_factor(denominator: Any) -> Any:
@@ -177,7 +177,7 @@ def _wrong_residue(numerator: Any, denominator: Any) -> Violation | None:
     The poles on the axis are simple, and the real part is not negative, so that the residues are real.
     """
     excess = numerator.degree() - denominator.degree()
-    lead = _double(numerator.leading_coefficient() / denominator.leading_coefficient())
+    lead = _double(fraction(numerator.leading_coefficient() / denominator.leading_coefficient()))
     if excess > 1:
         return Violation(
             "pole", math.inf, complex(lead), f"it grows as s^{excess}: its pole at infinity is multiple"
@@ -189,7 +189,7 @@ def _wrong_residue(numerator: Any, denominator: Any) -> Violation | None:
     if denominator[0] == 0:
         residue = numerator[0] / denominator[1]
         if residue < 0:
-            value = _double(residue)
+            value = _double(fraction(residue))
             return Violation("residue", 0.0, value, f"the residue of its pole at s = 0 is {value:.6g}")
     factor = axis_factor(denominator)
     if factor.degree() == 0:
@@ -233,6 +233,11 @@ def _positive_roots(polynomial: Any) -> list[tuple[Fraction, Fraction]]:
     return sorted((ball_fraction(ball.lower()), ball_fraction(ball.upper())) for ball in real)
 
 
+def fraction(number: Any) -> Fraction:
+    """Return a rational number of flint (`fmpq`) as a fraction."""
+    return Fraction(int(number.p), int(number.q))
+
+
 def ball_fraction(number: Any) -> Fraction:
     """Return an exact ball (flint `arb`), such as the middle of one, as a fraction."""
     mantissa, exponent = number.man_exp()
@@ -240,10 +245,10 @@ def ball_fraction(number: Any) -> Fraction:
     return Fraction(whole << power) if power >= 0 else Fraction(whole, 1 << -power)
 
 
-def _double(value: Any) -> float:
+def _double(value: Fraction) -> float:
     """Return the nearest double of a rational number, infinite beyond their range."""
     try:
-        return float(value if isinstance(value, Fraction) else Fraction(int(value.p), int(value.q)))
+        return float(value)
     except OverflowError:
         return math.inf if value > 0 else -math.inf
 

@@ -6,12 +6,7 @@ from fractions import Fraction
 from typing import Any
 
 from dynid.bondgraph.synthesis.one_port import Element, OnePort, parallel
-from dynid.lti.positive_real import axis_factor, ball_fraction, even_odd, in_square, value_at
-
-
-def fraction(number: Any) -> Fraction:
-    """Return a rational number of flint (`fmpq`) as a fraction."""
-    return Fraction(int(number.p), int(number.q))
+from dynid.lti.positive_real import axis_factor, ball_fraction, even_odd, fraction, in_square, value_at
 
 
 def without_axis_poles(

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 
 from dynid.bondgraph.synthesis.axis_poles import (
     evaluated,
-    fraction,
     real_roots,
     rounded,
     without_axis_poles,
@@ -28,6 +27,7 @@ from dynid.lti.positive_real import (
     axis_factor,
     ball_fraction,
     even_odd,
+    fraction,
     real_part,
     squared_magnitude,
     value_at,

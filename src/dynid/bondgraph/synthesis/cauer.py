@@ -10,10 +10,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from dynid.bondgraph.synthesis.axis_poles import fraction
 from dynid.bondgraph.synthesis.one_port import Element, OnePort, dual, inverted, parallel, series
 from dynid.errors import NumericalError
-from dynid.lti.positive_real import negative_frequency, real_part, squared_magnitude
+from dynid.lti.positive_real import fraction, negative_frequency, real_part, squared_magnitude
 
 
 class NoSuchForm(NumericalError):

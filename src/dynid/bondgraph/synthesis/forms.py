@@ -11,14 +11,13 @@ from typing import Any, Literal
 from dynid.bondgraph.exact_engine import ExactEngine
 from dynid.bondgraph.graph import BondGraph, Port
 from dynid.bondgraph.plan import ReducedGraph
-from dynid.bondgraph.synthesis.axis_poles import fraction
 from dynid.bondgraph.synthesis.brune import brune
 from dynid.bondgraph.synthesis.cauer import NoSuchForm, cauer, second_cauer
 from dynid.bondgraph.synthesis.foster import foster, second_foster
 from dynid.bondgraph.synthesis.one_port import SOURCE, bond_graph, with_values
 from dynid.bondgraph.synthesis.request import FORMS, Form
 from dynid.errors import NumericalError
-from dynid.lti.positive_real import lowest_terms
+from dynid.lti.positive_real import fraction, lowest_terms
 
 #: Precision of irrational values, bits, and the significant decimals to which they are rounded; the first
 #: pair that meets the tolerance is taken. 0: the shortest decimal of the nearest double.

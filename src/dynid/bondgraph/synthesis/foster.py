@@ -10,9 +10,10 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import Any
 
-from dynid.bondgraph.synthesis.axis_poles import evaluated, fraction, real_roots, without_axis_poles
+from dynid.bondgraph.synthesis.axis_poles import evaluated, real_roots, without_axis_poles
 from dynid.bondgraph.synthesis.cauer import NoSuchForm
 from dynid.bondgraph.synthesis.one_port import Element, OnePort, dual, parallel, series
+from dynid.lti.positive_real import fraction
 from dynid.number_format import root_text
 
 
