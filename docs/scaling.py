@@ -113,8 +113,8 @@ def measure(folder: Path, client: Client) -> tuple[Costs, SampleOutcomes]:
     keys = sample_keys(plan, range(count))
     batch = plan.overrides(range(200 if QUICK else 1000))
     run_batch(plan.base, batch[:10], plan.collect, JUDGE)  # what is loaded once
-    sample = timed(lambda: packed(run_batch(plan.base, batch, plan.collect, JUDGE, count))) / len(batch)
-    outcomes = run_batch(plan.base, batch, plan.collect, JUDGE, count)
+    sample = timed(lambda: packed(run_batch(plan.base, batch, plan.collect, JUDGE))) / len(batch)
+    outcomes = run_batch(plan.base, batch, plan.collect, JUDGE)
     content = pickle.dumps(Done(packed(outcomes), 0.0))
     code = timed(lambda: pickle.loads(pickle.dumps(Done(packed(outcomes), 0.0)))) / len(outcomes)
     journal = Journal(str(folder / "j.journal"))
@@ -252,7 +252,7 @@ def simulated(
     held = folder / "outcomes"
     held.write_bytes(packed(outcomes).content)
     pool = Pretenders(client, workers, held, seconds)
-    Scheduler(pool, Job.of(plan.base, (), samples), plan, np.arange(samples), arrived).run()
+    Scheduler(pool, Job.of(plan.base, ()), plan, np.arange(samples), arrived).run()
     journal.close()
     path.unlink()
     # Chunks grow at the start and shrink at the end: what lies between is the steady state.

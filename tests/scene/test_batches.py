@@ -35,8 +35,8 @@ def scene(text):
 def assert_same(template, overrides, collect=(), *, together=True):
     """Check samples against each alone, and that the batched route takes them or not."""
     route = KINDS[template.kind].load("batch").batched
-    assert (route(template, overrides, collect or ("",), 1) is not None) == together
-    assert (why_alone(template, tuple(overrides[0]), collect, len(overrides)) == "") == together
+    assert (route(template, overrides, collect or ("",)) is not None) == together
+    assert (why_alone(template, tuple(overrides[0]), collect) == "") == together
     outcomes = run_batch(template, overrides, collect)
     assert len(outcomes) == len(overrides)
     for override, outcome in zip(overrides, outcomes, strict=True):
@@ -134,11 +134,11 @@ def test_outcomes_are_a_sequence(isolator):
 
 
 def test_why_samples_share_nothing_is_said(isolator):
-    assert why_alone(isolator, ("expect.0.value",), (), 2) == "what is expected varies"
-    said = why_alone(isolator, ("parameters.b.start",), (), 2)  # b is a number, known
+    assert why_alone(isolator, ("expect.0.value",), ()) == "what is expected varies"
+    said = why_alone(isolator, ("parameters.b.start",), ())  # b is a number, known
     assert said == "parameters.b.start is no parameter, no value of an element and no stored energy"
     reduction = dynid.load_scene(CONFIGS / "beam_reduction.yaml")
-    said = why_alone(reduction, ("structure.beam.EI",), (), 2)
+    said = why_alone(reduction, ("structure.beam.EI",), ())
     assert said == "scenes of kind reduction share nothing"
 
 
@@ -368,7 +368,7 @@ measurement:
 def test_why_identifications_are_run_one_by_one_is_said(path, change, said):
     settings_ = ["measurement.samples=150", change.replace("seed", "measurement.simulate.seed")]
     template = dynid.load_scene(CONFIGS / "table2.yaml", settings_)
-    assert why_alone(template, (path,), (), 2).startswith(said)
+    assert why_alone(template, (path,), ()).startswith(said)
 
 
 def test_a_scene_that_cannot_be_run_says_so_of_each_sample(tmp_path):
@@ -376,7 +376,7 @@ def test_a_scene_that_cannot_be_run_says_so_of_each_sample(tmp_path):
     (tmp_path / "node.yaml").write_text(NODE)
     template = dynid.load_scene(tmp_path / "node.yaml")
     paths = ("measurement.simulate.seed",)
-    assert why_alone(template, paths, (), 2) == "the scene as it stands cannot be run"
+    assert why_alone(template, paths, ()) == "the scene as it stands cannot be run"
     outcomes = assert_same(template, [{paths[0]: seed} for seed in (1, 2)], together=False)
     assert [outcome.exit_code for outcome in outcomes] == [3, 3]
 

@@ -275,8 +275,8 @@ def test_every_sample_of_a_study_is_designed():
     from dynid.scene.kinds.bond_graph_samples import batched, why_alone
 
     made = scene()
-    assert batched(made, [{"parameters.m": 2.0}, {"parameters.m": 3.0}], (), 0) is None
-    assert why_alone(made, ["parameters.m"], (), 0) == "every sample is designed by itself"
+    assert batched(made, [{"parameters.m": 2.0}, {"parameters.m": 3.0}], ()) is None
+    assert why_alone(made, ["parameters.m"], ()) == "every sample is designed by itself"
 
 
 def test_expectations_of_a_design_that_fill_lines_are_left_out():

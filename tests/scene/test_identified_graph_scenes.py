@@ -247,7 +247,7 @@ def test_parameters_that_may_be_negative_have_symmetric_intervals():
 
 def test_samples_of_a_study_are_those_run_alone(tmp_path):
     (tmp_path / "drive.yaml").write_text(DRIVE)
-    assert "one by one" in why_alone(scene(), ("measurement.simulate.seed",), (), 2)
+    assert "one by one" in why_alone(scene(), ("measurement.simulate.seed",), ())
     study = {
         "dynid": 1, "kind": "study", "scene": "drive.yaml",
         "vary": {"measurement.simulate.seed": {"values": [1, 2]}},

@@ -135,14 +135,14 @@ def test_samples_of_a_graph_that_differ_in_starts_are_run_together():
     paths = ["parameters.b.start", "parameters.A_p.value"]
     overrides = [dict(zip(paths, row, strict=True)) for row in [(50.0, 0.01), (20.0, 0.02), (0.0, 0.01)]]
     collect = ("bond_graph/transfer_function/m_s.f/v_in/zeros",)
-    assert why_alone(scene, paths, collect, 3) == ""
+    assert why_alone(scene, paths, collect) == ""
     for override, outcome in zip(overrides, run_batch(scene, overrides, collect), strict=True):
         alone = run_alone(scene, override, collect)
         assert (outcome.error, outcome.exit_code) == (alone.error, alone.exit_code)
         assert outcome.values.keys() == alone.values.keys()
         assert all(outcome.values[name].equals(alone.values[name]) for name in alone.values)
     bounded = check(text.replace("{start: 50}", "{start: 50, max: 60}"))
-    assert why_alone(bounded, paths[:1], collect, 1) != ""  # a value beyond the bound is a fault of its own
+    assert why_alone(bounded, paths[:1], collect) != ""  # a value beyond the bound is a fault of its own
 
 
 def test_values_of_unknown_parameters_can_be_set_and_misspelt_ones_are_refused(tmp_path):

@@ -170,7 +170,7 @@ def test_a_worker_holds_linear_algebra_to_one_thread_and_this_process_is_left_al
 
 def test_a_worker_with_another_version_is_refused(tmp_path):
     plan = planned(tmp_path)
-    job = replace(work.Job.of(plan.base, plan.collect, plan.size), version="0.0.1")
+    job = replace(work.Job.of(plan.base, plan.collect), version="0.0.1")
     with pytest.raises(FileError, match=r"has dynid .*, and the study 0\.0\.1\. Install the same version"):
         work.run_chunk(job, plan.overrides([0]))
 

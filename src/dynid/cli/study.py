@@ -162,7 +162,7 @@ def study(
             from dynid.scene.batch import why_alone
 
             click.echo(summary(result, f"{time.perf_counter() - started:.2g} s"))
-            if plan.size > 1 and (reason := why_alone(plan.base, plan.settings, plan.collect, plan.size)):
+            if plan.size > 1 and (reason := why_alone(plan.base, plan.settings, plan.collect)):
                 click.echo(f"\n  samples were run one by one: {reason}")
             click.echo(f"\n  wrote {target}")
         if part:

@@ -38,7 +38,6 @@ def run_batch(
     overrides: Sequence[Mapping[str, Any]],
     collect: tuple[str, ...],
     judge: Judge | None = None,
-    of: int = 1,
 ) -> SampleOutcomes:
     """Run samples of a scene that differ in values, together where the kind of scene can.
 
@@ -53,9 +52,6 @@ def run_batch(
         `properties` and `parameters`.
     judge
         Test of results against the expectations of the scene; absent: they are not tested.
-    of
-        The number of samples of the whole study, of which these are some: whether a preparation pays off
-        depends on that, and not on the samples that happen to be run together.
 
     Returns
     -------
@@ -63,7 +59,7 @@ def run_batch(
         One for each sample, in order. A sample that fails is an outcome with its error. No outcome
         depends on what else is run with it.
     """
-    together = _together(template, overrides, collect, judge, of) or SampleOutcomes([], len(overrides))
+    together = _together(template, overrides, collect, judge) or SampleOutcomes([], len(overrides))
     alone = [run_alone(template, overrides[row], collect, judge) for row in together.pending]
     return together.completed(alone)
 
@@ -73,7 +69,6 @@ def _together(
     overrides: Sequence[Mapping[str, Any]],
     collect: tuple[str, ...],
     judge: Judge | None,
-    of: int,
 ) -> SampleOutcomes | None:
     """Return the outcomes of samples run together by their kind; None where it cannot.
 
@@ -85,7 +80,7 @@ def _together(
     if together is None or "expect" in varied:
         return None
     collect = collect or (NUMBERS,)
-    found = together.batched(template, overrides, (*collect, *(str(one["path"]) for one in expected)), of)
+    found = together.batched(template, overrides, (*collect, *(str(one["path"]) for one in expected)))
     if found is None:
         return None
     outcomes = found if isinstance(found, SampleOutcomes) else SampleOutcomes.of(found)
@@ -97,12 +92,12 @@ def _together(
     return judged.with_values(lambda block: gather(block.result(0), collect))
 
 
-def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], of: int) -> str:
+def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...]) -> str:
     """Return why samples are run one by one; empty where they are run together.
 
     Parameters
     ----------
-    template, collect, of
+    template, collect
         As of `run_batch`.
     paths
         The dotted paths of the values in which the samples differ.
@@ -113,7 +108,7 @@ def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], o
     if together is None:
         return f"scenes of kind {template.kind} share nothing"
     wanted = (*(collect or (NUMBERS,)), *(str(one["path"]) for one in _expected(template)))
-    return str(together.why_alone(template, paths, wanted, of))
+    return str(together.why_alone(template, paths, wanted))
 
 
 def run_alone(

@@ -39,9 +39,7 @@ def explain_study(plan: Plan, target: str) -> Explanation:
     base = explain(plan.base)
     paths = list(plan.settings)
     report_progress("how samples are run")
-    reason = (
-        why_alone(plan.base, paths, plan.collect, plan.size) if base.obstacle is None else "the scene fails"
-    )
+    reason = why_alone(plan.base, paths, plan.collect) if base.obstacle is None else "the scene fails"
     done = valid_samples(plan, target)
     facts = [
         Fact("scene", f"{plan.attrs['base']} ({plan.base.kind}); what follows is at its own values"),
@@ -70,7 +68,7 @@ def _sample(plan: Plan, alone: CostEstimate, numbers: Sequence[int]) -> tuple[fl
     if alone.seconds > _PROBE:
         return 0.0, alone.seconds, alone.kilobytes / 10
     report_progress(f"trying {len(numbers)} samples")
-    job = Job.of(plan.base, plan.collect, len(numbers))  # of a few samples, so that nothing is compiled
+    job = Job.of(plan.base, plan.collect)
     began = time.thread_time()
     outcomes = [run_chunk(job, plan.overrides(numbers[:1])).outcomes]
     first = time.thread_time() - began

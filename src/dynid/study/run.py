@@ -128,7 +128,7 @@ class Run:
         self._report()
         todo = np.sort(self.first[self.where < 0])
         if len(todo):
-            job = Job.of(self.plan.base, self.plan.collect, self.plan.size)
+            job = Job.of(self.plan.base, self.plan.collect)
             numbers = self.numbers.start + todo * self.numbers.step
             Scheduler(pool, job, self.plan, numbers, self._store, notice).run()
 

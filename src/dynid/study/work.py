@@ -37,8 +37,6 @@ class Job:
         The text of the scene, and the name of its file.
     collect
         Paths of the outputs to collect.
-    size
-        Number of samples.
     version
         The version of dynid that runs the study.
     """
@@ -46,13 +44,12 @@ class Job:
     text: str
     file: str
     collect: tuple[str, ...]
-    size: int
     version: str = __version__
 
     @classmethod
-    def of(cls, base: Scene, collect: tuple[str, ...], size: int) -> Job:
+    def of(cls, base: Scene, collect: tuple[str, ...]) -> Job:
         """Return the job of a scene, with an absolute path for workers in other folders."""
-        return cls(base.source.resolved_text(), str(Path(base.source.file).absolute()), collect, size)
+        return cls(base.source.resolved_text(), str(Path(base.source.file).absolute()), collect)
 
 
 @dataclass(frozen=True)
@@ -70,7 +67,7 @@ def run_chunk(job: Job, overrides: Sequence[Mapping[str, Any]]) -> Done:
         raise FileError(problem, remedy="Install the same version on all workers, and run the study again.")
     template = _template(job.text, job.file)
     started = time.perf_counter()
-    outcomes = packed(run_batch(template, overrides, job.collect, JUDGE, job.size))
+    outcomes = packed(run_batch(template, overrides, job.collect, JUDGE))
     return Done(outcomes, time.perf_counter() - started)
 
 

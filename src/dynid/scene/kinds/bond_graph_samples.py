@@ -55,7 +55,6 @@ def batched(
     template: Scene,
     overrides: Overrides,
     collect: tuple[str, ...],
-    of: int,  # noqa: ARG001
 ) -> list[SampleOutcome | None] | None:
     """Run samples together where they differ in parameters, values of elements and stored energy alone.
 
@@ -76,7 +75,7 @@ def batched(
     return [None if result is None else SampleOutcome(result) for result in plan.run(overrides)]
 
 
-def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], of: int) -> str:  # noqa: ARG001
+def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...]) -> str:
     """Return why samples that differ at these paths are not run together; empty where they are."""
     if _has_operating_point(template):
         return "every sample has an operating point of its own"

@@ -44,7 +44,6 @@ def batched(
     template: Scene,
     overrides: Overrides,
     collect: tuple[str, ...],
-    of: int,  # noqa: ARG001
 ) -> list[SampleOutcome] | None:
     """Run samples together where they differ in seeds, noise, starts and true values alone.
 
@@ -52,8 +51,6 @@ def batched(
     ----------
     template, overrides, collect
         As for `dynid.scene.batch.run_batch`.
-    of
-        How many samples there are in all.
 
     Returns
     -------
@@ -74,7 +71,7 @@ def batched(
     ]
 
 
-def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...], of: int) -> str:  # noqa: ARG001
+def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...]) -> str:  # noqa: ARG001
     """Return why samples that differ at these paths are not run together; empty where they are."""
     model = cast("IdentificationScene", template.model)
     if model.graph is not None:
