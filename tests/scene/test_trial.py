@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from dynid.scene.explanations import trial as module
-from dynid.scene.explanations.explanation import explain
-from dynid.scene.explanations.trial import Report, forecast, trial
+from dynid.scene.explanations import explanation as module
+from dynid.scene.explanations.explanation import Report, explain, forecast, trial
 from dynid.scene.load import load_scene
 
 

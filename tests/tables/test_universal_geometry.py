@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import FileError
-from dynid.tables.universal_geometry import read_test_nodes
-from dynid.tables.universal_shapes import read_shapes
+from dynid.tables.universal_geometry import read_shapes, read_test_nodes
 from tests.tables.universal_files import mode, nodes, system, units, written
 
 XYZ = [(1.0, 2.0, 3.0), (-1.0, 0.5, 0.0), (0.0, 2.0, 1.0)]

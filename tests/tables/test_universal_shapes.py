@@ -8,7 +8,7 @@ import pytest
 
 from dynid.errors import FileError
 from dynid.tables.modal_tables import read_modes
-from dynid.tables.universal_shapes import read_shapes
+from dynid.tables.universal_geometry import read_shapes
 from tests.tables.universal_files import complex_mode, mode, units, written
 
 

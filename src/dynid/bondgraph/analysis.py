@@ -133,7 +133,7 @@ def _with_delays(result: Result, analysis: Analysis) -> Result:
     """Return the result of a graph with delays, in which what is approximate is marked."""
     if not any(loop.delayed for loop in analysis.loops):
         return result
-    from dynid.bondgraph.results.delays import with_delays
+    from dynid.bondgraph.results.margins import with_delays
 
     return with_delays(result, analysis)
 

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.defaults import HOLD
-from dynid.lti.fourier_sums import MOST_LINES, line_derivatives, sum_lines, time_scale
 from dynid.lti.generator import (
     TAYLOR_DEGREE,
     Array,
@@ -22,6 +21,7 @@ from dynid.lti.generator import (
     require_finite,
 )
 from dynid.lti.sampled import HOLDS, Sampled
+from dynid.lti.waveforms import MOST_LINES, line_derivatives, sum_lines, time_scale
 
 #: Most samples of white noise (800 MB with the spline).
 _MOST = 20_000_000

@@ -14,12 +14,12 @@ from dynid.defaults import LONG_STEPS
 from dynid.errors import NumericalError, UsageError
 from dynid.lti.exponential import accurate_exponential, balance, exponential, rescaled
 from dynid.lti.floating import guarded
-from dynid.lti.fourier_sums import sum_lines
 from dynid.lti.generator import Signal
 from dynid.lti.recurrence import recurrence
 from dynid.lti.signals import Impulse, Multisine, Random
 from dynid.lti.state_space import StateSpace
 from dynid.lti.timeline import Timeline, timeline
+from dynid.lti.waveforms import sum_lines
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

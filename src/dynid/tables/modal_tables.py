@@ -21,7 +21,7 @@ from dynid.tables.matlab import complex_columns, whole_numbers
 from dynid.tables.read import existing, file_format
 from dynid.tables.table import DataFile, DataTable
 from dynid.tables.text import complex_number, read_text
-from dynid.tables.universal_shapes import read_shapes
+from dynid.tables.universal_geometry import read_shapes
 from dynid.units import angular_factor, si_factor, unit_fits, unit_of_field
 
 Array = NDArray[np.float64]

@@ -1,15 +1,197 @@
-"""Laws of elements: effort, flow or modulus as an expression of variables of the graph."""
+"""Laws: values and slopes of expressions, on floats or on numbers of high precision (flint `arb`).
+
+Reverse accumulation: one pass forwards for the value, one backwards for the derivatives by all variables
+(Griewank & Walther 2008, *Evaluating Derivatives*, chapter 3).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+import operator
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from fractions import Fraction
+from typing import Any, Literal
 
 from dynid.arithmetic.expression import Expression
-from dynid.arithmetic.numbers import Number
+from dynid.arithmetic.numbers import Number, OutOfRangeError, apply
 from dynid.bondgraph.graph import BondGraph, Port
-from dynid.bondgraph.operating_point.gradient import Gradient
+
+
+class Gradient:
+    """An expression as a function of some of its names, with its slopes.
+
+    Parameters
+    ----------
+    expression
+        The expression.
+    constants
+        The values of its other names.
+    variables
+        The names that it is a function of.
+    high
+        Whether the numbers are those of flint (`arb`), at the precision of its context; else floats.
+
+    Raises
+    ------
+    ExpressionError
+        If a part that is constant has no value.
+    """
+
+    def __init__(
+        self,
+        expression: Expression,
+        constants: Mapping[str, Number],
+        variables: Sequence[str],
+        high: bool = False,
+    ) -> None:
+        self._number: Callable[[Any], Any] = _high if high else float
+        self._functions = _on_high_precision() if high else _ON_FLOATS
+        self._count, self._high = len(variables), high
+        places = {name: place for place, name in enumerate(variables)}
+        self._given: list[Any] = []  # values of the constant entries behind the variables
+        self._steps: list[tuple[int, str, tuple[int, ...]]] = []
+        exact: dict[int, Number] = {}  # of the constant entries
+
+        def constant(value: Number) -> int:
+            exact[self._count + len(self._given)] = value
+            self._given.append(self._number(value))
+            return self._count + len(self._given) - 1
+
+        def leaf(item: Fraction | str) -> int:
+            if isinstance(item, str) and item in places:
+                return places[item]
+            if item == "pi":
+                place = constant(math.pi)
+                self._given[-1] = self._functions["pi"]()
+                return place
+            return constant(constants[item] if isinstance(item, str) else item)
+
+        def operation(name: str, operands: list[int]) -> int:
+            known = [exact[k] for k in operands if k in exact]
+            if len(known) == len(operands):
+                place, value = constant(apply(name, known)), exact[len(self._given) + self._count - 1]
+                if not isinstance(value, Fraction):  # rounded: take it at the precision of the numbers
+                    self._given[-1] = self._functions[name](*(self._given[k - self._count] for k in operands))
+                return place
+            self._given.append(None)
+            self._steps.append((self._count + len(self._given) - 1, name, tuple(operands)))
+            return self._count + len(self._given) - 1
+
+        self._root = expression.fold(leaf, operation)
+        self._constant = frozenset(exact)
+
+    def __call__(self, values: Sequence[Any], side: float = 1.0) -> tuple[Any, list[Any]]:
+        """Return the value, and its derivative by every variable.
+
+        Parameters
+        ----------
+        values
+            Values of the variables.
+        side
+            Sign of the argument of `abs` where it is zero; positive: `min` and `max` take the first one of
+            equal arguments, else the last. Slopes that differ between both sides are those of a kink.
+
+        Raises
+        ------
+        OutOfRangeError
+            If the value or a derivative is not a finite number.
+        """
+        entries = [*(values if self._high else map(float, values)), *self._given]
+        try:
+            for place, name, operands in self._steps:
+                entries[place] = self._functions[name](*[entries[k] for k in operands])
+            value = _finite(entries[self._root])
+        except (ValueError, ZeroDivisionError, OverflowError, TypeError):
+            raise OutOfRangeError("the law has no finite value there") from None
+        slopes: list[Any] = [self._number(0)] * len(entries)
+        slopes[self._root] = self._number(1)
+        try:
+            for place, name, operands in reversed(self._steps):
+                rate = slopes[place]
+                if rate == 0:
+                    continue
+                x = [entries[k] for k in operands]
+                for which, k in enumerate(operands):
+                    if k not in self._constant:
+                        slopes[k] = slopes[k] + rate * self._partial(name, which, x, entries[place], side)
+            return value, [_finite(slope) for slope in slopes[: self._count]]
+        except (ValueError, ZeroDivisionError, OverflowError, TypeError):
+            raise OutOfRangeError("the law has no finite slope there") from None
+
+    def _partial(self, name: str, which: int, x: Sequence[Any], value: Any, side: float) -> Any:  # noqa: C901 - a table
+        """Return the derivative of an operation by one of its operands."""
+        match name:
+            case "+" | "pos":
+                return 1
+            case "-":
+                return 1 - 2 * which
+            case "*":
+                return x[1 - which]
+            case "/":
+                return 1 / x[1] if which == 0 else -value / x[1]
+            case "**" if which == 0:
+                return x[1] * self._functions["**"](x[0], x[1] - 1)
+            case "**":
+                return value * self._functions["log"](x[0])
+            case "neg":
+                return -1
+            case "sqrt":
+                return 1 / (2 * value)
+            case "exp":
+                return value
+            case "log":
+                return 1 / x[0]
+            case "sin":
+                return self._functions["cos"](x[0])
+            case "cos":
+                return -self._functions["sin"](x[0])
+            case "tan":
+                return 1 + value * value
+            case "abs":
+                return (1 if x[0] > 0 else -1) if x[0] != 0 else (1 if side > 0 else -1)
+            case _:  # min and max
+                equal = [place for place, one in enumerate(x) if one is value or one == value]
+                return int(which == (equal[0] if side > 0 else equal[-1]))
+
+
+def _finite(number: Any) -> Any:
+    if not (math.isfinite(number) if isinstance(number, float) else number.is_finite()):
+        raise ValueError
+    return number
+
+
+def _power(base: float, exponent: float) -> float:
+    return math.pow(base, exponent) if exponent else 1.0
+
+
+_ON_FLOATS: dict[str, Callable[..., Any]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+    "**": _power,
+    "neg": operator.neg,
+    "pos": operator.pos,
+    "abs": abs,
+    "min": min,
+    "max": max,
+    "pi": lambda: math.pi,
+    **{name: getattr(math, name) for name in ("sqrt", "exp", "log", "sin", "cos", "tan")},
+}
+
+
+def _high(value: Number) -> Any:
+    from flint import arb, fmpq
+
+    return arb(fmpq(value.numerator, value.denominator) if isinstance(value, Fraction) else value)
+
+
+def _on_high_precision() -> dict[str, Callable[..., Any]]:
+    from flint import arb
+
+    functions = {name: getattr(arb, name) for name in ("sqrt", "exp", "log", "sin", "cos", "tan", "pi")}
+    return {**_ON_FLOATS, **functions, "**": operator.pow}
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import Any, NamedTuple
 
-from dynid.bondgraph.synthesis.axis_poles import (
+from dynid.bondgraph.synthesis.foster import (
     evaluated,
     real_roots,
     rounded,

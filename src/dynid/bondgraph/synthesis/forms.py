@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from dynid.bondgraph.exact_engine import ExactEngine
 from dynid.bondgraph.graph import BondGraph, Port
@@ -15,9 +15,14 @@ from dynid.bondgraph.synthesis.brune import brune
 from dynid.bondgraph.synthesis.cauer import NoSuchForm, cauer, second_cauer
 from dynid.bondgraph.synthesis.foster import foster, second_foster
 from dynid.bondgraph.synthesis.one_port import SOURCE, bond_graph, with_values
-from dynid.bondgraph.synthesis.request import FORMS, Form
 from dynid.errors import NumericalError
 from dynid.lti.positive_real import fraction, lowest_terms
+
+Form = Literal["cauer", "cauer-2", "foster", "foster-2", "brune"]
+
+#: The forms, in the order of the result.
+FORMS: tuple[Form, ...] = get_args(Form)
+
 
 #: Precision of irrational values, bits, and the significant decimals to which they are rounded; the first
 #: pair that meets the tolerance is taken. 0: the shortest decimal of the nearest double.

@@ -9,8 +9,7 @@ import numpy as np
 
 from dynid.bondgraph.exact_engine import TransferFunction
 from dynid.bondgraph.graph import UNITS, VALUED, unit_quotient
-from dynid.bondgraph.synthesis.forms import Driving, Realisation, kind_of
-from dynid.bondgraph.synthesis.request import FORMS, Form
+from dynid.bondgraph.synthesis.forms import FORMS, Driving, Form, Realisation, kind_of
 from dynid.lti.certified_roots import repeated
 from dynid.model_scope import ScopePart, add_model_scope
 

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import re
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 from dynid.errors import DynidError, NumericalError, UsageError
 from dynid.number_format import counted
+from dynid.progress import progress_to
 from dynid.result import Result
 from dynid.scene.kind import KINDS
 from dynid.scene.schema.accuracy import aspects_of
 
 if TYPE_CHECKING:
-    from dynid.scene.explanations.trial import Trial
     from dynid.scene.load import Scene
     from dynid.structure.model import StructuralModel
 
@@ -148,8 +150,6 @@ def explain(scene: Scene, *, trying: bool = False) -> Explanation:
         return Explanation(Result(scene.kind, scene.title), [], obstacle=error)
     cost = explained.cost
     if trying and cost is not None and cost.seconds < _TRIED:
-        from dynid.scene.explanations.trial import trial
-
         explained = replace(explained, cost=replace(cost, trial=trial(scene)))
     explained.result.attrs["scene"] = scene.source.resolved_text()  # screens look up its frequency unit
     tried = getattr(scene.model, "accuracy", None)
@@ -158,3 +158,88 @@ def explain(scene: Scene, *, trying: bool = False) -> Explanation:
     what = ", ".join(tried.alternatives or aspects_of(scene.source.data))
     fact = Fact("accuracy", f"alternatives of {what} are tried after it, for at most {tried.budget:g} s")
     return replace(explained, facts=[*explained.facts, fact])
+
+
+#: Longest trial, processor seconds.
+LIMIT = 5.0
+#: Steps of an attempt with those of its noise model, and attempts of a search.
+_STEPS, _ATTEMPTS = 40, 6
+_START, _STEP = re.compile(r"start (\d+) of (\d+)"), re.compile("maximum likelihood, step")
+
+
+class Report(NamedTuple):
+    """A report of progress: the work begun, and the time, s."""
+
+    what: str
+    at: float
+
+
+class Trial(NamedTuple):
+    """The forecast of a run: its `seconds`, the `steps` that were seen, and True where it was `complete`."""
+
+    seconds: float
+    steps: int
+    complete: bool
+
+
+class _Enough(BaseException):
+    """Ends a trial; no handler of errors takes it for one."""
+
+
+def trial(scene: Scene, limit: float = LIMIT, clock: Callable[[], float] = time.process_time) -> Trial | None:
+    """Return the forecast of the time of a run, which is begun and cut off at a limit.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    limit
+        Longest trial, s.
+    clock
+        Returns the time, s.
+
+    Returns
+    -------
+    Trial or None
+        None if the run fails.
+    """
+    from dynid.scene.run import run_scene
+
+    began = clock()
+    reports = [Report("", 0.0)]
+
+    def heard(what: str) -> None:
+        reports.append(Report(what, clock() - began))
+        if reports[-1].at > limit:
+            raise _Enough
+
+    try:
+        with progress_to(heard):
+            run_scene(scene)
+    except _Enough:
+        return Trial(forecast(reports), len(reports), complete=False)
+    except DynidError:
+        return None
+    return Trial(clock() - began, len(reports), complete=True)
+
+
+def forecast(reports: Sequence[Report]) -> float:
+    """Return the expected time of a whole run, s, from the reports of its beginning.
+
+    Starts of a search are ranked one after the other; each attempt then takes steps of maximum likelihood.
+    """
+    spent = reports[-1].at
+    durations = [after.at - before.at for before, after in pairwise(reports)]
+    steps = [each for report, each in zip(reports, durations, strict=False) if _STEP.match(report.what)]
+    step = sum(steps) / len(steps) if steps else spent / max(1, len(durations))
+    places = [place for place, report in enumerate(reports[:-1]) if _START.fullmatch(report.what)]
+    if not places:
+        return spent + max(_STEPS - len(steps), len(steps)) * step
+    begun = [place for place in places if _STEP.match(reports[place + 1].what)]
+    if not begun:
+        number, count = map(int, _START.findall(reports[places[-1]].what)[0])
+        return (
+            spent + (count - number) * min(durations[place] for place in places) + _ATTEMPTS * _STEPS * step
+        )
+    attempt = (spent - reports[begun[0]].at) / len(begun)
+    return spent + max(1, _ATTEMPTS - len(begun)) * attempt

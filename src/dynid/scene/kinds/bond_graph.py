@@ -11,8 +11,7 @@ from dynid.bondgraph.graph import BondGraph, GraphUnits
 from dynid.bondgraph.request import Analysis, FormulaRequest, SensitivityParameter
 from dynid.defaults import TRACED_PARTS
 from dynid.errors import Singular, UsageError
-from dynid.scene.kinds.control import with_gains
-from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph, has_law
+from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph, has_law, with_gains
 from dynid.scene.kinds.recorded_units import DrivenSource
 from dynid.scene.kinds.signals import angular_frequencies, build_signals, record_of
 from dynid.scene.load import Scene

@@ -7,8 +7,8 @@ from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from dynid.errors import FileError, UsageError
-from dynid.scene.schema.match import MatchModel
 from dynid.scene.schema.measurement import AllOfFile
+from dynid.scene.schema.modes import MatchModel
 from dynid.suggestions import shortened
 from dynid.tables.universal_units import function_units
 

@@ -1,27 +1,39 @@
-"""The bond graph of a scene: fields and structures expanded, laws linearised, loops closed."""
+"""Parts of graphs in scenes: structures, fields, laws and control loops."""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
-from dynid.arithmetic.dependent import Real
+from dynid.arithmetic.dependent import Dependent, Real, substituted
+from dynid.arithmetic.expression import parse
+from dynid.arithmetic.ldl import reference
+from dynid.arithmetic.numbers import Number
+from dynid.bondgraph.control import Loop
 from dynid.bondgraph.fields import Expansion, FieldType, expand_coupling, expand_field
 from dynid.bondgraph.graph import TWO_PORTS, BondGraph, Node, NodeType, Port
+from dynid.bondgraph.operating_point.equilibrium import OperatingPointRequest, find_operating_point
+from dynid.bondgraph.operating_point.laws import Law, LawGraph
+from dynid.bondgraph.operating_point.linearisation import Linearisation, linearised
 from dynid.errors import DynidError
 from dynid.model_scope import ScopePart
-from dynid.scene.schema.raw import STRUCTURE
+from dynid.scene.schema.laws import OperatingPointModel, variables_of
+from dynid.scene.schema.names import read_names
+from dynid.scene.schema.quantities import Quantity
+from dynid.scene.schema.raw import STRUCTURE, own_variable
 
 if TYPE_CHECKING:
     from dynid.bondgraph.control import Loop
+    from dynid.bondgraph.graph import Port
     from dynid.bondgraph.operating_point.laws import Law
     from dynid.bondgraph.operating_point.linearisation import Linearisation
     from dynid.bondgraph.request import Reading
     from dynid.scene.load import Scene
     from dynid.scene.schema.bond_graph import GraphModel, NodeModel
-    from dynid.scene.schema.control import ControlModel
+    from dynid.scene.schema.control import ControllerModel, ControlModel, LoopModel, PidModel
     from dynid.scene.schema.laws import OperatingPointModel
     from dynid.scene.schema.quantities import Quantity
 
@@ -98,7 +110,7 @@ def build_graph(
     nonlinear = point is not None or any(has_law(node) for node in graph.nodes.values())
     laws: dict[str, Law] = {}
     if nonlinear:
-        from dynid.scene.kinds.laws import law_variables, laws_of
+        from dynid.scene.kinds.graph_parts import law_variables, laws_of
 
         laws = laws_of(scene, graph)
         measured += law_variables(scene, graph, point)
@@ -132,7 +144,7 @@ def build_graph(
     asked = tuple(variables.get(str(output), output) for output in outputs)
     built = BuiltGraph(BondGraph(nodes, bonds), asked, tuple(approximations))
     if nonlinear:
-        from dynid.scene.kinds.laws import linear_graph
+        from dynid.scene.kinds.graph_parts import linear_graph
 
         linear = linear_graph(built.graph, laws, point, variables)
         asked = tuple(linear.variables.get(output, output) for output in asked)
@@ -143,7 +155,7 @@ def build_graph(
     if control is None:
         return built
     from dynid.bondgraph.control import close_loops
-    from dynid.scene.kinds.control import loop_of
+    from dynid.scene.kinds.graph_parts import loop_of
 
     loops = [
         loop_of(loop, variables.get(str(loop.measured), loop.measured), place)
@@ -212,3 +224,161 @@ def _expand_structure(
     text = f"'{made.name}' is a float model of {kept} modes: {how}"
     text = "; ".join(part for part in (text, reduced.rule, reduced.doubt) if part)
     return ScopePart(f"coordinates of {made.name}", kept, model.size - kept, text)
+
+
+def loop_of(loop: LoopModel, measured: Port, place: int) -> Loop:
+    """Return the loop at a place in the scene, which measures a variable of the graph."""
+    given = loop.controller
+    delay = _number(given.delay)
+    return Loop(measured, loop.source, *_controller(given), loop.reference, delay, f"control.loops.{place}")
+
+
+def _controller(controller: ControllerModel) -> tuple[list[Real], list[Real]]:
+    if controller.pid is not None:
+        return _pid(controller.pid)
+    if controller.numerator is not None and controller.denominator is not None:
+        return [_number(entry) for entry in controller.numerator], [
+            _number(entry) for entry in controller.denominator
+        ]
+    return [_number(controller.gain)], [Fraction(1)]
+
+
+def _pid(pid: PidModel) -> tuple[list[Real], list[Real]]:
+    """Return kp + ki/s + kd s/(tf s + 1) as one quotient; without an integral there is no pole at 0."""
+    kp, ki, kd, tf = (_number(gain) for gain in (pid.kp, pid.ki, pid.kd, pid.tf))
+    if not reference(ki) and not isinstance(ki, Dependent):
+        return [kp * tf + kd, kp], [tf, Fraction(1)]
+    return [kp * tf + kd, kp + ki * tf, ki], [tf, Fraction(1), Fraction(0)]
+
+
+def _number(given: Quantity | None) -> Real:
+    if given is None:
+        return Fraction(0)
+    return given.exact if given.dependent is None else given.dependent
+
+
+def with_gains(control: ControlModel, parameters: Mapping[str, Number]) -> ControlModel:
+    """Return feedback whose numbers depend on the scene's parameters, or on themselves by their paths."""
+    known = {name: Dependent.parameter(name, value) for name, value in parameters.items()}
+    loops = []
+    for place, loop in enumerate(control.loops):
+        path = f"control.loops.{place}.controller"
+        made = _dependent(loop.controller, path, known)
+        loops.append(loop.model_copy(update={"controller": made}))
+    return control.model_copy(update={"loops": loops})
+
+
+def _dependent(part: Any, path: str, known: Mapping[str, Dependent]) -> Any:
+    """Return a part of a controller with numbers that depend on parameters."""
+    from pydantic import BaseModel
+
+    if isinstance(part, Quantity):
+        if part.expression is not None and part.expression.names:
+            return replace(part, dependent=substituted(part.expression, known))
+        return replace(part, dependent=Dependent.parameter(path, part.exact)) if part.value else part
+    if isinstance(part, list):
+        return [_dependent(entry, f"{path}.{k}", known) for k, entry in enumerate(part)]
+    if isinstance(part, BaseModel):
+        found = {name: _dependent(value, f"{path}.{name}", known) for name, value in part}
+        return part.model_copy(update=found)
+    return part
+
+
+_Gives = Literal["e", "f", "value"]
+
+
+def law_variables(scene: Scene, graph: GraphModel, point: OperatingPointModel | None) -> list[Port]:
+    """Return the variables in laws and in the operating point."""
+    ports = [port for law in laws_of(scene, graph).values() for port in law.ports]
+    if point is not None:
+        ports += [_port(name) for part in (point.values, point.start, point.search.ranges) for name in part]
+    return ports
+
+
+def laws_of(scene: Scene, graph: GraphModel) -> dict[str, Law]:
+    """Return the laws of the nodes of a graph."""
+    found: dict[str, Law] = {}
+    names = None
+    for name, node in graph.nodes.items():
+        if given := _given(node):
+            names = names or read_names(scene.source)[0]
+            gives, text = given
+            expression = parse(text)
+            own = own_variable(node.type, gives)
+            variables = {own: Port(name, own)} if own in expression.names else {}  # type: ignore[arg-type]
+            variables |= {
+                key: port for key, port in variables_of(expression, names.nodes).items() if key != own
+            }
+            constants = {
+                key: names.parameters[key] for key in expression.names - variables.keys() if key != "pi"
+            }
+            found[name] = Law(gives, expression, constants, variables)
+    return found
+
+
+def _given(node: NodeModel) -> tuple[_Gives, str] | None:
+    """Return what the law of a node gives, and its text; None of a node that has a value."""
+    if node.law is not None:
+        return ("e", node.law.e) if node.law.e is not None else ("f", cast("str", node.law.f))
+    if node.value is not None and node.value.variable:
+        assert node.value.expression is not None
+        return "value", node.value.expression.text
+    return None
+
+
+def linear_graph(
+    graph: BondGraph,
+    laws: Mapping[str, Law],
+    point: OperatingPointModel | None,
+    variables: Mapping[str, Port],
+) -> Linearisation:
+    """Return a graph with laws, linearised at its operating point.
+
+    Parameters
+    ----------
+    graph
+        The graph; values of nodes with laws have no meaning.
+    laws
+        The laws by node.
+    point
+        The operating point; None: the equilibrium with all sources zero.
+    variables
+        Variables at ports of fields and structures, which have other names in the graph.
+
+    Raises
+    ------
+    NumericalError
+        Where there is no equilibrium, or a law has no slope there.
+    """
+
+    def ports(given: Mapping[str, Quantity]) -> dict[Port, Quantity]:
+        return {variables.get(name, _port(name)): value for name, value in given.items()}
+
+    own = {
+        name: Law(
+            law.gives,
+            law.expression,
+            law.constants,
+            {key: variables.get(str(port), port) for key, port in law.variables.items()},
+        )
+        for name, law in laws.items()
+    }
+    given = point or OperatingPointModel()
+    request = OperatingPointRequest(
+        inputs={name: value.exact for name, value in given.inputs.items()},
+        values={port: value.exact for port, value in ports(given.values).items()},
+        start={port: value.exact for port, value in ports(given.start).items()},
+        starts=given.search.starts,
+        seed=given.search.seed,
+        ranges={
+            variables.get(name, _port(name)): (float(low), float(high))
+            for name, (low, high) in given.search.ranges.items()
+        },
+        choose=given.choose,
+    )
+    return linearised(find_operating_point(LawGraph(graph, own), request))
+
+
+def _port(name: str) -> Port:
+    node, _, quantity = name.rpartition(".")
+    return Port(node, quantity)  # type: ignore[arg-type]

@@ -19,8 +19,7 @@ from dynid.defaults import NOISE_VALUES
 from dynid.errors import UsageError
 from dynid.scene.schema.base import FilePath, FrequencyGrid, MotionQuantity, Section, SignedDof
 from dynid.scene.schema.graph_variables import Output
-from dynid.scene.schema.match import MatchModel
-from dynid.scene.schema.modes import MeasuredModesModel
+from dynid.scene.schema.modes import MatchModel, MeasuredModesModel
 from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Uncertain, Value, fault
 from dynid.scene.schema.signals import Signals, TablePlace
 from dynid.scene.schema.structure import PerElement, PerElementOrZero

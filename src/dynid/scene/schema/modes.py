@@ -1,4 +1,4 @@
-"""The block `measurement.modes`: measured frequencies, damping ratios and mode shapes."""
+"""The block `measurement.modes`: measured frequencies, damping ratios and mode shapes; nodes of tests."""
 
 from __future__ import annotations
 
@@ -6,10 +6,32 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from dynid.scene.schema.base import FilePath, Section, SignedDof
-from dynid.scene.schema.match import MatchModel
+from dynid.scene.schema.base import FilePath, MotionQuantity, Section, SignedDof
+from dynid.scene.schema.joints import Vector
 from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
 from dynid.scene.schema.structure import path_alone
+
+
+class MatchModel(Section):
+    """Nodes of a test, which a Universal File names, matched to nodes of the model."""
+
+    by: Literal["number", "position"] = "number"
+    tolerance: Positive | None = None
+    geometry: FilePath | None = None
+    origin: Vector | None = None
+    axes: list[Vector] | None = Field(default=None, min_length=3, max_length=3)
+    nodes: dict[int, int | str] = {}
+    quantity: MotionQuantity | None = None
+    units: Literal["labels", "record"] | None = None
+
+    @model_validator(mode="after")
+    def _origin_counts(self) -> Self:
+        if self.origin is not None and self.by == "number" and self.tolerance is None:
+            raise fault(
+                "'origin' says nothing of nodes with the same numbers; give a tolerance to check them"
+            )
+        return self
+
 
 Component = (
     Annotated[Value, Tag("real")] | Annotated[list[Value], Field(min_length=2, max_length=2), Tag("complex")]
