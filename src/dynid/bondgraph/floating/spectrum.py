@@ -20,6 +20,7 @@ from dynid.bondgraph.graph import Port
 from dynid.bondgraph.plan import Channel, ReducedGraph
 from dynid.errors import NumericalError, Undecided
 from dynid.lti.floating import finite, guarded
+from dynid.native import call, compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -121,8 +122,11 @@ class _Pencil:
             np.fill_diagonal(apart, np.inf)
             nearest = apart.min(axis=1)
         rooms = nearest[starts.imag >= 0]
-        found = [self._refined(complex(s), float(room)) for s, room in zip(upper, rooms, strict=True)]
-        value, radius, residual = (np.array(part) for part in zip(*found, strict=True))
+        if compiled():
+            value, radius, residual = self._by_library(upper, rooms)
+        else:
+            found = [self._refined(complex(s), float(room)) for s, room in zip(upper, rooms, strict=True)]
+            value, radius, residual = (np.array(part) for part in zip(*found, strict=True))
         value = np.where(upper.imag == 0, value.real, value)  # a real root alone stays real
         pairs = upper.imag > 0
         parts = [
@@ -131,6 +135,19 @@ class _Pencil:
         ]
         return RootDiscs.joined(parts)
 
+    def _by_library(self, starts: NDArray[np.complex128], rooms: NDArray[np.float64]) -> tuple[Any, Any, Any]:
+        """Return the same as `_refined` for every root from `native/roots.c`."""
+        order = np.argsort(self._factors(complex(starts[0]), self.unit, np.ones(len(self.rows))).perm_c)
+        columns, rows = self.starts_of.astype(np.int64), self.rows.astype(np.int64)
+        value, radius, residual = np.empty_like(starts), np.empty(len(starts)), np.empty(len(starts))
+        failed = call(
+            "dynid_refine_roots", self.size, columns, rows, self.constant, self.slope, order.astype(np.int64),
+            self.unit, self.seed, len(starts), starts, rooms, value, radius, residual,
+        )  # fmt: skip
+        if failed:
+            raise _unresolved(complex(starts[failed - 1]))
+        return value, radius, residual
+
     def _refined(self, start: complex, room: float) -> tuple[complex, float, float]:
         """Return a root, its error estimate and its residual.
 
@@ -138,13 +155,13 @@ class _Pencil:
         left where they were found, and their estimate covers the correction.
         """
         value, coarse = start, 0.0
-        for _ in range(_FACTORISATIONS):
+        for left in reversed(range(_FACTORISATIONS)):
             correction, sensitivity, residual = self._judge(value)
             error = abs(correction) + _ALLOWANCE * _UNIT * sensitivity
             coarse = coarse or 4 * error
             if not abs(value + correction - start) <= room / 4:  # nan, too
                 return start, coarse if np.isfinite(coarse) else float(np.inf), residual
-            if abs(correction) <= 0.5 * _UNIT * sensitivity + _UNIT * abs(value):
+            if not left or abs(correction) <= 0.5 * _UNIT * sensitivity + _UNIT * abs(value):
                 break
             value += correction
         return value + correction, 2 * error + _UNIT * abs(value), residual
@@ -202,10 +219,14 @@ class _Pencil:
                 return splu(matrix)
             except RuntimeError:
                 continue
-        raise Undecided(
-            f"the floating-point engine cannot resolve the roots near {s:.6g} rad/s",
-            remedy="Use 'analysis.engine: exact', which does.",
-        )
+        raise _unresolved(s)
+
+
+def _unresolved(s: complex) -> Undecided:
+    return Undecided(
+        f"the floating-point engine cannot resolve the roots near {s:.6g} rad/s",
+        remedy="Use 'analysis.engine: exact', which does.",
+    )
 
 
 # --- systems of equations -------------------------------------------------------------------------
