@@ -7,6 +7,7 @@
 
 #define UNIT 0x1p-53
 #define ALLOWANCE 8.0
+#define NEXT 64.0 /* allowed for the correction that follows one, over its square by the room */
 enum { ITERATIONS = 2, FACTORISATIONS = 4, BESIDE = 4 };
 static const double SHIFTS[BESIDE] = {UNIT, 0x1p-40, 0x1p-26, 0x1p-18};
 
@@ -42,7 +43,7 @@ typedef struct {
   double unit;
   Columns L, U;
   int64_t *place, *stack, *pause, *reached, *mark; /* place: the step at which a row was the pivot, or -1 */
-  Complex *work, *x, *y, *pivot;
+  Complex *work, *x, *y, *pivot; /* the reciprocals of the pivots */
   double *rows, *columns, *peaks;
 } Block;
 
@@ -121,12 +122,12 @@ static int factorise(Block *b, Complex s) {
     }
     if (chosen < 0 || !isfinite(largest)) return 1;
     b->place[chosen] = step;
-    b->pivot[step] = b->work[chosen];
+    b->pivot[step] = quotient((Complex){1.0, 0.0}, b->work[chosen]);
     for (int64_t k = top; k < b->n; k++) {
       const int64_t row = b->reached[k];
       if (b->place[row] >= 0) continue;
       b->L.row[b->L.length] = row;
-      b->L.value[b->L.length++] = quotient(b->work[row], b->pivot[step]);
+      b->L.value[b->L.length++] = times(b->work[row], b->pivot[step]);
     }
     b->L.start[step + 1] = b->L.length;
     b->U.start[step + 1] = b->U.length;
@@ -151,7 +152,7 @@ static void solve(const Block *b, const Complex *rhs, Complex *x) {
       to->re -= part.re, to->im -= part.im;
     }
   for (int64_t step = b->n - 1; step >= 0; step--) {
-    work[step] = quotient(work[step], b->pivot[step]);
+    work[step] = times(work[step], b->pivot[step]);
     for (int64_t p = b->U.start[step]; p < b->U.start[step + 1]; p++) {
       const Complex part = times(b->U.value[p], work[step]);
       Complex *to = work + b->U.row[p];
@@ -170,7 +171,7 @@ static void solve_adjoint(const Block *b, const Complex *rhs, Complex *y) {
       const Complex part = times(conjugate(b->U.value[p]), work[b->U.row[p]]);
       sum.re -= part.re, sum.im -= part.im;
     }
-    work[step] = quotient(sum, conjugate(b->pivot[step]));
+    work[step] = times(sum, conjugate(b->pivot[step]));
   }
   for (int64_t step = b->n - 1; step >= 0; step--)
     for (int64_t p = b->L.start[step]; p < b->L.start[step + 1]; p++) {
@@ -178,6 +179,17 @@ static void solve_adjoint(const Block *b, const Complex *rhs, Complex *y) {
       work[step].re -= part.re, work[step].im -= part.im;
     }
   for (int64_t i = 0; i < b->n; i++) y[i] = work[b->place[i]];
+}
+
+/* Return the power of two that brings a positive number next to 1. */
+INLINE double power_of_two(double x) {
+  int64_t bits;
+  memcpy(&bits, &x, sizeof bits);
+  const int64_t exponent = bits >> 52 & 0x7ff; /* of 0 and subnormal numbers 0 */
+  bits = (exponent < 23 ? 2023 : exponent > 2023 ? 23 : 2046 - exponent) << 52;
+  double power;
+  memcpy(&power, &bits, sizeof power);
+  return power;
 }
 
 /* Scale rows and columns by powers of two until the largest entries are near 1. */
@@ -190,14 +202,14 @@ static void equilibrate(Block *b, double reach) {
         const double size = (fabs(b->constant[p]) + reach * fabs(b->slope[p])) * b->columns[j];
         b->peaks[b->row[p]] = fmax(b->peaks[b->row[p]], size * b->rows[b->row[p]]);
       }
-    for (int64_t i = 0; i < b->n; i++) b->rows[i] /= exp2(rint(log2(b->peaks[i])));
+    for (int64_t i = 0; i < b->n; i++) b->rows[i] *= power_of_two(b->peaks[i]);
     for (int64_t j = 0; j < b->n; j++) {
       double peak = 0.0;
       for (int64_t p = b->start[j]; p < b->start[j + 1]; p++) {
         const double size = (fabs(b->constant[p]) + reach * fabs(b->slope[p])) * b->columns[j];
         peak = fmax(peak, size * b->rows[b->row[p]]);
       }
-      b->columns[j] /= exp2(rint(log2(peak)));
+      b->columns[j] *= power_of_two(peak);
     }
   }
 }
@@ -207,9 +219,9 @@ typedef struct {
   double sensitivity, residual;
 } Judgement;
 
-/* Judge a root. Returns 0, 1 where no factorisation beside it exists either, 2 without memory. */
-static int judge(Block *b, Complex s, Judgement *out) {
-  const double modulus = hypot(s.re, s.im), reach = fmax(modulus, UNIT * b->unit);
+/* Set the null vectors at s. Returns 0, 1 where no factorisation beside it exists either, 2 without memory. */
+static int set_null_vectors(Block *b, Complex s) {
+  const double reach = fmax(hypot(s.re, s.im), UNIT * b->unit);
   equilibrate(b, reach);
   int failed = factorise(b, s);
   for (int k = 0; failed == 1 && k < 2 * BESIDE; k++) {
@@ -230,38 +242,42 @@ static int judge(Block *b, Complex s, Judgement *out) {
   }
   normalise(b->n, b->x);
   normalise(b->n, b->y);
+  return 0;
+}
+
+/* Judge a root by the null vectors at it, or close to it. */
+static Judgement judged(const Block *b, Complex s) {
+  const double modulus = hypot(s.re, s.im);
   Complex slope = {0, 0}, value = {0, 0};
   double size = 0;
   for (int64_t j = 0; j < b->n; j++) {
     const double width = hypot(b->x[j].re, b->x[j].im);
     for (int64_t p = b->start[j]; p < b->start[j + 1]; p++) {
       const Complex y = b->y[b->row[p]], both = times(conjugate(y), b->x[j]);
-      const Complex entry = {b->constant[p] + s.re * b->slope[p], s.im * b->slope[p]};
-      const Complex part = times(both, entry);
+      const Complex part = times(both, (Complex){b->constant[p] + s.re * b->slope[p], s.im * b->slope[p]});
       slope.re += both.re * b->slope[p], slope.im += both.im * b->slope[p];
       value.re += part.re, value.im += part.im;
       size += sqrt(y.re * y.re + y.im * y.im) * width * (fabs(b->constant[p]) + modulus * fabs(b->slope[p]));
     }
   }
   const Complex step = quotient(value, slope);
-  out->correction = (Complex){-step.re, -step.im};
-  out->sensitivity = size / hypot(slope.re, slope.im);
-  out->residual = hypot(step.re, step.im) / out->sensitivity;
-  return 0;
+  const double sensitivity = size / hypot(slope.re, slope.im);
+  return (Judgement){{-step.re, -step.im}, sensitivity, hypot(step.re, step.im) / sensitivity};
 }
 
 /* Refine one root, as `_Pencil._refined`. */
 static int refine(Block *b, Complex start, double room, Complex *root, double *radius, double *residual) {
-  Complex value = start;
+  Complex value = start, next = start;
   double coarse = 0.0, error = 0.0;
-  Judgement now;
   for (int k = 0; k < FACTORISATIONS; k++) {
-    const int failed = judge(b, value, &now);
+    value = next;
+    const int failed = set_null_vectors(b, value);
     if (failed) return failed;
-    const double size = hypot(now.correction.re, now.correction.im), modulus = hypot(value.re, value.im);
+    Judgement now = judged(b, value);
+    double size = hypot(now.correction.re, now.correction.im), modulus = hypot(value.re, value.im);
     error = size + ALLOWANCE * UNIT * now.sensitivity;
     if (coarse == 0.0) coarse = 4 * error;
-    const Complex next = {value.re + now.correction.re, value.im + now.correction.im};
+    next = (Complex){value.re + now.correction.re, value.im + now.correction.im};
     *residual = now.residual;
     if (!(hypot(next.re - start.re, next.im - start.im) <= room / 4)) { /* nan, too */
       *root = start;
@@ -269,9 +285,18 @@ static int refine(Block *b, Complex start, double room, Complex *root, double *r
       return 0;
     }
     if (size <= 0.5 * UNIT * now.sensitivity + UNIT * modulus) break;
-    if (k + 1 < FACTORISATIONS) value = next;
+    const double following = NEXT * size * (size / room) * fmax(1.0, now.sensitivity / modulus);
+    if (modulus > 0.0 && following <= UNIT * modulus) { /* another factorisation would find nothing but rounding */
+      value = next;
+      now = judged(b, value);
+      size = hypot(now.correction.re, now.correction.im) + following;
+      error = size + ALLOWANCE * UNIT * now.sensitivity;
+      next = (Complex){value.re + now.correction.re, value.im + now.correction.im};
+      *residual = now.residual;
+      break;
+    }
   }
-  *root = (Complex){value.re + now.correction.re, value.im + now.correction.im};
+  *root = next;
   *radius = 2 * error + UNIT * hypot(value.re, value.im);
   return 0;
 }

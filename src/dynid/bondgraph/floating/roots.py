@@ -214,7 +214,8 @@ def settled(discs: RootDiscs, counts: RootCounts) -> tuple[EstimatedRoot, ...]:
     found = [EstimatedRoot(0j, counts.at_origin, 0.0, 0, 0.0)] if counts.at_origin else []
     rest = discs.where(~origin)
     labels = rest.clusters()
-    groups = [np.flatnonzero(labels == label) for label in range(labels.max(initial=-1) + 1)]
+    order = np.argsort(labels, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(labels[order])) + 1) if len(rest) else []
     expected = sorted(counts.multiplicities)
     if counts.at_origin:
         expected.remove(counts.at_origin)
@@ -237,6 +238,9 @@ _Part = tuple[complex, int, float, float]
 
 def _merged(discs: RootDiscs, group: NDArray[np.int64]) -> _Part:
     """Return roots that are one: their mean, real where they are closed under conjugation."""
+    if len(group) == 1:
+        (one,) = group.tolist()
+        return complex(discs.centre[one]), 1, float(discs.radius[one]), float(discs.residual[one])
     own = discs.centre[group]
     centre = complex(own.mean())
     if sorted(own.imag) == sorted(-own.imag):

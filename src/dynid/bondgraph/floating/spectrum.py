@@ -33,6 +33,8 @@ _UNIT = 2.0**-53
 _ALLOWANCE = 8.0
 #: Inverse iterations on one factorisation, and factorisations before a root is left as it is.
 _ITERATIONS, _FACTORISATIONS = 2, 4
+#: What is allowed for the correction that follows one, over its square by the room around the root.
+_NEXT = 64.0
 #: How far beside a root its equations are factorised, if they are exactly singular at it.
 _SHIFTS = (_UNIT, 2.0**-40, 2.0**-26, 2.0**-18)
 
@@ -68,12 +70,25 @@ def first_values(equations: Sequence[LinearForm]) -> list[complex]:
 
 def _states(block: list[LinearForm]) -> NDArray[np.float64]:
     """Return the matrix of the state equations that a block comes down to."""
+    if len(block) == 1:
+        return _state(block[0])
     rates, _ = solve(block, [])
     place = {name: k for k, name in enumerate(rates)}
     matrix = np.zeros((len(place), len(place)))
     for name, form in rates.items():
         for symbol, value in form.items():
             matrix[place[name], place[symbol[1]]] = _float(value)
+    finite("a coefficient of the state equations", matrix)
+    return matrix
+
+
+def _state(form: LinearForm) -> NDArray[np.float64]:
+    """Return the same of one equation in one unknown."""
+    slope = next((value for symbol, value in form.items() if symbol[0] == "dw"), None)
+    if slope is None:
+        return np.zeros((0, 0))
+    constant = next((value for symbol, value in form.items() if symbol[0] == "w"), 0)
+    matrix = np.array([[_float(-constant / slope) if constant else 0.0]])
     finite("a coefficient of the state equations", matrix)
     return matrix
 
@@ -154,27 +169,40 @@ class _Pencil:
         A correction that leaves the root's own surroundings is not followed: roots that (nearly) coincide are
         left where they were found, and their estimate covers the correction.
         """
-        value, coarse = start, 0.0
-        for left in reversed(range(_FACTORISATIONS)):
-            correction, sensitivity, residual = self._judge(value)
+        value = following = start
+        coarse = error = residual = 0.0
+        for _ in range(_FACTORISATIONS):
+            value = following
+            vectors = self._null_vectors(value)
+            correction, sensitivity, residual = self._judge(value, *vectors)
             error = abs(correction) + _ALLOWANCE * _UNIT * sensitivity
             coarse = coarse or 4 * error
-            if not abs(value + correction - start) <= room / 4:  # nan, too
+            following = value + correction
+            if not abs(following - start) <= room / 4:  # nan, too
                 return start, coarse if np.isfinite(coarse) else float(np.inf), residual
-            if not left or abs(correction) <= 0.5 * _UNIT * sensitivity + _UNIT * abs(value):
+            if abs(correction) <= 0.5 * _UNIT * sensitivity + _UNIT * abs(value):
                 break
-            value += correction
-        return value + correction, 2 * error + _UNIT * abs(value), residual
+            if value == 0:
+                continue
+            rest = _NEXT * abs(correction) * (abs(correction) / room) * max(1.0, sensitivity / abs(value))
+            if rest <= _UNIT * abs(value):  # another factorisation would find nothing but rounding
+                value = following
+                correction, sensitivity, residual = self._judge(value, *vectors)
+                error = abs(correction) + rest + _ALLOWANCE * _UNIT * sensitivity
+                following = value + correction
+                break
+        return following, 2 * error + _UNIT * abs(value), residual
 
-    def _judge(self, s: complex) -> tuple[complex, float, float]:
+    def _judge(
+        self, s: complex, x: NDArray[np.complex128], y: NDArray[np.complex128]
+    ) -> tuple[complex, float, float]:
         """Return the correction of a root, the size of its error in units of rounding, and its residual.
 
-        With the null vectors x, y of P(s) = A + s E: a change of the entries by a part u of themselves moves
+        With the null vectors x, y of P(s) = A + s E, or of one close to it: a change of the entries by a part u of themselves moves
         the root by at most u |y|^T (|A| + |s| |E|) |x| / |y^H E x|.
         """
         entries = self.constant + s * self.slope
         sizes = np.abs(self.constant) + abs(s) * np.abs(self.slope)
-        x, y = self._null_vectors(s)
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             y, x = y / np.max(np.abs(y)), x / np.max(np.abs(x))  # close to a root they are very long
             left, right = y.conj()[self.rows], x[self.columns]
