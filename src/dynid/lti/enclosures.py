@@ -34,6 +34,8 @@ _DIGITS = 10
 _ROUNDS, _NEARBY, _SPREAD = 40, 1e-6, 1e9
 #: Largest |log2| of a root's modulus in the floating-point part of the iteration.
 _RANGE = 900
+#: Bits to which a start close to a root agrees with it, steps from there, and the largest precision for them.
+_CLOSE, _CLOSE_STEPS, _CLOSE_PRECISION = 28, 4, 4096
 Complex = NDArray[np.complex128]
 
 
@@ -55,15 +57,15 @@ def enclosures(polynomial: Any, starts: Sequence[complex] | None = None, *, side
         Where 65,536 bits do not separate a root from the axis.
     """
     evaluated = _BallPolynomial(polynomial)
+    if starts and (balls := _close_by(evaluated, starts, sides=sides)):
+        return balls
     if centres := _initial_values(evaluated, starts):
         precisions = [_PRECISION] * len(centres)
         if not starts:
             _approach(evaluated, centres, precisions)
         _iterate(evaluated, centres, precisions)
         if discs := _isolated(evaluated, centres, precisions):
-            balls = [_polished(evaluated, *disc, sides=sides) for disc in discs]
-            with ctx.workprec(2 * _MAX_PRECISION):  # flint rounds even a change of sign
-                return [t for ball in balls for t in ([ball] if ball.imag == 0 else [ball, ball.conjugate()])]
+            return _with_conjugates([_polished(evaluated, *disc, sides=sides) for disc in discs])
     precision = _PRECISION
     while precision <= _MAX_PRECISION:  # Arb's isolation: slower, and certified too
         with ctx.workprec(precision):
@@ -72,6 +74,56 @@ def enclosures(polynomial: Any, starts: Sequence[complex] | None = None, *, side
                 return balls
         precision *= 2
     raise ArithmeticError("a root could not be separated from the imaginary axis")
+
+
+def _with_conjugates(balls: list[Any]) -> list[Any]:
+    with ctx.workprec(2 * _MAX_PRECISION):  # flint rounds even a change of sign
+        return [t for ball in balls for t in ([ball] if ball.imag == 0 else [ball, ball.conjugate()])]
+
+
+def _close_by(polynomial: _BallPolynomial, starts: Sequence[complex], *, sides: bool) -> list[Any]:
+    """Return the balls if there is a start close to every root; none else.
+
+    The discs of radius n |w_k| about all z_k hold the roots, with w_k = p(z_k) / (a prod (z_k - z_j)), and each
+    one that is disjoint of the others holds one (B. T. Smith, Journal of the ACM 17 (1970) 661-674). The
+    products are taken at the starts, in floating point, with an allowance for what that changes.
+    """
+    upper = np.array([start for start in starts if start.imag >= 0 and 0 < abs(start) < 2.0**_RANGE])
+    z = np.concatenate([upper, upper[upper.imag > 0].conj()])
+    if len(z) != polynomial.degree:
+        return []
+    gaps = upper[:, None] - z
+    np.fill_diagonal(gaps, np.inf)
+    loose = ((np.abs(upper)[:, None] + np.abs(z)) / np.abs(gaps)).sum(1) if gaps.all() else np.inf
+    if not np.max(loose) * 2.0 ** (3 - _CLOSE) < 0.01:
+        return []
+    np.fill_diagonal(gaps, 1.0)
+    lead, precision, discs = acb(polynomial.exact.leading_coefficient()), _PRECISION, []
+    turned = np.where(upper.imag == 0, np.pi * (gaps.real < 0).sum(1), np.angle(gaps).sum(1))
+    for start, size, angle in zip(upper.tolist(), np.log(np.abs(gaps)).sum(1), turned, strict=True):
+        real, centre, steps = start.imag == 0, acb(start), 0
+        others = lead * acb(size, angle).exp()
+        while True:
+            value = polynomial.at(centre, precision)
+            with ctx.workprec(precision):
+                step = value / others
+                radius = abs(step).upper() * (1.05 * polynomial.degree)
+                if radius * 2**_ACCURACY <= _smallest_part(centre, sides=sides):
+                    break
+                if value.rel_accuracy_bits() < _DIGITS:
+                    precision *= 2
+                    if precision > _CLOSE_PRECISION:
+                        return []
+                    continue
+                steps += 1
+                if steps > _CLOSE_STEPS or not abs(step) < 2.0**-_CLOSE * abs(start):
+                    return []
+                centre = (centre - step).mid()
+                centre = acb(centre.real) if real else centre
+        discs.append((centre, radius, precision))
+    if not _disjoint(discs):
+        return []
+    return _with_conjugates([_ball(*disc) for disc in discs])
 
 
 class _BallPolynomial:
@@ -221,27 +273,31 @@ def _isolated(
     polynomial: _BallPolynomial, centres: list[Any], precisions: list[int]
 ) -> list[tuple[Any, Any, int]]:
     """Return disjoint discs of one root each, of conjugate pairs the upper; none if they overlap."""
-    discs = [_disc(polynomial, centre, bits) for centre, bits in zip(centres, precisions, strict=True)]
-    if not all(radius.is_finite() for _, radius in discs):
-        return []
-    z = np.array([complex(centre) for centre, _ in discs])
-    reach = np.array([float(radius) for _, radius in discs]) * (1 + 1e-12) + 1e-15 * np.abs(z)
+    discs = [
+        (*_disc(polynomial, centre, bits), bits) for centre, bits in zip(centres, precisions, strict=True)
+    ]
+    return [disc for disc in discs if disc[0].imag >= 0] if _disjoint(discs) else []
+
+
+def _disjoint(discs: list[tuple[Any, Any, int]]) -> bool:
+    """Test whether discs of finite radius do not meet."""
+    if not all(radius.is_finite() for _, radius, _ in discs):
+        return False
+    z = np.array([complex(centre) for centre, _, _ in discs])
+    reach = np.array([float(radius) for _, radius, _ in discs]) * (1 + 1e-12) + 1e-15 * np.abs(z)
     close = np.abs(z[:, None] - z[None, :]) <= (reach[:, None] + reach[None, :]) * (1 + 1e-12)
     for j, k in np.argwhere(np.triu(close, 1)):
-        (a, r), (b, t) = discs[j], discs[k]
+        (a, r, _), (b, t, _) = discs[j], discs[k]
         if not abs(a - b) > r + t:
-            return []
-    return [(*disc, bits) for disc, bits in zip(discs, precisions, strict=True) if disc[0].imag >= 0]
+            return False
+    return True
 
 
 def _polished(polynomial: _BallPolynomial, centre: Any, radius: Any, precision: int, *, sides: bool) -> Any:
     """Shrink an isolating disc until every part that is not exactly zero is accurate."""
     while True:
-        smallest = abs(centre.real) if centre.imag == 0 else abs(centre.imag)
-        if centre.imag != 0 and sides:
-            smallest = abs(centre.real).min(smallest)
-        if radius * 2**_ACCURACY <= smallest:
-            break
+        if radius * 2**_ACCURACY <= _smallest_part(centre, sides=sides):
+            return _ball(centre, radius, precision)
         if precision > _MAX_PRECISION:
             raise ArithmeticError("a root could not be separated from the imaginary axis")
         with ctx.workprec(precision):
@@ -253,6 +309,17 @@ def _polished(polynomial: _BallPolynomial, centre: Any, radius: Any, precision: 
             centre, radius = smaller, reach
         if not quick:
             precision *= 2
+
+
+def _smallest_part(centre: Any, *, sides: bool) -> Any:
+    """Return the smallest of the parts of a centre that are needed accurately."""
+    if centre.imag == 0:
+        return abs(centre.real)
+    return abs(centre.real).min(abs(centre.imag)) if sides else abs(centre.imag)
+
+
+def _ball(centre: Any, radius: Any, precision: int) -> Any:
+    """Return a disc as a ball; one that is centred on the real axis is real."""
     with ctx.workprec(precision):
         real = arb(centre.real.mid(), radius)
         return acb(real, arb(centre.imag.mid(), radius)) if centre.imag != 0 else acb(real)

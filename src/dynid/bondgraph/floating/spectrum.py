@@ -65,7 +65,8 @@ def spectrum(equations: Sequence[LinearForm]) -> RootDiscs:
 
 def first_values(equations: Sequence[LinearForm]) -> list[complex]:
     """Return the roots of the determinant of equations as the eigenvalues come, without any judgement."""
-    return [complex(s) for block in irreducible_blocks(equations) for s in _eigenvalues(_states(block.forms))]
+    states = [_states(block.forms) for block in irreducible_blocks(equations)]
+    return [complex(s) for one in states for s in (_eigenvalues(one) if len(one) > 1 else one.ravel())]
 
 
 def _states(block: list[LinearForm]) -> NDArray[np.float64]:
