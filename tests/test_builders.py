@@ -1,11 +1,15 @@
-"""Scenes built in code say what the same scenes say in YAML."""
+"""Scenes built in code say what the same scenes say in YAML, and are written so."""
 
+from fractions import Fraction
 from pathlib import Path
 
+import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import dynid
-from dynid.errors import SceneError
+from dynid.errors import FileError, SceneError, UsageError
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 
@@ -58,3 +62,69 @@ def test_paths_are_relative_to_the_folder_given(tmp_path):
     built.measure([{"dof": 1, "quantity": "velocity"}], **record)
     with pytest.raises(dynid.errors.FileError, match=str(tmp_path / "none.csv")):
         dynid.run(built.scene(folder=tmp_path))
+
+
+#: Words that YAML could take for something else, and any others.
+NAMES = st.sampled_from(["on", "yes", "null", "e", "x_1"]) | st.from_regex(r"\A[a-zE][0-9aEon_-]{0,5}\Z")
+MAGNITUDES = st.floats(1e-300, 1e300)
+NUMBERS = st.one_of(
+    MAGNITUDES,
+    MAGNITUDES.map(np.float64),
+    st.integers(1, 10**30),
+    st.integers(1, 2**31).map(np.int64),
+    st.fractions(min_value=Fraction(1, 10**6)).filter(bool),
+    st.sampled_from(["p", "2*p", "p**2/3"]),
+)
+TITLES = st.text(st.characters(exclude_categories=["Cs", "Cc"]), max_size=20)
+
+
+@given(title=TITLES, elements=st.dictionaries(NAMES, st.tuples(st.sampled_from("ICR"), NUMBERS), min_size=1))
+@settings(max_examples=40, deadline=None)
+def test_any_graph_is_read_back_as_it_was_built(tmp_path_factory, title, elements):
+    built = dynid.GraphBuilder(title).parameters(p=3).node("the-source", "Se").node("the-junction", 1)
+    built.bond("the-source -> the-junction")
+    for name, (kind, value) in elements.items():
+        built.node(name, kind, value).bond(f"the-junction -> {name}")
+    scene = built.scene(outputs=[f"{name}.f" for name in elements])
+    assert_read_back(scene, tmp_path_factory.mktemp("graph") / "scene.yaml")
+
+
+@given(title=TITLES, masses=st.lists(MAGNITUDES, min_size=1, max_size=5), joints=st.sets(NAMES, max_size=3))
+@settings(max_examples=40, deadline=None)
+def test_any_structure_is_read_back_as_it_was_built(tmp_path_factory, title, masses, joints):
+    built = dynid.StructureBuilder.lumped(np.array(masses), title).link((1,), k=np.float32(3), c=0.5)
+    built.excite(1, "multisine", amplitude=np.array([1.0, 2.0]), frequency=(3, 4.5))
+    built.measure([{"dof": 1, "quantity": "velocity"}], step=0.01, samples=20, simulate={"noise_ratio": 0.01})
+    for name in joints | {"first"}:
+        built.joint(name, [1], k={"start": 10, "true": Fraction(1, 3)})
+    assert_read_back(built.scene(), tmp_path_factory.mktemp("structure") / "scene.yaml")
+
+
+def assert_read_back(scene, path):
+    scene.write(path)
+    again = dynid.load_scene(path)
+    assert again == scene
+    assert hash(again) == hash(scene)
+    assert again.model == scene.model
+    assert dynid.scene_from(again.source.data) == scene
+
+
+def test_a_shipped_scene_is_written_as_it_stands_and_set_values_are_written_too(tmp_path):
+    path = tmp_path / "half_car.yaml"
+    shipped = CONFIGS / "half_car.yaml"  # of sub-models
+    dynid.load_scene(shipped).write(path)
+    assert path.read_text() == shipped.read_text()
+    changed = dynid.load_scene(CONFIGS / "isolator.yaml", ["parameters.b=100"])
+    changed.write(path)
+    assert dynid.load_scene(path) == changed != dynid.load_scene(CONFIGS / "isolator.yaml")
+    assert changed != "isolator"
+    with pytest.raises(FileError):
+        changed.write(tmp_path / "missing" / "scene.yaml")
+
+
+def test_paths_are_texts_and_other_objects_are_refused(tmp_path):
+    scene = {"kind": "study", "scene": tmp_path / "isolator.yaml", "vary": {"parameters.b": {"values": [1]}}}
+    (tmp_path / "isolator.yaml").write_text((CONFIGS / "isolator.yaml").read_text())
+    assert dynid.scene_from(scene).source.data["scene"] == str(tmp_path / "isolator.yaml")
+    with pytest.raises(UsageError, match=r"a scene cannot hold \(1\+2j\), of type complex"):
+        dynid.GraphBuilder().node("b", "R", 1 + 2j).scene(outputs=["b.f"])

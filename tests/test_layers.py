@@ -62,6 +62,7 @@ LIBRARIES = {
     "flint": {"lti", "bondgraph", "bench"},  # exact numbers
     "control": {"result", "bench"},  # state equations for users; a peer
     "xarray": {"result"},
+    "pandas": {"result", "report.notebook"},
     "typst": {"report.figure"},
     "meshio": {"structure.readers.mesh"},
     "skfem": set(),  # an oracle of tests

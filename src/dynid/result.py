@@ -20,6 +20,7 @@ from dynid.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     import control
+    import pandas
     import xarray
 
 #: The module that shows results in notebooks, of a higher layer.
@@ -218,6 +219,32 @@ class Result(Mapping[str, Variable]):
             Where the result has no such group, or xarray is not installed.
         """
         return _xarray_dataset(self, group)
+
+    def to_pandas(self, name: str) -> pandas.DataFrame:
+        """Return a table of the result as a data frame of pandas.
+
+        Parameters
+        ----------
+        name
+            The path of a group (`identification/parameters`, `bond_graph/frequency_response`,
+            `identification/history`), of an array, or of an axis in a group, whose arrays all become columns;
+            its end where only one ends so (`parameters`, `history`); of a study `study`.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row for each entry of the first axis; the index is named with its unit (`omega [rad/s]`), the
+            labels of further axes stand in the names of the columns: `response[m.f,F]`. `attrs["units"]` has
+            the units of the columns. Estimates have their 95 % interval in `low` and `high`, unless the
+            estimate is rejected. The single numbers of a group are rows with `value` and `unit`; a study has
+            a row for each sample, as `dynid export` writes it.
+
+        Raises
+        ------
+        UsageError
+            If there is no such table, or several, or pandas is not installed.
+        """
+        return import_module(_NOTEBOOK).frame(self, name)
 
     def plot(self, name: str) -> Any:
         """Draw a figure by matplotlib, in the style of its rcParams.

@@ -126,14 +126,22 @@ def test_every_layer_is_drawn(monkeypatch):
     ]
     plots = [
         Subplot(PlotAxis("x", low=0, high=4), PlotAxis("y"), layers, title="all", square=True),
-        Subplot(PlotAxis("", names=("a", "b")), PlotAxis("", names=("c", "d")), [Heatmap(np.eye(2), -1, 1)]),
+        Subplot(
+            PlotAxis("", names=("a", "b")),
+            PlotAxis("", names=("c", "d")),
+            [Heatmap(np.eye(2), -1, 1, [["1", "0"], ["0", "1"]])],
+        ),
     ]
     figure = Figure("all", "All layers", lambda: Picture(chart("all", "All layers", [plots, plots[:1]])))
     monkeypatch.setattr(notebook, "figures", lambda _: [figure])
     grid = axes(Result("bond-graph"), "all")
     assert grid.shape == (2, 2)
+    assert list(grid[0, 0].figure.get_size_inches()) == pytest.approx([1.1 * 6.4, 1.1 * 4.8])
+    assert grid[1, 0].get_legend() is None  # as above
     labels = {text.get_text() for text in grid[0, 0].get_legend().get_texts()}
     assert labels == {"curve", "band", "markers", "bars", "level"}
     assert grid[0, 0].get_lines()[0].get_linestyle() == "--"
     assert [tick.get_text() for tick in grid[0, 1].get_xticklabels()] == ["a", "b"]
+    cells = {text.get_text(): text.get_color() for text in grid[0, 1].texts}
+    assert cells == {"1": "white", "0": "black"}
     assert not grid[1, 1].axison

@@ -1,14 +1,17 @@
-"""Results in notebooks: the screen as HTML, and figures on axes of matplotlib instead of SVG."""
+"""Results in notebooks: the screen as HTML, figures on axes of matplotlib, tables as data frames."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from dynid.checks.comparison import word
+from dynid.checks.expectations import axis_of
 from dynid.errors import UsageError
 from dynid.report.plot.chart import Subplot, declared
 from dynid.report.plot.heatmap import Heatmap
@@ -17,16 +20,19 @@ from dynid.report.registry import figures
 from dynid.suggestions import did_you_mean, shortened
 
 if TYPE_CHECKING:
+    import pandas
     from matplotlib.axes import Axes
 
     from dynid.report.content.blocks import Block
-    from dynid.result import Result
+    from dynid.result import Result, Variable
 
 #: Most rows of a table that are shown.
 _ROWS = 12
 #: Markers of matplotlib by the symbols of figures; hollow ones are not filled.
 _SYMBOLS = {"o": "o", "ring": "o", "x": "x", "+": "+", "square": "s", "diamond": "D", "kite": "D"}
 _HOLLOW = ("ring", "kite")
+#: Share of rcParams["figure.figsize"] that each of several subplots has.
+_SHARE = 0.55
 
 
 def html(result: Result) -> str:
@@ -107,19 +113,32 @@ def axes(result: Result, name: str) -> Any:
             f"the figure '{name}' is a drawing without axes", remedy="Write it to a file: dynid plot."
         )
     (rows,) = charts
-    width = max(map(len, rows))
-    figure, grid = plt.subplots(len(rows), width, squeeze=False, layout="constrained")
+    longest = max(rows, key=len)
+    across, down = plt.rcParams["figure.figsize"]
+    figure, grid = plt.subplots(
+        len(rows),
+        len(longest),
+        squeeze=False,
+        layout="constrained",
+        width_ratios=[plot.weight for plot in longest],
+        figsize=(across * max(1, _SHARE * len(longest)), down * max(1, _SHARE * len(rows))),
+    )
     figure.suptitle(every[name].title)
+    explained: set[str] = set()
     for row, places in zip(rows, grid, strict=True):
         for plot, place in zip(row, places, strict=False):
             _draw(plot, place)
+            labels = set(place.get_legend_handles_labels()[1])
+            if not labels <= explained:
+                place.legend()
+                explained |= labels
         for empty in places[len(row) :]:
             empty.set_axis_off()
     return grid[0, 0] if grid.size == 1 else grid
 
 
 def _draw(plot: Subplot, ax: Axes) -> None:
-    """Draw a subplot: its layers, scales, labels and legend."""
+    """Draw a subplot: its layers, scales and labels."""
     for layer in plot.layers:
         _draw_layer(layer, ax)
     ax.set(xlabel=plot.x.label, ylabel=plot.y.label, title=plot.title)
@@ -138,8 +157,6 @@ def _draw(plot: Subplot, ax: Axes) -> None:
         ax.set_aspect("equal", adjustable="datalim")
     else:
         ax.set(xlim=(plot.x.low, plot.x.high), ylim=(plot.y.low, plot.y.high))
-    if ax.get_legend_handles_labels()[1]:
-        ax.legend()
 
 
 def _draw_layer(layer: Layer, ax: Axes) -> None:
@@ -181,12 +198,153 @@ def _draw_layer(layer: Layer, ax: Axes) -> None:
             side = {"start": "left", "middle": "center", "end": "right"}[layer.anchor]
             ax.text(layer.x, layer.y, layer.text, horizontalalignment=side, color="gray", clip_on=True)
         case Heatmap():
-            columns, rows = layer.borders
-            signs = {"cmap": "RdBu_r", "vmin": -layer.high} if layer.low < 0 else {"vmin": layer.low}
-            ax.pcolormesh(columns, rows, np.ma.masked_invalid(layer.values), vmax=layer.high, **signs)
+            _draw_heatmap(layer, ax)
+
+
+def _draw_heatmap(layer: Heatmap, ax: Axes) -> None:
+    columns, rows = layer.borders
+    signs = {"cmap": "RdBu_r", "vmin": -layer.high} if layer.low < 0 else {"vmin": layer.low}
+    cells = ax.pcolormesh(columns, rows, np.ma.masked_invalid(layer.values), vmax=layer.high, **signs)
+    x, y = ((edges[1:] + edges[:-1]) / 2 for edges in (columns, rows))
+    for row, texts in enumerate(layer.texts):
+        for column, text in enumerate(texts):
+            red, green, blue, _ = cells.to_rgba(layer.values[row, column])
+            shade = "black" if 0.3 * red + 0.6 * green + 0.1 * blue > 0.5 else "white"
+            ax.text(float(x[column]), float(y[row]), text, color=shade, ha="center", va="center")
 
 
 def _colour(cls: str) -> str:
     """Return the colour of a class: that of a series in matplotlib's cycle, else gray."""
     series = re.search(r"\bs(\d)\b", cls)
     return f"C{int(series[1]) - 1}" if series else "gray"
+
+
+def frame(result: Result, name: str) -> pandas.DataFrame:
+    """Return a table of a result as a data frame of pandas (`Result.to_pandas`)."""
+    try:
+        import pandas
+    except ImportError as error:
+        raise UsageError(
+            "data frames need pandas, which is not installed",
+            remedy="Install it: pip install 'dynid[pandas]'.",
+        ) from error
+    if result.kind == "study" and name.strip("/") == "study":
+        columns, units = _samples(result)
+        index = pandas.Index(columns.pop("sample"), name="sample")
+    else:
+        axis, arrays = _table_at(result, _path_of(result, name))
+        if not axis:  # numbers, with different units
+            rows = {_last(path): (variable.data.item(), variable.units) for path, variable in arrays.items()}
+            numbers = pandas.DataFrame.from_dict(rows, "index", columns=["value", "unit"])
+            return numbers.rename_axis("quantity")
+        path, first = next(iter(arrays.items()))
+        labels = axis_of(result, path, axis, first.shape[0])
+        index = pandas.Index(labels.labels, name=f"{axis} [{labels.units}]" if labels.units else axis)
+        columns, units = _columns(result, arrays)
+    table = pandas.DataFrame(columns, index=index)
+    table.attrs |= {"title": result.title, "units": units}
+    return table
+
+
+def _samples(result: Result) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
+    """Return the columns of a study, a row for each sample, as it is exported, and their units."""
+    from dynid.study.analysis.table import StudyTable
+    from dynid.study.flat import flat_table
+
+    table = flat_table(StudyTable(result), "study")
+    types: dict[str, type] = {"integer": np.int64, "truth": np.bool_}
+    columns = {}
+    for column, parts in zip(table.fields, zip(*table.batches(), strict=True), strict=True):
+        values = np.concatenate(parts)
+        if column.kind in types and (values.dtype.kind != "f" or bool(np.isfinite(values).all())):
+            values = values.astype(types[column.kind])
+        columns[column.name] = values
+    return columns, {column.name: column.units for column in table.fields if column.units}
+
+
+def _last(path: str) -> str:
+    return path.rpartition("/")[2]
+
+
+def _group(path: str) -> str:
+    return path.rpartition("/")[0]
+
+
+def _path_of(result: Result, name: str) -> str:
+    """Return the path of a group, of an array, or of an axis in a group, given whole or by its end."""
+    groups = dict.fromkeys(map(_group, result))
+    axes = [f"{_group(path)}/{variable.dims[0]}" for path, variable in result.items() if variable.dims]
+    arrays, wanted = dict.fromkeys([*result, *axes]), name.strip("/")
+    ends = [wanted] if wanted in groups or wanted in arrays else []
+    ends = ends or [path for path in groups if path.endswith(f"/{wanted}")]
+    ends = ends or [path for path in arrays if path.endswith(f"/{wanted}")]
+    if len(ends) > 1:
+        raise UsageError(f"several tables are called '{name}'", remedy=f"Name one: {shortened(ends)}.")
+    if not ends:
+        close = did_you_mean(wanted, [*groups, *map(_last, groups), *arrays])
+        raise UsageError(f"the result has no table '{name}'{close}", remedy=f"It has {shortened([*groups])}.")
+    return ends[0]
+
+
+def _table_at(result: Result, path: str) -> tuple[str, dict[str, Variable]]:
+    """Return the axis of a table and its arrays by path; no axis for the single numbers of a group.
+
+    The path is that of an array, of an axis in a group (all arrays along it), or of a group: the arrays along
+    the only axis that does not label columns of others, else its single numbers.
+    """
+    along = {
+        key: variable
+        for key, variable in result.items()
+        if _group(key) == _group(path) and variable.dims[:1] == (_last(path),)
+    }
+    if along:
+        return _last(path), {key: along[key] for key in along if key != path} or along
+    if path in result:
+        return next(iter(result[path].dims), ""), {path: result[path]}
+    below = {key: variable for key, variable in result.items() if _group(key) == path}
+    arrays = {key: variable for key, variable in below.items() if variable.dims not in ((), (_last(key),))}
+    labels = {dim for variable in arrays.values() for dim in variable.dims[1:]}
+    axes = dict.fromkeys(variable.dims[0] for variable in arrays.values() if variable.dims[0] not in labels)
+    if len(axes) == 1:
+        (axis,) = axes
+        return axis, {key: variable for key, variable in arrays.items() if variable.dims[0] == axis}
+    numbers = {key: variable for key, variable in below.items() if not variable.dims}
+    if not numbers:
+        names = [f"{path}/{axis}" for axis in axes] or [*below]
+        raise UsageError(f"'{path}' has several tables", remedy=f"Name one: {shortened(names)}.")
+    return "", numbers
+
+
+def _columns(
+    result: Result, arrays: Mapping[str, Variable]
+) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
+    """Return the columns of arrays along their first axis, and their units.
+
+    Labels of further axes stand in brackets. Estimates are followed by their 95 % intervals where these hold.
+    """
+    from dynid.report.content.identification import interval, is_rejected, linear_parameters
+
+    columns: dict[str, NDArray[Any]] = {}
+    units: dict[str, str] = {}
+    for path, variable in sorted(arrays.items()):
+        name, data = _last(path), variable.data
+        if data.dtype.names:
+            columns |= {field: data[field] for field in data.dtype.names}
+            continue
+        axes = [
+            axis_of(result, path, dim, length)
+            for dim, length in zip(variable.dims[1:], data.shape[1:], strict=True)
+        ]
+        for place in np.ndindex(data.shape[1:]):
+            labels = [axis.labels[k] for axis, k in zip(axes, place, strict=True)]
+            texts = (label if isinstance(label, str) else word(label) for label in labels)
+            entry = f"{name}[{','.join(texts)}]" if axes else name
+            columns[entry] = data[(slice(None), *place)]
+            if variable.units:
+                units[entry] = variable.units
+    first = ("estimate", "standard_error")
+    estimates: dict[str, NDArray[Any]] = {name: columns[name] for name in first if name in columns}
+    if "identification/parameters/name" in arrays and not is_rejected(result):
+        bars = zip(*estimates.values(), linear_parameters(result), strict=True)
+        estimates["low"], estimates["high"] = np.transpose([interval(*bar) for bar in bars])
+    return estimates | columns, units

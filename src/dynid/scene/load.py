@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from dynid.errors import DynidError, Fault, FileError, SceneError, UsageError
+from dynid.file_access import replace_file
 from dynid.scene.composition import composed
 from dynid.scene.kind import KINDS
 from dynid.scene.yaml.source import Source, apply_overrides, read_source
@@ -28,7 +29,7 @@ CURRENT = 1
 STEPS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scene:
     """A valid scene.
 
@@ -57,6 +58,34 @@ class Scene:
     def folder(self) -> Path:
         """The folder that paths in the scene are relative to."""
         return Path(self.source.file).parent
+
+    def to_yaml(self) -> str:
+        """Return the scene as YAML: the text as read, or written anew where values were set."""
+        return self.source.resolved_text()
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the scene as YAML, which `load_scene` reads back as an equal scene.
+
+        Paths in a scene are relative to its folder: write a scene that names files into that folder.
+
+        Raises
+        ------
+        FileError
+            Where the file cannot be written.
+        """
+        replace_file(path, self.to_yaml().encode())
+
+    def __eq__(self, other: object) -> bool:
+        """Return True for a scene with the same data, of any file."""
+        return isinstance(other, Scene) and self._written == other._written
+
+    def __hash__(self) -> int:
+        return hash(self.to_yaml())
+
+    @property
+    def _written(self) -> Any:
+        """Its data with its sub-models, as they are written."""
+        return (self.source.written or self.source).data
 
     def locate(self, error: DynidError) -> Fault:
         """Return an error of a run as a fault at the first of its names that the scene has."""

@@ -121,14 +121,25 @@ def linear_parameters(result: Result) -> list[bool]:
     return [False] * len(result[f"{_PARAMETERS}/name"].data)
 
 
+def interval(estimate: float, error: float, linear: bool) -> tuple[float, float]:
+    """Return the 95 % interval of an estimate with a standard error.
+
+    Where the logarithm is estimated, it is the estimate times exp(±1.96 times the deviation of the logarithm,
+    which is standard error / estimate): it is never negative.
+    """
+    if linear:
+        return estimate - _HALF_WIDTH * error, estimate + _HALF_WIDTH * error
+    factor = math.exp(_HALF_WIDTH * error / estimate)
+    return estimate / factor, estimate * factor
+
+
 def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return headings and rows of the parameters: start, estimate with error, interval, true value, bound.
 
-    Where logarithms are estimated, the 95 % interval is the estimate times exp(±1.96 times the deviation of
-    the logarithm, which is standard error / estimate): it is never negative. Error and bound are relative to
-    the true value; of a true value of 0 the bound is absolute. Where a true value is unknown, the bound is
-    that at the estimate, which equals the standard error, and is omitted. Where the residuals contradict the
-    given noise, a column has the standard error for the noise of the residuals.
+    Error and bound are relative to the true value; of a true value of 0 the bound is absolute. Where a true
+    value is unknown, the bound is that at the estimate, which equals the standard error, and is omitted.
+    Where the residuals contradict the given noise, a column has the standard error for the noise of the
+    residuals.
     """
     get = {
         name.rpartition("/")[2]: variable.data
@@ -148,11 +159,7 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
         estimate, error, true = (float(get[part][k]) for part in ("estimate", "standard_error", "true"))
         shown: tuple[str, ...] = (quantity(estimate),)
         if barred:
-            if linear[k]:
-                low, high = estimate - _HALF_WIDTH * error, estimate + _HALF_WIDTH * error
-            else:
-                factor = math.exp(_HALF_WIDTH * error / estimate)
-                low, high = estimate / factor, estimate * factor
+            low, high = interval(estimate, error, linear[k])
             shown = (with_error(estimate, error), f"{quantity(low, error)} … {quantity(high, error)}")
         off = percent(get["error_percent"][k]) if true else "-"
         truth = (quantity(true), off) if known else ()

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
+from fractions import Fraction
 from typing import Any, NamedTuple
 
 import yaml
 
+from dynid.errors import UsageError
 from dynid.scene.yaml.parser import Key, Path, parse_yaml, resolve_plain
 
 
@@ -36,8 +39,23 @@ def _represent(dumper: _Dumper, value: Any) -> yaml.ScalarNode:
     return dumper.represent_scalar("tag:yaml.org,2002:str", text, style)
 
 
+def _represent_other(dumper: _Dumper, value: Any) -> yaml.Node:
+    """Represent numbers and arrays of NumPy as numbers and lists, paths as texts, fractions as quotients."""
+    if hasattr(value, "tolist"):
+        return dumper.represent_data(value.tolist())
+    if isinstance(value, Fraction):
+        return _represent(dumper, str(value) if value.denominator > 1 else value.numerator)
+    if isinstance(value, os.PathLike):
+        return _represent(dumper, os.fspath(value))
+    raise UsageError(
+        f"a scene cannot hold {value!r}, of type {type(value).__name__}",
+        remedy="It holds mappings, lists, numbers, texts, true and false.",
+    )
+
+
 for _type in (str, int, float, bool, type(None)):
     _Dumper.add_representer(_type, _represent)
+_Dumper.add_multi_representer(object, _represent_other)
 _Dumper.yaml_implicit_resolvers = {}
 
 
