@@ -1,19 +1,22 @@
 """Compiles the library of `dynid.native` when the package is built or installed.
 
 With the C compiler of the machine (CC, else cc, gcc or clang), else with that of the package ziglang, which
-is then asked for as a requirement of the build. Where neither works the package is built without the library,
-and does the same by NumPy.
+is then asked for as a requirement of the build. On Windows always with ziglang, unless CC is set: there gcc
+does not align vectors on the stack. Where no compiler works the package is built without the library, and
+does the same by NumPy.
 """
 
 from __future__ import annotations
 
 import os
 import platform
+import re
 import shlex
 import shutil
 import subprocess
 import sys
 import sysconfig
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -25,7 +28,6 @@ FOLDER = Path("src/dynid/native")
 FLAGS = [
     "-O3",
     "-std=gnu11",
-    "-fPIC",
     "-fvisibility=hidden",
     "-fno-math-errno",
     "-fno-trapping-math",
@@ -34,13 +36,17 @@ FLAGS = [
 # Products and sums are fused, except where arithmetic relies on each rounding.
 EVERY_ROUNDING = ("doubled.c", "tape.c")
 SUFFIX = {"win32": "dll", "darwin": "dylib"}.get(sys.platform, "so")
+# Code on Windows is position-independent anyway, and has its mathematics in the runtime.
+FLAGS += [] if sys.platform == "win32" else ["-fPIC"]
+LIBRARIES = [] if sys.platform == "win32" else ["-lm"]
+MACOS = "11.0"  # the oldest release that the library is for
 
 
 def compiler() -> list[str] | None:
     """Return the command of a C compiler, if there is one."""
     if wish := os.environ.get("CC"):
         return shlex.split(wish)
-    for name in ("cc", "gcc", "clang"):
+    for name in ("cc", "gcc", "clang") if sys.platform != "win32" else ():
         if found := shutil.which(name):
             return [found]
     return [sys.executable, "-m", "ziglang", "cc"] if find_spec("ziglang") else None
@@ -64,13 +70,30 @@ class NativeLibrary(BuildHookInterface):
                 made.append(built(folder, "library.avx2", ["-mavx2", "-mfma"]))
         except (OSError, subprocess.CalledProcessError) as failure:
             for old in folder.glob("library*"):
-                old.unlink()
+                with suppress(OSError):  # Windows removes no library in use
+                    old.unlink()
             self.app.display_warning(f"dynid is built without its C library: {failure}")
             self.app.display_warning(str(getattr(failure, "stderr", "")))
             return
         build_data["pure_python"] = False
-        build_data["tag"] = "py3-none-" + sysconfig.get_platform().replace("-", "_").replace(".", "_")
+        build_data["tag"] = f"py3-none-{platform_tag(made)}"
         build_data["artifacts"] += [f"{FOLDER.as_posix()}/{each.name}" for each in made]
+
+
+def platform_tag(libraries: list[Path]) -> str:
+    """Return the tag of the machines that can load libraries: processor, and oldest system.
+
+    On Linux with the GNU C library the oldest version of it that has all functions which they use, as in
+    PEP 600; 2.17 at least, since NumPy has no wheels for older ones.
+    """
+    machine = platform.machine().lower()
+    if sys.platform == "darwin":  # compilers build for one processor, also for a Python of two
+        return f"macosx_{os.environ.get('MACOSX_DEPLOYMENT_TARGET', MACOS).replace('.', '_')}_{machine}"
+    own = re.sub(r"[-.]", "_", sysconfig.get_platform())
+    if not own.startswith("linux_") or platform.libc_ver()[0] != "glibc":
+        return own
+    used = [re.findall(rb"GLIBC_2\.(\d+)", library.read_bytes()) for library in libraries]
+    return f"manylinux_2_{max(17, *(int(minor) for some in used for minor in some))}_{own[len('linux_') :]}"
 
 
 def built(folder: Path, name: str, flags: list[str]) -> Path:
@@ -79,15 +102,18 @@ def built(folder: Path, name: str, flags: list[str]) -> Path:
     The point in its name keeps it from being taken for a module.
     """
     command, target = compiler() or ["cc"], folder / f"{name}.{SUFFIX}"
+    environment = os.environ | {"MACOSX_DEPLOYMENT_TARGET": os.environ.get("MACOSX_DEPLOYMENT_TARGET", MACOS)}
     with TemporaryDirectory() as scratch:
         objects = []
         for source in sorted(folder.glob("*.c")):
             objects.append(str(Path(scratch) / source.with_suffix(".o").name))
             contracted = "off" if source.name in EVERY_ROUNDING else "fast"
             own = [*FLAGS, *flags, f"-ffp-contract={contracted}", "-c", str(source), "-o", objects[-1]]
-            subprocess.run([*command, *own], check=True, capture_output=True, text=True)
+            subprocess.run([*command, *own], check=True, capture_output=True, text=True, env=environment)
+        linked = Path(scratch) / target.name  # linkers for Windows leave further files beside it
+        link = [*command, *flags, "-shared", *objects, "-o", str(linked), *LIBRARIES]
+        subprocess.run(link, check=True, capture_output=True, text=True, env=environment)
         fresh = folder / f".{name}.{os.getpid()}"  # put in place at once: another process may use the old one
-        linked = [*command, *flags, "-shared", *objects, "-o", str(fresh), "-lm"]
-        subprocess.run(linked, check=True, capture_output=True, text=True)
+        shutil.copy(linked, fresh)
         fresh.replace(target)
     return target

@@ -60,6 +60,7 @@ LIBRARIES = {
     "pydantic_core": {"scene"},
     "sympy": {"bondgraph", "bench"},  # formulas
     "flint": {"lti", "bondgraph", "bench"},  # exact numbers
+    "filelock": {"study"},  # one writer of a file
     "control": {"result", "bench"},  # state equations for users; a peer
     "xarray": {"result"},
     "pandas": {"result", "report.notebook"},

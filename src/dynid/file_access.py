@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import secrets
 import stat
@@ -10,6 +11,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from dynid.errors import FileError
+
+#: Flags of `os.open` that are absent on some systems: bytes as they are; no symbolic link is followed; not
+#: inherited by other programs.
+_BINARY = getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
+_NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 
 
 def obstacle(path: Path) -> tuple[str, str] | None:
@@ -22,6 +28,44 @@ def obstacle(path: Path) -> tuple[str, str] | None:
     if not os.access(path, os.R_OK):
         return "cannot be read: Permission denied", ""
     return None
+
+
+def descriptor_of(path: str, flags: int = 0, *, links: bool = False) -> int:
+    """Return the descriptor of a file of bytes, open for reading and writing.
+
+    Parameters
+    ----------
+    path
+        The file.
+    flags
+        Further flags of `os.open`, such as `os.O_CREAT`.
+    links
+        Symbolic links are followed.
+
+    Raises
+    ------
+    OSError
+        If it cannot be opened, or is a symbolic link where none is followed.
+    """
+    if not links and not _NO_LINK and os.path.islink(path):  # noqa: PTH114 - Windows
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP), path)
+    return os.open(path, os.O_RDWR | _BINARY | (0 if links else _NO_LINK) | flags, 0o666)
+
+
+def read_at(descriptor: int, count: int, place: int) -> bytes:
+    """Return at most `count` bytes of an open file from a place on."""
+    if hasattr(os, "pread"):
+        return os.pread(descriptor, count, place)
+    os.lseek(descriptor, place, os.SEEK_SET)  # Windows
+    return os.read(descriptor, count)
+
+
+def write_at(descriptor: int, content: memoryview, place: int) -> int:
+    """Write to an open file from a place on, and return how many bytes it took."""
+    if hasattr(os, "pwrite"):
+        return os.pwrite(descriptor, content, place)
+    os.lseek(descriptor, place, os.SEEK_SET)  # Windows
+    return os.write(descriptor, content)
 
 
 def dataset_of(path: str) -> tuple[str, str | None]:

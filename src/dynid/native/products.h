@@ -25,7 +25,11 @@ typedef double Vector __attribute__((vector_size(8 * WIDE), aligned(8)));
 /* What an entry point returns where there is no memory. */
 #define NO_MEMORY INT64_MIN
 
+#if defined(_WIN32)
+#define ENTRY __declspec(dllexport)
+#else
 #define ENTRY __attribute__((visibility("default")))
+#endif
 
 INLINE Aligned load(const double *at) { return *(const Vector *)at; }
 INLINE void store(double *at, Aligned x) { *(Vector *)at = x; }

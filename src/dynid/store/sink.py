@@ -9,6 +9,8 @@ from __future__ import annotations
 import os
 from typing import Any
 
+from dynid.file_access import descriptor_of, read_at, write_at
+
 
 class Sink:
     """A file open for reading and writing, as h5py takes it.
@@ -20,7 +22,7 @@ class Sink:
     """
 
     def __init__(self, path: str) -> None:
-        self._descriptor = os.open(path, os.O_RDWR)
+        self._descriptor = descriptor_of(path, links=True)
         self._place = 0
         self._end = os.fstat(self._descriptor).st_size
         self._kept: list[tuple[int, bytes]] = []  # content that the disk did not take, in order
@@ -41,7 +43,7 @@ class Sink:
         done = 0
         try:
             while self.error is None and done < len(view):
-                done += os.pwrite(self._descriptor, view[done:], self._place + done)
+                done += write_at(self._descriptor, view[done:], self._place + done)
         except OSError as error:
             self.error = error
         if done < len(view):
@@ -54,7 +56,7 @@ class Sink:
         """Read from the current place."""
         view = memoryview(buffer).cast("B")
         count = max(0, min(len(view), self._end - self._place))
-        content = os.pread(self._descriptor, count, self._place)
+        content = read_at(self._descriptor, count, self._place)
         view[:count] = content.ljust(count, b"\0")
         for place, kept in self._kept:
             begin, end = max(place, self._place), min(place + len(kept), self._place + count)

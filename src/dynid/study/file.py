@@ -15,7 +15,7 @@ from __future__ import annotations
 import os
 import socket
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol
@@ -23,12 +23,17 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import FileError, UsageError
+from dynid.errors import FileError
 from dynid.result import Result, Scalar, Variable
 from dynid.scene.outcomes import SampleBlock, is_shared, row_of
 from dynid.store import hollow, write_blocks
 from dynid.study.analysis.sample_statistics import computed, declare
 from dynid.study.analysis.table import RESULTS, SAMPLES
+
+#: Time to wait for a lock whose holder removes its file just then, s.
+_PATIENCE = 0.2
+#: Bytes of a lock file that Windows lets no other process read while they are locked; most bytes behind them.
+_LOCKED, _LONGEST = 1, 200
 
 
 class StudyArray:
@@ -292,54 +297,45 @@ def _rows(layout: Layout, blocks: Iterator[SampleBlock], start: int, stop: int) 
 
 @contextmanager
 def locked(target: str) -> Iterator[None]:
-    """Lock the file of a study by `<file>.lock`, which is released when its process ends.
+    """Lock the file of a study by `<file>.lock`, which the system releases when its process ends.
 
     Raises
     ------
     FileError
         If another process holds the lock (it is named), or the lock cannot be taken.
-    UsageError
-        On Windows, which lacks `flock`.
     """
+    from filelock import FileLock, Timeout
+
     name = f"{target}.lock"
-    descriptor = _acquire(name, target)
+    # A file system without locks is refused: files that merely exist would outlive their process.
+    lock = FileLock(name, timeout=_PATIENCE, fallback_to_soft=False)
     try:
-        os.truncate(descriptor, 0)
-        os.pwrite(descriptor, f"process {os.getpid()} on {socket.gethostname()}".encode(), 0)
+        lock.acquire()
+    except Timeout:
+        raise FileError(
+            f"another study is writing {target}: {_holder(name)}",
+            remedy="Wait for it, or write another file with -o.",
+            names=[target],
+        ) from None
+    except OSError as error:
+        raise FileError(f"{name} cannot be locked: {error.strerror or error}", names=[name]) from error
+    try:
+        with open(name, "r+b", buffering=0) as file:  # noqa: PTH123
+            file.seek(_LOCKED)
+            file.write(f"process {os.getpid()} on {socket.gethostname()}".encode().ljust(_LONGEST))
         yield
     finally:
-        os.unlink(name)  # noqa: PTH108 - while it is held: the next holder finds it removed
-        os.close(descriptor)
+        # While it is held: the next holder finds it removed. Windows removes no open file.
+        with suppress(OSError):
+            os.unlink(name)  # noqa: PTH108
+        lock.release()
 
 
-def _acquire(name: str, target: str) -> int:
+def _holder(name: str) -> str:
+    """Return who holds a lock, as written behind the byte that Windows lets no other process read."""
     try:
-        import fcntl
-    except ModuleNotFoundError:
-        raise UsageError(
-            "a study cannot be run on this system, which lacks file locks (flock)",
-            remedy="Run it on Linux or macOS; on Windows, in its subsystem for Linux (WSL).",
-        ) from None
-    while True:
-        try:
-            descriptor = os.open(name, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
-        except OSError as error:
-            raise FileError(f"{name} cannot be written: {error.strerror}", names=[name]) from error
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            holder = os.pread(descriptor, 200, 0).decode(errors="replace") or "another process"
-            os.close(descriptor)
-            problem = f"another study is writing {target}: {holder}"
-            raise FileError(
-                problem, remedy="Wait for it, or write another file with -o.", names=[target]
-            ) from None
-        except OSError as error:
-            os.close(descriptor)
-            raise FileError(f"{name} cannot be locked: {error.strerror}", names=[name]) from error
-        try:
-            if os.path.samestat(os.fstat(descriptor), os.stat(name)):  # noqa: PTH116
-                return descriptor
-        except FileNotFoundError:
-            pass
-        os.close(descriptor)  # its last holder has removed the file in the meantime
+        with open(name, "rb", buffering=0) as file:  # noqa: PTH123
+            file.seek(_LOCKED)
+            return file.read(_LONGEST).decode(errors="replace").strip() or "another process"
+    except OSError:
+        return "another process"

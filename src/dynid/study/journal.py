@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import FileError
-from dynid.file_access import replacing, sync_folder
+from dynid.file_access import descriptor_of, read_at, replacing, sync_folder, write_at
 from dynid.number_format import counted
 from dynid.scene.outcomes import Indices, SampleBlock, SampleOutcomes
 from dynid.study.keys import SIZE, Keys, found_in
@@ -97,7 +97,7 @@ class Journal:
         self._last: tuple[int, SampleOutcomes] | None = None  # the last record read
         self._kept = ""  # name of the copy of a damaged file
         try:
-            self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
+            self._descriptor = descriptor_of(path, os.O_CREAT)
         except OSError as error:
             raise self._failed(error) from error
         try:
@@ -176,8 +176,10 @@ class Journal:
             yield from self._read(record).picked(places, rows[own])
 
     def close(self) -> None:
-        """Close the file."""
-        os.close(self._descriptor)
+        """Close the file, unless it is closed."""
+        if self._descriptor >= 0:
+            descriptor, self._descriptor = self._descriptor, -1
+            os.close(descriptor)
 
     def _read(self, record: int) -> SampleOutcomes:
         """Return the outcomes of a record; the last one is cached."""
@@ -206,7 +208,7 @@ class Journal:
         written = 0
         try:
             while written < len(view):
-                written += os.pwrite(self._descriptor, view[written:], self._end + written)
+                written += write_at(self._descriptor, view[written:], self._end + written)
             os.fsync(self._descriptor)
         except BaseException:
             os.ftruncate(self._descriptor, self._end)
@@ -215,7 +217,7 @@ class Journal:
     def _recover(self) -> int:
         """Index all records, repair a damaged journal, and return the end of the last record."""
         size = os.fstat(self._descriptor).st_size
-        begun = os.pread(self._descriptor, len(MAGIC), 0)
+        begun = read_at(self._descriptor, len(MAGIC), 0)
         self._end = 0
         if MAGIC.startswith(begun) and begun != MAGIC:
             try:
@@ -254,8 +256,8 @@ class Journal:
                 file.write(_HEAD.pack(length, zlib.crc32(payload)) + payload)
                 self._places.append(end)
                 end += _HEAD.size + length
-        os.close(self._descriptor)
-        self._descriptor = os.open(self.path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
+            self.close()  # Windows replaces no open file
+        self._descriptor = descriptor_of(self.path)
         return end
 
     def _refuse(self, begun: bytes) -> None:
@@ -278,7 +280,7 @@ class Journal:
         self._count += count
 
     def _payload(self, place: int) -> bytes:
-        length, check = _HEAD.unpack(os.pread(self._descriptor, _HEAD.size, place))
+        length, check = _HEAD.unpack(read_at(self._descriptor, _HEAD.size, place))
         payload = _read_at(self._descriptor, length, place + _HEAD.size)
         if zlib.crc32(payload) != check:
             raise FileError(
@@ -323,7 +325,7 @@ class _Scan:
 
     def _payload(self, place: int) -> bytes | None:
         """Return the payload of the record at a place; None if there is no valid one."""
-        head = os.pread(self._descriptor, _HEAD.size, place)
+        head = read_at(self._descriptor, _HEAD.size, place)
         if len(head) < _HEAD.size:
             return None
         length, check = _HEAD.unpack(head)
@@ -389,7 +391,7 @@ def _copied(descriptor: int, path: str) -> str:
     name, number = path, 1
     while True:
         try:
-            target = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+            target = descriptor_of(name, os.O_CREAT | os.O_EXCL)
             break
         except FileExistsError:
             number += 1
@@ -404,7 +406,7 @@ def _copied(descriptor: int, path: str) -> str:
 
 def _read_at(descriptor: int, length: int, place: int) -> bytes:
     parts, left = [], length
-    while left and (part := os.pread(descriptor, left, place + length - left)):  # 2 GB at most at a time
+    while left and (part := read_at(descriptor, left, place + length - left)):  # 2 GB at most at a time
         parts.append(part)
         left -= len(part)
     return b"".join(parts)

@@ -246,6 +246,7 @@ def run_study(
             _write(name, heading, run, complete=run.is_complete)
             raise
         _write(name, heading, run)
+        journal.close()  # Windows removes no open file
         Journal.discard(journal.path)
         return run.progress
 

@@ -194,6 +194,8 @@ def path_of(source: Source, dotted: str) -> Path:
 
 
 def _read_regular_file(name: str) -> bytes:
+    if os.path.isdir(name):  # noqa: PTH112 - to Windows an access denied
+        raise FileError(f"{name} is a directory, not a scene file", names=[name])
     try:
         # Without O_NONBLOCK, opening a named pipe would wait for someone to write into it.
         descriptor = os.open(name, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
@@ -206,8 +208,6 @@ def _read_regular_file(name: str) -> bytes:
         with suppress(OSError):
             hint = did_you_mean(FilePath(name).name, sorted(p.name for p in FilePath(name).parent.iterdir()))
         raise FileError(f"{name}: no such file{hint}", names=[name]) from None
-    except IsADirectoryError:
-        raise FileError(f"{name} is a directory, not a scene file", names=[name]) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise FileError(f"{name} cannot be read: {reason}", names=[name]) from None
