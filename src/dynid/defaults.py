@@ -124,9 +124,11 @@ FEW_FREQUENCIES = Default(
 DENSE_STRUCTURES = Limit(
     400, "structures of up to {value} DOFs are assembled dense, and respond by a solution at every frequency"
 )
-BACKEND = Default("splu", "modes", "sparse matrices are factorised by {value}")
+BACKEND = Default("ldl", "modes", "sparse matrices are factorised by {value}")
 LARGE_MATRICES = Default(
-    20_000, "modes", "matrices of more than {value:,} rows are factorised by PARDISO where it is installed"
+    20_000,
+    "modes",
+    "without the C library, matrices of more than {value:,} rows are factorised by PARDISO where installed",
 )
 MASTERS: Default[Literal["qr"]] = Default(
     "qr", "reduction", "masters are chosen by pivoted {value} of the modes"

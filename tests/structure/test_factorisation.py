@@ -9,9 +9,11 @@ import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dynid import native
 from dynid.errors import NumericalError, Singular, UsageError
-from dynid.structure import factorisation
-from dynid.structure.factorisation import BACKENDS, available, backend_for, factorise
+from dynid.structure import backends, factorisation
+from dynid.structure.backends import BACKENDS, available, backend_for
+from dynid.structure.factorisation import factorise
 from dynid.structure.modes import modes
 from dynid.structure.modes.sparse import eigenvalues_below, negative_eigenvalues
 
@@ -92,7 +94,7 @@ def test_one_step_of_refinement_is_taken_where_it_pays(monkeypatch):
 
 
 def test_backends_that_are_missing_are_named(monkeypatch):
-    absent = factorisation.Backend("no_such_package", "no-such-package", indefinite=True, factors=Faulty)
+    absent = backends.Backend("no_such_package", "no-such-package", indefinite=True, factors=Faulty)
     monkeypatch.setitem(BACKENDS, "pardiso", absent)
     assert not available()["pardiso"]
     with pytest.raises(UsageError, match="pardiso is not installed") as refusal:
@@ -143,7 +145,8 @@ def test_inertia_against_exact_elimination(entries):
     nearest = np.abs(np.linalg.eigvalsh(A)).min()
     for matrix in (A, sp.csc_array(A)):
         try:
-            assert negative_eigenvalues(matrix) == exact_negatives(A)
+            for backend in {backend_for(n), "splu"}:
+                assert negative_eigenvalues(matrix, backend) == exact_negatives(A)
         except Singular:
             assert nearest < 1e-12
 
@@ -179,34 +182,94 @@ def test_the_backend_follows_the_size_and_what_is_installed(monkeypatch):
     def installed(package):
         monkeypatch.setitem(BACKENDS, "pardiso", BACKENDS["pardiso"]._replace(package=package))
 
+    monkeypatch.setenv(native.VARIABLE, "0")
     installed("numpy")  # is there
     assert [backend_for(size) for size in (20_000, 20_001)] == ["splu", "pardiso"]
     installed("no_such_package")
     assert backend_for(10**6) == "splu"
     assert factorise(string(3)[0]).name == "splu"
+    with pytest.raises(UsageError, match="ldl is not installed") as refusal:
+        factorise(string(3)[0], "ldl")
+    assert "C compiler" in refusal.value.remedy
 
 
 def test_a_matrix_that_superlu_cannot_count_is_refused(monkeypatch):
-    monkeypatch.setattr(factorisation._SuperLUFactors, "_FILL", 10**9)
+    monkeypatch.setattr(backends._SuperLUFactors, "_FILL", 10**9)
     with pytest.raises(UsageError, match="too large for SuperLU") as refusal:
         factorise(string(3)[0], "splu")
     assert "dynid[solvers]" in refusal.value.remedy
 
 
-def test_the_order_of_one_factorisation_serves_another():
+compiled = pytest.mark.skipif("ldl" not in INSTALLED, reason="dynid was installed without its library")
+
+
+@compiled
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 80), st.sampled_from([0.0, 0.02, 0.05, 0.2, 1.0]))
+def test_own_factors_of_any_pattern_against_dense_matrices(seed, n, density):
+    rng = np.random.default_rng(seed)
+    A = sp.random_array((n, n), density=density, rng=rng)
+    A = sp.kron(A + A.T, np.ones((2, 2)))  # nodes of two DOFs
+    shifted = sp.csc_array(A + sp.diags_array(rng.uniform(-1, 1, 2 * n) * (1 + 2 * rng.integers(0, 2) * n)))
+    definite = sp.csc_array(A + 4 * n * sp.eye_array(2 * n))
+    B = rng.standard_normal((2 * n, 6))
+    factor = factorise(definite, "ldl", definite=True)
+    np.testing.assert_allclose(factor.solve(B), np.linalg.solve(definite.toarray(), B), rtol=1e-9, atol=1e-13)
+    assert factor.negatives == 0
+    values = np.linalg.eigvalsh(shifted.toarray())
+    if np.abs(values).min() > 1e-9:
+        assert negative_eigenvalues(shifted, "ldl") == np.count_nonzero(values < 0)
+
+
+@compiled
+def test_own_factors_of_wide_panels():
+    """A dense matrix is a panel of 300 columns, wider than the widest; an arrow's last column is full."""
+    rng = np.random.default_rng(3)
+    half = rng.standard_normal((300, 300))
+    arrow = sp.diags_array(np.full(300, 400.0)).tolil()
+    arrow[:, -1] = arrow[-1, :] = 1.0
+    for A in (half @ half.T + np.eye(300), arrow.toarray()):
+        factor = factorise(sp.csc_array(A), "ldl", definite=True)
+        b = rng.standard_normal(300)
+        np.testing.assert_allclose(factor.solve(b), np.linalg.solve(A, b), rtol=1e-8)
+    assert factorise(sp.csc_array(arrow), "ldl", definite=True).memory < 20_000  # no fill
+
+
+@compiled
+def test_own_factors_of_a_pattern_that_is_not_symmetric():
+    A = grid(6)[0].tolil()
+    A[0, 20] = 1e-17  # is zero on the other side
+    A = sp.csc_array(A)
+    factor = factorise(A, "ldl", definite=True)
+    np.testing.assert_allclose(A @ factor.solve(np.ones(36)), 1, atol=1e-12)
+
+
+@compiled
+def test_a_matrix_that_needs_pivots_is_left_to_superlu():
+    K, exact = grid(6)
+    A = sp.csc_array(sp.block_diag([K - sp.eye_array(36), np.array([[0.0, 1.0], [1.0, 0.0]])]))
+    factor = factorise(A, "ldl")
+    assert factor.name == "splu"
+    assert negative_eigenvalues(A, "ldl") == np.count_nonzero(exact < 1) + 1
+    with pytest.raises(Singular, match="not positive definite"):
+        factorise(A, "ldl", definite=True)
+
+
+@pytest.mark.parametrize("name", [name for name in ("ldl", "splu") if name in INSTALLED])
+def test_the_order_of_one_factorisation_serves_another(name):
     K, exact = grid(20)
-    order = factorise(K, "splu", definite=True).order
+    order = factorise(K, name, definite=True).order
     assert sorted(order) == list(range(400))
     A = sp.csc_array(K - 1.0 * sp.eye_array(400))
     counts = [
-        eigenvalues_below(K, sp.eye_array(400, format="csc"), 1.0, "splu", given) for given in (None, order)
+        eigenvalues_below(K, sp.eye_array(400, format="csc"), 1.0, name, given) for given in (None, order)
     ]
     assert counts == [(np.count_nonzero(exact < 1.0), 1.0)] * 2
-    turned = factorise(A[order][:, order], "splu", ordered=True)
-    found = factorise(A, "splu")
+    turned, found = factorise(A, name, order=order), factorise(A, name)
     b = np.arange(400.0)
-    np.testing.assert_allclose(turned.solve(b[order]), found.solve(b)[order], rtol=1e-9)
+    np.testing.assert_allclose(turned.solve(b), found.solve(b), rtol=1e-9)
     assert turned.memory <= 1.1 * found.memory
+    assert sorted(turned.order) == list(range(400))
 
 
 def test_the_library_of_pardiso_is_named_for_pypardiso(monkeypatch, tmp_path):
@@ -215,13 +278,13 @@ def test_the_library_of_pardiso_is_named_for_pypardiso(monkeypatch, tmp_path):
     for name in ("PYPARDISO_MKL_RT", "KMP_BLOCKTIME"):
         monkeypatch.setenv(name, "")
         monkeypatch.delenv(name)
-    factorisation._prepare_library()
+    backends._prepare_library()
     assert "PYPARDISO_MKL_RT" not in os.environ  # elsewhere pypardiso looks for it
     library = tmp_path / "lib" / "libmkl_rt.so.3"
     library.touch()
-    factorisation._prepare_library()
+    backends._prepare_library()
     assert os.environ["PYPARDISO_MKL_RT"] == str(library)
     assert os.environ["KMP_BLOCKTIME"] == "0"
     monkeypatch.setenv("KMP_BLOCKTIME", "200")
-    factorisation._prepare_library()
+    backends._prepare_library()
     assert os.environ["KMP_BLOCKTIME"] == "200"

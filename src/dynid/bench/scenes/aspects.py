@@ -14,7 +14,7 @@ from dynid.defaults import ALL_MODES, DENSE_MODES, FEW_MODES
 from dynid.errors import UsageError
 from dynid.lti.sampled import HOLDS, Sampled
 from dynid.scene.schema.reduction import JointAwareModel, ReductionModel
-from dynid.structure.factorisation import BACKENDS
+from dynid.structure.backends import BACKENDS
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes import modes, solver_for
 from dynid.structure.reduction.methods import METHODS as _CLASSES
@@ -139,7 +139,9 @@ def solvers(
         return float((np.abs(found - reference) / np.where(scale > 0, scale, 1.0)).max(initial=0.0))
 
     names = ["dense", *BACKENDS] if size <= ALL_MODES.value else list(BACKENDS)
-    needs = {name: () if name == "splu" else (backend.package,) for name, backend in BACKENDS.items()}
+    needs = {
+        name: () if name in ("ldl", "splu") else (backend.package,) for name, backend in BACKENDS.items()
+    }
     every = [(Alternative(name, solver(name), needs.get(name, ())), size) for name in names]
     return Aspect(
         title="solver of the modes",

@@ -16,7 +16,7 @@ _METHODS = (
     *("full", "serep", "guyan", "dynamic", "irs", "craig-bampton", "modal", "joint-aware"),
     "joint-aware-modes",  # without residual vectors
 )
-_SOLVERS = ("dense", "splu", "cholespy", "pardiso")
+_SOLVERS = ("dense", "ldl", "splu", "cholespy", "pardiso")
 _HOLDS = ("spline", "linear", "zero")
 
 #: The choices in every kind of scene, the quickest to try first, and their alternatives.

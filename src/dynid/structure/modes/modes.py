@@ -364,7 +364,7 @@ def modes(
 
 def solver_for(size: int, count: int | None, below: float | None) -> str:
     """Return the backend that is chosen by size, and by how many modes are asked for."""
-    from dynid.structure.factorisation import backend_for
+    from dynid.structure.backends import backend_for
 
     if size <= _SMALL:
         return "dense"

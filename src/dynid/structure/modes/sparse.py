@@ -15,12 +15,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
 from dynid.errors import Diverged, NumericalError, Singular
 from dynid.number_format import frequency_text
-from dynid.structure.factorisation import BACKENDS, Factorisation, factorise
+from dynid.structure.backends import BACKENDS, Order, backend_for
+from dynid.structure.factorisation import Factorisation, factorise
 from dynid.structure.matrices import Array, Matrix, combined, is_sparse
 from dynid.structure.modes.dense import by_windows
 from dynid.structure.modes.lanczos import largest
@@ -66,7 +66,7 @@ class SparseSpectrum:
         self._ratios = (self.K.diagonal() / np.where(mass > 0, mass, 1.0))[mass > 0]
         self._rng = np.random.Generator(np.random.PCG64(self.seed))
         self._factor: Factorisation | None = None
-        self._order: NDArray[np.intp] | None = None  # of elimination, once a factorisation has found it
+        self._order: Order | None = None  # of elimination, once a factorisation has found it
         self._shift = self._first_shift = self.pencil.shift
 
     def lowest(self, count: int, *, proof: bool) -> tuple[Array, Array, float]:
@@ -212,7 +212,7 @@ class SparseSpectrum:
 
     def _count(self, value: float) -> tuple[int, float]:
         self._factor = None  # two factorisations at a time would double the memory
-        backend = self.backend if BACKENDS[self.backend].indefinite else "splu"
+        backend = self.backend if BACKENDS[self.backend].indefinite else backend_for(self.pencil.size)
         return eigenvalues_below(self.K, self.M, value, backend, self._order)
 
 
@@ -223,7 +223,7 @@ def _stay_missing(backend: str) -> NumericalError:
     )
 
 
-def negative_eigenvalues(A: Matrix, backend: str = "splu", *, ordered: bool = False) -> int:
+def negative_eigenvalues(A: Matrix, backend: str = "splu", order: Order | None = None) -> int:
     """Return the number of negative eigenvalues of a symmetric matrix.
 
     Parameters
@@ -232,8 +232,8 @@ def negative_eigenvalues(A: Matrix, backend: str = "splu", *, ordered: bool = Fa
         The matrix (n x n), dense (Bunch–Kaufman pivots) or sparse (the backend's pivots).
     backend
         The factorisation backend of sparse matrices, one that takes indefinite ones.
-    ordered
-        True if rows and columns are in a good order of elimination already.
+    order
+        A good order of elimination (n) where one is known.
 
     Raises
     ------
@@ -244,9 +244,10 @@ def negative_eigenvalues(A: Matrix, backend: str = "splu", *, ordered: bool = Fa
     """
     if not is_sparse(A):
         return _negatives_dense(np.asarray(A))
-    for diagonal in (False, True) if backend == "splu" else (False,):
+    pivots_alike = backend in ("ldl", "splu")
+    for diagonal in (False, True) if pivots_alike else (False,):
         try:
-            factor = factorise(A, backend, definite=diagonal, ordered=ordered)
+            factor = factorise(A, "splu" if diagonal else backend, definite=diagonal, order=order)
         except NumericalError:
             if not diagonal:
                 raise
@@ -277,7 +278,7 @@ def _negatives_dense(A: Array) -> int:
 
 
 def eigenvalues_below(
-    K: Matrix, M: Matrix, value: float, backend: str = "splu", order: NDArray[np.intp] | None = None
+    K: Matrix, M: Matrix, value: float, backend: str = "splu", order: Order | None = None
 ) -> tuple[int, float]:
     """Count the eigenvalues of ``K phi = lambda M phi`` below a value.
 
@@ -306,10 +307,7 @@ def eigenvalues_below(
     for nudge in _NUDGES:
         nudged = value + nudge * abs(value)
         try:
-            A = combined(1.0, K, -nudged, M)
-            if order is not None:
-                A = A[order][:, order]
-            return negative_eigenvalues(A, backend, ordered=order is not None), nudged
+            return negative_eigenvalues(combined(1.0, K, -nudged, M), backend, order), nudged
         except NumericalError:
             continue
     raise NumericalError(
