@@ -121,6 +121,7 @@ _KINDS = (
         explain="dynid.scene.explanations.reduction:explain",
         prepare="dynid.scene.kinds.reduction:preparation_steps",
         check="dynid.scene.schema.reduction:reduction_faults",
+        batch="dynid.scene.kinds.reduction_samples",
         content="dynid.report.content.reduction",
         summary="dynid.cli.summary.identification:reduction_lines",
         alternatives="dynid.bench.scenes.reduction:ASPECTS",

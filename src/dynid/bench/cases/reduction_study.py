@@ -1,9 +1,8 @@
-"""Samples of a beam reduced by SEREP over its stiffness and mass: in one process, or by a command each."""
+"""Samples of a beam reduced by SEREP over stiffness and mass: side by side, one by one, a command each."""
 
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,7 +50,7 @@ def _plan(samples: int) -> Plan:
     return make_plan(load_scene(folder / "study.yaml"))
 
 
-def _in_process(samples: int) -> Callable[[], Any]:
+def _together(samples: int) -> Work:
     import numpy as np
 
     from dynid.scene.batch import run_batch
@@ -61,6 +60,16 @@ def _in_process(samples: int) -> Callable[[], Any]:
     return lambda: np.array(
         [outcome.values[_PATH].data for outcome in run_batch(plan.base, overrides, plan.collect)]
     )
+
+
+def _alone(samples: int) -> Work:
+    import numpy as np
+
+    from dynid.scene.batch import run_alone
+
+    plan = _plan(samples)
+    overrides = plan.overrides(range(samples))
+    return lambda: np.array([run_alone(plan.base, one, plan.collect).values[_PATH].data for one in overrides])
 
 
 def _processes(samples: int) -> Work:
@@ -92,10 +101,11 @@ BENCHMARK = Benchmark(
     sizes=(3, 100),
     full=(10_000,),
     alternatives=(
-        Alternative("in-process", _in_process),
+        Alternative("together", _together),
+        Alternative("run", _alone, most=100),
         Alternative("process-each", _processes, most=3),
     ),
+    default=lambda _: "together",
     error=_error,
     measure="largest relative error of a frequency",
-    remark="a study runs each sample in a process of its workers",
 )

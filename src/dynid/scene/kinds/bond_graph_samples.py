@@ -6,38 +6,38 @@ a text where the others have numbers, coinciding roots, a fault) is run alone.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from decimal import Decimal
 from fractions import Fraction
 from functools import lru_cache
-from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING, Any, cast
 
-from dynid.arithmetic.expression import Expression, parse
-from dynid.arithmetic.numbers import Number, OutOfRangeError, apply, to_fraction
+from dynid.arithmetic.expression import Expression
+from dynid.arithmetic.numbers import Number, to_fraction
 from dynid.bondgraph.sampling.analysis import SampledAnalysis, shared
 from dynid.errors import DynidError
 from dynid.result import Variable
 from dynid.scene.collect import gather
 from dynid.scene.kinds.bond_graph import named_in, question
 from dynid.scene.kinds.graph_parts import has_law
+from dynid.scene.kinds.varied_values import (
+    SampleColumn,
+    dependent_parameters,
+    evaluate,
+    numbers,
+    varied_parameter,
+)
 from dynid.scene.load import Scene
 from dynid.scene.outcomes import SampleOutcome
 from dynid.scene.run import run_scene
-from dynid.scene.schema.base import DefinedParameter
 from dynid.scene.schema.names import read_names
 from dynid.scene.schema.quantities import Quantity
-from dynid.scene.schema.raw import reference_key, reference_values
 
 if TYPE_CHECKING:
     from dynid.scene.schema.bond_graph import BondGraphScene
 
 Overrides = Sequence[Mapping[str, Any]]
 Path = tuple[str, ...]
-SampleColumn = list[Number | None]
-"""One value a sample; None where it has none: run alone, the sample reports why."""
 
 
 @dataclass(frozen=True)
@@ -117,25 +117,15 @@ class _NotShared(Exception):
 
 def _place(scene: Scene, path: str) -> Path | None:
     """Return what a path refers to: a parameter, the value of an element, or its stored energy."""
-    model = cast("BondGraphScene", scene.model)
-    match path.split("."):
-        case ["parameters", name] if name in model.parameters:
-            return ("parameter", name)
-        case ["parameters", name, key] if _is_reference(model.parameters.get(name), key):
-            return ("parameter", name)
+    model, parts = cast("BondGraphScene", scene.model), path.split(".")
+    if name := varied_parameter(model.parameters, parts):
+        return ("parameter", name)
+    match parts:
         case ["graph", "nodes", name, "value"] if name in model.graph.nodes and model.graph.nodes[name].value:
             return ("value", name)
         case ["initial", name, ("e" | "f") as part] if getattr(model.initial.get(name), part, None):
             return ("stored", name)
     return None
-
-
-def _is_reference(given: Any, key: str) -> bool:
-    """Return True for the key that alone determines a parameter's value, which may have any."""
-    if not isinstance(given, DefinedParameter) or getattr(given, key, None) is None:
-        return False
-    bounded = given.min is not None or given.max is not None or given.scale == "log"
-    return not bounded and key == reference_key(dict(given))
 
 
 class _GraphBatch:
@@ -155,13 +145,7 @@ class _GraphBatch:
         model = cast("BondGraphScene", scene.model)
         graph, analysis = question(scene)
         varied = {name for kind, name in places.values() if kind == "parameter"}
-        self._expressions: dict[str, Expression] = {}  # of dependent parameters, each after those it needs
-        raw = reference_values(scene.source.data.get("parameters") or {})
-        texts = {name: parse(text) for name, text in raw.items() if isinstance(text, str)}
-        order = TopologicalSorter({name: text.names & texts.keys() for name, text in texts.items()})
-        for name in order.static_order():
-            if name not in varied and texts[name].names & {*varied, *self._expressions}:
-                self._expressions[name] = texts[name]
+        self._expressions = dependent_parameters(scene.source.data.get("parameters") or {}, varied)
         varied |= self._expressions.keys()
         grids = [model.analysis.frequency, model.analysis.time]
         nodes = model.graph.nodes.values()
@@ -201,7 +185,7 @@ class _GraphBatch:
         values: dict[str, list[Fraction | None]] = {}
         stored: dict[str, list[Fraction | None]] = {}
         for path, (kind, name) in self._places.items():
-            column = _numbers([one[path] for one in overrides])
+            column = numbers([one[path] for one in overrides])
             match kind:
                 case "parameter":
                     known[name] = parameters[name] = column
@@ -210,62 +194,14 @@ class _GraphBatch:
                 case _:
                     stored[name] = _exact(column)
         for name, expression in self._expressions.items():
-            known[name] = parameters[name] = _evaluate(expression, known, len(overrides))
+            known[name] = parameters[name] = evaluate(expression, known, len(overrides))
         for name, expression in self._values.items():
             if name not in values:
-                values[name] = _exact(_evaluate(expression, known, len(overrides)), binary=self._binary)
+                values[name] = _exact(evaluate(expression, known, len(overrides)), binary=self._binary)
         for name, expression in self._stored.items():
             if name not in stored:
-                stored[name] = _exact(_evaluate(expression, known, len(overrides)))
+                stored[name] = _exact(evaluate(expression, known, len(overrides)))
         return parameters, values, stored
-
-
-def _numbers(raw: Sequence[Any]) -> SampleColumn:
-    """Return the values of samples as the decimals they are written as."""
-    column: SampleColumn = []
-    for value in raw:
-        if type(value) is float and math.isfinite(value):  # the quick way to the same fraction
-            column.append(Fraction(*Decimal(repr(value)).as_integer_ratio()))
-            continue
-        try:
-            column.append(to_fraction(value))
-        except OutOfRangeError:
-            column.append(None)
-    return column
-
-
-def _evaluate(expression: Expression, known: Mapping[str, Number | SampleColumn], count: int) -> SampleColumn:
-    """Return the values of an expression, one a sample: the very numbers of each sample alone.
-
-    Parameters
-    ----------
-    expression
-        The expression.
-    known
-        For every name in it a value, or one a sample.
-    count
-        The number of samples.
-    """
-
-    def leaf(item: Fraction | str) -> Number | SampleColumn:
-        if isinstance(item, Fraction):
-            return item
-        return math.pi if item == "pi" else known[item]
-
-    def operate(operation: str, operands: list[Number | SampleColumn]) -> Number | SampleColumn:
-        if not any(isinstance(operand, list) for operand in operands):
-            return apply(operation, operands)  # type: ignore[arg-type]
-        columns = [operand if isinstance(operand, list) else [operand] * count for operand in operands]
-        results: SampleColumn = []
-        for row in zip(*columns, strict=True):
-            try:
-                results.append(None if any(value is None for value in row) else apply(operation, list(row)))
-            except OutOfRangeError:
-                results.append(None)
-        return results
-
-    found = expression.fold(leaf, operate)
-    return found if isinstance(found, list) else [found] * count
 
 
 def _slots(quantities: Mapping[str, Quantity | None], varied: Collection[str]) -> dict[str, Expression]:

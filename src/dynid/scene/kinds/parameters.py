@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, cast
 
 from pydantic import BaseModel
@@ -161,19 +161,28 @@ def at_starts(model: M) -> M:
 
 def _referred(part: Any, values: Mapping[str, Number]) -> Any:
     """Return a part of a scene with other reference values of parameters."""
+
+    def changed(quantity: Quantity) -> Quantity:
+        if quantity.dependent is None or quantity.dependent.names.isdisjoint(values):
+            return quantity
+        found = quantity.dependent.referred(values)
+        return Quantity(found.reference, quantity.expression, found)
+
+    return with_quantities(part, changed)
+
+
+def with_quantities(part: Any, change: Callable[[Quantity], Quantity]) -> Any:
+    """Return a part of a scene with changed quantities at any depth; itself where none is."""
     if isinstance(part, Quantity):
-        if part.dependent is None or part.dependent.names.isdisjoint(values):
-            return part
-        found = part.dependent.referred(values)
-        return Quantity(found.reference, part.expression, found)
+        return change(part)
     if isinstance(part, BaseModel):
-        own = {name: (value, _referred(value, values)) for name, value in part}
+        own = {name: (value, with_quantities(value, change)) for name, value in part}
         changed = {name: new for name, (old, new) in own.items() if new is not old}
         return part.model_copy(update=changed) if changed else part
     if isinstance(part, Mapping):
-        return {name: _referred(value, values) for name, value in part.items()}
+        return {name: with_quantities(value, change) for name, value in part.items()}
     if isinstance(part, list | tuple):
-        parts = [_referred(value, values) for value in part]
+        parts = [with_quantities(value, change) for value in part]
         return part if all(map(operator.is_, parts, part)) else type(part)(parts)
     return part
 

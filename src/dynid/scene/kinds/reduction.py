@@ -174,7 +174,7 @@ def run(scene: Scene) -> Result:
     result = Result("reduction", scene.title)
     add_doubts(result, structure)
     made = compare(
-        structure, methods_of(model), responses=_responses(model, structure), parts=model.substructures
+        structure, methods_of(model), responses=responses_of(model, structure), parts=model.substructures
     )
     result.merge(made)
     add_geometry(result, model, structure)
@@ -210,7 +210,7 @@ def interest_of(model: ReductionScene) -> Interest:
     return Interest(tuple(dict.fromkeys(asked)), float(angular_frequencies(model.frequency)[-1]))
 
 
-def _responses(model: ReductionScene, structure: StructuralModel) -> RequestedResponses | None:
+def responses_of(model: ReductionScene, structure: StructuralModel) -> RequestedResponses | None:
     """Return the responses to compare; by default receptances between the DOFs of interest.
 
     These are the ends of the joints and the masters that are given, else the structure's first DOF.
