@@ -8,6 +8,13 @@ from pathlib import Path
 import h5py
 import pytest
 
+import dynid
+from dynid.cli.results import write_page
+from dynid.errors import UsageError
+from dynid.result import Result
+from dynid.scene.run import run_scene
+from dynid.store import read_result, write_result
+
 ROOT = Path(__file__).parents[1]
 CONFIGS, TEMPLATES = ROOT / "configs", ROOT / "src/dynid/templates"
 #: Both engines and a port; identification by Kalman filter and by responses, noise, a model error, a
@@ -87,3 +94,21 @@ def test_the_same_scene_and_seed_give_the_same_bytes(name, twice):
     one, other = (datasets(files[name]) for files in twice)
     assert list(one) == list(other)
     assert [path for path in one if one[path] != other[path]] == []
+
+
+def test_with_a_given_date_files_and_pages_are_the_same_byte_by_byte(tmp_path, monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+    scene = dynid.load_scene(TEMPLATES / "reduction.yaml")
+    for name in "ab":
+        write_result(run_scene(scene), tmp_path / name)
+        write_page(read_result(tmp_path / name), str(tmp_path / f"{name}.html"))
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+    page = (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert "2023-11-14" in page
+    assert page == (tmp_path / "b.html").read_text(encoding="utf-8")
+
+
+def test_a_date_that_is_no_number_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "today")
+    with pytest.raises(UsageError, match=r"SOURCE_DATE_EPOCH is 'today'\. Set it to a number of seconds"):
+        write_result(Result("k"), tmp_path / "a")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from dynid._version import __version__
-from dynid.errors import FileError
+from dynid.errors import FileError, UsageError
 from dynid.file_access import replace_file, replacing
 from dynid.hdf5 import open_hdf5
 from dynid.result import Result, Scalar, Variable
@@ -23,6 +23,8 @@ from dynid.store.sink import Sink
 from dynid.store.writer import ArrayWriter, write_attrs
 
 _PACKAGES = ("numpy", "scipy", "h5py", "pydantic", "pyyaml", "python-flint", "sympy", "control")
+#: Environment variable of reproducible builds: the time in place of the clock, seconds since 1970.
+EPOCH = "SOURCE_DATE_EPOCH"
 
 
 def write_result(result: Result, path: str | os.PathLike[str], scene_text: str | None = None) -> None:
@@ -191,6 +193,18 @@ def _version(package: str) -> str | None:
         return None
 
 
+def _created() -> datetime:
+    """Return the time of creation: now, or SOURCE_DATE_EPOCH, for the same bytes each time."""
+    if (given := os.environ.get(EPOCH)) is None:
+        return datetime.now(UTC)
+    try:
+        return datetime.fromtimestamp(int(given), UTC)
+    except (ValueError, OverflowError, OSError):
+        raise UsageError(
+            f"{EPOCH} is {given!r}", remedy="Set it to a number of seconds since 1970.", names=(EPOCH,)
+        ) from None
+
+
 def _write_root(file: Any, result: Result, scene_text: str, complete: bool = True) -> None:
     import platform
 
@@ -198,7 +212,7 @@ def _write_root(file: Any, result: Result, scene_text: str, complete: bool = Tru
 
     packages = [f"{package} {found}" for package in _PACKAGES if (found := _version(package))]
     stamps: dict[str, Scalar] = {
-        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "created": _created().isoformat(timespec="seconds"),
         "dynid_version": __version__,
         "packages": ", ".join(packages),
         "python": platform.python_version(),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -208,7 +209,9 @@ class Cost:
     peak_megabytes: float | None = None
 
     def attributes(self) -> dict[str, float]:
-        """Return the known values by name."""
+        """Return the known values by name; none where files are to be reproducible (SOURCE_DATE_EPOCH)."""
+        if "SOURCE_DATE_EPOCH" in os.environ:
+            return {}
         peak = {} if self.peak_megabytes is None else {"peak_megabytes": self.peak_megabytes}
         return {"seconds": self.seconds, **peak}
 
