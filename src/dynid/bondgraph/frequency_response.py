@@ -135,10 +135,10 @@ def on_axis(
 
     `again` finds the same registers where the graph is planned anew; absent: it is not.
     """
-    evaluate = _doubled if len(planned.program.ops) > _LONG else _double
+    evaluate = _doubled if len(planned.program) > _LONG else _double
     response, trusted = evaluate(planned, registers, omega)
     unsure = np.flatnonzero(~trusted)
-    if again is not None and len(unsure) * len(planned.program.ops) > _ANEW:
+    if again is not None and len(unsure) * len(planned.program) > _ANEW:
         planned = planned.balanced()
         registers = again(planned)
         response[unsure], trusted = _doubled(planned, registers, omega[unsure])
@@ -171,7 +171,7 @@ def _double(
         columns = [np.broadcast_to(run[register].value, omega.shape) for register in registers]
         bounds = [np.broadcast_to(run[register].error, omega.shape) for register in registers]
         response = np.stack(columns, axis=-1)
-        tolerance = _TOLERANCE * max(1.0, len(planned.program.ops) / 10)
+        tolerance = _TOLERANCE * max(1.0, len(planned.program) / 10)
         trusted = np.stack(bounds, axis=-1) <= tolerance * np.abs(response)
     return response, np.all(trusted & np.isfinite(response), axis=1)
 
@@ -182,7 +182,7 @@ def _certified(
     """Return the channels at one frequency to full double precision; inf at a pole."""
     if omega == 0.0:  # where storage elements block, hardly a program can be run
         return _at_rest(planned, registers, again)
-    found = _planned_again(planned, omega, again) if len(planned.program.ops) > _LONG else None
+    found = _planned_again(planned, omega, again) if len(planned.program) > _LONG else None
     found = found or _in_balls(planned, registers, omega) or _on_a_mode(planned, registers, omega)
     if found is None:
         raise NumericalError(
@@ -197,7 +197,7 @@ def _at_rest(planned: ProgramPlan, registers: list[int], again: Again | None) ->
     """Return the limits of registers at rest; large graphs are planned again where they depend on loops."""
     from dynid.bondgraph.floating.series import PRECISIONS, limits_at_rest
 
-    if again is not None and len(planned.program.ops) > _LONG:
+    if again is not None and len(planned.program) > _LONG:
         try:
             limits = limits_at_rest(planned, registers, PRECISIONS[:1])
         except NumericalError:

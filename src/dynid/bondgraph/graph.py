@@ -17,6 +17,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
+from itertools import chain
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, get_args
 
@@ -229,6 +230,19 @@ class BondGraph:
             for end in bond:
                 if end in self._bonds_at:
                     self._bonds_at[end].append(bond)
+
+    @cached_property
+    def numbers(self) -> dict[str, int]:
+        """The numbers of the nodes, by name."""
+        return dict(zip(self.nodes, range(len(self.nodes)), strict=True))
+
+    @cached_property
+    def ends(self) -> Any:
+        """The numbers of tail and head of every bond: an array of shape (bonds, 2)."""
+        import numpy as np
+
+        number = self.numbers.__getitem__
+        return np.fromiter(map(number, chain.from_iterable(self.bonds)), np.int64, 2 * len(self.bonds))
 
     def value(self, name: str) -> Fraction:
         """Return the exact value of an element or the modulus of a two-port."""

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from fractions import Fraction
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, GraphUnits, Port, no_collection
 from dynid.bondgraph.program.modular import axis_point, numeric_point, prime_for, random_point
@@ -20,9 +20,14 @@ from dynid.errors import Singular
 
 if TYPE_CHECKING:
     from dynid.bondgraph.program.factored import RationalFunction
+    from dynid.bondgraph.reduction.compiled import Residues
 
 
 Channel = tuple[Port, str]
+#: Where a program is evaluated as it is written: without numbers, with them, or at a frequency as well.
+PlanningPoint = Literal["random", "values"] | Fraction
+#: Bonds from which the library plans: below, there is little to gain.
+_LARGE = 100
 
 
 class ProgramPlan(ABC):
@@ -45,9 +50,9 @@ class ProgramPlan(ABC):
         self.valued = list(self._values)
         self._prime = prime_for(self._values.values())
         self.storages = [name for name in self.valued if graph.nodes[name].type in STORAGES]
-        self._plan(random_point(self.valued, self._prime))
-        if self.program.vanishing(self.answers(), self.pivots(), self.modulo()):
-            self._plan(self.modulo())
+        self._plan("random")
+        if self._vanishing():
+            self._plan("values")
 
     @property
     def exact(self) -> Mapping[str, Fraction]:
@@ -63,9 +68,17 @@ class ProgramPlan(ABC):
         """The units of the graph's variables."""
         return GraphUnits(self.graph)
 
-    def _plan(self, point: ModularPoint) -> None:
+    def _plan(self, at: PlanningPoint) -> None:
+        if isinstance(at, Fraction):
+            point = axis_point(self._values, at)
+        else:
+            point = random_point(self.valued, self._prime) if at == "random" else self.modulo()
         self.program = Program(point)
         self._write()
+
+    def _vanishing(self) -> bool:
+        """Test whether a pivot is zero with these values."""
+        return self.program.vanishing(self.answers(), self.pivots(), self.modulo())
 
     def with_values(self, values: Mapping[str, Fraction]) -> Self:
         """Return the plan with other values of some elements, for which it is known to hold."""
@@ -84,7 +97,7 @@ class ProgramPlan(ABC):
             Where the equations are singular there.
         """
         other = copy(self)
-        other._plan(axis_point(self._values, omega))
+        other._plan(omega)
         return other
 
     def balanced(self) -> Self:
@@ -95,7 +108,7 @@ class ProgramPlan(ABC):
         other = copy(self)
         other._balanced = True
         with no_collection():
-            other._plan(self.modulo())
+            other._plan("values")
         return other
 
     @abstractmethod
@@ -167,12 +180,13 @@ class ReducedGraph(ProgramPlan):
         self, graph: BondGraph, inputs: Sequence[str], outputs: Sequence[Port], *, traced: bool = True
     ) -> None:
         self.inputs, self.outputs, self._traced = tuple(inputs), tuple(outputs), traced
+        self._drawn, self._all_solved, self._by_library = graph, False, not traced
         with no_collection():
-            self.structure = JunctionStructure(graph)
             try:
                 super().__init__(graph)
-                found = undetermined(self.structure, self.unsolved())[0]
+                found = [] if self._all_solved else undetermined(self.structure, self.unsolved())[0]
             except Singular as error:
+                self._by_library = False  # from here on something is held
                 found = hold(self.structure, outputs)
                 if not found:
                     raise
@@ -180,8 +194,51 @@ class ReducedGraph(ProgramPlan):
                     super().__init__(graph)
                 except Singular:
                     raise found[0].error from error
-        self.undetermined = [ring_text(graph, bond) for bond in self.structure.rings]
+        rings = [] if self._all_solved else self.structure.rings
+        self.undetermined = [ring_text(graph, bond) for bond in rings]
         self.undetermined += [f"{each.error.problem}; no requested output depends on it" for each in found]
+
+    @cached_property
+    def structure(self) -> JunctionStructure:
+        """The junction structure of the graph."""
+        return JunctionStructure(self._drawn)
+
+    def _plan(self, at: PlanningPoint) -> None:
+        if not self._plan_by_library(at):
+            self._all_solved = False
+            super()._plan(at)
+
+    def _plan_by_library(self, at: PlanningPoint) -> bool:
+        """Plan by the library; False where the graph is small, or it refuses."""
+        if not self._by_library or len(self.graph.bonds) < _LARGE or isinstance(at, Fraction):
+            return False
+        from dynid.native import compiled
+
+        if not compiled():
+            return False
+        from dynid.bondgraph.reduction.compiled import Residues, compiled_reductions
+
+        at_random = at == "random"
+        residues = Residues.random(self.graph, self._prime) if at_random else self._residues()
+        found = compiled_reductions(
+            self.graph, residues, self.inputs, self.outputs, lambda: self.structure, balanced=self._balanced
+        )
+        if found is None:
+            return False
+        self.program, self.reductions, self._all_solved = found.program, found.reductions, not found.unsolved
+        return True
+
+    def _residues(self) -> Residues:
+        """Return these values, and a random s, modulo the prime."""
+        from dynid.bondgraph.reduction.compiled import Residues
+
+        return Residues.of(self.graph, self._prime, int(numeric_point({}, self._prime).laplace))
+
+    def _vanishing(self) -> bool:
+        if type(self.program) is Program:
+            return super()._vanishing()
+        program: Any = self.program
+        return program.divides_by_zero(self.pivots(), self._residues()) and super()._vanishing()
 
     def unsolved(self) -> list[str]:
         """Return the junctions that no output depends on and no source fixes."""

@@ -13,8 +13,6 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
-from itertools import chain
-from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +26,7 @@ from dynid.bondgraph.program.doubled import (
     Integers,
     Real,
     TapeOperation,
+    fma,
     real_product,
     real_reciprocal,
     real_sum,
@@ -348,24 +347,28 @@ def _tape_by_library(registers: RegisterArrays, wanted: Integers) -> Instruction
 
 def _registers(program: Program, value: Callable[[str], Fraction]) -> RegisterArrays:
     """Return the registers of a program as arrays, with the numbers of its leaves."""
-    ops, count = program.ops, len(program.ops)
-    codes = np.fromiter(map(itemgetter(0), ops), np.int64, count)
-    first = list(map(itemgetter(1), ops))
-    numbers = np.zeros((count, 3))
+    codes, one, other, names = program.arrays()
+    numbers = np.zeros((len(codes), 3))
     numbers[program.s, 0] = 1.0
-    leaves = np.flatnonzero(codes < Operation.LAPLACE)
-    read = [ops[leaf] for leaf in leaves.tolist()]
-    exact = (value(name) if op is Operation.PARAMETER else name for op, name, _ in read)
-    parts = chain.from_iterable(_doubled(number) for number in exact)
-    numbers[leaves] = np.fromiter(parts, np.float64, 3 * len(leaves)).reshape(-1, 3)
-    for leaf in (program.s, *leaves.tolist()):  # a name, or a number
-        first[leaf] = 0
-    second = map(itemgetter(2), ops)
-    one, other = (np.fromiter(operands, np.int64, count) for operands in (first, second))
+    constants, parameters = (np.flatnonzero(codes == op) for op in (Operation.CONSTANT, Operation.PARAMETER))
+    numbers[constants] = _doubled(one[constants].tolist())
+    numbers[parameters] = _doubled([value(names[name]) for name in one[parameters].tolist()])
+    one[codes <= Operation.LAPLACE] = 0
     return RegisterArrays(codes, one, other, numbers)
 
 
-def _doubled(exact: Fraction | int) -> tuple[float, float, float]:
+def _doubled(exact: list[Fraction] | list[int]) -> Array:
+    """Return numbers as sums of two doubles, with bounds on what they miss; shape (number, 3)."""
+    parts = np.array([number.as_integer_ratio() for number in exact], dtype=object).reshape(-1, 2)
+    if not len(parts) or max(map(abs, parts.ravel().tolist())) >= 2**53:
+        return np.array([_doubled_exactly(number) for number in exact]).reshape(-1, 3)
+    numerator, denominator = parts.T.astype(float)
+    high = numerator / denominator
+    low = -fma(high, denominator, -numerator) / denominator  # what is left of the numerator is exact
+    return np.column_stack((high, low, 2.0**-104 * abs(high) + 2.0**-1070))
+
+
+def _doubled_exactly(exact: Fraction | int) -> tuple[float, float, float]:
     """Return a number as a sum of two doubles, with a bound on what they miss."""
     numerator, denominator = exact.as_integer_ratio()
     try:

@@ -10,10 +10,11 @@ ch. 3) gives all partial derivatives of one register for a few times the work of
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from itertools import repeat
+from operator import itemgetter
 from typing import Any, Protocol, Self, TypeVar
 
 # --- programs -------------------------------------------------------------------------------------
@@ -227,6 +228,28 @@ class Program:
             self.ops.append(entry)
             self._images.append(image)
         return register
+
+    def __len__(self) -> int:
+        return len(self.ops)
+
+    def arrays(self) -> tuple[Any, Any, Any, Sequence[str]]:
+        """Return operations and operands as arrays; the first of a parameter is its place in the names.
+
+        Returns
+        -------
+        codes, first, second, names
+            Arrays of integers of shape (register,), and names of nodes.
+        """
+        import numpy as np
+
+        codes, first, second = (list(map(itemgetter(part), self.ops)) for part in range(3))
+        first[self.s] = 0
+        names: list[str] = []
+        for register, code in enumerate(codes):
+            if code is _PARAMETER:
+                names.append(first[register])
+                first[register] = len(names) - 1
+        return *(np.array(part, dtype=np.int64) for part in (codes, first, second)), names
 
     def parameters(self, wanted: Iterable[Register]) -> set[str]:
         """Return the nodes whose values the wanted registers are made of."""

@@ -105,17 +105,19 @@ class NodalNetwork:
         The balances, by the names of their junctions, the nearest to the root first.
     root
         That of the port of interest.
+    junctions, elements
+        The names of all junctions, and of the one-ports on the root.
     """
 
     def __init__(
         self, structure: JunctionStructure, program: Program, root: str, inputs: Iterable[str]
     ) -> None:
-        self.structure, self.program = structure, program
+        self.structure, self.program, self.graph = structure, program, structure.graph
         self.inputs = tuple(inputs)
         self._kept = frozenset(self.inputs)
         junctions = structure.junctions
         self.rows = {name: Balance(junctions[name], depth) for name, depth in reach(structure, root).items()}
-        self.root = self.rows[root]
+        self.root, self.junctions, self.elements = self.rows[root], tuple(self.rows), junctions[root].elements
         self._ties: dict[frozenset[Balance], Tie | None] = {}  # of pairs that are tied by other than one bond
         for name, row in self.rows.items():
             junction = junctions[name]
@@ -136,7 +138,7 @@ class NodalNetwork:
 
     def immittance(self, name: str, row: Balance) -> Register:
         """Write the impedance of an element on a 1-junction, its admittance on a 0-junction."""
-        program, node = self.program, self.structure.graph.nodes[name]
+        program, node = self.program, self.graph.nodes[name]
         value = program.parameter(name)
         law = value if node.type == "R" else program.mul(program.s, value)
         own = "0" if node.type == "C" else "1"  # where the law itself is the immittance
@@ -160,11 +162,11 @@ class NodalNetwork:
         An element that answers with a rate has e = I (s f - f(0)): the momentum p(0) = I f(0) drives. One
         that integrates has f = e/(s I) + f(0)/s. Dually for a C.
         """
-        program, node = self.program, self.structure.graph.nodes[name]
+        program, node = self.program, self.graph.nodes[name]
         if (row.kind == "1") is (node.type == "I"):
             return program.parameter(name)
         state = program.inv(program.s)
-        return program.neg(state) if bond_sign(self.structure.graph, name) > 0 else state
+        return program.neg(state) if bond_sign(self.graph, name) > 0 else state
 
     def _couple(self, coupling: Coupling) -> None:
         """Write both entries of a coupling; a known unknown moves to the right-hand side."""
@@ -304,7 +306,7 @@ def port_form(net: NodalNetwork, port: Port, total: Register) -> PortForm:
     total
         What stands on the root: Z_A + Z_B on a 1-junction, Y_A + Y_B on a 0-junction.
     """
-    program, graph = net.program, net.structure.graph
+    program, graph = net.program, net.graph
     form = _effort_or_flow(net, port.node, graph.behind(port).quantity, total)
     if graph.is_state(port):
         value = program.parameter(port.node)
@@ -314,7 +316,7 @@ def port_form(net: NodalNetwork, port: Port, total: Register) -> PortForm:
 
 def _effort_or_flow(net: NodalNetwork, name: str, quantity: str, total: Register) -> PortForm:
     """Write an effort or flow: common to the junction, set by a source, or the answer of what is asked."""
-    program, kind = net.program, net.structure.graph.nodes[name].type
+    program, kind = net.program, net.graph.nodes[name].type
     zero, one = program.zero, program.one
     if kind in SOURCES and quantity == ("e" if kind == "Se" else "f"):
         return PortForm(zero, zero, one, name)
@@ -326,7 +328,7 @@ def _effort_or_flow(net: NodalNetwork, name: str, quantity: str, total: Register
         source = f"{STORED}{name}"
         own = program.neg(net.stored(name, net.root)) if source in net.inputs else zero
         form = PortForm(net.immittance(name, net.root), zero, own, source)
-    outward = bond_sign(net.structure.graph, name) > 0
+    outward = bond_sign(net.graph, name) > 0
     return form if outward else form.scaled(program, program.neg(one))
 
 

@@ -145,8 +145,7 @@ def split_root(network: NodalNetwork, port: Port, fixed: bool) -> tuple[Immittan
     variable: the storage that integrates it there (I on a 1, C on a 0; the output's own first), else the
     output's element, else any element, else the last subtree; what is zero with these values sets nothing.
     """
-    graph, terms = network.structure.graph, network.root.terms
-    elements = network.structure.junctions[network.root.name].elements
+    graph, terms, elements = network.graph, network.root.terms, network.elements
     integrating = "I" if network.root.kind == "1" else "C"
 
     def rank(term: Immittance) -> int:

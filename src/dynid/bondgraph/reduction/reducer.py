@@ -163,6 +163,11 @@ class JunctionElimination:
 
     # --- bare junctions ------------------------------------------------------------------------
 
+    @property
+    def root_known(self) -> bool:
+        """True where a source, or a bare junction beside it, fixes the root's unknown."""
+        return self.held is not None or self.root.fixing is not None
+
     def paired(self, a: Balance, b: Balance) -> bool:
         """Test whether two junctions appear in each other's balance, so that they can be one pivot."""
         zero = self.program.is_zero
@@ -239,10 +244,10 @@ class Reduction:
         Registers whose product is the determinant of the nodal form, up to sign.
     others
         The same without what solves for the root's own common variable.
-    structure
-        The junction structure.
+    network
+        What was reduced.
     junctions
-        Those of its junctions that were reduced.
+        The junctions that were reduced.
     driving
         The inputs that drive them.
     labels
@@ -257,10 +262,15 @@ class Reduction:
     channels: dict[str, Register]
     pivots: tuple[Register, ...]
     others: tuple[Register, ...]
-    structure: JunctionStructure
+    network: NodalNetwork
     junctions: tuple[str, ...]
     driving: frozenset[str]
     labels: dict[Register, str]
+
+    @property
+    def structure(self) -> JunctionStructure:
+        """The junction structure."""
+        return self.network.structure
 
     @cached_property
     def modelled(self) -> tuple[str, ...]:
@@ -365,65 +375,7 @@ class Reducer:
         self._eliminate_in_turn([row for row in rows if len(row.entries) < 2], most=1)
         self._eliminate_in_turn([row for row in rows if not row.gone], most=len(rows))
         self._eliminate_bare([row for row in nearest_first if not row.gone and row is not self.root])
-        # the prototype, and the eliminated junctions behind A and B, before the trace adds their terms up
-        element, rest = split_root(self.net, port, self._root_known())
-        part_a = self.program.sum(term.register for term in rest)
-        factors = (*self.work.pivots, self.program.add(part_a, element.register))
-        found: tuple[set[str], set[str]] = set(), set()
-        for term in self.root.terms:
-            origin = self.work.origins.get((self.root, term))
-            if origin is not None:
-                found[term is element].add(origin.name)
-        origins = frozenset(found[0]), frozenset(found[1])
-        label = f"{'Z' if self.root.kind == '1' else 'Y'}_A{self.trace.suffix}"
-        self.trace.superposed(self.root, rest, part_a, label)
-        prototype = Prototype(
-            program=self.program,
-            kind=self.root.kind,
-            fixed=self._root_known(),
-            part_a=part_a,
-            part_b=element.register,
-            name_a=", ".join(term.name for term in rest) or "nothing",
-            name_b=element.name,
-            released=partial(_released, self.program, factors, self.net.structure, tuple(self.net.rows)),
-            shared=partial(_shared, self.net.structure, self.root.name, *origins),
-            suffix=self.trace.suffix,
-        )
-        total = self.program.add(prototype.part_a, prototype.part_b)
-        others, own = tuple(self.work.pivots), self.work.holding
-        if not prototype.fixed:
-            if self.program.is_zero(total):
-                raise self._singular()
-            own = total
-        form = port_form(self.net, port, total)
-        self.trace.reached(prototype, port, form)
-        channels = {}
-        for source in self.net.inputs:  # the root's common variable first (eqs 1 to 4)
-            if self.work.held is not None:
-                common = self.work.held.get(source, self.program.zero)
-            elif self.root.fixing is not None:
-                common = self.program.one if source == self.root.fixing else self.program.zero
-            else:
-                common = self.program.div(self.root.sources.get(source, self.program.zero), total)
-            channels[source] = channel(self.net, form, source, common)
-        return Reduction(
-            port=port,
-            root=self.root.name,
-            steps=tuple(self.trace.steps),
-            prototype=prototype,
-            drives=dict(self.root.sources),
-            channels=channels,
-            pivots=others if own is None else (*others, own),
-            others=others,
-            structure=self.net.structure,
-            junctions=tuple(self.net.rows),
-            driving=self._driving,
-            labels=self.trace.labels,
-        )
-
-    def _root_known(self) -> bool:
-        """Test whether a source, or a bare junction beside it, fixes the root's unknown."""
-        return self.work.held is not None or self.root.fixing is not None
+        return reduction_at_root(self.net, self.work, self.trace, port, self._driving)
 
     def _eliminate_in_turn(self, rows: list[Balance], most: int) -> None:
         """Eliminate by (round, number of neighbours, distance from the root), up to so many neighbours."""
@@ -461,13 +413,87 @@ class Reducer:
             others = [other for other in partners if other is not self.root]
             if others:
                 self.work.eliminate_pair(others[0], row)
-            elif partners and not self._root_known():
+            elif partners and not self.work.root_known:
                 self.work.hold_root(row)
             else:
-                raise self._singular()
+                raise explain(self.net.structure)
 
-    def _singular(self) -> Exception:
-        return explain(self.net.structure)
+
+def reduction_at_root(
+    net: NodalNetwork, work: JunctionElimination, trace: NoTrace, port: Port, driving: frozenset[str]
+) -> Reduction:
+    """Return the reduction of a network of which the root is left.
+
+    Parameters
+    ----------
+    net, work, trace
+        The network, its elimination, and the recorder of the steps.
+    port
+        The output.
+    driving
+        The inputs that drove it.
+
+    Raises
+    ------
+    Singular
+        Where the root's balance leaves its common variable open.
+    """
+    program, root = net.program, net.root
+    # the prototype, and the eliminated junctions behind A and B, before the trace adds their terms up
+    element, rest = split_root(net, port, work.root_known)
+    part_a = program.sum(term.register for term in rest)
+    factors = (*work.pivots, program.add(part_a, element.register))
+    found: tuple[set[str], set[str]] = set(), set()
+    for term in root.terms:
+        origin = work.origins.get((root, term))
+        if origin is not None:
+            found[term is element].add(origin.name)
+    origins = frozenset(found[0]), frozenset(found[1])
+    label = f"{'Z' if root.kind == '1' else 'Y'}_A{trace.suffix}"
+    trace.superposed(root, rest, part_a, label)
+    prototype = Prototype(
+        program=program,
+        kind=root.kind,
+        fixed=work.root_known,
+        part_a=part_a,
+        part_b=element.register,
+        name_a=", ".join(term.name for term in rest) or "nothing",
+        name_b=element.name,
+        released=partial(_released, factors, net),
+        shared=partial(_shared, net, *origins),
+        suffix=trace.suffix,
+    )
+    total = program.add(prototype.part_a, prototype.part_b)
+    others, own = tuple(work.pivots), work.holding
+    if not prototype.fixed:
+        if program.is_zero(total):
+            raise explain(net.structure)
+        own = total
+    form = port_form(net, port, total)
+    trace.reached(prototype, port, form)
+    channels = {}
+    for source in net.inputs:  # the root's common variable first (eqs 1 to 4)
+        if work.held is not None:
+            common = work.held.get(source, program.zero)
+        elif root.fixing is not None:
+            common = program.one if source == root.fixing else program.zero
+        else:
+            common = program.div(root.sources.get(source, program.zero), total)
+        channels[source] = channel(net, form, source, common)
+    return Reduction(
+        port=port,
+        root=root.name,
+        steps=tuple(trace.steps),
+        prototype=prototype,
+        drives=dict(root.sources),
+        channels=channels,
+        pivots=others if own is None else (*others, own),
+        others=others,
+        network=net,
+        junctions=net.junctions,
+        driving=driving,
+        labels=trace.labels,
+    )
 
 
 def _turn(row: Balance) -> tuple[int, int, int, Balance]:
@@ -487,23 +513,20 @@ def _integrators(structure: JunctionStructure, junctions: Iterable[str]) -> int:
     )
 
 
-def _released(
-    program: Program, factors: tuple[Register, ...], structure: JunctionStructure, junctions: tuple[str, ...]
-) -> Register:
+def _released(factors: tuple[Register, ...], net: NodalNetwork) -> Register:
     """Write the determinant with the driving port removed, times s for every storage that integrates."""
-    return program.product([*factors, *(program.s for _ in range(_integrators(structure, junctions)))])
+    program = net.program
+    return program.product([*factors, *(program.s for _ in range(_integrators(net.structure, net.junctions)))])
 
 
-def _shared(
-    structure: JunctionStructure, root: str, of_a: frozenset[str], of_b: frozenset[str]
-) -> tuple[str, ...]:
+def _shared(net: NodalNetwork, of_a: frozenset[str], of_b: frozenset[str]) -> tuple[str, ...]:
     """Return the user's junctions of the parts that systems A and B were both reduced from.
 
     Without the root a graph falls into parts; one that left terms in both systems is tied to it by a loop.
     """
-    members: list[str] = []
+    structure, members = net.structure, list[str]()
     while of_a and of_b:
-        part = set(reach(structure, min(of_b), without=root))
+        part = set(reach(structure, min(of_b), without=net.root.name))
         if part & of_a:
             members += [member for name in part for member in structure.junctions[name].members]
         of_a, of_b = of_a - part, of_b - part

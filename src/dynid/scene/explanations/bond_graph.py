@@ -100,7 +100,7 @@ def _cost(
 ) -> CostEstimate:
     """Return the cost of the results; rates are those of the machine of `speed`."""
     storages, outputs = modelled_storages(reduced), len(reduced.outputs)
-    channels, operations = len(reduced.channels()), len(reduced.program.ops)
+    channels, operations = len(reduced.channels()), len(reduced.program)
     frequencies = 0 if analysis.omega is None else len(analysis.omega)
     instants = 0 if analysis.times is None else len(analysis.times)
     parts = {"reducing the graph": seconds}

@@ -1,0 +1,301 @@
+"""Reductions of large graphs by the library: `native/plan.c` does what `reducer` and `Program` do, on integers.
+
+Nodes are numbered once; what the library returns is a program that lives there, and of every reduction what is
+left at its root. From there on the prototype and the channels are written as ever. The library refuses what is
+rare (activated bonds, rings, elements of value zero, junctions that stay bare): such graphs are reduced here.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
+from operator import itemgetter
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.bondgraph.graph import BondGraph, Port
+from dynid.bondgraph.program.program import ModularPoint, Operation, Program, Register
+from dynid.bondgraph.reduction.junctions import Junction, JunctionStructure, NameRegistry
+from dynid.bondgraph.reduction.network import STORED, Balance, Immittance, NodalNetwork
+from dynid.bondgraph.reduction.reducer import JunctionElimination, Reduction, reduction_at_root
+from dynid.bondgraph.reduction.trace import NoTrace
+from dynid.native import call
+
+Integers = NDArray[np.int64]
+
+#: Types of nodes, as `plan.c` numbers them.
+_TYPES = {name: number for number, name in enumerate(("Se", "Sf", "I", "C", "R", "TF", "GY", "0", "1", "A"))}
+
+
+class Residues(NamedTuple):
+    """The values of all nodes, as quotients modulo a prime, and s there.
+
+    Parameters
+    ----------
+    prime
+        The prime, below 2^62.
+    above, below
+        Numerators and denominators by the number of the node; any of nodes without a value.
+    laplace
+        The variable s.
+    general
+        Whether they are random.
+    """
+
+    prime: int
+    above: Integers
+    below: Integers
+    laplace: int
+    general: bool
+
+    @classmethod
+    def of(cls, graph: BondGraph, prime: int, laplace: int) -> Residues:
+        """Return the values of a graph, at a given s."""
+        parts = [node.value.as_integer_ratio() if node.value else (1, 1) for node in graph.nodes.values()]
+        above, below = (_modulo(list(map(itemgetter(k), parts)), prime) for k in (0, 1))
+        return cls(prime, above, below, laplace, general=False)
+
+    @classmethod
+    def random(cls, graph: BondGraph, prime: int) -> Residues:
+        """Return a fixed random point."""
+        x = np.arange(1, len(graph.nodes) + 2, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+        for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):  # splitmix64
+            x = (x ^ (x >> np.uint64(shift))) * np.uint64(factor)
+        drawn = ((x ^ (x >> np.uint64(31))) % np.uint64(prime)).astype(np.int64)
+        return cls(prime, drawn[:-1].copy(), np.ones(len(drawn) - 1, np.int64), int(drawn[-1]), general=True)
+
+
+def _modulo(integers: list[int], prime: int) -> Integers:
+    try:
+        return np.array(integers, dtype=np.int64) % prime
+    except OverflowError:
+        return np.array([each % prime for each in integers], dtype=np.int64)
+
+
+class CompiledProgram(Program):
+    """A program in the library.
+
+    Parameters
+    ----------
+    handle
+        The library's plan, with an empty program.
+    names
+        The names of the nodes, by number.
+    numbers
+        The numbers of the nodes, by name.
+    residues
+        Where registers are evaluated.
+    """
+
+    def __init__(self, handle: int, names: list[str], numbers: dict[str, int], residues: Residues) -> None:
+        from flint import nmod
+
+        self.handle, self.names, self._numbers = handle, names, numbers
+        weakref.finalize(self, call, "dynid_plan_forget", handle)
+        self._point = ModularPoint(residues.prime, {}, nmod(residues.laplace, residues.prime))
+        self.zero, self.one, self.s = 0, 1, 2
+        self._listed: list[tuple[Operation, Any, int]] | None = None
+
+    def __len__(self) -> int:
+        return call("dynid_plan_read", self.handle, None, None, None)
+
+    def arrays(self) -> tuple[Integers, Integers, Integers, list[str]]:  # noqa: D102
+        count = len(self)
+        codes, first, second = (np.empty(count, np.int64) for _ in range(3))
+        call("dynid_plan_read", self.handle, codes, first, second)
+        return codes, first, second, self.names
+
+    @property
+    def ops(self) -> list[tuple[Operation, Any, int]]:  # type: ignore[override]
+        """The operations, as a list."""
+        if self._listed is None:
+            codes, first, second, names = self.arrays()
+            read: list[Any] = first.tolist()
+            for leaf in np.flatnonzero(codes == Operation.PARAMETER).tolist():
+                read[leaf] = names[read[leaf]]
+            read[self.s] = None
+            kinds = map(tuple(Operation).__getitem__, codes.tolist())
+            self._listed = list(zip(kinds, read, second.tolist(), strict=True))
+        return self._listed
+
+    def _written(self, operation: Operation, a: int, b: int) -> Register:
+        self._listed = None
+        made = call("dynid_plan_write", self.handle, int(operation), a, b)
+        if made < 0:
+            raise ZeroDivisionError
+        return made
+
+    def constant(self, value: int) -> Register:  # noqa: D102
+        return self._written(Operation.CONSTANT, value, 0)
+
+    def parameter(self, name: str) -> Register:  # noqa: D102
+        return self._written(Operation.PARAMETER, self._numbers[name], 0)
+
+    def add(self, a: Register, b: Register) -> Register:  # noqa: D102
+        return self._written(Operation.ADD, a, b)
+
+    def sub(self, a: Register, b: Register) -> Register:  # noqa: D102
+        return self._written(Operation.SUB, a, b)
+
+    def neg(self, a: Register) -> Register:  # noqa: D102
+        return self._written(Operation.NEG, a, 0)
+
+    def mul(self, a: Register, b: Register) -> Register:  # noqa: D102
+        return self._written(Operation.MUL, a, b)
+
+    def div(self, a: Register, b: Register) -> Register:  # noqa: D102
+        return self._written(Operation.DIV, a, b)
+
+    def image(self, a: Register) -> Any:  # noqa: D102
+        from flint import nmod
+
+        return nmod(call("dynid_plan_image", self.handle, a), self.prime)
+
+    def is_zero(self, a: Register) -> bool:  # noqa: D102
+        return not call("dynid_plan_image", self.handle, a)
+
+    def are_opposite(self, a: Register, b: Register) -> bool:  # noqa: D102
+        return not self.image(a) + self.image(b)
+
+    def divides_by_zero(self, divisors: Iterable[Register], at: Residues) -> bool:
+        """Test whether any of these registers, or anything that is divided by, is zero at another point."""
+        wanted = np.fromiter(divisors, np.int64)
+        return bool(
+            call("dynid_plan_vanishes", self.handle, at.above, at.below, at.laplace, len(wanted), wanted)
+        )
+
+
+class CompiledReductions(NamedTuple):
+    """The reductions of a graph to its outputs, in one program.
+
+    Parameters
+    ----------
+    program
+        The program.
+    reductions
+        By output.
+    unsolved
+        Whether there are junctions that no output depends on and no source fixes.
+    """
+
+    program: CompiledProgram
+    reductions: dict[Port, Reduction]
+    unsolved: bool
+
+
+def compiled_reductions(
+    graph: BondGraph,
+    residues: Residues,
+    inputs: Sequence[str],
+    outputs: Sequence[Port],
+    structure: Callable[[], JunctionStructure],
+    *,
+    balanced: bool,
+) -> CompiledReductions | None:
+    """Return the reductions of a graph, without traces; None where the library refuses.
+
+    Parameters
+    ----------
+    graph
+        The graph.
+    residues
+        The point at which the program is evaluated.
+    inputs, outputs
+        The sources to keep, and the variables asked for.
+    structure
+        Makes the junction structure, for what comes later.
+    balanced
+        As for `Reducer`.
+    """
+    names = list(graph.nodes)
+    numbers = graph.numbers
+    if any(source.startswith(STORED) for source in inputs):
+        return None
+    if any(node.value == 0 for node in graph.nodes.values() if node.value is not None):
+        return None
+    types = np.array([_TYPES[node.type] for node in graph.nodes.values()], dtype=np.int8)
+    sizes = np.zeros(5, np.int64)
+    handle = call(
+        "dynid_plan", len(names), len(graph.bonds), types, graph.ends, residues.prime,
+        int(residues.general), residues.above, residues.below, residues.laplace, sizes,
+    )  # fmt: skip
+    if not handle:
+        return None
+    program = CompiledProgram(handle, names, numbers, residues)
+    place, fixing, drawn = (np.empty(count, np.int64) for count in (len(names), sizes[0], sizes[0]))
+    call("dynid_plan_structure", handle, place, fixing, drawn)
+    junctions = _junction_names(graph, names, drawn.tolist())
+    kept = np.array([numbers[source] for source in inputs], dtype=np.int64)
+    found, solved = {}, fixing >= 0
+    for port in outputs:
+        root = int(place[numbers[port.node]])
+        if root < 0 or call("dynid_plan_reduce", handle, root, len(kept), kept, int(balanced), sizes):
+            return None
+        rows, pivots = np.empty(sizes[0], np.int64), np.empty(sizes[1], np.int64)
+        terms, drives = np.empty((sizes[2], 3), np.int64), np.empty((sizes[3], 2), np.int64)
+        elements, driving = np.empty(sizes[4], np.int64), np.zeros(len(kept), np.uint8)
+        call("dynid_plan_reduced", handle, rows, pivots, terms, drives, elements, driving)
+        solved[rows] = True
+        fixed = int(fixing[root])
+        first = int(drawn[root])
+        kind = "0" if first >= 0 and graph.nodes[names[first]].type == "0" else "1"
+        if first < 0:
+            return None
+        net = _RootAlone(
+            program,
+            inputs,
+            Junction(junctions[root], kind, fixing=None if fixed < 0 else names[fixed]),
+            list(map(junctions.__getitem__, rows.tolist())),
+            [names[element] for element in elements.tolist()],
+            graph,
+            structure,
+        )
+        work = JunctionElimination(net, NoTrace())
+        work.pivots = pivots.tolist()
+        for name, register, origin in terms.tolist():
+            term = Immittance(names[name] if name >= 0 else junctions[-2 - name], register)
+            net.root.terms.append(term)
+            if origin >= 0:
+                work.origins[net.root, term] = Balance(Junction(junctions[origin], ""), 0)
+        net.root.sources = {inputs[source]: register for source, register in drives.tolist()}
+        driven = frozenset(inputs[k] for k in np.flatnonzero(driving).tolist())
+        found[port] = reduction_at_root(net, work, NoTrace(), port, driven)
+    return CompiledReductions(program, found, unsolved=not solved.all())
+
+
+def _junction_names(graph: BondGraph, names: list[str], drawn: list[int]) -> list[str]:
+    """Return the names of junctions as `JunctionStructure` gives them."""
+    if min(drawn, default=0) >= 0:
+        return list(map(names.__getitem__, drawn))
+    registry = NameRegistry(graph.nodes)
+    return [
+        names[node] if node >= 0 else registry.fresh("_".join(graph.bonds[-2 - node])) for node in drawn
+    ]
+
+
+class _RootAlone(NodalNetwork):
+    """A network of which the root is left."""
+
+    def __init__(
+        self,
+        program: Program,
+        inputs: Sequence[str],
+        root: Junction,
+        junctions: list[str],
+        elements: list[str],
+        graph: BondGraph,
+        structure: Callable[[], JunctionStructure],
+    ) -> None:
+        self.program, self.inputs, self.graph, self.elements = program, tuple(inputs), graph, elements
+        self._kept = frozenset(inputs)
+        self.root = Balance(root, 0)
+        self.junctions = tuple(junctions)
+        self._made = structure
+
+    @cached_property
+    def structure(self) -> JunctionStructure:  # type: ignore[override]
+        """The junction structure."""
+        return self._made()
