@@ -242,9 +242,13 @@ class Information:
         R = np.linalg.qr(self.projected / size, mode="r")
         return np.asarray(np.linalg.solve(R, np.eye(len(size))) / size[:, None])
 
+    @cached_property
+    def _deviations(self) -> Array:
+        return np.sqrt(self.covariance().diagonal())
+
     def deviations(self) -> Array:
         """Return the lower bound on the standard deviations of the coordinates (p)."""
-        return np.sqrt(self.covariance().diagonal())
+        return self._deviations.copy()
 
     def correlation(self) -> Array:
         """Return the correlations of the estimates of the coordinates (p x p)."""
@@ -271,7 +275,13 @@ class Information:
 
 
 def information(
-    names: tuple[str, ...], by_parameter: Array, by_state: Array, signal: float, values: int
+    names: tuple[str, ...],
+    by_parameter: Array,
+    by_state: Array,
+    signal: float,
+    count: int,
+    values: Array | None = None,
+    rates: Array | None = None,
 ) -> Information:
     """Collect the information of a record.
 
@@ -284,16 +294,20 @@ def information(
         prior.
     signal
         Norm of the predicted values over noise.
-    values
+    count
         How many values there are.
+    values, rates
+        As of `Information`.
     """
     projected, taken = without_state(by_parameter, by_state)
     total = np.linalg.norm(by_parameter, axis=0)
-    return Information(names, projected, total, signal, values - taken)
+    return Information(names, projected, total, signal, count - taken, values, rates)
 
 
 def joint_information(parts: Sequence[Information]) -> Information:
     """Return the information of several records together, whose initial states are each their own."""
+    if len(parts) == 1:
+        return parts[0]
     return Information(
         parts[0].names,
         np.concatenate([part.projected for part in parts]),

@@ -245,6 +245,48 @@ def sensitive(
     return found, states, by_parameter
 
 
+def fitted(model: ParametricModel, eta: Array, values: Array, rms: Array) -> Any:
+    """Return a record as a fit at coordinates (p) reads it; of values (times x channels) and their RMS."""
+    (C, C_slopes), direct = model.output(eta), model.direct(eta)
+    return structure(
+        channels=len(C),
+        samples=len(values),
+        C=plain(C),
+        C_slopes=plain(C_slopes) if C_slopes.any() else None,
+        direct=plain(direct.value),
+        direct_slopes=None if direct.slopes is None else plain(direct.slopes),
+        rms=plain(rms),
+        initial=plain(model.initial),
+        values=plain(values),
+    )
+
+
+def begin_fit(model: ParametricModel, at: Linear, record: Any) -> tuple[Array, Array]:
+    """Return derivatives by the first state (times x channels x n), and triangles of these and the values.
+
+    The latter (channels x n + 1 x n + 1) are over the channels' RMS, and of what the prescribed part of the
+    first state leaves of the values.
+    """
+    n = model.states
+    by_state = np.empty((record.samples, record.channels, n))
+    factors = np.zeros((record.channels, n + 1, n + 1))
+    call("dynid_begin_fit", tables(model), at.members, record, by_state, factors)
+    return by_state, factors
+
+
+def end_fit(
+    model: ParametricModel, at: Linear, record: Any, start: Array, by_state: Array
+) -> tuple[tuple[Array, Array, Array], Array, Array, NDArray[np.int64]]:
+    """Return what `sensitive` does from a first state (n), residuals, and the `triangles` of both."""
+    shape, n, p = (record.samples, record.channels), model.states, model.parameters
+    found, states, by_parameter = np.empty(shape), np.empty((shape[0], n)), np.empty((*shape, p))
+    residual, counts = np.empty(shape), np.zeros(shape[1], dtype=np.int64)
+    factors = np.zeros((shape[1], n + p + 1, n + p + 1))
+    read = tables(model), at.members, record, plain(start), by_state
+    call("dynid_end_fit", *read, found, states, by_parameter, residual, factors, counts)
+    return (found, states, by_parameter), residual, factors, counts
+
+
 def triangles(
     by_state: Array, by_parameter: Array, residual: Array, rms: Array
 ) -> tuple[Array, NDArray[np.int64]]:

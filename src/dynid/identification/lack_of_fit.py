@@ -35,6 +35,7 @@ from dynid.identification.likelihood import Fit, Likelihood
 from dynid.identification.record_likelihood import ScatterTest
 from dynid.identification.saturated_model import RegressorKind, SaturatedCoordinates
 from dynid.identification.statistics import chi_squared_tail, log_f_tail
+from dynid.lti.floating import finite
 
 Array = NDArray[np.float64]
 
@@ -91,19 +92,17 @@ class ModelComparison:
         """The p-value of the records, were there no response."""
         if self.tables:
             return 0.0
-        tests = [self._log_signal_p({RegressorKind.LINE})]
+        tests = [self._log_signal_p(RegressorKind.LINE)]
         values = sum(one.count for one, _ in self._each)
         chosen = len(self.prior) * math.log(max(values, 1))
-        tests.append(
-            self._log_signal_p(set(RegressorKind) - {RegressorKind.FAULT, RegressorKind.BEFORE}) + chosen
-        )
+        tests.append(self._log_signal_p(RegressorKind.SCENE) + chosen)
         return min(1.0, len(tests) * math.exp(min(0.0, *tests)))
 
-    def _log_signal_p(self, kinds: set[RegressorKind]) -> float:
-        """Return the logarithm of the p-value of these directions against noise."""
+    def _log_signal_p(self, last: int) -> float:
+        """Return the logarithm of the p-value of directions of the kinds up to this one against noise."""
         excess, degrees, spare = 0.0, 0, math.inf
         for one, _ in self._each:
-            chosen = np.isin(one.kind, list(kinds))
+            chosen = one.kind <= last
             inside, m = float(np.sum(one.measured[chosen] ** 2)), int(np.count_nonzero(chosen))
             left = one.count - m
             if m == 0 or left < 1:
@@ -133,7 +132,7 @@ class ModelComparison:
         if all(one.left < _ROUNDING**2 * one.energy for one, _ in self._each):  # round-off
             return 1.0
         excess, rank = self._excess
-        degrees = sum(_tested(one) for one, _ in self._each) - rank
+        degrees = sum(one.tested for one, _ in self._each) - rank
         spare = min((one.count - len(one.kind) for one, _ in self._each), default=0.0)
         if degrees < 1 or spare < 1:
             return self.whiteness_p
@@ -145,12 +144,12 @@ class ModelComparison:
         _, rank = self._excess
         found = []
         for one, noise in self._each:
-            degrees = _tested(one) - rank / len(self._each)
+            degrees = one.tested - rank / len(self._each)
             spare = one.count - len(one.kind)
             if degrees < 1 or spare < 1 or one.left < _ROUNDING**2 * one.energy:
                 found.append(1.0)
                 continue
-            ratio = float(np.sum(one.residual[: _tested(one)] ** 2)) / noise**2 / degrees
+            ratio = float(np.sum(one.residual[: one.tested] ** 2)) / noise**2 / degrees
             found.append(math.exp(log_f_tail(round(degrees), spare, ratio)))
         for table in self.tables:
             each = zip(table.degrees.tolist(), table.squares.tolist(), strict=True)
@@ -163,18 +162,21 @@ class ModelComparison:
         if not self._each:
             return 0.0, 0
         total, states, rows, right = 0.0, 0, [], []
-        for record, noise in zip(self.records, self.noise, strict=True):
+        for record, noise, (U, by_parameter) in zip(self.records, self.noise, self._projected, strict=True):
             each = zip(record, noise, strict=True)
-            residual = np.concatenate([one.residual[: _tested(one)] / level for one, level in each])
-            by_state, by_parameter = _derivatives(record, noise)
-            U = _range(by_state)
-            residual, by_parameter = _without(U, residual), _without(U, by_parameter)
+            residual = np.concatenate([one.residual[: one.tested] / level for one, level in each])
+            residual = _without(U, residual)
             total, states = total + float(residual @ residual), states + U.shape[1]
             rows.append(by_parameter)
             right.append(residual)
         U = _range(np.concatenate(rows)[:, self.free])
         taken = U.T @ np.concatenate(right)
         return max(0.0, total - float(taken @ taken)), states + U.shape[1]
+
+    @cached_property
+    def _projected(self) -> list[tuple[Array, Array]]:
+        """Range of the initial states, and derivatives by the parameters off it, record by record."""
+        return [_off_states(*pair) for pair in zip(self.records, self.noise, strict=True)]
 
     @cached_property
     def signal_explained(self) -> float:
@@ -213,15 +215,17 @@ class ModelComparison:
     def redundancy_at(self, noise: Sequence[Array]) -> int:
         """Return the redundancy for a noise (channels of each record), in units of the channels' RMS."""
         resolved, rows = 0, []
-        for record, levels in zip(self.records, noise, strict=True):
+        for k, (record, levels) in enumerate(zip(self.records, noise, strict=True)):
             level = np.maximum(levels, _COARSE)
-            by_state, by_parameter = _derivatives(record, level)
-            U = _range(by_state)
-            rows.append(_without(U, by_parameter))
-            shown = np.concatenate([_resolved(one, each) for one, each in zip(record, level, strict=True)])
-            directions = np.diag(shown)[:, shown > 0]
-            _, s, _ = thin_svd(_without(U, directions))
-            resolved += int(np.count_nonzero(s > RESOLVED.value)) + _resolved_poles(record, level)
+            same = np.array_equal(level, self.noise[k])
+            U, by_parameter = self._projected[k] if same else _off_states(record, level)
+            rows.append(by_parameter)
+            amplitudes = [_resolved(one, each) for one, each in zip(record, level.tolist(), strict=True)]
+            shown = np.concatenate(amplitudes)
+            finite("the amplitudes of the record", shown)
+            s = np.linalg.svd(_without(U, np.diag(shown)[:, shown > 0]), compute_uv=False)
+            resolved += int(np.count_nonzero(s > RESOLVED.value))
+            resolved += _resolved_poles(record, level.tolist(), amplitudes)
         for table in self.tables:
             resolved += table.values
             rows.append(table.by_parameter)
@@ -276,18 +280,11 @@ def _noise(one: SaturatedCoordinates, given: float) -> float:
     return max(floor, math.sqrt(left / spare))
 
 
-def _tested(one: SaturatedCoordinates) -> int:
-    """Return the number of directions that are tested, the first ones: all but delayed residuals."""
-    return int(np.count_nonzero(one.kind < RegressorKind.BEFORE))
-
-
-def _derivatives(record: Sequence[SaturatedCoordinates], noise: Array) -> tuple[Array, Array]:
-    """Return the derivatives by initial state and parameters over noise, of all channels."""
-    each = list(zip(record, noise, strict=True))
-    return (
-        np.concatenate([one.by_state[: _tested(one)] / level for one, level in each]),
-        np.concatenate([one.by_parameter[: _tested(one)] / level for one, level in each]),
-    )
+def _off_states(record: Sequence[SaturatedCoordinates], noise: Array) -> tuple[Array, Array]:
+    """Return the range of the derivatives by the initial state over noise, and those by parameters off it."""
+    each = list(zip(record, noise.tolist(), strict=True))
+    U = _range(np.concatenate([one.by_state[: one.tested] / level for one, level in each]))
+    return U, _without(U, np.concatenate([one.by_parameter[: one.tested] / level for one, level in each]))
 
 
 def _range(matrix: Array) -> Array:
@@ -304,30 +301,33 @@ def _without(U: Array, columns: Array) -> Array:
 
 def _resolved(one: SaturatedCoordinates, noise: float) -> Array:
     """Return the amplitudes over noise of the directions that are resolved, 0 of the others (m)."""
-    shown = np.zeros(_tested(one))
-    for kind in (RegressorKind.LINE, RegressorKind.MODE):
-        for group in np.unique(one.group[one.kind == kind]):
-            here = np.flatnonzero((one.kind == kind) & (one.group == group))
-            amplitude = float(np.sqrt(np.mean(one.measured[here] ** 2))) / noise
-            shown[here] = amplitude if amplitude > RESOLVED.value else 0.0
-    return shown
+    free = one.free
+    groups = np.where(free, 2 * one.group + one.kind, 0)[: one.tested]  # of lines even, of modes odd
+    weight = free[: one.tested].astype(float)
+    squares = np.bincount(groups, weight * one.measured[: one.tested] ** 2)
+    amplitude = np.sqrt(squares / np.maximum(np.bincount(groups, weight), 1.0)) / noise
+    return np.asarray(weight * np.where(amplitude > RESOLVED.value, amplitude, 0.0)[groups])
 
 
-def _resolved_poles(record: Sequence[SaturatedCoordinates], noise: Array) -> int:
+def _resolved_poles(
+    record: Sequence[SaturatedCoordinates], noise: Sequence[float], amplitudes: Sequence[Array]
+) -> int:
     """Return the number of poles that a record resolves, a pair counting twice.
 
-    A pole is resolved where moving it by itself moves the record by more than the noise.
+    A pole is resolved where moving it by itself moves the record by more than the noise. `amplitudes` are
+    those of the channels, as of `_resolved`.
     """
     strength: dict[complex, float] = {}
-    for one, level in zip(record, noise, strict=True):
-        shown = np.zeros(len(one.kind), dtype=bool)
-        shown[: _tested(one)] = _resolved(one, level) > 0
-        for group in np.unique(one.group[one.kind == RegressorKind.POLE]):
-            mode = shown & (one.kind == RegressorKind.MODE) & (one.group == group)
-            move = (one.kind == RegressorKind.POLE) & (one.group == group)
-            amplitude = np.sum((one.measured[mode] / one.size[mode]) ** 2)
-            squares = amplitude * np.mean((one.size[move] * one.rate[move] / level) ** 2)
-            pole = complex(one.pole[move][0])
-            strength[pole] = strength.get(pole, 0.0) + float(squares)
+    for one, level, shown in zip(record, noise, amplitudes, strict=True):
+        moves = np.flatnonzero(one.kind == RegressorKind.POLE)
+        if not len(moves):
+            continue
+        modes = np.flatnonzero((one.kind[: one.tested] == RegressorKind.MODE) & (shown > 0))
+        groups, count = one.group[moves], int(one.group.max()) + 1
+        amplitude = np.bincount(one.group[modes], (one.measured[modes] / one.size[modes]) ** 2, count)
+        sums = np.bincount(groups, (one.size[moves] * one.rate[moves] / level) ** 2, count)
+        squares = amplitude * (sums / np.maximum(np.bincount(groups, minlength=count), 1))
+        for group, pole in dict(zip(groups.tolist(), one.pole[moves].tolist(), strict=True)).items():
+            strength[pole] = strength.get(pole, 0.0) + float(squares[group])
     found = [pole for pole, squares in strength.items() if squares > RESOLVED.value**2]
     return sum(2 if pole.imag else 1 for pole in found)

@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +68,7 @@ class Likelihood:
 
     records: tuple[RecordLikelihood, ...]
     noiseless: Likelihood | None = field(default=None, kw_only=True)
+    _last: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def ideal(self) -> Likelihood:
@@ -130,11 +131,16 @@ class Likelihood:
     def information(self, fit: Fit, noise: Sequence[Array], *, prior: bool = True) -> Information:
         """Return the information on the parameters of a fit, for a noise of these deviations.
 
-        With the priors, or of the records alone.
+        With the priors, or of the records alone. The last one is kept.
         """
-        each = zip(self.records, fit.parts, noise, strict=True)
-        found = joint_information([record.information(part, level) for record, part, level in each])
-        return found.beside(self.priors.rows()) if prior else found
+        key = (id(fit), prior, *(level.tobytes() for level in noise))
+        if self._last.get("key") != key:
+            each = zip(self.records, fit.parts, noise, strict=True)
+            found = joint_information([record.information(part, level) for record, part, level in each])
+            found = found.beside(self.priors.rows()) if prior else found
+            self._last.update(key=key, fit=fit, found=found)  # the fit as well: else its id may be another's
+        known: Information = self._last["found"]
+        return known
 
     def weighted(self, fit: Fit, noise: Sequence[Array]) -> Array:
         """Return the residuals over noise, row by row as the information has them, priors at the end."""

@@ -128,7 +128,7 @@ class Posterior:
 
     # Information, intervals and bounds.
 
-    @property
+    @cached_property
     def noise(self) -> list[Array]:
         """Noise of each record, given or that of the residuals (channels); above round-off, as a divisor."""
         each = zip(self.fit.noise, self.likelihood.records, strict=True)
@@ -257,7 +257,7 @@ class Posterior:
         made = self.estimate.comparison
         return compare_models(self.likelihood, self.fit, self.whiteness_p) if made is None else made
 
-    @property
+    @cached_property
     def optimal(self) -> bool:
         """True if the estimate is at the optimum."""
         return is_optimal(self.step, self.information.deviations()) and not self.estimate.disputed
@@ -364,6 +364,9 @@ class Posterior:
     @cached_property
     def whiteness_p(self) -> float:
         """The p-value of the whiteness of the residuals."""
+        made = self.estimate.comparison
+        if made is not None and all(record.data.passed == 1 for record in self.likelihood.records):
+            return made.whiteness_p
         return self.likelihood.whiteness(self.fit)
 
     @cached_property

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol, Self
 
@@ -207,8 +207,8 @@ class RecordLikelihood(ABC):
         slopes = self.slopes(fit, noise)
         signal = float(np.linalg.norm(np.nan_to_num(fit.predicted.outputs) * weight))
         count = int(np.count_nonzero(weight)) - self.nuisances
-        found = information(names, slopes, np.zeros((len(slopes), 0)), signal, count)
-        return replace(found, values=values(self.unknowns, fit.eta), rates=rates(self.unknowns, fit.eta))
+        at = values(self.unknowns, fit.eta), rates(self.unknowns, fit.eta)
+        return information(names, slopes, np.zeros((len(slopes), 0)), signal, count, *at)
 
     @abstractmethod
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:

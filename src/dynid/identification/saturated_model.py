@@ -11,11 +11,10 @@ Ramsey, J. R. Stat. Soc. B 31 (1969) 350–371). Delayed residuals take up the p
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from enum import IntEnum
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +26,8 @@ from dynid.native import call, compiled
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
+Labels: TypeAlias = tuple[NDArray[np.int_], NDArray[np.int_], ComplexArray, Array]
+"""Kinds, groups, poles and rates of columns."""
 
 # Part of the values of a channel that the regressors may be.
 _COLUMN_PART = 3
@@ -42,8 +43,8 @@ _NEW = 1e-5
 _DIGITS, _ROUNDED = 0.01, 1e-4
 
 
-class RegressorKind(IntEnum):
-    """The kind of a regressor.
+class RegressorKind:
+    """The kinds of regressors, as numbers in the order of their columns.
 
     Lines and direct terms, modes, derivatives by poles, the scene's own, faults, delayed residuals.
     """
@@ -69,11 +70,12 @@ class Regressors:
     group: NDArray[np.int_]
     pole: ComplexArray
     rate: Array
+    _beside: dict[tuple[int, ...], Labels] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def of(
         cls,
-        kind: RegressorKind,
+        kind: int,
         pairs: Sequence[Array],
         rows: int,
         poles: Sequence[complex] = (),
@@ -90,6 +92,17 @@ class Regressors:
             np.abs(pole) * span,
         )
 
+    @classmethod
+    def of_poles(cls, kind: int, columns: ComplexArray, poles: ComplexArray, span: float = 0.0) -> Regressors:
+        """Return the real columns that complex ones (rows x groups) of poles (groups) span."""
+        real = np.ascontiguousarray(columns).view(float)
+        kept = np.ones((len(poles), 2), dtype=bool)
+        kept[:, 1] = poles.imag != 0
+        group, _ = kept.nonzero()
+        pole = poles[group]
+        values = real if kept.all() else real[:, kept.ravel()]
+        return cls(values, np.full(len(group), kind), group, pole, np.abs(pole) * span)
+
     def beside(self, *others: Regressors) -> Regressors:
         """Return these columns and, after them, others."""
         every = (self, *others)
@@ -105,6 +118,19 @@ class Regressors:
     def gram(self) -> Array:
         """Their products (d x d)."""
         return np.asarray(self.values.T @ self.values)
+
+    def beside_own(self, *widths: int) -> Labels:
+        """Return kinds, groups, poles, rates with so many columns of the scene, faults and delays after."""
+        if widths not in self._beside:
+            own = np.repeat([RegressorKind.SCENE, RegressorKind.FAULT, RegressorKind.BEFORE], widths)
+            none = np.full(len(own), -1)
+            self._beside[widths] = (
+                np.concatenate([self.kind, own]),
+                np.concatenate([self.group, none]),
+                np.concatenate([self.pole, none]),
+                np.concatenate([self.rate, none]),
+            )
+        return self._beside[widths]
 
     def replaced(self, values: Array) -> Regressors:
         """Return the regressors with other values, such as whitened ones."""
@@ -148,6 +174,16 @@ class SaturatedCoordinates:
     energy: float
     left: float
 
+    @cached_property
+    def tested(self) -> int:
+        """Number of directions that are tested, the first ones: all but delayed residuals."""
+        return int(np.count_nonzero(self.kind < RegressorKind.BEFORE))
+
+    @cached_property
+    def free(self) -> NDArray[np.bool_]:
+        """Mask of directions of lines and modes (m)."""
+        return self.kind <= RegressorKind.MODE
+
 
 class ChannelColumns(NamedTuple):
     """The saturated model of one channel (rows): `prediction`, `residual`, derivatives.
@@ -164,10 +200,20 @@ class ChannelColumns(NamedTuple):
     before: Array
 
 
-def regressors_in_time(
-    signals: Sequence[Signal], inputs: Sequence[Array], poles: ComplexArray, times: Array, most: int
-) -> Regressors:
-    """Return the regressors that the channels of a record of time share.
+class ForcedRegressors(NamedTuple):
+    """Regressors of a record that do not depend on an estimate: lines and direct terms, `direct`.
+
+    `forces` (times x any) are those that are no sums of few sines, to which the modes respond.
+    """
+
+    direct: Regressors
+    forces: Array
+
+
+def forced_regressors(
+    signals: Sequence[Signal], inputs: Sequence[Array], times: Array, most: int
+) -> ForcedRegressors:
+    """Return the regressors of the forces, which the channels of a record of time share.
 
     Parameters
     ----------
@@ -175,8 +221,6 @@ def regressors_in_time(
         The inputs as signals.
     inputs
         Their values, and their derivatives (times x signals).
-    poles
-        Poles of the model, 1/s.
     times
         Sampling times, s, evenly spaced.
     most
@@ -196,16 +240,30 @@ def regressors_in_time(
         sine = np.column_stack([np.cos(phase), np.sin(phase)])
         found.append(sine if omega else np.ones((len(times), 1)))
     found += [_unit(values[:, [k]]) for values in inputs for k in broad]
-    direct = Regressors.of(RegressorKind.LINE, found, len(times))
-    step, span = _spacing(times)
-    budget = max(0, most - direct.values.shape[1]) // (4 * (1 + len(broad)))
-    kept = upper_poles(poles, math.pi / step, _FAST / step)[:budget]
     forces = _unit(inputs[0][:, broad]) if broad else np.zeros((len(times), 0))
-    modes, moves = _modes(kept, forces, times)
-    each = [pole for pole, pairs in zip(kept, modes, strict=True) for _ in pairs]
-    flat = [[pair for pairs in part for pair in pairs] for part in (modes, moves)]
-    free = Regressors.of(RegressorKind.MODE, flat[0], len(times), each)
-    return direct.beside(free, Regressors.of(RegressorKind.POLE, flat[1], len(times), each, span))
+    return ForcedRegressors(Regressors.of(RegressorKind.LINE, found, len(times)), forces)
+
+
+def regressors_in_time(forced: ForcedRegressors, poles: ComplexArray, times: Array, most: int) -> Regressors:
+    """Return the regressors that the channels of a record of time share.
+
+    Parameters
+    ----------
+    forced
+        Those of the forces.
+    poles
+        Poles of the model, 1/s.
+    times, most
+        As of `forced_regressors`.
+    """
+    (direct, forces), (step, span) = forced, _spacing(times)
+    budget = max(0, most - direct.values.shape[1]) // (4 * (1 + forces.shape[1]))
+    kept = upper_poles(poles, math.pi / step, _FAST / step)[:budget]
+    modes, moves, each = _modes(kept, forces, times)
+    return direct.beside(
+        Regressors.of_poles(RegressorKind.MODE, modes, each),
+        Regressors.of_poles(RegressorKind.POLE, moves, each, span),
+    )
 
 
 def _unit(values: Array) -> Array:
@@ -228,19 +286,42 @@ def upper_poles(poles: ComplexArray, fastest: float, shortest: float) -> Complex
     return np.asarray(upper[np.argsort(np.abs(upper), kind="stable")])
 
 
-def _modes(poles: ComplexArray, forces: Array, times: Array) -> tuple[list[list[Array]], list[list[Array]]]:
-    """Return of each pole the columns of forced response and free decay, and their derivatives by it."""
-    _, span = _spacing(times)
-    modes: list[list[Array]] = []
-    moves: list[list[Array]] = []
-    since = (times - times[0]) / span
-    for pole in poles:
-        # A growing mode is scaled to its end: only the direction of a column matters.
-        decay = np.exp(pole * span * (since - (1.0 if pole.real > 0 else 0.0)))
-        forced, moved = _forced(pole, forces, times)
-        modes.append([_pair(column, pole) for column in (*forced, decay)])
-        moves.append([_pair(column, pole) for column in (*moved, since * decay)])
-    return modes, moves
+def _modes(
+    poles: ComplexArray, forces: Array, times: Array
+) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+    """Return forced responses and free decays of poles, their derivatives by the pole, and the pole of each.
+
+    The columns (times x groups) stand pole by pole, the free decay of a pole last.
+    """
+    step, _ = _spacing(times)
+    decays = _decays(poles * step, len(times))
+    since = (np.arange(len(times)) / max(len(times) - 1, 1))[:, None]
+    if not forces.shape[1]:
+        return decays, since * decays, poles
+    modes, moves, each = [], [], []
+    for pole, decay in zip(poles, decays.T, strict=True):
+        forced, by_pole = _forced(pole, forces, times)
+        modes += [*forced, decay]
+        moves += [*by_pole, since[:, 0] * decay]
+        each += [pole] * (len(forced) + 1)
+    shape = (len(times), len(each))
+    free, moved = (np.asarray(part, dtype=complex).reshape(shape[::-1]).T for part in (modes, moves))
+    return free, moved, np.asarray(each, dtype=complex)
+
+
+def _decays(exponents: ComplexArray, rows: int) -> ComplexArray:
+    """Return exp(k exponents), k = 0, 1, … (rows x exponents); growing ones are scaled to their end.
+
+    Only the direction of a column matters. Blocks of rows are products of two exponentials, none above 1.
+    """
+    height = math.isqrt(rows) + 1
+    blocks = -(-rows // height)
+    growing = exponents.real > 0
+    inside, first = np.arange(height)[:, None], height * np.arange(blocks)[:, None]
+    inner = np.exp(exponents * np.where(growing, inside - (height - 1), inside))
+    outer = np.exp(exponents * np.where(growing, first - height * (blocks - 1), first))
+    every = (outer[:, None] * inner).reshape(height * blocks, len(exponents))
+    return every[:rows] if not growing.any() else np.where(growing, every[-rows:], every[:rows])
 
 
 def _forced(pole: complex, forces: Array, times: Array) -> tuple[list[ComplexArray], list[ComplexArray]]:
@@ -262,11 +343,6 @@ def _forced(pole: complex, forces: Array, times: Array) -> tuple[list[ComplexArr
     )
 
 
-def _pair(column: ComplexArray, pole: complex) -> Array:
-    """Return the real columns that a complex one spans with its conjugate; of a real pole one."""
-    return np.column_stack([column.real, column.imag] if pole.imag else [column.real])
-
-
 def most_regressors(rows: int) -> int:
     """Return how many regressors a channel of so many values may have besides the scene's own."""
     return min(SATURATED.value, rows // _COLUMN_PART)
@@ -274,13 +350,17 @@ def most_regressors(rows: int) -> int:
 
 def fault_columns(prediction: Array) -> Array:
     """Return regressors of faults (times x 4): a trend, and harmonics of a prediction."""
-    rows = len(prediction)
-    return np.column_stack([np.ones(rows), np.linspace(-1, 1, rows), prediction**2, prediction**3])
+    rows, squares = len(prediction), prediction**2
+    return np.stack([np.ones(rows), np.linspace(-1, 1, rows), squares, squares * prediction]).T
 
 
 def delayed_residuals(residual: Array) -> Array:
     """Return the delayed residuals (times x any) of a channel (times), 0 where a value is missing."""
-    return np.column_stack([np.zeros((len(residual), 0)), *_delayed(residual)])
+    lags = min(_LAGS, len(residual) // _LAG_PART)
+    delayed = np.zeros((lags, len(residual)))
+    for lag in range(1, lags + 1):
+        delayed[lag - 1, lag:] = residual[:-lag]
+    return delayed.T
 
 
 def regressors_by_line(poles: ComplexArray, omega: Array, profile: Array, most: int) -> Regressors:
@@ -323,15 +403,9 @@ def _parts(values: ComplexArray) -> Array:
 def delayed_residuals_by_line(residual: Array) -> Array:
     """Return the residuals delayed by lines (2 L x any), real parts above imaginary ones."""
     real, imaginary = np.split(residual, 2)
-    each = [*zip(_delayed(real), _delayed(imaginary), strict=True)]
+    each = zip(delayed_residuals(real).T, delayed_residuals(imaginary).T, strict=True)
     turned = [part for a, b in each for part in (np.concatenate([a, b]), np.concatenate([-b, a]))]
     return np.column_stack([np.zeros((len(residual), 0)), *turned])
-
-
-def _delayed(residual: Array) -> Iterator[Array]:
-    """Yield the residuals (rows) delayed by one row, by two, and so on."""
-    for lag in range(1, min(_LAGS, len(residual) // _LAG_PART) + 1):
-        yield np.concatenate([np.zeros(lag), residual[:-lag]])
 
 
 def saturated_coordinates(shared: Regressors, channel: ChannelColumns, count: float) -> SaturatedCoordinates:
@@ -346,37 +420,32 @@ def saturated_coordinates(shared: Regressors, channel: ChannelColumns, count: fl
     count
         How many independent values it has.
     """
-    named = [
-        channel.prediction[:, None],
-        channel.by_parameter,
-        channel.by_state,
-        channel.faults,
-        channel.before,
-    ]
-    own = np.concatenate([*named, channel.residual[:, None]], axis=1)
-    largest = np.abs(own).max(axis=0, initial=0.0)
-    own /= np.where(largest > 0, largest, 1.0)
-    across = shared.values.T @ own
-    gram = np.block([[shared.gram, across], [across.T, own.T @ own]])
+    sides = (channel.by_parameter.T, channel.by_state.T, channel.faults.T, channel.before.T)
+    own = np.concatenate([channel.prediction[None], *sides, channel.residual[None]])
+    largest = np.abs(own).max(axis=1, initial=0.0)
+    own /= np.where(largest > 0, largest, 1.0)[:, None]
+    first, p = shared.values.shape[1], channel.by_parameter.shape[1]
+    gram = np.empty((first + len(own), first + len(own)))
+    gram[:first, :first], gram[first:, first:] = shared.gram, own @ own.T
+    gram[first:, :first] = own @ shared.values
+    gram[:first, first:] = gram[first:, :first].T
     size = np.sqrt(gram.diagonal())
     unit = np.where(size > 0, size, 1.0)
-    gram = gram / unit / unit[:, None]
-    norms = size * np.concatenate([np.ones(len(shared.kind)), largest])
-    first, p = shared.values.shape[1], channel.by_parameter.shape[1]
+    gram /= unit
+    gram /= unit[:, None]
+    size[first:] *= largest
     last = first + 1 + p + channel.by_state.shape[1]
-    widths = [last - first, channel.faults.shape[1], channel.before.shape[1]]
-    kinds = np.repeat([RegressorKind.SCENE, RegressorKind.FAULT, RegressorKind.BEFORE], widths)
-    group, pole, rate = (
-        np.concatenate([part, np.full(len(kinds), -1)]) for part in (shared.group, shared.pole, shared.rate)
+    kinds, group, pole, rate = shared.beside_own(
+        last - first, channel.faults.shape[1], channel.before.shape[1]
     )
     active, most = len(gram) - 1, int(count) - 1
     found = _triangle(gram, active, most)
     if found is None:
-        columns = np.concatenate([shared.values, own], axis=1) / unit
+        columns = np.concatenate([shared.values, own.T], axis=1) / unit
         found = _orthogonalised(np.asarray(np.linalg.qr(columns, mode="r")), active, most)
-    places, R = found[0], found[1] * norms
+    places, R = found[0], found[1] * size
     return SaturatedCoordinates(
-        kind=np.concatenate([shared.kind, kinds])[places],
+        kind=kinds[places],
         group=group[places],
         pole=pole[places],
         rate=rate[places],

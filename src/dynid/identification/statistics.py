@@ -40,8 +40,9 @@ def standardised(residual: Array) -> Array:
 def autocovariances(values: Array, lags: int) -> Array:
     """Return the products of values (times x channels) with those 1, 2, … before, summed (lags x …)."""
     each = np.ascontiguousarray(values.T)
-    sums = [np.einsum("ct,ct->c", each[:, lag:], each[:, :-lag]) for lag in range(1, lags + 1)]
-    return np.reshape(sums, (lags, values.shape[1]))
+    delayed = np.concatenate([np.zeros((len(each), lags)), each], axis=1)
+    sums = [np.correlate(long, own, "valid")[:lags][::-1] for long, own in zip(delayed, each, strict=True)]
+    return np.reshape(sums, (len(each), lags)).T
 
 
 def chi_squared_tail(degrees: int, x: float) -> float:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ from dynid.identification.noise import Autoregression, ColouredNoise, estimated
 from dynid.identification.parametric_model import ParametricModel, freed_coordinates
 from dynid.identification.prediction import (
     Free,
+    Prediction,
     Trajectory,
     forced_by,
     free_prediction,
@@ -38,9 +40,11 @@ from dynid.identification.record_likelihood import RecordFit, RecordLikelihood
 from dynid.identification.residual_tests import spectrum
 from dynid.identification.saturated_model import (
     ChannelColumns,
+    ForcedRegressors,
     SaturatedCoordinates,
     delayed_residuals,
     fault_columns,
+    forced_regressors,
     most_regressors,
     regressors_in_time,
     saturated_coordinates,
@@ -54,8 +58,22 @@ Array = NDArray[np.float64]
 
 # The prior lets every channel be this many times larger than measured.
 _WIDE = 10.0
+# Numbers of the largest sensitivities that are kept from a fit for the tests of it.
+_KEPT = 1_000_000
 # Noise below this part of the RMS is not assumed: the covariance would lose its digits.
 _LEAST_NOISE = 1e-4
+
+
+_FORCED: WeakKeyDictionary[ParametricModel, dict[int, ForcedRegressors]] = WeakKeyDictionary()
+
+
+def _forced(model: ParametricModel, most: int) -> ForcedRegressors:
+    """Return the regressors of a model's forces, of which there may be so many; made once."""
+    known = _FORCED.setdefault(model, {})
+    if most not in known:
+        inputs = [model.inputs(order) for order in (0, 1)]
+        known[most] = forced_regressors(model.signals, inputs, model.times, most)
+    return known[most]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +99,7 @@ class TimeRecord(RecordLikelihood):
     experiment: Experiment | None = None
     sharing: int = 1
     colour: Autoregression | None = None
+    _last: dict[bytes, Prediction] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def channels(self) -> Sequence[Channel]:
@@ -157,14 +176,39 @@ class TimeRecord(RecordLikelihood):
 
         Channels are weighted by `noise`, their standard deviations (channels); absent: by their RMS.
         """
-        free, steps = free_prediction(self.model, eta)
-        x0 = self._start(free, values, noise)
-        predicted = prediction(self.model, eta, x0, free, steps)
-        residual = values - predicted.outputs
-        found, counts = self._triangles(residual, predicted.by_state, predicted.by_parameter)
+        model = self.model
+        if self.colour is None and model.sampling is None and kernels_used(model):
+            from dynid.identification import kernels
+
+            at, record = kernels.steps_at(model, eta), kernels.fitted(model, eta, values, self.data.rms)
+            by_state, rows = kernels.begin_fit(model, at, record)
+            x0 = self._start(rows, noise)
+            ended, residual, found, counts = kernels.end_fit(model, at, record, x0, by_state)
+            predicted = Prediction(*ended, by_state)
+        else:
+            free, steps = free_prediction(model, eta)
+            x0 = self._start(self._rows(free, values), noise)
+            predicted = prediction(model, eta, x0, free, steps)
+            residual = values - predicted.outputs
+            found, counts = self._triangles(residual, predicted.by_state, predicted.by_parameter)
+        self._remember(eta, x0, predicted)
         size = np.sqrt(np.einsum("cr,cr->c", found[..., -1], found[..., -1]) / counts) * self.data.rms
         trajectory = Trajectory(predicted.outputs, predicted.states, x0)
         return RecordFit(eta, trajectory, residual, counts, size, self.noise_in(counts, size), found)
+
+    def _predicted(self, fit: RecordFit) -> Prediction:
+        """Return the prediction of a fit with all sensitivities: that of the fit itself, if kept."""
+        key = fit.eta.tobytes() + fit.predicted.start.tobytes()
+        if key not in self._last:
+            free, steps = free_prediction(self.model, fit.eta)
+            return prediction(self.model, fit.eta, fit.predicted.start, free, steps)
+        return self._last[key]
+
+    def _remember(self, eta: Array, x0: Array, predicted: Prediction) -> None:
+        """Keep the prediction of the last fit, if it is small."""
+        self._last.clear()
+        if predicted.by_state.size <= _KEPT:
+            self._last[eta.tobytes() + x0.tobytes()] = predicted
 
     # Noise model.
 
@@ -197,8 +241,7 @@ class TimeRecord(RecordLikelihood):
         wanted = self.wanted_noise
         if wanted is None:
             return self
-        free, steps = free_prediction(self.model, fit.eta)
-        found = prediction(self.model, fit.eta, fit.predicted.start, free, steps)
+        found = self._predicted(fit)
         root = _initial_root(self, fit, np.maximum(fit.noise, np.finfo(float).eps * self.data.rms), known)
         errors = np.concatenate([found.by_state, found.by_parameter], axis=2) @ root
         orders = self.colour.orders if settling and self.colour is not None else None
@@ -267,14 +310,18 @@ class TimeRecord(RecordLikelihood):
     def residual(self, eta: Array) -> Array:
         """Return the residual of the fit at coordinates `eta` (times x channels), NaN where missing."""
         free, _ = free_prediction(self.model, eta)
-        x0 = self._start(free, self.data.values, None)
+        x0 = self._start(self._rows(free, self.data.values), None)
         return np.asarray(self.data.values - free.forced - free.by_state @ x0)
 
-    def _start(self, free: Free, values: Array, noise: Array | None) -> Array:
-        """Return the initial state that fits `values` best (n), as of `fit`."""
+    def _rows(self, free: Free, values: Array) -> Array:
+        """Return triangles of the derivatives by the initial state, and of what `values` have beside it."""
         forced = free.forced + free.by_state @ self.model.initial
-        weight = 1.0 if noise is None else (self.data.rms / noise)[:, None, None]
-        rows = self._triangles(values - forced, free.by_state, free.by_state[..., :0])[0] * weight
+        return self._triangles(values - forced, free.by_state, free.by_state[..., :0])[0]
+
+    def _start(self, rows: Array, noise: Array | None) -> Array:
+        """Return the initial state (n) by triangles (channels x n + 1 x n + 1), as of `fit`."""
+        if noise is not None:
+            rows = rows * (self.data.rms / noise)[:, None, None]
         matrix = (rows[..., :-1] @ self.root).reshape(-1, len(self.root))
         # Rank-revealing: initial states that are not observable stay at zero.
         shift = least_squares(matrix, rows[..., -1].ravel(), STATE_RANK)
@@ -315,26 +362,25 @@ class TimeRecord(RecordLikelihood):
             outputs = self.series(np.where(present, outputs, np.nan))
         signal = float(np.linalg.norm(np.where(present, outputs, 0.0) / noise))
         count = int(np.count_nonzero(present))
-        found = information(names, rows[:, n : n + p], rows[:, :n] @ self.root, signal, count)
-        return replace(found, values=values(self.unknowns, fit.eta), rates=rates(self.unknowns, fit.eta))
+        at = values(self.unknowns, fit.eta), rates(self.unknowns, fit.eta)
+        return information(names, rows[:, n : n + p], rows[:, :n] @ self.root, signal, count, *at)
 
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
         """Return the channels, in units of their RMS, in directions of their saturated models."""
-        free_and_steps = free_prediction(self.model, fit.eta)
-        predicted = prediction(self.model, fit.eta, fit.predicted.start, *free_and_steps)
+        predicted = self._predicted(fit)
         times, white = self.model.times, self.data.passed == 1
         most = most_regressors(int(self.data.counts.min() * min(1.0, self.data.passed)))
-        inputs = [self.model.inputs(order) for order in (0, 1)]
-        shared = regressors_in_time(self.model.signals, inputs, self.model.poles(fit.eta), times, most)
+        shared = regressors_in_time(_forced(self.model, most), self.model.poles(fit.eta), times, most)
         found = []
         for c, rms in enumerate(self.data.rms):
             there = ~np.isnan(fit.residual[:, c])
-            weight = there / rms
-            outputs = predicted.outputs[:, c] * weight
-            residual = np.nan_to_num(fit.residual[:, c]) * weight
-            by_state = predicted.by_state[:, c] @ self.root * weight[:, None]
-            by_parameter = predicted.by_parameter[:, c] * weight[:, None]
-            faults, own = fault_columns(outputs) * there[:, None], shared
+            outputs, residual = predicted.outputs[:, c] / rms, fit.residual[:, c] / rms
+            by_state = np.ascontiguousarray(predicted.by_state[:, c]) @ (self.root / rms)
+            by_parameter, own = predicted.by_parameter[:, c] / rms, shared
+            if not there.all():
+                outputs, residual = np.where(there, outputs, 0.0), np.where(there, residual, 0.0)
+                by_state, by_parameter = by_state * there[:, None], by_parameter * there[:, None]
+            faults = fault_columns(outputs) * there[:, None]
             if self.colour is not None:  # channel by channel, whether they are correlated or not
                 parts = (shared.values, outputs, residual, by_state, by_parameter, faults)
                 regressors, outputs, residual, by_state, by_parameter, faults = self.colour.of_channel(
@@ -355,8 +401,7 @@ class TimeRecord(RecordLikelihood):
         """Return the derivatives by the calibration, for a noise of this deviation (channels)."""
         model, n, p = self.model, self.model.states, self.model.parameters
         names, changes, columns = self._by_loads(fit)
-        free, steps = free_prediction(model, fit.eta)
-        found = prediction(model, fit.eta, fit.predicted.start, free, steps)
+        found = self._predicted(fit)
         considered, moved = self._by_considered(fit)
         names += [one.name for one in considered]
         changes += [one.deviation for one in considered]

@@ -11,7 +11,6 @@ import os
 from functools import cache
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
@@ -24,7 +23,7 @@ Array: TypeAlias = NDArray[Any]
 
 VARIABLE = "DYNID_COMPILED"
 #: The version of the functions' arguments, as in `abi.c`: a library of another one is not used.
-ABI = 4
+ABI = 5
 _NO_MEMORY = -(2**63)
 
 
@@ -72,29 +71,40 @@ def _loaded(path: Path) -> ctypes.CDLL | None:
 
 def structure(**members: int | float | Array | None) -> Any:
     """Return a C structure of 64-bit members in this order; it keeps the arrays that it points to alive."""
-    kept = [member for member in members.values() if isinstance(member, np.ndarray)]
-    made = _layout(tuple((name, isinstance(member, float)) for name, member in members.items()))(
-        *(_address(member) if member is None or isinstance(member, np.ndarray) else member
-          for member in members.values())
-    )  # fmt: skip
-    made.kept = kept
+    given = [member if isinstance(member, int | float) else _address(member) for member in members.values()]
+    made = _layout(tuple(members), tuple(map(type, given)))(*given)
+    made.kept = members
     return made
 
 
 @cache
-def _layout(members: tuple[tuple[str, bool], ...]) -> Any:
+def _layout(names: tuple[str, ...], types: tuple[type, ...]) -> Any:
     import ctypes
 
-    kinds = [(name, ctypes.c_double if real else ctypes.c_int64) for name, real in members]
-    return type("Members", (ctypes.Structure,), {"_fields_": kinds})
+    kinds = [ctypes.c_double if each is float else ctypes.c_int64 for each in types]
+    return type("Members", (ctypes.Structure,), {"_fields_": list(zip(names, kinds, strict=True))})
 
 
 def _address(array: Array | None) -> int:
+    import ctypes
+
     if array is None:
         return 0
     if not array.flags.c_contiguous:
         raise ValueError("an array for the library must be contiguous")
+    if array.flags.writeable and array.size:  # three times as fast as the attribute
+        return ctypes.addressof(ctypes.c_char.from_buffer(array.data))
     return array.ctypes.data
+
+
+@cache
+def _function(name: str) -> Any:
+    """Return a function of the library, which returns a 64-bit integer."""
+    import ctypes
+
+    function = getattr(found(), name)
+    function.restype = ctypes.c_int64
+    return function
 
 
 def call(name: str, *arguments: Any) -> int:
@@ -107,8 +117,7 @@ def call(name: str, *arguments: Any) -> int:
     """
     import ctypes
 
-    function = getattr(found(), name)
-    function.restype = ctypes.c_int64
+    function = _function(name)
     given: list[Any] = []
     for each in arguments:
         if isinstance(each, ctypes.Structure):

@@ -4,7 +4,7 @@
 #endif
 
 /* The version of the functions' arguments, as in `__init__.py`. */
-ENTRY int64_t dynid_abi(void) { return 4; }
+ENTRY int64_t dynid_abi(void) { return 5; }
 
 /* Return 1 if this machine has wide registers and fused multiply-adds, and its system keeps them. */
 ENTRY int64_t dynid_wide(void) {

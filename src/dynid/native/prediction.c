@@ -15,18 +15,21 @@ ENTRY int64_t dynid_prepare(const Tables *t, const Linear *at, uint8_t *missed) 
 ENTRY int64_t dynid_free(const Tables *t, const Linear *at, int64_t channels, const double *C,
                          const double *direct, double *outputs, double *by_state) {
   const int64_t n = t->n, q = t->q, fed = n + q, beside = 1 + t->p, wide = at->wide, tall = at->tall;
-  const int64_t width = padded(n), pitch = tall / n;
-  double *all = calloc(padded(fed) + wide + 2 * channels * width, sizeof(double)), *arena = all;
+  const int64_t width = padded(n), pitch = tall / n, rows = t->lengths * fed;
+  double *all = calloc(padded(fed) + width + 2 * channels * width + rows * width, sizeof(double)), *arena = all;
   if (!all) return NO_MEMORY;
-  double *driven = taken(&arena, fed), *moved = taken(&arena, wide);
+  double *driven = taken(&arena, fed), *moved = taken(&arena, width);
   double *read = taken(&arena, channels * width), *next = taken(&arena, channels * width);
+  double *steps = taken(&arena, rows * width); /* the states of `forward`, without their derivatives */
+  for (int64_t k = 0; k < rows; k++)
+    for (int64_t i = 0; i < n; i++) steps[k * width + i] = at->forward[k * wide + i * beside];
   for (int64_t c = 0; c < channels; c++) memcpy(read + c * width, C + c * n, n * sizeof(double));
   for (int64_t node = 0; node < t->nodes; node++) {
     if (node > 0) {
       const int64_t length = t->which[node - 1];
       memcpy(driven + n, t->W + (node - 1) * q, q * sizeof(double));
-      row_product(fed, wide, driven, at->forward + length * fed * wide, wide, moved);
-      for (int64_t i = 0; i < n; i++) driven[i] = moved[i * beside];
+      row_product(fed, width, driven, steps + length * fed * width, width, moved);
+      memcpy(driven, moved, n * sizeof(double));
       product(channels, n, width, read, width, at->phis + length * beside * tall, pitch, next, width);
       double *swapped = read;
       read = next;
@@ -118,7 +121,7 @@ INLINE void balance(int64_t rows, int64_t columns, int64_t pitch, const double *
   for (int64_t r = 0; r < rows; r++)
     for (int64_t c = 0; c < columns; c++) {
       const double size = fabs(first[r * pitch + c]);
-      if (size > powers[c]) powers[c] = size; /* no NaN is larger */
+      powers[c] = size > powers[c] ? size : powers[c]; /* no NaN is larger */
     }
   for (int64_t c = 0; c < columns; c++) {
     int exponent = 0;
@@ -135,23 +138,24 @@ ENTRY int64_t dynid_triangles(int64_t samples, int64_t channels, int64_t n, int6
                               const double *by_parameter, const double *residual, const double *rms,
                               double *out, int64_t *counts) {
   const int64_t w = n + p + 1;
-  double *all = calloc(w * ROWS + 2 * padded(w), sizeof(double)), *block = all, *products = all + w * ROWS;
-  double *powers = products + padded(w);
+  double *all = calloc(w * ROWS + 3 * padded(w), sizeof(double)), *block = all, *products = all + w * ROWS;
+  double *powers = products + padded(w), *inverse = powers + padded(w);
   if (!all) return NO_MEMORY;
   for (int64_t channel = 0; channel < channels; channel++) {
     counts[channel] = 0;
     balance(samples, n, channels * n, by_state + channel * n, powers);
     balance(samples, p, channels * p, by_parameter + channel * p, powers + n);
     balance(samples, 1, channels, residual + channel, powers + n + p);
+    for (int64_t c = 0; c < w; c++) inverse[c] = 1.0 / powers[c]; /* exact */
     for (int64_t first = 0; first < samples; first += ROWS) {
       memset(block, 0, w * ROWS * sizeof(double));
       for (int64_t r = 0; r < ROWS && first + r < samples; r++) {
         const int64_t place = (first + r) * channels + channel;
         if (isnan(residual[place])) continue;
         counts[channel]++;
-        for (int64_t c = 0; c < n; c++) block[c * ROWS + r] = by_state[place * n + c] / powers[c];
-        for (int64_t c = 0; c < p; c++) block[(n + c) * ROWS + r] = by_parameter[place * p + c] / powers[n + c];
-        block[(n + p) * ROWS + r] = residual[place] / powers[n + p];
+        for (int64_t c = 0; c < n; c++) block[c * ROWS + r] = by_state[place * n + c] * inverse[c];
+        for (int64_t c = 0; c < p; c++) block[(n + c) * ROWS + r] = by_parameter[place * p + c] * inverse[n + c];
+        block[(n + p) * ROWS + r] = residual[place] * inverse[n + p];
       }
       reflect(out + channel * w * w, block, products, w);
     }
@@ -160,4 +164,49 @@ ENTRY int64_t dynid_triangles(int64_t samples, int64_t channels, int64_t n, int6
   }
   free(all);
   return 0;
+}
+
+/* A record as a fit reads it: n states, p parameters. */
+typedef struct {
+  int64_t channels, samples;
+  const double *C, *C_slopes;           /* channels x n; p x channels x n, absent where they vanish */
+  const double *direct, *direct_slopes; /* samples x channels; p x samples x channels, or absent */
+  const double *rms, *initial;          /* channels; n */
+  const double *values;                 /* samples x channels; NaN: missing */
+} Fitted;
+
+/* Fill the derivatives by the first state (samples x channels x n), and the triangular factors (channels x
+ * n + 1 x n + 1) of these and of what is left of the values by the given part of the first state. */
+ENTRY int64_t dynid_begin_fit(const Tables *t, const Linear *at, const Fitted *r, double *by_state,
+                              double *factors) {
+  const int64_t n = t->n, count = r->samples * r->channels;
+  double *residual = malloc((count + r->channels) * sizeof(double));
+  if (!residual) return NO_MEMORY;
+  int64_t done = dynid_free(t, at, r->channels, r->C, r->direct, residual, by_state);
+  for (int64_t k = 0; k < count; k++) {
+    double given = 0.0;
+    for (int64_t i = 0; i < n; i++) given += by_state[k * n + i] * r->initial[i];
+    residual[k] = r->values[k] - (residual[k] + given);
+  }
+  if (!done)
+    done = dynid_triangles(r->samples, r->channels, n, 0, by_state, by_state, residual, r->rms, factors,
+                           (int64_t *)(residual + count));
+  free(residual);
+  return done;
+}
+
+/* Fill outputs from a first state, states, derivatives by the coordinates, residuals, the triangular factors
+ * (channels x w x w, w = n + p + 1) of derivatives and residuals, and the number of values of each channel. */
+ENTRY int64_t dynid_end_fit(const Tables *t, const Linear *at, const Fitted *r, const double *start,
+                            const double *by_state, double *outputs, double *states, double *by_parameter,
+                            double *residual, double *factors, int64_t *counts) {
+  const int64_t n = t->n, p = t->p, count = r->samples * r->channels;
+  if (dynid_sensitive(t, at, r->channels, r->C, r->C_slopes, r->direct, start, outputs, states, by_parameter))
+    return NO_MEMORY;
+  for (int64_t k = 0; k < count; k++) residual[k] = r->values[k] - outputs[k];
+  if (r->direct_slopes)
+    for (int64_t j = 0; j < p; j++)
+      for (int64_t k = 0; k < count; k++) by_parameter[k * p + j] += r->direct_slopes[j * count + k];
+  return dynid_triangles(r->samples, r->channels, n, p, by_state, by_parameter, residual, r->rms, factors,
+                         counts);
 }

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from dynid.arithmetic.numbers import OutOfRangeError, to_fraction
 from dynid.errors import DynidError
 from dynid.identification.identify import SharedRecords
+from dynid.identification.measurement import Experiment
+from dynid.identification.simulation import Simulation
 from dynid.result import Variable
 from dynid.scene.batch import run_alone
 from dynid.scene.collect import CollectedResult, gather
@@ -148,9 +150,23 @@ class _RecordBatch:
         self._setting = setting(scene, self._structure)
         self._same = not any(place.joint for place in places.values())
         changed = {place.name for place in places.values()}
+        records = self._setting.experiments
+        self._seeds = changed == {"seed"} and all(
+            isinstance(one.measurement.source, Simulation) for one in records
+        )
         self._common: SharedRecords | None = None
         if self._setting.truth.basis is None and "true" not in changed:
             self._common = SharedRecords.of(*self._setting, same=self._same)
+
+    def _seeded(self, override: Mapping[str, Any]) -> list[Experiment]:
+        """Return the records with the seed of a sample, which is all that varies."""
+        (seed,) = override.values()
+        return [
+            Experiment(
+                loads, replace(measurement, source=replace(cast("Simulation", measurement.source), seed=seed))
+            )
+            for loads, measurement in self._setting.experiments
+        ]
 
     def run(self, override: Mapping[str, Any], collect: tuple[str, ...]) -> Mapping[str, Variable] | None:
         """Return the collected arrays of a sample; None for one that is to be run alone."""
@@ -163,7 +179,9 @@ class _RecordBatch:
         scene, result = Scene(self._scene.source, model), CollectedResult("identification", collect)
         try:
             structure = self._structure if self._same else structure_of(scene)
-            if self._same:
+            if self._seeds:
+                made = self._setting._replace(experiments=self._seeded(override))
+            elif self._same:
                 assert model.measurement is not None
                 records = experiments(scene, model.excitation, model.measurement, structure)
                 made = self._setting._replace(experiments=records)
