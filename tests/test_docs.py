@@ -13,7 +13,12 @@ from dynid.scene.load import load_scene
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-PAGES = {page.relative_to(DOCS).as_posix(): page.read_text() for page in sorted(DOCS.rglob("*.md"))}
+TOPICS = DOCS / "reference" / "topics"  # copies of src/dynid/topics
+PAGES = {
+    page.relative_to(DOCS).as_posix(): page.read_text()
+    for page in sorted(DOCS.rglob("*.md"))
+    if page.parent != TOPICS
+}
 _spec = importlib.util.spec_from_file_location("replay", DOCS / "replay.py")
 replay = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(replay)

@@ -19,41 +19,6 @@ def hook(name):
     return module
 
 
-@pytest.fixture(scope="module")
-def scenes():
-    module = hook("scene_reference")
-    pages = {
-        page.relative_to(ROOT / "docs").as_posix(): page.read_text() for page in ROOT.glob("docs/**/*.md")
-    }
-    marks = {name: module._MARK.search(text) for name, text in pages.items()}
-    return module.Reference({name: mark["names"].split() for name, mark in marks.items() if mark})
-
-
-def test_every_part_of_a_scene_is_shown_once(scenes):
-    shown = [name for names in scenes.order.values() for name in names]
-    assert sorted(shown) == sorted(scenes.parts)
-
-
-def test_a_key_says_what_it_takes_its_range_and_its_default(scenes):
-    text = scenes.text("reference/scenes/index.md")
-    assert "| `points` | integer, 1 … 10,000,000 | `200` | Number of frequencies. |" in text
-    assert "| `stop` | quantity, > 0 | **needed** | Highest frequency. |" in text
-    assert "| `unit` | `rad/s`, `Hz` | `rad/s` | Unit of `start` and `stop`. |" in text
-
-
-def test_a_part_of_another_page_is_linked_there(scenes):
-    text = scenes.text("reference/scenes/bond-graph.md")
-    assert "| `frequency` | [mapping](index.md#FrequencyGrid) |" in text
-
-
-def test_a_part_that_does_not_exist_or_is_not_shown_fails_the_build():
-    module = hook("scene_reference")
-    with pytest.raises(module.PluginError, match="no part of a scene is called Nothing"):
-        module.Reference({"page.md": ["Nothing"]})
-    with pytest.raises(module.PluginError, match="no page shows the parts"):
-        module.Reference({"page.md": ["Expectation"]})
-
-
 def test_formulas_become_mathml():
     pytest.importorskip("latex2mathml", reason="latex2mathml is in the extra docs")
     formulas = hook("formulas")
@@ -85,9 +50,3 @@ def test_a_page_that_needs_the_network_fails_the_build(loaded):
     assert alone.on_post_page(page, PAGE) == page
     with pytest.raises(alone.PluginError, match=r"theory/page\.md loads"):
         alone.on_post_page(page + loaded, PAGE)
-
-
-def test_commands_are_shown_with_their_options():
-    text = hook("command_reference").on_page_markdown("<!-- commands -->")
-    assert "### dynid run" in text
-    assert "--junit" in text

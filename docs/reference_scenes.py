@@ -1,4 +1,4 @@
-"""Reference pages of scenes, generated from their JSON Schema.
+"""Reference pages of scenes, generated from their JSON Schema, for docs/reference.py.
 
 A page names the parts that it is about, `<!-- scene parts: SceneModel Expectation -->`, by the classes of the
 schema; each becomes a table of its keys, followed by the parts that it leads to and no other page is about.
@@ -6,24 +6,16 @@ schema; each becomes a table of its keys, followed by the parts that it leads to
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from posixpath import dirname, relpath
-from typing import TYPE_CHECKING, Any
-
-from mkdocs.exceptions import PluginError
+from typing import Any
 
 from dynid.scene.kind import KINDS
 from dynid.scene.schema.base import SceneModel
 from dynid.scene.schema.json_schema import scene_schema
 
-if TYPE_CHECKING:
-    from mkdocs.structure.files import Files
-    from mkdocs.structure.pages import Page
-
 Schema = dict[str, Any]
 
-_MARK = re.compile(r"<!-- scene parts: (?P<names>[\w ]+?) -->")
 _QUANTITY = {"number", "string"}
 _WORDS = {"string": "text", "integer": "integer", "number": "number", "boolean": "true or false"}
 
@@ -41,13 +33,13 @@ class Reference:
         self.parts = _all_parts()
         unknown = [name for names in pages.values() for name in names if name not in self.parts]
         if unknown:
-            raise PluginError(f"no part of a scene is called {', '.join(unknown)}")
+            raise ValueError(f"no part of a scene is called {', '.join(unknown)}")
         self.shown = {name: page for page, names in pages.items() for name in names}
         self.headings = {name: self._root_heading(name) for name in self.shown}
         self.order = {page: list(self._spread(page, names)) for page, names in pages.items()}
         missing = self.parts.keys() - self.shown.keys()
         if missing:
-            raise PluginError(f"no page shows the parts {', '.join(sorted(missing))}")
+            raise ValueError(f"no page shows the parts {', '.join(sorted(missing))}")
 
     def _root_heading(self, name: str) -> str:
         kind = next((kind for kind in KINDS if KINDS[kind].load("model").__name__ == name), "")
@@ -83,7 +75,7 @@ class Reference:
     def _section(self, name: str, page: str) -> str:
         part = self.parts[name]
         about = part.get("description", "").replace("``", "`")
-        lines = [f"## `{self.headings[name]}` {{ #{name} }}", "", about, ""]
+        lines = [f'<a id="{name}"></a>', "", f"## `{self.headings[name]}`", "", about, ""]
         every = {key for key, _ in _keys(self.parts["SceneModel"])} if name.endswith("Scene") else set()
         lines += ["| key | value | default | meaning |", "| --- | --- | --- | --- |"]
         for key, wanted in _keys(part):
@@ -181,18 +173,3 @@ def _said(wanted: Schema) -> str:
         .replace(" (a number, a parameter or an expression)", "")
         .replace("|", r"\|")
     )
-
-
-_reference: list[Reference] = []
-
-
-def on_files(files: Files, **_: object) -> Files:
-    """Read which page is about which parts."""
-    marks = {page.src_uri: _MARK.search(page.content_string) for page in files.documentation_pages()}
-    _reference[:] = [Reference({uri: mark["names"].split() for uri, mark in marks.items() if mark})]
-    return files
-
-
-def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
-    """Insert the tables into the page."""
-    return _MARK.sub(lambda _mark: _reference[0].text(page.file.src_uri), markdown)

@@ -1,8 +1,8 @@
-"""Layout tables of results: the scenes that a page names are run while the page is built.
+"""Layout tables of results, for docs/reference.py: the scenes that a page names are run.
 
 A page names scenes, and what to set in them, `<!-- layout of: SCENE.yaml PATH=VALUE … -->`, several
 with `;` between. Names that a scene gives stand as `<output>` and the like; every group has its sentence in
-`result_groups.yaml`.
+`reference_results.yaml`.
 """
 
 from __future__ import annotations
@@ -14,22 +14,15 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import yaml
-from mkdocs.exceptions import PluginError
 
 import dynid
 from dynid.cli import cli
 from dynid.scene.kinds.planning import run_plan
 
 if TYPE_CHECKING:
-    from mkdocs.config.defaults import MkDocsConfig
-
     from dynid.result import Result, Variable
 
-_MARK = re.compile(r"<!-- layout of: (?P<runs>.+?) -->", re.DOTALL)
-
-_SENTENCES: dict[str, str] = yaml.safe_load(
-    Path(__file__).with_name("result_groups.yaml").read_text(encoding="utf-8")
-)
+_SENTENCES: dict[str, str] = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text(encoding="utf-8"))
 
 
 def _results(runs: str, root: Path) -> Iterator[Result]:
@@ -82,7 +75,8 @@ def _type(variable: Variable) -> str:
     return "text" if variable.dtype.kind in "OU" else str(variable.dtype)
 
 
-def _layout(runs: str, root: Path) -> str:
+def layout(runs: str, root: Path) -> str:
+    """Return the tables of all groups of some results."""
     found: dict[str, tuple[str, str, str]] = {}
     for result in _results(runs, root):
         for path, variable in result.items():
@@ -91,7 +85,7 @@ def _layout(runs: str, root: Path) -> str:
     groups = dict.fromkeys(path.rpartition("/")[0] for path in found)
     unknown = [group for group in groups if group not in _SENTENCES]
     if unknown:
-        raise PluginError(f"result_groups.yaml has no sentence for {', '.join(unknown)}")
+        raise ValueError(f"reference_results.yaml has no sentence for {', '.join(unknown)}")
     lines = []
     for group in groups:
         lines += [f"### `{group}`", "", _SENTENCES[group], ""]
@@ -101,9 +95,3 @@ def _layout(runs: str, root: Path) -> str:
                 lines.append(f"| `{path.rpartition('/')[2]}` | {' | '.join(cells)} |")
         lines.append("")
     return "\n".join(lines)
-
-
-def on_page_markdown(markdown: str, config: MkDocsConfig, **_: object) -> str:
-    """Insert the layout tables into the page."""
-    root = Path(config.config_file_path).parent
-    return _MARK.sub(lambda mark: _layout(mark["runs"], root), markdown)
