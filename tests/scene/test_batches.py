@@ -421,3 +421,29 @@ def test_identifications_of_any_unknowns_are_those_of_each_sample(general, overr
     assert len(estimates) == 2 - ("parameters.k.true" in overrides[0])
     if "parameters.k.start" in overrides[0]:
         np.testing.assert_allclose(*estimates, rtol=1e-6)
+
+
+def test_an_undefined_characteristic_is_missing_with_the_reason():
+    properties = "bond_graph/properties/k.q/F"
+    template = scene(
+        "parameters: {b: 1}\n"
+        "graph:\n"
+        "  nodes: {F: Se, j: 1, m: {type: I, value: 1}, b: {type: R, value: b}, k: {type: C, value: 0.01}}\n"
+        "  bonds: [F -> j, j -> m, j -> b, j -> k]\n"
+        "analysis: {inputs: [F], outputs: [k.q], results: [step_info, bandwidth, properties]}\n"
+    )
+    overrides = [{"parameters.b": b} for b in (1.0, -1.0)]
+    for collect in ((f"{properties}/settling_time",), ("bond_graph/properties/*/settling_time",)):
+        stable, unstable = run_batch(template, overrides, collect)
+        assert stable.values[f"{properties}/step_status"].data == "defined"
+        assert math.isclose(stable.values[f"{properties}/settling_time"].data, 7.601, rel_tol=1e-4)
+        assert (unstable.error, list(unstable.values)) == ("", [f"{properties}/step_status"])
+        said = str(unstable.values[f"{properties}/step_status"].data)
+        assert said.startswith("undefined: there is no steady state; unstable")
+        assert said.endswith("give it damping or feedback, or take a time response")
+    both = run_batch(template, overrides, ())  # every number, and the status of those that may be missing
+    assert [f"{properties}/step_status" in one.values for one in both] == [True, True]
+    assert (
+        f"{properties}/step_status"
+        not in run_batch(template, overrides, (f"{properties}/dc_gain",))[0].values
+    )

@@ -71,9 +71,11 @@ def step_info(numerator: Any, denominator: Any) -> StepInfo:
         return StepInfo("undefined: the input does not reach the output")
     poles: tuple[SidedRoot, ...] = certified_roots(denominator)
     if not all(pole.side == -1 for pole in poles):
-        return StepInfo(f"undefined: there is no steady state; {stability(poles)}")
+        why = f"there is no steady state; {stability(poles)}"
+        return StepInfo(f"undefined: {why}; give it damping or feedback, or take a time response")
     if numerator.degree() > denominator.degree():
-        return StepInfo("undefined: the response to a step has an impulse (the channel is improper)")
+        why = "the response to a step has an impulse (the channel is improper)"
+        return StepInfo(f"undefined: {why}; take the impulse response, or another output")
     if not poles:
         value = _quotient(numerator[0], denominator[0])
         return StepInfo("defined", value, value, 0.0, 0.0, 0.0, 0.0, 0.0, value, 0.0)

@@ -12,7 +12,7 @@ from dynid.errors import UsageError
 from dynid.result import Result, Scalar, Variable
 from dynid.suggestions import did_you_mean_path
 
-#: In `collect`: every number under `properties` and `parameters`; the meaning of an empty `collect`.
+#: In `collect`: every number under `properties` and `parameters`, and the status of those; the meaning of an empty `collect`.
 NUMBERS = ""
 #: The groups of these.
 GATHERED_ANYWAY = frozenset({"properties", "parameters"})
@@ -20,6 +20,8 @@ GATHERED_ANYWAY = frozenset({"properties", "parameters"})
 
 def gather(result: Mapping[str, Variable], collect: tuple[str, ...]) -> dict[str, Variable]:
     """Return the arrays that `collect` names in a result, with the coordinates of their axes.
+
+    With a characteristic that may be undefined, such as a settling time, comes the status that says why.
 
     Parameters
     ----------
@@ -48,28 +50,41 @@ def gather(result: Mapping[str, Variable], collect: tuple[str, ...]) -> dict[str
 
 
 def selected_paths(result: Mapping[str, Variable], collect: tuple[str, ...]) -> Iterator[str]:
-    """Yield the paths of a result that `collect` names."""
+    """Yield the paths of a result that `collect` names, and the status of what may be undefined."""
     for wanted in (path.strip("/") for path in collect or (NUMBERS,)):
         if wanted == NUMBERS:
-            yield from [
+            found = [
                 path
                 for path, variable in result.items()
-                if variable.data.dtype.kind in "bifc" and not GATHERED_ANYWAY.isdisjoint(path.split("/"))
+                if not GATHERED_ANYWAY.isdisjoint(path.split("/"))
+                and (variable.data.dtype.kind in "bifc" or path.endswith("_status"))
             ]
-            continue
-        if wanted in result:
+        elif wanted in result:
             if result[wanted].data.dtype.names:
                 raise UsageError(f"{wanted} is a table, which cannot be collected")
-            yield wanted
-            continue
-        below = [
-            path
-            for path, variable in result.items()
-            if (path.startswith(f"{wanted}/") or fnmatchcase(path, wanted)) and not variable.data.dtype.names
-        ]
-        if not below:
+            found = [wanted]
+        else:
+            found = [
+                path
+                for path, variable in result.items()
+                if (path.startswith(f"{wanted}/") or fnmatchcase(path, wanted))
+                and not variable.data.dtype.names
+            ]
+        statuses = {path for one in (wanted, *found) if (path := _status_of(one))}
+        found += [path for path in result if any(fnmatchcase(path, status) for status in statuses)]
+        if not found and wanted != NUMBERS:
             raise UsageError(f"there is nothing to collect at '{wanted}'{did_you_mean_path(wanted, result)}")
-        yield from below
+        yield from found
+
+
+def _status_of(path: str) -> str:
+    """Return the path of the status that says why a characteristic is undefined; empty for other arrays."""
+    group, _, name = path.rpartition("/")
+    if "properties" not in group.split("/"):
+        return ""
+    from dynid.bondgraph.results.characteristics import STATUSES
+
+    return f"{group}/{STATUSES[name]}" if name in STATUSES else ""
 
 
 class CollectedResult(Result):

@@ -17,10 +17,15 @@ _SHARES = frozenset({"overshoot", "undershoot"})
 #: Of what the gain of the channel is the unit.
 _GAINS = frozenset({"final_value", "initial_value", "peak", "peak_gain"})
 
-#: The names of all of them, and of their verdicts.
-CHARACTERISTICS = frozenset({"step_status", "bandwidth_status"}) | {
-    field.name for kind in (StepInfo, Bandwidth) for field in fields(kind) if field.name != "status"
+#: The name of the status of each of them, which says why one is not defined.
+STATUSES = {
+    field.name: status
+    for kind, status in ((StepInfo, "step_status"), (Bandwidth, "bandwidth_status"))
+    for field in fields(kind)
+    if field.name != "status"
 }
+#: The names of all of them, and of their statuses.
+CHARACTERISTICS = frozenset({*STATUSES, *STATUSES.values()})
 
 
 def add_characteristics(result: Result, reduced: ReducedGraph, asked: frozenset[str]) -> None:
