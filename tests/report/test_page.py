@@ -12,11 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dynid.report import figures, registry
+from dynid.report.content.blocks import ReportSection, TextTable
 from dynid.report.content.identifiability import shift_text
 from dynid.report.content.reduction import seconds_text
 from dynid.report.content.transfer_functions import sensitivity_text
 from dynid.report.figure import Figure, FigureTable, Picture
-from dynid.report.page import page, samples
+from dynid.report.page import document, page, samples
 from dynid.report.page.html import CELLS, ROWS, Markup, figure_table, formula, shown_rows, tag, text
 from tests.report.pages import HOSTILE, result_of, run, study, template
 
@@ -119,7 +120,7 @@ def test_the_scene_stands_at_the_end_line_by_line(made):
 @pytest.mark.parametrize(
     ("kind", "said"),
     [
-        ("bond-graph", ["T(s)", "poles", "relative degree", "stable"]),
+        ("bond-graph", ["zeros", "poles", "relative degree", "stable"]),
         ("identification", ["estimate", "95 % interval", "bound", "Converged"]),
         ("reduction", ["worst error", "least MAC", "serep"]),
         ("study", ["59 done · 1 failed", "mode/omega [rad/s]", "at sample", "no <b>root</b> at 3"]),
@@ -130,10 +131,48 @@ def test_the_scene_stands_at_the_end_line_by_line(made):
     ],
 )
 def test_the_answer_comes_first(kind, said):
-    text = Reader(page(result_of(kind))).text
-    places = [text.index(words, text.index(" Provenance ")) for words in said]
-    ends = [text.rfind(f" {name} ") for name in ("Figures", "Scene", "Provenance")]
-    assert max(places) < min(end for end in ends if end > text.index(" Provenance ") + 20), text
+    html = page(result_of(kind))
+    answer = Reader(html[html.index('<section id="answer"') : html.index("<figure")]).texts
+    assert all(any(words in text for text in answer) for words in said), answer
+
+
+@pytest.mark.parametrize(
+    ("kind", "first", "folded"),
+    [
+        ("bond-graph", ["bode", "poles", "time-response"], ["Reduction", "Model scope"]),
+        (
+            "identification",
+            ["estimates", "prediction", "correlation"],
+            ["Record and residuals", "Model scope"],
+        ),
+        ("reduction", ["reduction-frf", "reduction-frequencies", "mac"], ["Model scope"]),
+        ("study", ["distributions", "tornado", "scatter"], ["Sources of the variance"]),
+    ],
+)
+def test_key_figures_stand_beside_the_answer_and_derivations_are_folded(kind, first, folded):
+    html = page(result_of(kind))
+    parts = [part for part in html.split('<section id="')[1:] if part.partition('"')[0] in PARTS]
+    assert [part.partition('"')[0] for part in parts] == [
+        name for name in PARTS if any(part.startswith(f'{name}"') for part in parts)
+    ]
+    drawn = re.findall(r'<figure id="figure-([^"]*)"', parts[0])
+    assert len(drawn) <= 3
+    assert all(name.startswith(wanted) for name, wanted in zip(drawn, first, strict=False)), drawn
+    for title in folded:
+        assert re.search(rf'<details id="[^"]*" class="fold"><summary><h3>{title}</h3>', html), title
+    index = html[html.index('class="index"') : html.index("</nav>")]
+    assert set(re.findall(r'href="#figure-([^"]*)"', index)) == {f.name for f in figures(result_of(kind))}
+
+
+PARTS = ["answer", "figures", "details", "derivations", "samples", "scene", "provenance"]
+
+
+def test_of_a_long_table_of_the_answer_the_first_rows_are_shown_and_all_folded():
+    rows = tuple((f"row {k}", str(k)) for k in range(40))
+    section = ReportSection("Long", (TextTable(("", "n"), rows),), "answer")
+    part = str(document._answer([section], [], {}, "a note").inside)
+    assert part.index("a note") < part.index("row 5") < part.index("All 40 rows") < part.index("row 39")
+    assert part.count(">row 39<") == 1
 
 
 def test_transfer_functions_stand_in_raised_powers():

@@ -69,11 +69,14 @@ class Figure:
         Its content in a few words.
     draw
         Function that draws it.
+    derivation
+        True if it shows how a result was derived, which a page folds.
     """
 
     name: str
     title: str
     draw: Callable[[], Picture]
+    derivation: bool = False
 
     @cached_property
     def picture(self) -> Picture:

@@ -15,6 +15,7 @@ from dynid.report.svg import TITLE, Svg, number, plain, text_width
 
 if TYPE_CHECKING:
     from dynid.result import Result
+    from dynid.scene.frequency_unit import FrequencyUnit
 
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -36,6 +37,11 @@ def unit(text: str) -> str:
 def labelled(name: str, units: str = "") -> str:
     """Return the label of an axis or a column: its name with its units, if there are any (`1` is none)."""
     return f"{name} ({unit(units)})" if units not in ("", "1") else name
+
+
+def frequency_label(unit: FrequencyUnit) -> str:
+    """Return the label of an axis of frequencies."""
+    return f"{'frequency' if unit.name == 'Hz' else 'angular frequency'} ({unit.name})"
 
 
 def in_decibels(name: str, units: str = "") -> str:

@@ -6,8 +6,8 @@ applies, and a figure is drawn only on demand. New figures are added to `FAMILIE
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -32,12 +32,15 @@ class FigureFamily:
         Beginnings of paths, one of which an array of the result has; empty: no condition.
     scene
         True if the result must hold the text of its scene.
+    derivation
+        True if they show how a result was derived.
     """
 
     function: str
     kinds: tuple[str, ...] = ()
     paths: tuple[str, ...] = ()
     scene: bool = False
+    derivation: bool = False
 
     def applies(self, result: Result) -> bool:
         """Return True if a result may have such figures."""
@@ -60,10 +63,15 @@ FAMILIES: tuple[FigureFamily, ...] = (
     FigureFamily(f"{_DRAWING}.bond_graph:figures", kinds=("bond-graph", "identification"), scene=True),
     FigureFamily(f"{_DRAWING}.bond_graph:realisations", paths=("synthesis/form",)),
     FigureFamily(
-        f"{_DRAWING}.bond_graph:reduction_strips", paths=("bond_graph/reduction/steps",), scene=True
+        f"{_DRAWING}.bond_graph:reduction_strips",
+        paths=("bond_graph/reduction/steps",),
+        scene=True,
+        derivation=True,
     ),
     FigureFamily(
-        f"{_DRAWING}.prototype:prototypes", paths=("bond_graph/reduction/prototype", "bond_graph/port/")
+        f"{_DRAWING}.prototype:prototypes",
+        paths=("bond_graph/reduction/prototype", "bond_graph/port/"),
+        derivation=True,
     ),
     FigureFamily(f"{_DRAWING}.structure:figures", kinds=("identification", "reduction"), scene=True),
     FigureFamily(f"{_DRAWING}.space:figures", paths=("structure/geometry/",), scene=True),
@@ -123,11 +131,42 @@ def figures(result: Result) -> list[Figure]:
     return list(found.values())
 
 
+#: Beginnings of the names of the figures that answer a kind of scene, the most important first.
+_LEADING = {
+    "bond-graph": ("design", "bode", "loop-nyquist", "poles", "time-response", "nyquist", "bond-graph"),
+    "identification": (
+        "estimates",
+        "fit",
+        "prediction",
+        "measured-modes",
+        "correlation",
+        "bode",
+        "time-response",
+        "modes",
+        "structure",
+    ),
+    "reduction": ("reduction-frf", "reduction-frequencies", "mac"),
+    "study": ("distributions", "root-locus", "tornado", "map", "scatter"),
+    "synthesis": ("bond-graph",),
+    "plan": ("sensors", "excitation"),
+}
+#: Most figures that stand beside the answer.
+_MOST = 3
+
+
+def leading(kind: str, every: Sequence[Figure]) -> list[Figure]:
+    """Return the figures that answer a result of a kind: at most three, one of each family."""
+    found = []
+    for start in _LEADING.get(kind, ("",)):
+        found += [figure for figure in every if figure.name.startswith(start)][:1]
+    return found[:_MOST]
+
+
 def _figures_of(family: FigureFamily, result: Result) -> list[Figure]:
     module, _, name = family.function.partition(":")
     build: Callable[[Result], Iterable[Figure]] = getattr(import_module(module), name)
     try:
-        return list(build(result))
+        return [replace(figure, derivation=family.derivation) for figure in build(result)]
     except DynidError as error:
         name, problem = module.rpartition(".")[2], error
 

@@ -73,7 +73,7 @@ def doubtful(result: Result) -> Iterator[ReportSection]:
     """Yield the verdicts that round-off leaves undecided."""
     if found := doubts(result):
         statements = tuple(Statement(text[0].upper() + text[1:], "bad") for text in found)
-        yield ReportSection("Undecided verdicts", statements)
+        yield ReportSection("Undecided verdicts", statements, "answer")
 
 
 def responses(result: Result) -> Iterator[ReportSection]:
@@ -122,8 +122,8 @@ def time_span(result: Result, group: str) -> str:
 def expectations(result: Result) -> Iterator[ReportSection]:
     """Yield the expectations of the scene, checked again; nothing where its scene cannot be read."""
     text = str(result.attrs.get("scene", ""))
-    if "expect" not in text or result.attrs.get("status") == "interrupted":
-        return
+    if "expect" not in text or result.attrs.get("status") == "interrupted" or result.kind == "plan":
+        return  # a plan has nothing of what its scene expects of a run
     items = plain_data(text).get("expect")
     expected = [i for i in (items if isinstance(items, list) else []) if isinstance(i, dict) and "path" in i]
     if not expected:
@@ -139,9 +139,10 @@ def expectations(result: Result) -> Iterator[ReportSection]:
         for one in outcomes
     )
     failed = frozenset(place for place, one in enumerate(outcomes) if not one.passed)
-    yield ReportSection(
-        "Expectations", (summary, TextTable(("array", "expected", "found", ""), rows, failed))
-    )
+    table = TextTable(("array", "expected", "found", ""), rows, failed)
+    yield ReportSection("Expectations", (summary, *([table] if failed else [])), "answer")
+    if not failed:
+        yield ReportSection("Expectations in full", (table,))
 
 
 def part_name(result: Result, part: str) -> str:

@@ -50,7 +50,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
             for term, text in remarks(result, group)
         )
         table = TextTable(heads, rows, marked, str(about["title"]))
-        yield ReportSection(group.partition("/")[2], (table, Statement(f"{_SIGNS}."), *statements))
+        yield ReportSection(group.partition("/")[2], (table, Statement(f"{_SIGNS}."), *statements), "answer")
 
 
 class BenchmarkRow(NamedTuple):

@@ -58,10 +58,21 @@ Block = DefinitionList | TextTable | Statement | NumberedList
 
 @dataclass(frozen=True)
 class ReportSection:
-    """Blocks under a heading."""
+    """Blocks under a heading.
+
+    Parameters
+    ----------
+    title
+        The heading.
+    blocks
+        Its content.
+    place
+        `answer` for what was asked, which a page shows first; `details`; `derivation`.
+    """
 
     title: str
     blocks: tuple[Block, ...]
+    place: str = "details"
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,9 @@ _REDUCTION, _CAUSALITY = "bond_graph/reduction", "bond_graph/causality"
 #: Longest formula that is shown.
 _LONGEST = 400
 #: Most variables and slopes of an operating point.
-_POINTS = 40
+_POINTS, _FEW = 40, 3
+#: Margins of a loop, with their units.
+_MARGINS = {"gain": "", "phase": "°", "delay": " s", "Ms": "", "Mt": ""}
 
 
 def method(result: Result) -> str:
@@ -45,23 +47,30 @@ def sections(result: Result) -> Iterator[ReportSection]:
     if "bond_graph/warnings" in result:
         warnings = map(str, result["bond_graph/warnings"].data)
         yield ReportSection(
-            "Warnings", tuple(Statement(f"{text[0].upper()}{text[1:]}.", "bad") for text in warnings)
+            "Warnings",
+            tuple(Statement(f"{text[0].upper()}{text[1:]}.", "bad") for text in warnings),
+            "answer",
         )
     yield from _operating_point(result)
     yield from design_sections(result)
     yield from channel_sections(result)
+    yield from _loops(result)
     yield from _energy_and_sources(result)
     if items := list(port_items(result, _LONGEST)):
-        yield ReportSection(f"Port {result.group_attrs[PORT]['bond']}", (definitions(*items),))
+        answer = [item for item in items if item[0] in ("prototype", "source", "load", "natural modes")]
+        title = f"Port {result.group_attrs[PORT]['bond']}"
+        yield ReportSection(title, (definitions(*answer),), "answer")
+        yield ReportSection(f"{title} in full", (definitions(*items),))
     if f"{_REDUCTION}/output" in result:
-        yield ReportSection("Reduction", tuple(_reduction(result)))
+        yield ReportSection("Reduction", tuple(_reduction(result)), "derivation")
     if f"{_CAUSALITY}/bonds" in result:
-        yield ReportSection("Causality", tuple(_causality(result)))
+        yield ReportSection("Causality", tuple(_causality(result)), "derivation")
     group = "bond_graph/state_space"
     names = (name for name in ("definitions", "equations", "output_equations") if f"{group}/{name}" in result)
     lines = [str(line) for name in names for line in result[f"{group}/{name}"].data]
     if lines:
-        yield ReportSection("State equations", (_formulas(lines[:_STEPS]), *more(len(lines), _STEPS, "line")))
+        blocks: tuple[Block, ...] = (_formulas(lines[:_STEPS]), *more(len(lines), _STEPS, "line"))
+        yield ReportSection("State equations", blocks, "derivation")
     about, graph = result.group_attrs.get("bond_graph", {}), list[Block]()
     if "nodes" in about:
         size = f"{counted(int(about['nodes']), 'node')}, {counted(int(about['bonds']), 'bond')}"
@@ -136,20 +145,50 @@ def _operating_point(result: Result) -> Iterator[ReportSection]:
     """Yield the operating point, and how far linear results hold."""
     if POINT not in result.group_attrs:
         return
-    yield ReportSection("Operating point", tuple(_point_blocks(result)))
+    found, *others = point_facts(result)
+    yield ReportSection("Operating point", (definitions(found), *_point_tables(result, _FEW)), "answer")
+    full = (definitions(*others), *_point_tables(result, _POINTS))
+    yield ReportSection("Operating point in full", full)
     if facts := list(nonlinear_facts(result)):
         yield ReportSection("Range of the linear response", tuple(Statement(f"{fact}.") for fact in facts))
 
 
-def _point_blocks(result: Result) -> Iterator[Block]:
-    yield definitions(*point_facts(result))
+def _point_tables(result: Result, most: int) -> Iterator[Block]:
+    """Yield the slopes of the laws and the variables at the operating point, at most so many of each."""
     for heads, rows in (
-        (("variable", "value"), point_values(result)),
         (("slope", "value"), point_slopes(result)),
+        (("variable", "value"), point_values(result)),
     ):
-        if rows:
-            yield TextTable(heads, tuple(rows[:_POINTS]))
-            yield from more(len(rows), _POINTS, heads[0])
+        if rows and (most > _FEW or heads[0] == "slope"):
+            yield TextTable(heads, tuple(rows[:most]))
+            yield from more(len(rows), most, heads[0])
+
+
+def _loops(result: Result) -> Iterator[ReportSection]:
+    """Yield the margins of the feedback loops, each with the others closed, and the poles with delays."""
+    group = "bond_graph/margins"
+    if f"{group}/loop" not in result:
+        return
+    get = {name: result[f"{group}/{name}"].data for name in ("loop", "stability", *_MARGINS)}
+    rows = []
+    for place, (loop, stability, *margins) in enumerate(zip(*get.values(), strict=True)):
+        shown = [
+            f"{size:.4g}{unit}" if np.isfinite(size) else "∞" if stable else ""
+            for size, unit, stable in zip(
+                margins, _MARGINS.values(), [bool(result[f"{group}/stable"].data[place])] * 5, strict=True
+            )
+        ]
+        rows.append((str(loop), *shown, str(stability).partition(":")[0]))
+    blocks: list[Block] = [
+        TextTable(("", "gain margin", "phase margin", "delay margin", "Ms", "Mt", "closed loop"), tuple(rows))
+    ]
+    yield ReportSection("Feedback loops", tuple(blocks), "answer")
+    if f"{group}/poles" in result:
+        poles = result[f"{group}/poles"]
+        text = roots_text(poles.data, hertz=in_hertz(result))
+        yield ReportSection(
+            "Poles with delays", (definitions(("poles", text), ("", str(poles.attrs["note"]))),)
+        )
 
 
 def _energy_and_sources(result: Result) -> Iterator[ReportSection]:

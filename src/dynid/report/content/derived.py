@@ -70,4 +70,4 @@ def derived_sections(result: Result) -> Iterator[ReportSection]:
     if rows:
         blocks += [TextTable(columns, tuple(rows[:_ROWS])), *more(len(rows), _ROWS, "row")]
     blocks += [Statement(f"{text[0].upper()}{text[1:]}.") for text in said]
-    yield ReportSection("What follows from the estimate", tuple(blocks))
+    yield ReportSection("What follows from the estimate", tuple(blocks), "answer")

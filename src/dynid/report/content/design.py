@@ -129,4 +129,4 @@ def design_sections(result: Result) -> Iterator[ReportSection]:
         TextTable(headings, tuple(targets), caption="Targets"),
     ]
     blocks += [Statement(f"{text[0].upper()}{text[1:]}.", tone) for text, tone in statements(result)]
-    yield ReportSection("Design", tuple(blocks))
+    yield ReportSection("Design", tuple(blocks), "answer")

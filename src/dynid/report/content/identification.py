@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from dynid.defaults import SIGNAL, WHITENESS
 from dynid.number_format import counted, percent, quantity, span_text, with_error
-from dynid.report.content.blocks import ReportSection, Statement, TextTable, more
+from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable, more
 from dynid.report.content.derived import derived_sections
 from dynid.report.content.identifiability import calibration_sections, identifiability_sections
 from dynid.report.content.modes import has_modes, modal_sections, modal_summary
@@ -59,21 +60,15 @@ def sections(result: Result) -> Iterator[ReportSection]:
     if f"{_PARAMETERS}/name" in result:
         good = not is_rejected(result)
         white = good and bool(result.value(f"{_DIAGNOSTICS}/white"))
-        statements = []
+        answer, quality = list[Statement](), list[Statement]()
         for place, sentence in enumerate(verdict_sentences(result)):
             bad = not good or (place > 0 and sentence.startswith(("warning", "at a limit", "error bars")))
             tone = "bad" if bad else "good" if white and place == 0 else ""
-            statements.append(Statement(_capitalized(sentence), tone))
+            (answer if bad or not place else quality).append(Statement(f"{_capitalized(sentence)}.", tone))
         columns, rows = parameter_table(result)
-        yield ReportSection(
-            "Parameters",
-            (
-                Statement(f"{record_summary(result)}."),
-                *(Statement(f"{_capitalized(line)}.") for line in preparation(result)),
-                TextTable(columns, tuple(rows)),
-                *statements,
-            ),
-        )
+        yield ReportSection("Parameters", (TextTable(columns, tuple(rows)), *answer), "answer")
+        record = (f"{_capitalized(line)}." for line in (record_summary(result), *preparation(result)))
+        yield ReportSection("Record and residuals", (*map(Statement, record), *quality))
     yield from modal_sections(result)
     yield from derived_sections(result)
     yield from calibration_sections(result)
@@ -81,7 +76,11 @@ def sections(result: Result) -> Iterator[ReportSection]:
     if "bond_graph" in result.group_attrs:
         from dynid.report.content.bond_graph import sections as sections_of_graph
 
-        yield from sections_of_graph(result)
+        asked = f"{_PARAMETERS}/name" not in result
+        yield from (
+            section if asked or section.place != "answer" else replace(section, place="details")
+            for section in sections_of_graph(result)
+        )
     group = "structure/modes"
     if f"{group}/omega" not in result:
         return
@@ -107,7 +106,9 @@ def sections(result: Result) -> Iterator[ReportSection]:
     if massless:
         shown = ", ".join(map(str, massless[:_SHOWN]))
         remark = [Statement(f"{len(massless)} massless: {shown}{', …' if len(massless) > _SHOWN else ''}")]
-    yield ReportSection("Modes", (table, *more(count, _MOST_MODES, "mode"), *remark))
+    asked = f"{_PARAMETERS}/name" not in result and "bond_graph" not in result.group_attrs
+    blocks: tuple[Block, ...] = (table, *more(count, _MOST_MODES, "mode"), *remark)
+    yield ReportSection("Modes", blocks, "answer" if asked else "details")
 
 
 def _capitalized(sentence: str) -> str:

@@ -72,4 +72,4 @@ def modal_sections(result: Result) -> Iterator[ReportSection]:
         heads, rows = modal_table(result)
         summary = Statement(f"{modal_summary(result)}.")
         said = [Statement(f"{one[0].upper()}{one[1:]}.") for one in modal_statements(result)]
-        yield ReportSection("Measured modes", (summary, TextTable(heads, tuple(rows)), *said))
+        yield ReportSection("Measured modes", (summary, TextTable(heads, tuple(rows)), *said), "answer")

@@ -37,10 +37,10 @@ def sections(result: Result) -> Iterator[ReportSection]:
     heads = ("", *map(str, result[f"{group}/parameter"].data), "gain")
     count = best_sensors_text(len(get["choice"]), len(result[f"{group}/candidate"].data))
     table = TextTable(heads, tuple(rows), caption=_capitalized(count))
-    yield ReportSection("Sensors", (table, _efficiency(result, group, "sensors")))
+    yield ReportSection("Sensors", (table, _efficiency(result, group, "sensors")), "answer")
     group = "plan/excitation"
     if f"{group}/choice" not in result:
-        yield ReportSection("Excitation", (Statement(f"{_capitalized(PRESCRIBED)}."),))
+        yield ReportSection("Excitation", (Statement(f"{_capitalized(PRESCRIBED)}."),), "answer")
     else:
         choice, gains = chosen_lines(result), result[f"{group}/gain"].data
         blank = [""] * (len(heads) - 2)
@@ -53,7 +53,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
         caption = _capitalized(best_sines_text(result))
         blocks: list[Block] = [TextTable((*heads[:-1], GAIN_OF_SINES), tuple(rows), caption=caption)]
         blocks.append(_efficiency(result, group, f"{driven(result)}s"))
-        blocks.append(Statement(f"{_capitalized(steady_state_text(result))}."))
+        yield ReportSection("Excitation", tuple(blocks), "answer")
         bands = [result[f"{group}/bands/{name}"].data[:_BANDS] for name in ("dof", "low", "high", "bound")]
         unit = frequency_unit(result)
         spans = tuple(
@@ -63,8 +63,9 @@ def sections(result: Result) -> Iterator[ReportSection]:
             )
             for dof, low, high, bounds in zip(*bands, strict=True)
         )
-        blocks.append(TextTable(heads[:-1], spans, caption=_capitalized(best_bands_text(result))))
-        yield ReportSection("Excitation", tuple(blocks))
+        table = TextTable(heads[:-1], spans, caption=_capitalized(best_bands_text(result)))
+        settled = Statement(f"{_capitalized(steady_state_text(result))}.")
+        yield ReportSection("Frequency bands", (settled, table))
     yield from identifiability_sections(result)
     yield from calibration_sections(result)
 

@@ -27,10 +27,11 @@ def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the comparison of the methods."""
     columns, rows = method_table(result)
     size = counted(len(result["reduction/dof"].data), "DOF")
-    statements = (Statement(sentence) for sentence in remarks(result))
-    yield ReportSection(
-        "Methods", (TextTable(columns, tuple(rows), frozenset({0}), f"of {size}"), *statements)
-    )
+    unit, *others = (Statement(f"{sentence}.") for sentence in remarks(result))
+    table = TextTable(columns, tuple(rows), frozenset({0}), f"of {size}")
+    yield ReportSection("Methods", (table, unit), "answer")
+    if others:
+        yield ReportSection("Masters and rigid-body modes", tuple(others))
 
 
 def method_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Iterator
 
 import numpy as np
@@ -41,18 +43,23 @@ def sections(result: Result) -> Iterator[ReportSection]:
     shown, hidden = shown_numbers(table)
     status = Statement(status_text(table), "bad" if len(table.failed) or len(table.pending) else "good")
     inputs = tuple((name, range_text(column)) for name, column in table.inputs.items())
-    samples: list[Block] = [status, TextTable(("input", "range"), inputs)]
+    said: list[Block] = [status]
     if len(table.pending):
-        samples.insert(1, Statement("Interrupted: run the study again to continue.", "bad"))
+        said.append(Statement("Interrupted: run the study again to continue.", "bad"))
     if found := failures(table):
         rows = tuple((f"{len(one.samples):,}", one.error, first_samples(one)) for one in found[:_REASONS])
-        samples.append(TextTable(("samples", "failed with", "numbers"), rows, caption="Reasons of failures"))
-        samples += more(len(found), _REASONS, "reason")
-    yield ReportSection("Samples", tuple(samples))
+        said.append(TextTable(("samples", "failed with", "numbers"), rows, caption="Reasons of failures"))
+        said += more(len(found), _REASONS, "reason")
+    yield ReportSection("Samples", tuple(said), "answer")
+    yield ReportSection("Inputs", (TextTable(("input", "range"), inputs),))
     numbers: list[tuple[str, ...]] = []
     items = []
-    for path, column in shown:
-        name, row = display_name(table, path, column), statistics_row(table, path, column)
+    names = [display_name(table, path, column) for path, column in shown]
+    short = [re.sub(r"^bond_graph/\w+/", "", name) for name in names]
+    if len(set(short)) < len(short):
+        short = names
+    for name, (path, column) in zip(short, shown, strict=True):
+        row = statistics_row(table, path, column)
         if len(row) == 1:
             items.append((name, row[0]))
         else:
@@ -60,8 +67,13 @@ def sections(result: Result) -> Iterator[ReportSection]:
     items += [*text_shares(table), *((path, f"{table.size(path):,} values per sample") for path in hidden)]
     if numbers or items:
         blocks = [TextTable(("", *COLUMNS, "at sample"), tuple(numbers))] if numbers else []
-        yield ReportSection("Statistics", (*blocks, *([definitions(*items)] if items else [])))
+        yield ReportSection("Statistics", (*blocks, *([definitions(*items)] if items else [])), "answer")
     if met := tuple(met_expectations(table)):
+        always = sum(share == "all" for _, share in met)
+        text, share = min(met, key=lambda one: math.inf if one[1] == "all" else float(one[1].split()[0]))
+        least = "" if always == len(met) else f"; least often: {text} ({share})"
+        summary = Statement(f"Every sample meets {always} of {counted(len(met), 'expectation')}{least}.")
+        yield ReportSection("Expectations of the samples", (summary,), "answer")
         shares = TextTable(("", "share of the samples that meet it"), met)
         yield ReportSection("Expectations of the scene", (shares,))
     sources, notes = variance_sources(table, shown, _RANKED)

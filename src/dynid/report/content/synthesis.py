@@ -40,13 +40,12 @@ def sections(result: Result) -> Iterator[ReportSection]:
     given = definitions(
         (function[0], function[1]), ("kind", kind_text(result)), ("zeros", zeros), ("poles", poles)
     )
-    yield ReportSection(f"Driving-point {_about(result, 'function')}", (given,))
+    yield ReportSection(f"Driving-point {_about(result, 'function')}", (given,), "answer")
     columns, rows = form_table(result)
-    yield ReportSection("Forms", (TextTable(columns, tuple(rows)),))
+    yield ReportSection("Forms", (TextTable(columns, tuple(rows)),), "answer")
     for form in forms(result):
-        yield ReportSection(
-            f"Elements, {form} form", (TextTable(("", "type", "value"), tuple(elements(result, form))),)
-        )
+        table = TextTable(("", "type", "value"), tuple(elements(result, form)))
+        yield ReportSection(f"Elements, {form} form", (table,), "answer" if len(rows) == 1 else "details")
 
 
 def wanted(result: Result) -> tuple[tuple[str, str], str, str]:

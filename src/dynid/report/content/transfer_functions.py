@@ -17,6 +17,8 @@ from dynid.result import Result
 
 #: Most channels shown in full, rows of tables, and columns of sensitivities; longest formula.
 _FULL, _ROWS, _COLUMNS, _LONGEST = 6, 60, 6, 400
+#: Most roots of a channel in the table of all.
+_SHOWN = 2
 #: Properties that are numbers, with their headings.
 _NUMBERS = {
     "order": "order",
@@ -98,24 +100,59 @@ def channel_sections(result: Result) -> Iterator[ReportSection]:
     every = channels(result)
     common = len(every) > 1 and same_poles(result, every)
     if common:
-        yield ReportSection("Every channel", (definitions(*_poles(result, *every[0])),))
+        yield ReportSection("Every channel", (definitions(*_poles(result, *every[0])),), "answer")
+    if len(every) > 1:
+        table = TextTable(*_channel_table(result, every[:_ROWS], poles=not common))
+        yield ReportSection("Channels", (table, *more(len(every), _ROWS, "channel")), "answer")
     for output, source in every[:_FULL]:
-        items = list(_channel_items(result, output, source, poles=not common))
-        sensitivities = _sensitivities(result, f"bond_graph/sensitivities/{output}/{source}")
-        yield ReportSection(f"{output} / {source}", (definitions(*items), *sensitivities))
-    if len(every) > _FULL:
-        rows = []
-        for output, source in every[_FULL:][:_ROWS]:
-            group = f"bond_graph/properties/{output}/{source}"
-            get = {
-                name: result.value(f"{group}/{name}") if f"{group}/{name}" in result else None
-                for name in (*_NUMBERS, "zero_stability", "stability")
-            }
-            numbers = ("" if (value := get[name]) is None else limit(value) for name in _NUMBERS)
-            verdicts = (str(get[name] or "").partition(":")[0] for name in ("zero_stability", "stability"))
-            rows.append((f"{output} / {source}", *numbers, *verdicts))
-        table = TextTable(("", *_NUMBERS.values(), "zeros", "poles"), tuple(rows))
-        yield ReportSection("Further channels", (table, *more(len(every) - _FULL, _ROWS, "channel")))
+        items = definitions(*_channel_items(result, output, source, poles=not common))
+        sensitivities = tuple(_sensitivities(result, f"bond_graph/sensitivities/{output}/{source}"))
+        name, place = f"{output} / {source}", "details" if len(every) > 1 else "answer"
+        if place == "answer" and sensitivities:
+            yield ReportSection(name, (items,), place)
+            yield ReportSection(f"Sensitivities of {name}", sensitivities)
+        else:
+            yield ReportSection(name, (items, *sensitivities), place)
+
+
+def _channel_table(
+    result: Result, every: list[Channel], *, poles: bool
+) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """Return headings and rows of the channels: zeros, poles unless all have the same, gains, verdicts."""
+    hertz, rows = in_hertz(result), []
+    for output, source in every:
+        roots, group = (
+            f"bond_graph/transfer_function/{output}/{source}",
+            f"bond_graph/properties/{output}/{source}",
+        )
+        get = {
+            name: result.value(f"{group}/{name}") if f"{group}/{name}" in result else None
+            for name in (*_NUMBERS, "zero_stability", "stability")
+        }
+        unit = channel_unit(result, output, source)
+        found = [
+            _few_roots(result[f"{roots}/{name}"].data, hertz) if f"{roots}/{name}" in result else ""
+            for name in ("zeros", *(["poles"] if poles else []))
+        ]
+        numbers = [
+            "" if (value := get[name]) is None else f"{limit(value)}{unit if title.startswith('T') else ''}"
+            for name, title in _NUMBERS.items()
+            if name != "order"
+        ]
+        names = ("zero_stability", *(["stability"] if poles else []))
+        verdicts = (str(get[name] or "").partition(":")[0] for name in names)
+        rows.append((f"{output} / {source}", *found, *numbers, *verdicts))
+    stable = ("zero dynamics", "stability") if poles else ("zero dynamics",)
+    heads = ("", "zeros", *(["poles"] if poles else []), *list(_NUMBERS.values())[1:], *stable)
+    used = [k for k in range(len(heads)) if any(row[k] for row in rows)]
+    return tuple(heads[k] for k in used), tuple(tuple(row[k] for k in used) for row in rows)
+
+
+def _few_roots(roots: NDArray[Any], hertz: bool) -> str:
+    """Return at most a few roots as text, and the number of the others."""
+    upper = [root for root in roots if root.imag >= 0]
+    text = roots_text(np.array(upper[:_SHOWN]), hertz=hertz)
+    return f"{text}, … ({len(roots)})" if len(upper) > _SHOWN else roots_text(roots, hertz=hertz)
 
 
 def _channel_items(result: Result, output: str, source: str, *, poles: bool) -> Iterator[Definition]:
@@ -134,9 +171,14 @@ def _channel_items(result: Result, output: str, source: str, *, poles: bool) -> 
     if poles:
         yield from _poles(result, output, source)
     group, unit = f"bond_graph/properties/{output}/{source}", channel_unit(result, output, source)
-    for name, title in _NUMBERS.items():
-        if f"{group}/{name}" in result:
-            yield title, (f"{limit(result.value(f'{group}/{name}'))}{unit if title.startswith('T') else ''}",)
+    numbers = (
+        f"{title} = {limit(result.value(f'{group}/{name}'))}{unit}"
+        if title.startswith("T")
+        else f"{title} {limit(result.value(f'{group}/{name}'))}"
+        for name, title in _NUMBERS.items()
+        if f"{group}/{name}" in result
+    )
+    yield "properties", (" · ".join(numbers),)
     yield from ((title, (text,)) for title, text in characteristics(result, output, source))
     hidden = result.get(f"{group}/hidden_modes")
     if hidden is not None and len(hidden.data):
@@ -168,7 +210,7 @@ def _poles(result: Result, output: str, source: str) -> list[Definition]:
     path = f"bond_graph/transfer_function/{output}/{source}/poles"
     pairs = [pole for pole in result[path].data if pole.imag > 0] if path in result else []
     if 0 < len(pairs) <= MOST_ROOTS:
-        lines += [oscillation_text(result, pole) for pole in pairs]
+        lines.append("; ".join(oscillation_text(result, pole) for pole in pairs))
     return [("poles", tuple(lines))]
 
 

@@ -12,8 +12,9 @@ from dynid.number_format import counted
 from dynid.report.diagrams.poles import AXES
 from dynid.report.diagrams.responses import ROW, decibels, frequencies
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture, table_of
-from dynid.report.notation import short
+from dynid.report.notation import frequency_label, short
 from dynid.report.plot import Curve, Layer, Markers, PlotAxis, ReferenceLine, Subplot, chart, series_class
+from dynid.report.scenes import frequency_unit
 
 if TYPE_CHECKING:
     from dynid.result import Result
@@ -55,11 +56,11 @@ def _nyquist(result: Result) -> Picture:
             ReferenceLine(0.0, "", "frame", upright=True),
             Curve(circle.real, circle.imag, "", "grid", name="|L| = 1"),
             Curve(drawn.real, -drawn.imag, "", "s1 fine dashed", name="negative frequencies"),
-            Curve(drawn.real, drawn.imag, "", "s1", name="positive frequencies"),
+            Curve(drawn.real, drawn.imag, "", "s1", name="L", along=at.shown),
             Markers([-1.0], [0.0], "", "mark", "+", 5, ["−1"]),
         ]
         across, up = (PlotAxis(f"{part} part", low=-reach, high=reach) for part in ("real", "imaginary"))
-        subplots.append(Subplot(across, up, layers, str(loop), square=True))
+        subplots.append(Subplot(across, up, layers, str(loop), square=True, parameter=at.axis.label))
     per_row = min(len(subplots), ROW)
     rows = [subplots[start : start + per_row] for start in range(0, len(subplots), per_row)]
     verdicts = [str(text) for text in result["bond_graph/margins/stability"].data[:_LOOPS]]
@@ -105,6 +106,7 @@ def _near(result: Result, loop: str) -> float:
 
 
 def _root_locus(result: Result, group: str, name: str, title: str) -> Picture:
+    unit = frequency_unit(result)
     gains, poles = result[f"{group}/gain"].data, result[f"{group}/poles"].data
     zeros = result[f"{group}/zeros"].data
     own = poles[np.abs(gains - 1).argmin()]
@@ -129,7 +131,7 @@ def _root_locus(result: Result, group: str, name: str, title: str) -> Picture:
     note = f" {approximate[:1].upper()}{approximate[1:]}." if approximate else ""
     span = f"{short(float(gains[1]))} to {short(float(gains[-1]))}"
     about = f"{counted(poles.shape[1], 'pole')} over a factor on the gain of the loop, from {span}.{note}"
-    plot = Subplot(across, up, layers, square=True)
+    plot = Subplot(across, up, layers, square=True, parameter=frequency_label(unit), per_y=unit.factor)
     svg = chart(name, title, [[plot]], about, width=560.0, height=420.0)
     rows: list[tuple[CellValue, ...]] = [
         (float(gain), float(pole.real), float(pole.imag))

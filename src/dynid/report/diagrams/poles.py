@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture, evenly_spaced
-from dynid.report.notation import short
+from dynid.report.notation import frequency_label, short
 from dynid.report.plot import (
     Annotation,
     Curve,
@@ -160,7 +160,7 @@ def _map(kinds: Sequence[Roots], reach: float, title: str, unit: FrequencyUnit) 
     space = 1.14 * np.append(every, [-margin, margin, 1j * margin, -1j * margin])
     across = PlotAxis(AXES[0], low=float(space.real.min()), high=float(space.real.max()))
     up = PlotAxis(AXES[1], low=float(space.imag.min()), high=float(space.imag.max()))
-    return Subplot(across, up, layers, title, square=True)
+    return Subplot(across, up, layers, title, square=True, parameter=frequency_label(unit), per_y=unit.factor)
 
 
 def root_loci(result: Result) -> Iterator[Figure]:

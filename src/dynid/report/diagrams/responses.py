@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.report.figure import Figure, Picture, table_of
-from dynid.report.notation import in_decibels, labelled, short
+from dynid.report.notation import frequency_label, in_decibels, labelled, short
 from dynid.report.plot import Curve, Layer, Markers, PlotAxis, Subplot, chart, series_class
-from dynid.report.scenes import in_hertz, peak_responses
+from dynid.report.scenes import frequency_unit, peak_responses
 from dynid.result import common_unit
 
 if TYPE_CHECKING:
     from dynid.result import Result
+    from dynid.scene.frequency_unit import FrequencyUnit
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -35,40 +36,35 @@ class Frequencies:
     ----------
     omega
         Angular frequencies, rad/s.
-    hertz
-        True if they are shown in Hz, as in the scene.
+    unit
+        The unit in which they are shown, that of the scene.
     """
 
     omega: Floats
-    hertz: bool
-
-    @property
-    def unit(self) -> str:
-        """The unit in which they are shown."""
-        return "Hz" if self.hertz else "rad/s"
+    unit: FrequencyUnit
 
     @property
     def shown(self) -> Floats:
         """The frequencies in the unit in which they are shown."""
-        return self.omega / (2 * math.pi) if self.hertz else self.omega
+        return self.omega / (2 * math.pi) if self.unit.name == "Hz" else self.omega
 
     @property
     def axis(self) -> PlotAxis:
         """The axis: logarithmic if it spans more than a decade."""
         values = self.omega[self.omega > 0]
         wide = bool(len(values)) and bool(values.max() > 10 * values.min()) and len(values) == len(self.omega)
-        return PlotAxis("frequency (Hz)" if self.hertz else "angular frequency (rad/s)", log=wide)
+        return PlotAxis(frequency_label(self.unit), log=wide)
 
     @property
     def columns(self) -> dict[str, Floats]:
         """Their columns in a table."""
         found = {"angular frequency (rad/s)": self.omega}
-        return found | ({"frequency (Hz)": self.shown} if self.hertz else {})
+        return found | {frequency_label(self.unit): self.shown}
 
 
 def frequencies(result: Result, path: str) -> Frequencies:
     """Return the frequencies at a path of a result."""
-    return Frequencies(result[path].data, in_hertz(result))
+    return Frequencies(result[path].data, frequency_unit(result))
 
 
 def decibels(values: Complex) -> Floats:
@@ -190,15 +186,15 @@ def _nyquist(at: Frequencies, curves: Sequence[NamedResponse], units: Sequence[s
         critical = bool(0.05 < size < 1e3)  # −1 is at the scale of the response
         layers: list[Layer] = [
             Curve(values.real, -values.imag, "", "s1 fine dashed", name="negative frequencies"),
-            Curve(values.real, values.imag, "", "s1", name="positive frequencies"),
+            Curve(values.real, values.imag, "", "s1", name=name, along=at.shown),
             Markers([-1.0], [0.0], "", "mark", "+", 5, ["−1"]) if critical else Markers([], []),
         ]
         if known.size:
             first = known[0]
-            tip = f"{short(at.shown[first])} {at.unit}"
+            tip = f"{short(at.shown[first])} {at.unit.name}"
             layers.append(Markers([values.real[first]], [values.imag[first]], "", "s1", "o", 4, [tip]))
         real, imaginary = (PlotAxis(labelled(f"{part} part", unit)) for part in ("real", "imaginary"))
-        subplots.append(Subplot(real, imaginary, layers, name, square=True))
+        subplots.append(Subplot(real, imaginary, layers, name, square=True, parameter=at.axis.label))
     per_row = min(len(subplots), inputs if 1 < inputs <= ROW else ROW)
     rows = [subplots[start : start + per_row] for start in range(0, len(subplots), per_row)]
     left = f" The first {LOCI} of {len(curves)} responses." if len(curves) > LOCI else ""

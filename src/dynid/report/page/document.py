@@ -1,4 +1,4 @@
-"""Page of a result as one HTML document: content first, then figures, samples, the scene, and provenance.
+"""Page of a result as one HTML document: the answer with its figures first, then details and derivations.
 
 Every page has a policy that lets it load nothing and run only its own scripts, a theme button, and links to
 its sections.
@@ -6,21 +6,25 @@ its sections.
 
 from __future__ import annotations
 
+import math
 import re
 from base64 import b64encode
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from hashlib import sha256
 from importlib.resources import files
 from string import Template
+from typing import NamedTuple
 
 from dynid._version import __version__
 from dynid.errors import DynidError
+from dynid.number_format import counted
 from dynid.progress import tracked
 from dynid.report.content import array_rows, content
-from dynid.report.content.blocks import Block, DefinitionList, NumberedList, Statement
+from dynid.report.content.blocks import Block, DefinitionList, NumberedList, ReportSection, Statement
 from dynid.report.figure import Figure
 from dynid.report.page.html import Markup, figure_table, formula, grid, join, scrolling, tag, text
-from dynid.report.registry import figures
+from dynid.report.plot.chart import embedded
+from dynid.report.registry import figures, leading
 from dynid.report.svg import css
 from dynid.result import Result
 
@@ -28,10 +32,22 @@ _TOOLS = (("in", "+", "Zoom in"), ("out", "−", "Zoom out"), ("all", "Whole", "
 _NUMBER = re.compile(r"(?:[ζ×] )?[-+−±]?[\d∞–]|-$")
 #: Most arrays, and most lines of a scene, that are listed.
 _ARRAYS, _LINES = 500, 3000
+#: Width of a picture, and that above which it takes the whole width of the page, px.
+_WIDTH, _WIDE = re.compile(r'<svg[^>]*\bwidth="([\d.]+)"'), 520
+#: Largest sum of the heights of the plots of a figure beside the answer, px.
+_TALL = 280.0
 _FIRST = ("created", "dynid_version", "python", "packages", "seed", "folder")
 
-#: Heading and content of a part of a page.
-PagePart = tuple[str, Markup]
+#: Most rows of a table of the answer that are not folded.
+_SHOWN = 6
+
+
+class PagePart(NamedTuple):
+    """A part of a page: its heading, its content, and the names and titles of what it has (for the index)."""
+
+    heading: str
+    inside: Markup
+    entries: Sequence[tuple[str, str]] = ()
 
 
 def page(result: Result, *, live: int | None = None, note: str = "") -> str:
@@ -54,28 +70,72 @@ def page(result: Result, *, live: int | None = None, note: str = "") -> str:
     found = content(result)
     scripts = ["samples.js"] if result.kind == "study" else []
     scripts += ["watch.js"] if live is not None else []
-    sections = (
-        tag("section", tag("h3", section.title), *(_block(b, section.title) for b in section.blocks))
-        for section in found.sections
-    )
-    parts: list[PagePart] = []
-    if results := join(tag("p", note, class_="note") if note else "", *sections):
-        parts.append(("Results", results))
-    if drawn := [_figure(figure) for figure in tracked(figures(result), "figure")]:
-        parts.append(("Figures", join(*drawn)))
+    every = figures(result)
+    first, drawn = leading(result.kind, every), dict[str, Markup]()
+    for figure in tracked(every, "figure"):
+        token = embedded.set(_TALL if figure in first else math.inf)
+        try:
+            drawn[figure.name] = _figure(figure)
+        finally:
+            embedded.reset(token)
+    others = [figure for figure in every if figure not in first]
+    parts = [_answer(found.sections, first, drawn, note)]
+    if shown := [figure for figure in others if not figure.derivation]:
+        cells = tag("div", *(drawn[figure.name] for figure in shown), class_="figures")
+        parts.append(PagePart("Figures", cells, [_entry(figure) for figure in shown]))
+    for place, heading in (("details", "Details"), ("derivation", "Derivations")):
+        sections = [section for section in found.sections if section.place == place]
+        derived = [figure for figure in others if figure.derivation] if place == "derivation" else []
+        names = [(f"{place}-{number}", section.title) for number, section in enumerate(sections, 1)]
+        inside = [
+            _folded(name, title, *(_block(block, title) for block in section.blocks))
+            for (name, title), section in zip(names, sections, strict=True)
+        ]
+        inside += [_folded(f"fold-{figure.name}", figure.title, drawn[figure.name]) for figure in derived]
+        if inside:
+            parts.append(PagePart(heading, join(*inside), [*names, *map(_entry, derived)]))
     if result.kind == "study":
         from dynid.report.page.samples import samples
 
-        parts.append(("Samples", samples(result)))
+        parts.append(PagePart("Samples", samples(result)))
     if result.attrs.get("scene"):
         lines = str(result.attrs["scene"]).splitlines()
         numbered = join(*(tag("span", f"{line}\n", class_="line") for line in lines[:_LINES]))
         left = len(lines) - _LINES
         more = tag("p", f"… {left:,} more lines in the file", class_="quiet") if left > 0 else ""
         scene = scrolling(tag("pre", tag("code", numbered), class_="scene"), "Scene")
-        parts.append(("Scene", join(scene, more)))
-    parts.append(("Provenance", _provenance(result)))
+        parts.append(PagePart("Scene", _folded("scene-text", counted(len(lines), "line"), scene, more)))
+    parts.append(PagePart("Provenance", _provenance(result)))
     return document(result.title or "A result of dynid", found.method, parts, scripts, live)
+
+
+def _answer(
+    sections: Iterable[ReportSection], first: Sequence[Figure], drawn: Mapping[str, Markup], note: str
+) -> PagePart:
+    """Return the answer with the figures that show it; all but the first rows of its tables are folded."""
+    answers = [section for section in sections if section.place == "answer"]
+    cells = []
+    for one in answers:
+        blocks = (tag("div", _block(block, one.title, _SHOWN), class_="block") for block in one.blocks)
+        # Sentences need no heading.
+        head = "" if all(isinstance(block, Statement) for block in one.blocks) else tag("h3", one.title)
+        terms = all(isinstance(block, DefinitionList) for block in one.blocks)
+        cells.append(tag("section", head, *blocks, class_="terms" if terms else None))
+    inside = join(
+        tag("p", note, class_="note") if note else "",
+        tag("div", *cells, class_="answers") if answers else "",
+        tag("div", *(drawn[figure.name] for figure in first), class_="figures") if first else "",
+    )
+    return PagePart("Answer", inside, [_entry(figure) for figure in first])
+
+
+def _entry(figure: Figure) -> tuple[str, str]:
+    return f"figure-{figure.name}", figure.title
+
+
+def _folded(name: str, title: str, *inside: str) -> Markup:
+    """Return content below its heading, folded."""
+    return tag("details", tag("summary", tag("h3", title)), *inside, id=name, class_="fold")
 
 
 def document(
@@ -92,7 +152,7 @@ def document(
     title, subtitle
         Title and a line below it.
     parts
-        Heading and content of each.
+        The parts; empty ones are omitted.
     scripts
         File names of JavaScript, beside the one of all pages.
     live
@@ -103,7 +163,7 @@ def document(
         return (files("dynid.report.page") / name).read_text(encoding="utf-8")
 
     code = [asset(name) for name in ("page.js", *scripts)]
-    every = [(heading, heading.lower().replace(" ", "-"), inside) for heading, inside in parts]
+    every = [(part, part.heading.lower()) for part in parts if part.inside]
     theme = tag(
         "button",
         "Dark",
@@ -112,21 +172,31 @@ def document(
         class_="no-script",
         title="Switch between light and dark",
     )
-    links = (tag("li", tag("a", heading, href=f"#{name}")) for heading, name, _ in every)
+    links = (tag("li", tag("a", part.heading, href=f"#{name}")) for part, name in every)
+    listed = [(part.heading, part.entries) for part, _ in every if part.entries]
+    index = ""
+    if listed:
+        lists = (
+            tag("dt", heading)
+            + tag("dd", *(join(tag("a", entry, href=f"#{name}"), " ") for name, entry in entries))
+            for heading, entries in listed
+        )
+        index = tag("details", tag("summary", "Index"), tag("dl", *map(Markup, lists)), class_="index")
     header = tag(
         "header",
-        tag("div", tag("h1", tag("bdi", title)), theme, class_="row"),
-        tag("p", subtitle, class_="quiet"),
-        tag("nav", tag("ul", *links), aria_label="Sections"),
+        tag("div", tag("h1", tag("bdi", title)), tag("p", subtitle, class_="quiet"), theme, class_="row"),
+        tag("nav", tag("ul", *links), index, aria_label="Sections"),
     )
     state = []
     if live is not None:
         state.append(tag("div", id="state", class_="quiet", role="status", data_version=str(live)))
         state.append(tag("div", id="fault", class_="card", role="alert"))
     cards = []
-    for heading, name, inside in every:
-        top = tag("h2", heading, id=f"{name}-title")
-        cards.append(tag("section", top, inside, id=name, class_="card", aria_labelledby=f"{name}-title"))
+    for part, name in every:
+        top = tag("h2", part.heading, id=f"{name}-title")
+        cards.append(
+            tag("section", top, part.inside, id=name, class_="card", aria_labelledby=f"{name}-title")
+        )
     body = join(
         header,
         *state,
@@ -149,8 +219,11 @@ def document(
     )
 
 
-def _block(block: Block, title: str) -> Markup:
-    """Return a block; in tables, columns of numbers are aligned to the right."""
+def _block(block: Block, title: str, most: int | None = None) -> Markup:
+    """Return a block; in tables, columns of numbers are aligned to the right.
+
+    With `most`, all rows of longer tables are folded below the first.
+    """
     if isinstance(block, DefinitionList):
         items = (
             join(tag("dt", name), *(tag("dd", formula(line)) for line in lines))
@@ -174,9 +247,14 @@ def _block(block: Block, title: str) -> Markup:
         )
         head = tag("th", row[0], scope="row") if row[0] else tag("td")
         rows.append(tag("tr", head, *cells, class_="marked" if place in block.marked else None))
-    table = grid(block.columns, join(*rows), numeric)
+    label = block.caption or title
     caption = tag("p", block.caption, class_="quiet") if block.caption else Markup("")
-    return join(caption, scrolling(table, block.caption or title))
+    if most is None or len(rows) <= most + 2:
+        return join(caption, scrolling(grid(block.columns, join(*rows), numeric), label))
+    first, whole = (grid(block.columns, join(*some), numeric) for some in (rows[:most], rows))
+    summary = tag("summary", f"All {len(rows):,} rows")
+    folded = tag("details", summary, scrolling(whole, f"{label}, all rows"), class_="rows")
+    return join(caption, scrolling(first, f"{label}, first rows"), folded)
 
 
 def _figure(figure: Figure) -> Markup:
@@ -199,6 +277,7 @@ def _figure(figure: Figure) -> Markup:
         tag("figcaption", picture.caption) if picture.caption else "",
         figure_table(picture.table, figure.title) if picture.table else "",
         id=f"figure-{figure.name}",
+        class_="wide" if (size := _WIDTH.search(drawn)) and float(size[1]) > _WIDE else None,
     )
 
 

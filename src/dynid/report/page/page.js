@@ -1,4 +1,5 @@
-// The theme, and figures: zoom, moving about, and the values under the pointer. Without it the page says all.
+// The theme, links into folded parts, and figures: zoom, moving about, and cursors that snap to the curves of all
+// figures over the same quantity. Without scripts the page says all.
 "use strict";
 (() => {
   const root = document.documentElement;
@@ -9,39 +10,94 @@
   theme.addEventListener("click", () => { root.dataset.theme = isDark() ? "light" : "dark"; name(); });
   dark.addEventListener("change", name);
   name();
-  // Paper is white: print in light, and open nothing that was closed.
-  let before;
-  addEventListener("beforeprint", () => { before = root.dataset.theme; root.dataset.theme = "light"; });
-  addEventListener("afterprint", () => { if (before) root.dataset.theme = before; else delete root.dataset.theme; });
   for (const hidden of document.querySelectorAll(".no-script")) hidden.classList.remove("no-script");
+
+  // Paper is white and cannot be clicked: print in light, with all but the tables of figures unfolded.
+  let before;
+  let closed = [];
+  addEventListener("beforeprint", () => {
+    before = root.dataset.theme;
+    root.dataset.theme = "light";
+    closed = [...document.querySelectorAll("details:not([open], figure details, .index)")];
+    for (const one of closed) one.open = true;
+  });
+  addEventListener("afterprint", () => {
+    if (before) root.dataset.theme = before; else delete root.dataset.theme;
+    for (const one of closed) one.open = false;
+  });
+
+  // A link opens the folded parts around its target.
+  const reveal = () => {
+    const target = location.hash.length > 1 && document.getElementById(decodeURIComponent(location.hash.slice(1)));
+    for (let one = target; one; one = one.parentElement) if (one.localName === "details") one.open = true;
+    if (target) target.scrollIntoView();
+  };
+  addEventListener("hashchange", reveal);
+  document.addEventListener("click", (event) => {
+    const link = event.target.closest && event.target.closest('a[href^="#"]');
+    if (link && link.hash === location.hash) reveal(); // the hash stays, the part may have been folded again
+  });
+  reveal();
 
   const SVG = "http://www.w3.org/2000/svg";
   const digits = (value) => {
     if (!Number.isFinite(value)) return String(value);
     const size = Math.abs(value);
-    return size && (size < 1e-3 || size >= 1e6) ? value.toExponential(3) : String(+value.toPrecision(5));
+    const text = size && (size < 1e-3 || size >= 1e6) ? value.toExponential(3) : String(+value.toPrecision(5));
+    return text.replace("-", "−");
   };
+  // "magnitude (dB)": the quantity and its unit.
+  const parts = (label) => {
+    const at = label.endsWith(")") ? label.lastIndexOf(" (") : -1;
+    return at < 0 ? [label, ""] : [label.slice(0, at), label.slice(at + 2, -1)];
+  };
+  const withUnit = (value, unit) => `${digits(value)}${unit === "°" ? "" : " "}${unit}`.trim();
 
   // What the pixels of a plot mean: data-box, data-x and data-y say it.
   class Plot {
     constructor(group) {
+      const data = group.dataset;
       this.group = group;
-      [this.left, this.top, this.width, this.height] = group.dataset.box.split(" ").map(Number);
-      this.x = group.dataset.x.split(" ");
-      this.y = group.dataset.y.split(" ");
+      [this.left, this.top, this.width, this.height] = data.box.split(" ").map(Number);
+      [this.x, this.y] = [data.x.split(" "), data.y.split(" ")];
+      [this.xName, this.xUnit] = parts(data.xLabel || "x");
+      [this.yName, this.yUnit] = parts(data.yLabel || "y");
+      this.over = data.parameter || ""; // what its loci are over, or the size of y in other units
+      this.perY = +(data.perY || 0);
       this.lines = [...group.querySelectorAll("path[data-name]")].map((path) => ({
-        name: path.dataset.name || group.dataset.yLabel || "y", path, points: points(path.getAttribute("d")),
+        name: path.dataset.name || this.yName, path, points: points(path.getAttribute("d")),
+        along: path.dataset.along ? path.dataset.along.split(" ").map(Number) : null,
       })).filter((line) => line.points.length > 1);
+      this.loci = this.lines.filter((line) => line.along);
     }
     value(scale, share) {
       const [kind, low, high] = [scale[0], +scale[1], +scale[2]];
       return kind === "log" ? low * Math.pow(high / low, share) : low + (high - low) * share;
     }
+    share(scale, value) {
+      const [kind, low, high] = [scale[0], +scale[1], +scale[2]];
+      return kind === "log" ? Math.log(value / low) / Math.log(high / low) : (value - low) / (high - low);
+    }
     across(px) { return this.value(this.x, (px - this.left) / this.width); }
     up(px) { return this.value(this.y, 1 - (px - this.top) / this.height); }
-    holds(point) {
-      return point.x >= this.left && point.x <= this.left + this.width
-        && point.y >= this.top && point.y <= this.top + this.height;
+    atX(value) { return this.left + this.width * this.share(this.x, value); }
+    atY(value) { return this.top + this.height * (1 - this.share(this.y, value)); }
+    holds(x, y) {
+      return x >= this.left - 0.01 && x <= this.left + this.width + 0.01
+        && y >= this.top - 0.01 && y <= this.top + this.height + 0.01;
+    }
+    // The quantity and the value that a cursor at a place stands for.
+    cursor(x, y) {
+      if (this.perY) return [this.over, Math.abs(this.up(y)) * this.perY];
+      if (!this.loci.length) return [this.group.dataset.xLabel, this.across(x)];
+      let best = [Infinity, 0];
+      for (const line of this.loci) {
+        line.points.forEach(([a, b], k) => {
+          const far = Math.hypot(a - x, b - y);
+          if (far < best[0]) best = [far, line.along[k]];
+        });
+      }
+      return [this.over, best[1]];
     }
   }
 
@@ -70,6 +126,23 @@
     return best;
   }
 
+  // The point of a locus at a value of its parameter.
+  function pointAt(line, value) {
+    for (let k = 1; k < line.points.length; k += 1) {
+      const [from, to] = [line.along[k - 1], line.along[k]];
+      if (line.points[k][2] || (value - from) * (value - to) > 0) continue;
+      const share = from === to ? 0 : (value - from) / (to - from);
+      const [a, b] = [line.points[k - 1], line.points[k]];
+      return [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])];
+    }
+    return null;
+  }
+
+  const pictures = [];
+  const clear = () => { for (const one of pictures) one.clear(); };
+  // Mark a value of a quantity on every plot that has it.
+  const link = (label, value, near) => { for (const one of pictures) one.mark(label, value, near); };
+
   for (const picture of document.querySelectorAll(".picture")) {
     const svg = picture.querySelector("svg");
     const tools = picture.parentElement.querySelector(".tools");
@@ -80,6 +153,62 @@
     const plots = [...svg.querySelectorAll("g.plot[data-box]")].map((group) => new Plot(group));
     const marks = document.createElementNS(SVG, "g");
     svg.append(marks);
+    const draw = (kind, attributes) => {
+      const element = document.createElementNS(SVG, kind);
+      for (const [key, value] of Object.entries(attributes)) element.setAttribute(key, value);
+      marks.append(element);
+      return element;
+    };
+    const dot = (x, y, path) => {
+      const element = draw("circle", { cx: x, cy: y, r: 3.5, class: "hit" });
+      if (path) element.style.stroke = getComputedStyle(path).stroke;
+    };
+
+    const readAlongX = (plot, value, near, said) => {
+      const x = plot.atX(value);
+      if (!(x >= plot.left - 0.01 && x <= plot.left + plot.width + 0.01)) return;
+      draw("path", { class: "pointer", d: `M${x} ${plot.top}V${plot.top + plot.height}` });
+      for (const line of plot.lines) {
+        const y = height(line.points, x, near === null ? plot.top + plot.height / 2 : near);
+        if (y === null || y < plot.top - 1 || y > plot.top + plot.height + 1) continue;
+        said.push(`${line.name === plot.group.dataset.yLabel ? plot.yName : line.name}: ${withUnit(plot.up(y), plot.yUnit)}`);
+        dot(x, y, line.path);
+      }
+    };
+    const readLocus = (plot, value, said) => {
+      for (const line of plot.loci) {
+        const at = pointAt(line, value);
+        if (!at || !plot.holds(...at)) continue;
+        const im = plot.up(at[1]);
+        said.push(`${line.name}: ${digits(plot.across(at[0]))} ${im < 0 ? "−" : "+"} ${digits(Math.abs(im))}j ${plot.yUnit}`.trim());
+        dot(...at, line.path);
+      }
+    };
+    const readUpright = (plot, value) => {
+      for (const sign of [1, -1]) {
+        const y = plot.atY(sign * value / plot.perY);
+        if (plot.holds(plot.left, y)) draw("path", { class: "pointer", d: `M${plot.left} ${y}H${plot.left + plot.width}` });
+      }
+    };
+    const own = {
+      clear: () => { marks.replaceChildren(); output.textContent = ""; },
+      mark: (label, value, near) => {
+        own.clear();
+        const said = [];
+        let met = false;
+        for (const plot of plots) {
+          if (plot.over === label && plot.perY) readUpright(plot, value);
+          else if (plot.over === label) readLocus(plot, value, said);
+          else if (plot.group.dataset.xLabel === label && plot.lines.length) readAlongX(plot, value, near && near.plot === plot ? near.y : null, said);
+          else continue;
+          met = true;
+        }
+        if (!met) return;
+        const [quantity, unit] = parts(label);
+        output.textContent = [`${quantity}: ${withUnit(value, unit)}`, ...said.slice(0, 12)].join(" · ");
+      },
+    };
+    pictures.push(own);
 
     const show = () => {
       svg.setAttribute("viewBox", box.map((value) => +value.toFixed(3)).join(" "));
@@ -100,27 +229,27 @@
       const matrix = svg.getScreenCTM();
       return matrix ? new DOMPoint(event.clientX, event.clientY).matrixTransform(matrix.inverse()) : null;
     };
-    const read = (x, y, nearest) => {
-      marks.replaceChildren();
-      const plot = plots.find((one) => one.holds({ x, y }));
-      if (!plot) { output.textContent = ""; return; }
-      const rule = document.createElementNS(SVG, "path");
-      rule.setAttribute("class", "pointer");
-      rule.setAttribute("d", `M${x} ${plot.top}V${plot.top + plot.height}`);
-      marks.append(rule);
-      const said = [`${plot.group.dataset.xLabel || "x"}: ${digits(plot.across(x))}`];
-      for (const line of plot.lines) {
-        const y_at = height(line.points, x, y);
-        if (y_at === null || y_at < plot.top - 1 || y_at > plot.top + plot.height + 1) continue;
-        said.push(`${line.name}: ${digits(plot.up(y_at))}`);
-        const dot = document.createElementNS(SVG, "circle");
-        for (const [key, value] of [["cx", x], ["cy", y_at], ["r", 3.5], ["class", "hit"]]) dot.setAttribute(key, value);
-        dot.style.stroke = getComputedStyle(line.path).stroke;
-        marks.append(dot);
+    // The text of the mark nearest to a place: a pole, a bar, a sample.
+    const nearest = (plot, x, y) => {
+      let best = [14, ""];
+      plot.tips = plot.tips || [...plot.group.querySelectorAll("title")].map((title) => [title.parentElement.getBBox(), title.textContent]);
+      for (const [area, words] of plot.tips) {
+        const far = Math.hypot(x - Math.min(Math.max(x, area.x), area.x + area.width), y - Math.min(Math.max(y, area.y), area.y + area.height));
+        if (far < best[0]) best = [far, words];
       }
+      return best[1];
+    };
+    const read = (x, y) => {
+      clear();
+      const plot = plots.find((one) => one.holds(x, y));
+      if (!plot) return;
+      link(...plot.cursor(x, y), { plot, y });
+      const words = nearest(plot, x, y);
+      if (words) output.textContent = output.textContent ? `${words} · ${output.textContent}` : words;
       // Where there are curves, the pointer's own height is no value of theirs.
-      if (!plot.lines.length && nearest) said.push(`${plot.group.dataset.yLabel || "y"}: ${digits(plot.up(y))}`);
-      output.textContent = said.slice(0, 9).join(" · ");
+      if (output.textContent) return;
+      output.textContent = [[plot.xName, plot.across(x), plot.xUnit], [plot.yName, plot.up(y), plot.yUnit]]
+        .map(([quantity, value, unit]) => `${quantity}: ${withUnit(value, unit)}`).join(" · ");
     };
 
     tools.addEventListener("click", (event) => {
@@ -143,14 +272,14 @@
       const point = at(event);
       if (!point) return;
       if (held) move(held.x - point.x, held.y - point.y);
-      else read(point.x, point.y, true);
+      else read(point.x, point.y);
     });
     const release = () => { held = null; picture.classList.remove("held"); };
     svg.addEventListener("pointerup", release);
     svg.addEventListener("pointercancel", release);
-    svg.addEventListener("pointerleave", () => { if (!held) { marks.replaceChildren(); output.textContent = ""; } });
+    svg.addEventListener("pointerleave", () => { if (!held) clear(); });
 
-    // By keys: + - 0 zoom; arrows read a plot's values, or move about in what is zoomed.
+    // By keys: + - 0 zoom; arrows move the cursor of the first plot, or move about in what is zoomed.
     let place = 0.5;
     picture.addEventListener("keydown", (event) => {
       const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
@@ -161,7 +290,7 @@
       else if (step && step[0] && plots.length) {
         place = Math.min(Math.max(place + step[0] / 100, 0), 1);
         const plot = plots[0];
-        read(plot.left + place * plot.width, plot.top + plot.height / 2, false);
+        read(plot.left + place * plot.width, plot.top + plot.height / 2);
       } else return;
       event.preventDefault();
     });

@@ -25,6 +25,8 @@ _BESIDE = 24.0
 #: Width of a figure and height of a plot area, px.
 WIDTH, HEIGHT = 760.0, 250.0
 _PAD, _BETWEEN, _KEY, _ROW = 12.0, 16.0, 26.0, 20.0
+#: Width of a chart on a page, and least width and mean height of a subplot there, px.
+NARROW, _LEAST, _LOWEST = 420.0, 190.0, 64.0
 
 _PARALLEL_PAD, _PARALLEL_HEIGHT, _APART = 16.0, 280.0, 110.0
 #: Colours of samples in parallel coordinates, from the lowest values on the last axis to the highest.
@@ -33,6 +35,11 @@ _HUES = ("s1", "s6", "s3", "s5", "s2")
 
 #: Where charts are collected instead of drawn as SVG; None: they are drawn.
 declared: ContextVar[list[Sequence[Sequence[Subplot]]] | None] = ContextVar("declared", default=None)
+
+
+#: Largest sum of the heights of plot areas, px, where charts are drawn for a page: as narrow as the screen of
+#: a phone, and without a title. None: they are not for a page.
+embedded: ContextVar[float | None] = ContextVar("embedded", default=None)
 
 
 @dataclass(frozen=True)
@@ -53,6 +60,11 @@ class Subplot:
         True if equal differences have equal lengths on both axes.
     weight
         Share of a row's width, relative to its other subplots.
+    parameter
+        The quantity, with its unit, that its curves are over (`along` of each), or that the size of y is in
+        other units: a cursor on an x axis of this label marks it here, too.
+    per_y
+        The parameter per unit of |y|; 0: the curves have it.
     """
 
     x: PlotAxis
@@ -62,6 +74,8 @@ class Subplot:
     height: float | None = None
     square: bool = False
     weight: float = 1.0
+    parameter: str = ""
+    per_y: float = 0.0
 
     @property
     def scales(self) -> tuple[Scale, Scale]:
@@ -98,6 +112,8 @@ class Subplot:
             data_y=str(area.y),
             data_x_label=self.x.label,
             data_y_label=self.y.label,
+            **({"data_parameter": self.parameter} if self.parameter else {}),
+            **({"data_per_y": f"{self.per_y:.6g}"} if self.per_y else {}),
         )
         if all(layer.gridded for layer in self.layers):
             right, bottom = area.left + area.width, area.top + area.height
@@ -134,7 +150,8 @@ class Subplot:
             x, y = area.left - margin + LABEL - 4, area.top + area.height / 2
             svg.text(x, y, text, cls, transform=f"rotate(-90 {x:.6g} {y:.6g})")
         if self.title:
-            svg.text(area.left + area.width / 2, area.top - 7, self.title, "strong")
+            title = fitted(self.title, (area.width + _BETWEEN) / 1.12)
+            svg.text(area.left + area.width / 2, area.top - 7, title, "strong")
         svg.close()
 
 
@@ -217,12 +234,57 @@ def chart(
         elsewhere.append(rows)
         return ""
     svg = Svg(name, title, description)
-    y = _PAD + TITLE
-    svg.text(_PAD, y, fitted(title, (width - 2 * _PAD) * SIZE / TITLE / 1.12), "title", anchor="start")
+    groups, y, scale = [rows], _PAD + TITLE, 1.0
+    if (tallest := embedded.get()) is not None:
+        groups, width = _narrowed(rows, width, shared)
+        heights = [max(plot.height or height for plot in row) for group in groups for row in group]
+        between = 0.0 if shared else (BELOW + LABEL) * (len(heights) - 1)  # labels of every row
+        scale = min(1.0, max(tallest - between, _LOWEST * len(heights)) / sum(heights))
+        y = -4.0
+    else:
+        svg.text(_PAD, y, fitted(title, (width - 2 * _PAD) * SIZE / TITLE / 1.12), "title", anchor="start")
     if legend is None:
         legend = (entry for row in rows for plot in row for layer in plot.layers for entry in layer.legend())
     y = _draw_legend(svg, list(dict.fromkeys(legend)), y + 8, width)
-    # The width is shared by columns, each with the widest margin among its subplots.
+    for group in groups:
+        sized = [[replace(plot, height=scale * (plot.height or height)) for plot in row] for row in group]
+        y = _draw_rows(svg, sized if scale < 1 else group, y, width, height, shared)
+    return svg.render(width, y + _PAD)
+
+
+def _narrowed(
+    rows: Sequence[Sequence[Subplot]], width: float, shared: bool
+) -> tuple[list[Sequence[Sequence[Subplot]]], float]:
+    """Return the rows in groups of fewer columns, one below the other, and the width of each.
+
+    A grid of subplots whose inner axes have no labels stays whole. Columns with one x axis stay together.
+    """
+    count = max(map(len, rows))
+    if any(not (plot.x.label or plot.x.names) for row in rows for plot in row):
+        return [rows], width
+    if any(plot.x.names for row in rows for plot in row):
+        named = max(
+            sum(text_width(name, SMALL) + 12 for name in plot.x.names) for row in rows for plot in row
+        )
+        width, most = min(width, max(NARROW, named + 110)), 1
+    else:
+        square = any(plot.square for row in rows for plot in row)
+        width, most = min(width, NARROW), 1 if square else int(NARROW / _LEAST)
+    if count <= most:
+        return [rows], width
+    starts = range(0, count, most)
+    if shared:
+        return [[row[k : k + most] for row in rows if row[k : k + most]] for k in starts], width
+    return [[row[k : k + most] for row in rows for k in range(0, len(row), most)]], width
+
+
+def _draw_rows(
+    svg: Svg, rows: Sequence[Sequence[Subplot]], y: float, width: float, height: float, shared: bool
+) -> float:
+    """Draw rows of subplots aligned in columns; return their lower end.
+
+    The width is shared by columns, each with the widest margin among its subplots.
+    """
     in_columns = [[row[place] for row in rows if place < len(row)] for place in range(max(map(len, rows)))]
     margins = [max(plot.margin(plot.height or height) for plot in column) for column in in_columns]
     weights = [max(plot.weight for plot in column) for column in in_columns]
@@ -242,7 +304,7 @@ def chart(
             plot.draw(svg, area, margin=column.margin, labelled=labelled)
             beneath = max(beneath, (BELOW + (LABEL if plot.x.label else 0.0)) if labelled else 0.0)
         y += max(plot.height or height for plot in row) + beneath
-    return svg.render(width, y + _PAD)
+    return y
 
 
 def _draw_legend(svg: Svg, entries: Sequence[LegendEntry], y: float, width: float) -> float:

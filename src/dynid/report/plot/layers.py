@@ -120,6 +120,8 @@ class Curve(_GriddedLayer):
         True if the axes must contain it.
     name
         Its name where a script reads its values; absent: the label, and without one the label of the y axis.
+    along
+        The value of a parameter at each point of a locus, such as the frequency; absent: none.
     """
 
     x: ArrayLike
@@ -128,6 +130,7 @@ class Curve(_GriddedLayer):
     cls: str = "s1"
     spans: bool = True
     name: str = ""
+    along: ArrayLike | None = None
 
     def extent(self) -> Extent:
         """Return its values."""
@@ -136,10 +139,20 @@ class Curve(_GriddedLayer):
     def draw(self, svg: Svg, area: PlotArea) -> None:
         """Draw it."""
         x, y = area.at_x(self.x), np.clip(area.at_y(self.y), -1e4, 1e4)
-        pieces = [path_of(_rounded(*decimated(*run))) for run in runs(x, y)]
+        pieces, places = list[str](), list[float]()
+        if self.along is None:
+            pieces = [path_of(_rounded(*decimated(a, b))) for a, b in runs(x, y)]
+        else:
+            values = np.asarray(self.along)
+            for run_x, run_y, run_at in runs(x, y, values):
+                kept = spread(run_x, run_y)
+                pieces.append(path_of(_rounded(run_x[kept], run_y[kept])))
+                places += run_at[kept].tolist()
         if pieces:
             # A curve that the axes need not contain is part of the grid; its values are not read.
             named = {"data_name": self.name or self.label} if self.spans else {}
+            if places:
+                named["data_along"] = " ".join(f"{value:.5g}" for value in places)
             svg.element("path", self.cls, d="".join(pieces), stroke_linejoin="round", **named)
 
 
@@ -324,12 +337,12 @@ Floats = NDArray[np.float64]
 NEAR = 0.08
 
 
-def runs(x: Floats, y: Floats) -> Iterator[tuple[Floats, Floats]]:
-    """Yield the runs of finite points of a line."""
+def runs(x: Floats, y: Floats, *also: Floats) -> Iterator[tuple[Floats, ...]]:
+    """Yield the runs of finite points of a line, with other values at the points."""
     known = np.isfinite(x) & np.isfinite(y)
     edges = np.flatnonzero(np.diff(known.astype(np.int8), prepend=0, append=0))
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        yield x[start:stop], y[start:stop]
+        yield x[start:stop], y[start:stop], *(values[start:stop] for values in also)
 
 
 def by_column(x: Floats, y: Floats) -> NDArray[np.intp]:
@@ -397,9 +410,13 @@ def decimated(x: Floats, y: Floats, near: float = NEAR) -> tuple[Floats, Floats]
         x, y = x[kept], y[kept]
         kept = straightened(x, y, near)
         return x[kept], y[kept]
+    kept = spread(x, y)
+    return x[kept], y[kept]
+
+
+def spread(x: Floats, y: Floats) -> NDArray[np.intp]:
+    """Return the indices of points of a line every 0.5 px along it, and of its end."""
     moved = np.hypot(np.diff(x), np.diff(y))
     place = np.floor(np.concatenate([[0.0], np.cumsum(moved)]) / 0.5).astype(np.int64)
     kept = _firsts(place)
-    if kept[-1] != len(x) - 1:
-        kept = np.append(kept, len(x) - 1)
-    return x[kept], y[kept]
+    return kept if kept[-1] == len(x) - 1 else np.append(kept, len(x) - 1)
