@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _CODE = re.compile(r"^```.*?^```$", re.DOTALL | re.MULTILINE)
 _LINK = re.compile(r"(?<=\]\()(?P<target>[^)#:\s]+)(?=[)#])")
 #: What the site has itself.
-_OWN = {".md", ".svg", ".png"}
+_OWN = {".md", ".svg", ".png", ".ipynb"}
 _LANGUAGES = {
     ".yaml": "yaml",
     ".yml": "yaml",
