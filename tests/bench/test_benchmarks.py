@@ -11,13 +11,14 @@ from click.testing import CliRunner
 
 from dynid.bench import BENCHMARKS, benchmark, run_benchmarks
 from dynid.bench.benchmark import DATA, DEFAULT_RUN, PEERS, Alternative
-from dynid.bench.suite import BenchmarkFigure, beaten, limits, pareto
+from dynid.bench.suite import BenchmarkChange, BenchmarkFigure, beaten, changes, limits, pareto
 from dynid.bench.worker import _timed, measured, processor
 from dynid.cli import cli
 from dynid.cli.summary import summary
 from dynid.errors import DynidError, Singular, UsageError
 from dynid.report.page import page
-from dynid.store import read_result
+from dynid.result import Result
+from dynid.store import read_result, write_result
 
 #: A small size of each, and the largest error of dynid's own (first) alternative there.
 SMALL = {
@@ -309,3 +310,66 @@ def test_peers_of_the_sources_take_part_where_an_interpreter_has_them(monkeypatc
         "filters": ["filterpy", "dynamax"],
         "estimators": ["filterpy", "dynamax"],
     }
+
+
+def bench_result(time, memory=1e6, error=1e-15, peer=False):
+    result = Result("bench", "Speed against error")
+    result.add_axis("bench/work/ours/size", [1, 10])
+    for name, value in (("time", time), ("memory", memory), ("error", error)):
+        result.add(f"bench/work/ours/{name}", np.array([1.0, 1.0]) * value, ("size",))
+    result.annotate("bench/work/ours", peer=peer)
+    result.annotate("bench", clock="wall")
+    return result
+
+
+@pytest.mark.parametrize(
+    ("now", "earlier", "worse"),
+    [
+        ({"time": 1.2}, [{"time": 1.0}], None),
+        ({"time": 1.3}, [{"time": 1.0}], True),
+        ({"time": 0.7}, [{"time": 1.0}], False),
+        ({"time": 1.3}, [{"time": 1.0}, {"time": 1.1}], None),  # what chance changes as much is no change
+        ({"time": 0.7}, [{"time": 1.0}, {"time": 0.8}], None),
+        ({"time": 2.0, "peer": True}, [{"time": 1.0}], None),
+        ({"time": 1.0, "memory": 15e6}, [{"time": 1.0}], None),  # small
+        ({"time": 1.0, "memory": 90e6}, [{"time": 1.0}], True),
+        ({"time": 1.0, "error": 1e-9}, [{"time": 1.0}], True),
+        ({"time": 1.0}, [{"time": 1.0, "error": 1e-9}], False),
+        ({"time": 1.0}, [], None),
+    ],
+)
+def test_changes_are_those_of_more_than_a_quarter_from_all_earlier_ones(now, earlier, worse):
+    found = changes(bench_result(**now), [bench_result(**one) for one in earlier])
+    assert {one.worse for one in found} == (set() if worse is None else {worse})
+    assert {one.size for one in found} == (set() if worse is None else {1, 10})
+
+
+def test_the_command_compares_with_a_file(tmp_path, monkeypatch):
+    write_result(bench_result(1.0), tmp_path / "last.h5")
+    now = {"time": 2.0, "error": 1e-15}
+    monkeypatch.setattr("dynid.bench.run_benchmarks", lambda *_, **__: bench_result(**now))
+    monkeypatch.setattr("dynid.cli.summary.summary", lambda *_: "")
+    command = ["bench", "propagation", "--against", str(tmp_path / "last.h5")]
+    done = CliRunner().invoke(cli, command, standalone_mode=False)
+    assert done.return_value == 1
+    assert "2 changes of more than 25 %\n    worse   work/ours at 1: time 1 s -> 2 s" in done.output
+    now["time"] = 0.5
+    done = CliRunner().invoke(cli, command, standalone_mode=False)
+    assert done.return_value == 0
+    assert "better  work/ours at 10: time 1 s -> 500 ms" in done.output
+    assert changes(bench_result(2.0), [bench_result(1.0)])[0] == BenchmarkChange(
+        "bench/work/ours/time", 1, 2.0, 1.0
+    )
+
+
+def test_times_of_another_clock_are_not_compared(tmp_path):
+    write_result(bench_result(1.0), tmp_path / "last.h5")
+    write_result(Result("reduction", "no benchmark"), tmp_path / "other.h5")
+    for name, clock, said in (
+        ("last", "processor", "Add --clock wall."),
+        ("other", "wall", "not of dynid bench"),
+    ):
+        command = ["bench", "propagation", "--clock", clock, "--against", str(tmp_path / f"{name}.h5")]
+        with pytest.raises(UsageError) as error:
+            CliRunner().invoke(cli, command, catch_exceptions=False)
+        assert said in str(error.value)

@@ -237,3 +237,51 @@ def exponent(rows: Sequence[BenchmarkFigure]) -> float | None:
     if len(rows) < 2 or rows[-1].size <= rows[-2].size:
         return None
     return math.log(rows[-1].time / rows[-2].time) / math.log(rows[-1].size / rows[-2].size)
+
+
+#: A ratio of times, memory or errors that counts as a change; smaller memory and errors than these do not.
+CHANGE, SMALL_MEMORY, SMALL_ERROR = 1.25, 16e6, 1e-13
+
+
+@dataclass(frozen=True)
+class BenchmarkChange:
+    """Change of a figure: `value`, which was `before`; `worse` if it is larger."""
+
+    path: str
+    size: int
+    value: float
+    before: float
+
+    @property
+    def worse(self) -> bool:
+        """True if the figure is larger than before."""
+        return self.value > self.before
+
+
+def changes(result: Result, earlier: Sequence[Result]) -> list[BenchmarkChange]:
+    """Return the times, memory and errors that differ from all earlier measurements by more than 25 %.
+
+    What is compared are the alternatives of dynid at common sizes. With several measurements of the same
+    release a difference that is chance shows between them, and is none.
+    """
+    found = []
+    for path, variable in result.items():
+        group, _, name = path.rpartition("/")
+        if name not in ("time", "memory", "error") or result.group_attrs[group].get("peer"):
+            continue
+        least = {"time": 0.0, "memory": SMALL_MEMORY, "error": SMALL_ERROR}[name]
+        for size, value in zip(result[f"{group}/size"].data.tolist(), variable.data.tolist(), strict=True):
+            before = [
+                float(one[path].data[place])
+                for one in earlier
+                if path in one
+                for place in np.flatnonzero(one[f"{group}/size"].data == size)
+            ]
+            if not before:
+                continue
+            low, high = min(before), max(before)
+            if value > CHANGE * max(high, least):
+                found.append(BenchmarkChange(path, size, value, high))
+            elif CHANGE * max(value, least) < low:
+                found.append(BenchmarkChange(path, size, value, low))
+    return found

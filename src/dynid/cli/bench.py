@@ -5,12 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from dynid.cli.arguments import among, refuse_unknown
 from dynid.cli.progress import showing
 from dynid.errors import UsageError
+from dynid.number_format import counted
+
+if TYPE_CHECKING:
+    from dynid.result import Result
 
 
 def _benchmarks() -> Iterable[str]:
@@ -38,6 +43,14 @@ def _benchmarks() -> Iterable[str]:
     default="wall",
     help="The time to measure; processor time depends little on other work of the machine.",
 )
+@click.option(
+    "--against",
+    "earlier",
+    multiple=True,
+    type=click.Path(),
+    metavar="FILE",
+    help="Compare with measurements of another version, by -o on this machine; may be repeated.",
+)
 @click.option("--full", is_flag=True, help="Run larger sizes, too, without a time limit.")
 @click.option("--list", "listing", is_flag=True, help="List the benchmarks.")
 def bench(
@@ -46,6 +59,7 @@ def bench(
     report: str | None,
     sizes: tuple[str, ...],
     clock: str,
+    earlier: tuple[str, ...],
     full: bool,
     listing: bool,
 ) -> int:
@@ -56,6 +70,9 @@ def bench(
     but those of measured data run, for at most three minutes; those that do not fit are omitted and listed.
     With --full, or with other sizes, the time is not limited. The environment variable DYNID_DATA names the
     folder of measured data.
+
+    With --against, changes of time, memory or error of more than 25 % are listed; the exit code is 1 if
+    anything got worse. Of several files of one version, a change is one from each.
 
     \b
     Examples:
@@ -79,14 +96,20 @@ def bench(
         own_sizes[name] = sorted({int(part) for part in parts})
     for name in (*names, *own_sizes):
         refuse_unknown(name, BENCHMARKS, "benchmark", "List them with: dynid bench --list")
+    from dynid.store import read_result, write_result
+
+    before = [read_result(name) for name in earlier]
+    for name, one in zip(earlier, before, strict=True):
+        if one.kind != "bench":
+            raise UsageError(f"{name} is a result of kind {one.kind}, not of dynid bench")
+        if (was := one.group_attrs["bench"]["clock"]) != clock:
+            raise UsageError(f"{name} has times of the {was} clock", remedy=f"Add --clock {was}.")
     seconds = math.inf if full or sizes else DEFAULT_RUN
     chosen = dict.fromkeys(names or [name for name, entry in BENCHMARKS.items() if entry.seconds])
     with showing() as listener:
         result = run_benchmarks(chosen, own_sizes, listener, full=full, clock=clock, seconds=seconds)
     click.echo(summary(result, ""))
     if output:
-        from dynid.store import write_result
-
         write_result(result, Path(output))
         click.echo(f"\n  wrote {output}")
     if report:
@@ -94,4 +117,21 @@ def bench(
 
         write_page(result, report)
         click.echo(f"  wrote {report}")
-    return 0
+    return _compared(result, before) if before else 0
+
+
+def _compared(result: Result, earlier: list[Result]) -> int:
+    """Print the changes of the figures; return the exit code."""
+    from dynid.bench.suite import changes
+    from dynid.number_format import memory_text, time_text
+
+    found = changes(result, earlier)
+    click.echo(f"\n  {counted(len(found), 'change')} of more than 25 %")
+    written = {"time": time_text, "memory": memory_text, "error": "{:.2g}".format}
+    for one in sorted(found, key=lambda one: not one.worse):
+        path, _, name = one.path.removeprefix("bench/").rpartition("/")
+        was, now = written[name](one.before), written[name](one.value)
+        click.echo(
+            f"    {'worse ' if one.worse else 'better'}  {path} at {one.size:,}: {name} {was} -> {now}"
+        )
+    return int(any(one.worse for one in found))

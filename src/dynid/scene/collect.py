@@ -12,7 +12,7 @@ from dynid.errors import UsageError
 from dynid.result import Result, Scalar, Variable
 from dynid.suggestions import did_you_mean_path
 
-#: In `collect`: every number under `properties` and `parameters`, and the status of those; the meaning of an empty `collect`.
+#: In `collect`: every number under `properties` and `parameters`, with statuses; also an empty one.
 NUMBERS = ""
 #: The groups of these.
 GATHERED_ANYWAY = frozenset({"properties", "parameters"})
