@@ -1,6 +1,8 @@
 """What all tests stand on."""
 
+import os
 import signal
+import sys
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -17,6 +19,18 @@ settings.load_profile("same")
 # Who starts the tests in the background of a script lets them ignore Ctrl-C, and with them every command
 # that they start; some tests are about just that signal.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+# Every worker, and every process that a test starts, would compile all modules anew.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _few_samples():
+    """Sample what nobody requested less: its bands take most of the time of a small identification."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("dynid.identification.write_derived.FEW_SAMPLES", 16)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -12,11 +12,13 @@ from dynid.identification.derived import (
     SAMPLED,
     DerivedQuantities,
     GaussianPosterior,
+    RootFamily,
     pairs_of,
 )
 from dynid.identification.structure_system import StructureSystem
-from dynid.identification.write_derived import DerivedRequest
+from dynid.identification.write_derived import DerivedRequest, _add_roots
 from dynid.identification.write_result import Further
+from dynid.lti.root_slopes import Roots
 from dynid.lti.signals import Multisine
 from dynid.parameters import Parameter
 from dynid.report.content.derived import derived_sections, derived_table
@@ -236,3 +238,16 @@ def test_a_posterior_that_was_checked_is_judged_without_a_table(gaussian, word):
     (section,) = derived_sections(result)
     (said,) = section.blocks
     assert said.text == f"The posterior {word} Gaussian (k = 0.31, 812 effective samples of 1000)."
+
+
+def test_ends_of_a_band_that_nothing_bounds_are_infinite():
+    """Roots that no sample has leave their band open, in both parts."""
+    far = np.array([np.inf])
+    posterior = GaussianPosterior((Parameter("k", 1.0),), np.zeros(1), np.eye(1), -far, far)
+    here = Roots(np.array([-1 + 2j, -1 - 2j]), np.full((2, 1), np.inf + 0j), 0)
+    result = Result("identification")
+    _add_roots(result, "roots", "pole", RootFamily(posterior, lambda *_: None, here))
+    assert result["roots/value"].data.tolist() == [-1 + 2j]
+    for name, end in (("low", -math.inf), ("high", math.inf)):
+        both = result[f"roots/{name}"].data
+        assert both.real.tolist() == both.imag.tolist() == [end]

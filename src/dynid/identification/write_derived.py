@@ -169,7 +169,8 @@ def _add_roots(result: Result, group: str, axis: str, family: RootFamily) -> Non
     real, imaginary = family.parts()
     result.add_axis(f"{group}/{axis}", np.arange(1, len(real.value) + 1))
     for name in ("value", "low", "high"):
-        both = getattr(real, name) + 1j * getattr(imaginary, name)
+        both = np.empty(len(real.value), dtype=np.complex128)
+        both.real, both.imag = getattr(real, name), getattr(imaginary, name)  # a sum is NaN of infinite ends
         result.add(f"{group}/{name}", both, (axis,), "1/s")
     for name, band in (("real", real), ("imaginary", imaginary)):
         result.add(f"{group}/method_{name}", band.method, (axis,))
