@@ -137,7 +137,7 @@ def results(draw):
 
 
 @given(results())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_random_results_read_back_equal(tmp_path_factory, result):
     path = tmp_path_factory.getbasetemp() / "random.h5"
     write_result(result, path)

@@ -115,6 +115,7 @@ def test_a_command_that_fails_is_named(monkeypatch):
     assert "exit status 3" in measured("startup", "help", 1)["failed"]
 
 
+@pytest.mark.usefixtures("here")
 def test_nothing_that_came_to_an_end_is_an_error(monkeypatch):
     case = benchmark("propagation")
     monkeypatch.setattr(
@@ -130,6 +131,7 @@ def test_a_default_run_ends_within_three_minutes():
     )  # the last work that is begun takes its time, too
 
 
+@pytest.mark.usefixtures("here")
 def test_a_benchmark_without_its_data_is_skipped_and_named(tmp_path, monkeypatch):
     monkeypatch.setenv(DATA, str(tmp_path))
     with pytest.raises(UsageError, match=r"no file .*robot_arm\.dat; DYNID_DATA names the folder"):
@@ -139,6 +141,7 @@ def test_a_benchmark_without_its_data_is_skipped_and_named(tmp_path, monkeypatch
     assert "skipped: robot-arm: no file" in summary(found, "")
 
 
+@pytest.mark.usefixtures("here")
 def test_what_does_not_fit_into_the_time_is_left_out_and_named():
     from dynid.cli.summary.bench import lines
 

@@ -16,6 +16,7 @@ from dynid.errors import Singular
 from tests.bondgraph.graphs import ISOLATOR, port, reduced, written
 from tests.bondgraph.random_graphs import coincident_graph, random_graph
 from tests.bondgraph.tableau import determined_at
+from tests.sample import sample
 
 S = Fraction(987654321, 1234577)
 PUBLISHED = sorted((Path(__file__).parents[2] / "../shared/data/bondgraphs").glob("*.json"))
@@ -115,7 +116,7 @@ def checked(cases):
     return rules
 
 
-@pytest.mark.parametrize("first", range(70_000, 70_150, 50))
+@pytest.mark.parametrize("first", sample(range(70_000, 70_150, 50), 2))
 def test_every_step_on_random_graphs_keeps_the_transfer_function(first):
     def cases():
         for seed in range(first, first + 50):
@@ -125,7 +126,7 @@ def test_every_step_on_random_graphs_keeps_the_transfer_function(first):
     assert checked(cases()) == set(OPERATION)
 
 
-@pytest.mark.parametrize("first", range(80_000, 80_200, 100))
+@pytest.mark.parametrize("first", sample(range(80_000, 80_200, 100), 1))
 def test_every_step_on_graphs_full_of_coincidences_keeps_the_transfer_function(first):
     def cases():
         for seed in range(first, first + 100):

@@ -1,5 +1,6 @@
 """The commands beside `dynid run`, and the command line as a whole."""
 
+import itertools
 import json
 import os
 import signal
@@ -12,6 +13,7 @@ import pytest
 
 from dynid.cli import COMMANDS
 from dynid.scene.yaml.source import read_source
+from tests.sample import sample
 from tests.scene.test_scene_faults import TEN, TEN_PLACES
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
@@ -134,8 +136,15 @@ main(["run", "small.yaml", "-q", "--set", "parameters.m=5"])
 """
 
 
-@pytest.mark.parametrize("place", ["fdopen", "fsync", "replace"])
-@pytest.mark.parametrize("old", [True, False], ids=["old result", "no result"])
+@pytest.mark.parametrize(
+    ("place", "old"),
+    sample(
+        itertools.product(["fdopen", "fsync", "replace"], [True, False]),
+        0,
+        ("fsync", True),
+        ("replace", False),
+    ),
+)
 def test_a_killed_run_leaves_the_old_result_or_none(dynid, folder, place, old):
     if old:
         assert dynid("run", "small.yaml", "-q")[0] == 0

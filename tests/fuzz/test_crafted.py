@@ -123,7 +123,7 @@ def _change(file, name, way, chance):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seeds", [range(3), pytest.param(range(3, 200), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seeds", [range(1), pytest.param(range(1, 200), marks=pytest.mark.slow)])
 @pytest.mark.filterwarnings("ignore")  # numbers may be anything now
 def test_a_crafted_result_ends_in_a_sentence(files, tmp_path, monkeypatch, capsys, kind, seeds):
     monkeypatch.chdir(tmp_path)

@@ -13,6 +13,7 @@ from dynid.parameters import Parameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.response import Channel, Load
 from tests.identification.cases import diagnostic, parameter
+from tests.sample import sample
 
 ABSENT = 1e-9  # as small a damper as none
 LOADS = [Load(1, Chirp(10.0, 3.0, 40.0, 6.0))]
@@ -39,7 +40,7 @@ def said(result, words):
     return [text for text in diagnostic(result, "warnings").tolist() if words in text]
 
 
-@pytest.mark.parametrize("seed", [1, 4, 7])
+@pytest.mark.parametrize("seed", sample([1, 4, 7], 1))
 def test_a_damper_that_is_absent_is_indistinguishable_from_0(seed):
     """Its likelihood is that of a linear parameter, whose interval holds 0."""
     result = run(two_masses(), seed)

@@ -346,7 +346,7 @@ measurement:
 QUARTERS = [("x", "y", 1, 1), ("y", "-x", 0, 1), ("-x", "-y", -1, 1), ("-y", "x", 0, -1)]
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=2, deadline=None)
 @given(
     places=st.lists(st.floats(-0.4, 0.4), min_size=4, max_size=4),
     turns=st.integers(1, 3),

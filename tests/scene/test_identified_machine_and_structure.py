@@ -11,6 +11,7 @@ from dynid.scene.kinds.identified_graphs import identified_graph, started_graph
 from dynid.scene.load import check_source
 from dynid.scene.run import run_scene
 from dynid.scene.yaml.source import parse_source
+from tests.sample import sample
 
 MACHINE = """
 dynid: 1
@@ -82,7 +83,7 @@ def reduced_with_joint(data):
 CHANGES = [with_stiffness, with_joint, reduced, reduced_with_stiffness, on_a_spring, reduced_with_joint]
 
 
-@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("change", sample(CHANGES, 2, on_a_spring))
 def test_motor_and_structure_are_identified_together(change):
     data = yaml.safe_load(MACHINE)
     change(data)

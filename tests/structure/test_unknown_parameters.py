@@ -23,6 +23,7 @@ from dynid.structure.readers.read import MatrixFile
 from dynid.structure.reduction.methods import reduce
 from dynid.structure.reduction.serep import JointAware
 from dynid.structure.state_space import without_massless
+from tests.sample import sample
 from tests.structure.dependent import assert_as_built, bent, chain, dense, plane, unknowns
 
 # --- builders -----------------------------------------------------------------------------------------------
@@ -373,7 +374,7 @@ def test_the_ground_shakes_unknown_masses():
 # --- poles --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["EI", "r", "m", "al", "kb", "b.k"])
+@pytest.mark.parametrize("name", sample(["EI", "r", "m", "al", "kb", "b.k"], 2, "al"))
 def test_poles_move_as_the_exact_ones(name):
     from mpmath import mp
 

@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[2]
 ENVIRONMENT = os.environ | {"PYTHONPATH": f"{ROOT / 'src'}{os.pathsep}{ROOT}"}
 
 
-@pytest.mark.parametrize("kills", [5, pytest.param(20, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kills", [3, pytest.param(20, marks=pytest.mark.slow)])
 def test_a_study_killed_at_any_byte_loses_no_sample_and_runs_none_twice(tmp_path, kills):
     plan = planned(tmp_path)
     sizes = _bytes_written(plan, tmp_path / "whole.h5")

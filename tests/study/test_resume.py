@@ -1,6 +1,7 @@
 """Resumed studies: no finished sample is lost, whatever was damaged, changed or interrupted."""
 
 import errno
+import itertools
 import os
 import re
 import shlex
@@ -23,6 +24,7 @@ from dynid.study.journal import MAGIC, Journal
 from dynid.study.packing import packed
 from dynid.study.run import foreign_samples, run_study, valid_samples
 from tests.cli import conftest
+from tests.sample import sample
 from tests.study.small import STUDY, assert_same, planned, written
 
 dynid_cli = conftest.dynid
@@ -191,8 +193,15 @@ OTHERS = {
 }
 
 
-@pytest.mark.parametrize("other", OTHERS)
-@pytest.mark.parametrize("held", ["file", "journal"])
+@pytest.mark.parametrize(
+    ("held", "other"),
+    sample(
+        itertools.product(["file", "journal"], OTHERS),
+        0,
+        ("file", "different"),
+        ("journal", "another result"),
+    ),
+)
 def test_another_study_replaces_no_finished_samples(tmp_path, monkeypatch, other, held):
     target = tmp_path / "s.h5"
     with monkeypatch.context() as patch:
