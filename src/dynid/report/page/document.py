@@ -78,6 +78,8 @@ def page(result: Result, *, live: int | None = None, note: str = "") -> str:
             drawn[figure.name] = _figure(figure)
         finally:
             embedded.reset(token)
+    # A wide figure would push the others down.
+    first = [figure for figure in first if figure is first[0] or 'class="wide"' not in drawn[figure.name]]
     others = [figure for figure in every if figure not in first]
     parts = [_answer(found.sections, first, drawn, note)]
     if shown := [figure for figure in others if not figure.derivation]:
@@ -103,7 +105,7 @@ def page(result: Result, *, live: int | None = None, note: str = "") -> str:
         numbered = join(*(tag("span", f"{line}\n", class_="line") for line in lines[:_LINES]))
         left = len(lines) - _LINES
         more = tag("p", f"… {left:,} more lines in the file", class_="quiet") if left > 0 else ""
-        scene = scrolling(tag("pre", tag("code", numbered), class_="scene"), "Scene")
+        scene = scrolling(tag("pre", tag("code", numbered), class_="scene"), "Text of the scene")
         parts.append(PagePart("Scene", _folded("scene-text", counted(len(lines), "line"), scene, more)))
     parts.append(PagePart("Provenance", _provenance(result)))
     return document(result.title or "A result of dynid", found.method, parts, scripts, live)

@@ -12,13 +12,13 @@
   name();
   for (const hidden of document.querySelectorAll(".no-script")) hidden.classList.remove("no-script");
 
-  // Paper is white and cannot be clicked: print in light, with all but the tables of figures unfolded.
+  // Paper is white and cannot be clicked: print in light, all unfolded but long tables of numbers, which the file has.
   let before;
   let closed = [];
   addEventListener("beforeprint", () => {
     before = root.dataset.theme;
     root.dataset.theme = "light";
-    closed = [...document.querySelectorAll("details:not([open], figure details, .index)")];
+    closed = [...document.querySelectorAll("details:not([open], .table, .index)")];
     for (const one of closed) one.open = true;
   });
   addEventListener("afterprint", () => {

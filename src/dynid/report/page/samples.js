@@ -212,6 +212,6 @@
   table.append(make("thead", {}, make("tr", {}, ...heads)), make("tbody"));
   host.append(make("div", { class: "tools" }, make("label", {}, "Column ", choice), from, to, holds, clear, count), about,
     make("div", { class: "picture" }, picture), numbers, pages,
-    make("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Samples" }, table));
+    make("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Table of samples" }, table));
   choose();
 })();

@@ -268,8 +268,8 @@ def _narrowed(
         )
         width, most = min(width, max(NARROW, named + 110)), 1
     else:
-        square = any(plot.square for row in rows for plot in row)
-        width, most = min(width, NARROW), 1 if square else int(NARROW / _LEAST)
+        few_squares = sum(map(len, rows)) <= 2 and any(plot.square for row in rows for plot in row)
+        width, most = min(width, NARROW), 1 if few_squares else int(NARROW / _LEAST)
     if count <= most:
         return [rows], width
     starts = range(0, count, most)
