@@ -35,6 +35,10 @@ FLAGS = [
 ]
 # Products and sums are fused, except where arithmetic relies on each rounding.
 EVERY_ROUNDING = ("doubled.c", "tape.c")
+# The same for processors with wider registers: `dynid_wide` says which one is used.
+_AVX2 = ["-mavx2", "-mfma"]
+_AVX512 = ["-mavx512f", "-mavx512dq", "-mavx512vl", "-mprefer-vector-width=512"]
+VARIANTS = {"library.avx2": _AVX2, "library.avx512": [*_AVX2, *_AVX512]}
 SUFFIX = {"win32": "dll", "darwin": "dylib"}.get(sys.platform, "so")
 # Code on Windows is position-independent anyway, and has its mathematics in the runtime.
 FLAGS += [] if sys.platform == "win32" else ["-fPIC"]
@@ -65,9 +69,8 @@ class NativeLibrary(BuildHookInterface):
             return
         folder = Path(self.root) / FOLDER
         try:
-            made = [built(folder, "library.plain", [])]
-            if platform.machine().lower() in ("x86_64", "amd64"):
-                made.append(built(folder, "library.avx2", ["-mavx2", "-mfma"]))
+            wider = VARIANTS if platform.machine().lower() in ("x86_64", "amd64") else {}
+            made = [built(folder, name, flags) for name, flags in {"library.plain": [], **wider}.items()]
         except (OSError, subprocess.CalledProcessError) as failure:
             for old in folder.glob("library*"):
                 with suppress(OSError):  # Windows removes no library in use

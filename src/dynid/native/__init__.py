@@ -54,8 +54,11 @@ def found() -> ctypes.CDLL | None:
 
     folder = Path(__file__).parent
     plain = next((made for path in folder.glob("library.plain.*") if (made := _loaded(path))), None)
-    if plain is not None and plain.dynid_wide():
-        return next((made for path in folder.glob("library.avx2.*") if (made := _loaded(path))), plain)
+    wide = plain.dynid_wide() if plain is not None else 0
+    for name in ("avx512", "avx2")[2 - wide :]:  # the widest that the processor has
+        for path in folder.glob(f"library.{name}.*"):
+            if (made := _loaded(path)) is not None:
+                return made
     return plain
 
 
