@@ -16,7 +16,8 @@ enum { REFUSED = 1 };
 typedef int64_t Int;
 typedef unsigned __int128 Wide;
 
-/* A residue as a quotient: inverses are taken only where values are compared. */
+/* A residue as a quotient: inverses are taken only where values are compared. Both are multiplied by 2^64 modulo
+ * the prime, so that products need no division (Montgomery 1985). */
 typedef struct {
   uint64_t above, below;
 } Residue;
@@ -57,15 +58,16 @@ typedef struct {
   Int *element_start, *elements, *feed_start, *feeds, *signs, *tied_start, *tied;
   Coupling *coupling;
   /* program */
-  uint64_t prime;
+  uint64_t prime, negative_inverse, unity, square; /* of 2^64: modulo the prime, and its square */
   int general;
   Residue *values; /* of parameters, by node */
   Residue laplace;
   Int length, room, image_room, zero, one, s;
   Operation *ops;
   Residue *images;
-  Int *known, known_size; /* hash tables of registers */
-  Int *compared, compared_size;
+  int32_t *known, *compared; /* hash tables of entries, and of registers by value */
+  Int known_size, compared_size, entries, entry_room;
+  struct Known *entry_list;
   /* network */
   Int root, rows, *row_of, *at, *depth; /* of junctions, and back; row 0 is the root */
   Int *first_half, *last_half, *degree, *first_term, *last_term, *first_drive, *rank, *round, *gone;
@@ -97,12 +99,27 @@ static void *larger(Plan *p, void *old, Int *room, Int needed, size_t size) {
 
 /* --- residues --- */
 
-INLINE uint64_t residue_product(const Plan *p, uint64_t a, uint64_t b) { return (uint64_t)((Wide)a * b % p->prime); }
+INLINE uint64_t residue_product(const Plan *p, uint64_t a, uint64_t b) {
+  const Wide product = (Wide)a * b;
+  const uint64_t whole = (uint64_t)((product + (Wide)((uint64_t)product * p->negative_inverse) * p->prime) >> 64);
+  return whole >= p->prime ? whole - p->prime : whole;
+}
 INLINE uint64_t plus(const Plan *p, uint64_t a, uint64_t b) {
   const uint64_t sum = a + b; /* the prime is below 2^62 */
   return sum >= p->prime ? sum - p->prime : sum;
 }
 INLINE uint64_t opposite(const Plan *p, uint64_t a) { return a ? p->prime - a : 0; }
+
+INLINE uint64_t residue(const Plan *p, Int value) { return residue_product(p, (uint64_t)value, p->square); }
+
+static void set_prime(Plan *p, uint64_t prime) {
+  uint64_t by = prime; /* its inverse modulo 2^64: every step doubles the bits that hold */
+  for (int k = 0; k < 6; k++) by *= 2 - prime * by;
+  p->prime = prime;
+  p->negative_inverse = 0 - by;
+  p->unity = (uint64_t)(((Wide)1 << 64) % prime);
+  p->square = (uint64_t)((Wide)p->unity * p->unity % prime);
+}
 
 static uint64_t inverse(const Plan *p, uint64_t a) {
   int64_t r = (int64_t)p->prime, next = (int64_t)a, t = 0, following = 1;
@@ -111,7 +128,8 @@ static uint64_t inverse(const Plan *p, uint64_t a) {
     r = next, next = rest;
     t = following, following = left;
   }
-  return (uint64_t)(t < 0 ? t + (int64_t)p->prime : t);
+  const uint64_t plain = (uint64_t)(t < 0 ? t + (int64_t)p->prime : t);
+  return residue_product(p, residue_product(p, plain, p->square), p->square);
 }
 
 static Residue computed(const Plan *p, Int code, Residue x, Residue y) {
@@ -119,10 +137,10 @@ static Residue computed(const Plan *p, Int code, Residue x, Residue y) {
   case P_NEG: return (Residue){opposite(p, x.above), x.below};
   case P_MUL:
     return (Residue){residue_product(p, x.above, y.above),
-                     x.below == 1 && y.below == 1 ? 1 : residue_product(p, x.below, y.below)};
+                     x.below == p->unity && y.below == p->unity ? p->unity : residue_product(p, x.below, y.below)};
   case P_DIV:
-    return (Residue){y.below == 1 ? x.above : residue_product(p, x.above, y.below),
-                     x.below == 1 ? y.above : residue_product(p, x.below, y.above)};
+    return (Residue){y.below == p->unity ? x.above : residue_product(p, x.above, y.below),
+                     x.below == p->unity ? y.above : residue_product(p, x.below, y.above)};
   default: break;
   }
   const uint64_t above = code == P_SUB ? opposite(p, y.above) : y.above;
@@ -147,36 +165,37 @@ INLINE Operation ordered(Operation x) {
   return (x.code == P_ADD || x.code == P_MUL) && x.b < x.a ? (Operation){x.code, x.b, x.a} : x;
 }
 
-/* A table of what is known holds keys and registers, as two operations may share a register. */
-typedef struct {
+/* What is known: keys and registers, as two operations may share a register. */
+typedef struct Known {
   Operation key;
   Int register_;
 } Known;
 
-static Known *find_known(Plan *p, Operation key) {
+static int32_t *find_known(Plan *p, Operation key) {
   const uint64_t mask = (uint64_t)p->known_size - 1;
-  uint64_t at = mixed((uint64_t)key.a * 0x9e3779b97f4a7c15u + mixed((uint64_t)key.b * 8 + (uint64_t)key.code));
-  Known *table = (Known *)p->known;
-  while (table[at & mask].register_ != NONE && !same(table[at & mask].key, key)) at++;
-  return table + (at & mask);
+  uint64_t at = mixed(((uint64_t)key.a * 8 + (uint64_t)key.code) ^ (uint64_t)key.b << 32);
+  while (p->known[at & mask] != NONE && !same(p->entry_list[p->known[at & mask]].key, key)) at++;
+  return p->known + (at & mask);
 }
 
-static void grow_known(Plan *p) {
-  const Int old_size = p->known_size;
-  Known *old = (Known *)p->known, *made = malloc(sizeof(Known) * 4 * old_size);
+static void set_known(Plan *p, Operation key, Int register_) {
+  p->entry_list = larger(p, p->entry_list, &p->entry_room, p->entries + 1, sizeof(Known));
+  if (p->failed) return;
+  *find_known(p, key) = (int32_t)p->entries;
+  p->entry_list[p->entries++] = (Known){key, register_};
+  if (2 * p->entries <= p->known_size) return;
+  int32_t *made = realloc(p->known, sizeof(int32_t) * 4 * p->known_size);
   if (!made) {
     p->memory = p->failed = 1;
     return;
   }
-  p->known = (Int *)made;
-  p->known_size = 4 * old_size;
-  for (Int k = 0; k < p->known_size; k++) made[k].register_ = NONE;
-  for (Int k = 0; k < old_size; k++)
-    if (old[k].register_ != NONE) *find_known(p, old[k].key) = old[k];
-  free(old);
+  p->known = made;
+  p->known_size *= 4;
+  memset(made, -1, sizeof(int32_t) * p->known_size);
+  for (Int k = 0; k < p->entries; k++) *find_known(p, p->entry_list[k].key) = (int32_t)k;
 }
 
-static Int *find_value(Plan *p, uint64_t value) {
+static int32_t *find_value(Plan *p, uint64_t value) {
   const uint64_t mask = (uint64_t)p->compared_size - 1;
   uint64_t at = mixed(value);
   while (p->compared[at & mask] != NONE && p->images[p->compared[at & mask]].above != value) at++;
@@ -187,33 +206,34 @@ static Int negated(Plan *p, Int a);
 
 static Int emit(Plan *p, Operation op, Residue image) {
   if (p->failed) return p->zero;
-  if (8 * p->length > 3 * p->known_size) grow_known(p);
   p->ops = larger(p, p->ops, &p->room, p->length + 1, sizeof(Operation));
   p->images = larger(p, p->images, &p->image_room, p->length + 1, sizeof(Residue));
   if (p->failed) return p->zero;
   const Operation key = ordered(op);
-  Known *known = find_known(p, key);
-  if (known->register_ != NONE) return known->register_;
+  const int32_t known = *find_known(p, key);
+  if (known != NONE) return p->entry_list[known].register_;
   const Int following = p->length;
   if (p->general && following < COMPARED) { /* look for this value, or its opposite */
-    if (image.below != 1) image = (Residue){residue_product(p, image.above, inverse(p, image.below)), 1};
-    Int *equal = find_value(p, image.above);
+    if (image.below != p->unity)
+      image = (Residue){residue_product(p, image.above, inverse(p, image.below)), p->unity};
+    int32_t *equal = find_value(p, image.above);
     if (*equal != NONE) {
       if (op.code >= P_ADD) {
-        *known = (Known){key, *equal};
+        set_known(p, key, *equal);
         return *equal;
       }
     } else {
       const Int contrary = image.above ? *find_value(p, p->prime - image.above) : NONE;
       if (contrary != NONE && op.code >= P_ADD && op.code != P_NEG) {
         const Int negative = negated(p, contrary);
-        *find_known(p, key) = (Known){key, negative};
+        set_known(p, key, negative);
         return negative;
       }
-      *find_value(p, image.above) = following;
+      *equal = (int32_t)following;
     }
   }
-  *known = (Known){key, following};
+  set_known(p, key, following);
+  if (p->failed) return p->zero;
   p->ops[following] = op;
   p->images[following] = image;
   p->length++;
@@ -800,7 +820,7 @@ static void eliminate_in_turn(Plan *p, Int most, int balanced) {
 static void forget(Plan *p) {
   forget_network(p);
   free(p->place), free(p->kind), free(p->coupling), free(p->element_start), free(p->values), free(p->ops);
-  free(p->images), free(p->known), free(p->compared), free((void *)p->types), free((void *)p->ends);
+  free(p->images), free(p->known), free(p->entry_list), free(p->compared), free((void *)p->types), free((void *)p->ends);
   free(p);
 }
 
@@ -811,28 +831,29 @@ ENTRY Int dynid_plan(Int nodes, Int bonds, const int8_t *types, const Int *ends,
                      const Int *above, const Int *below, Int laplace, Int *sizes) {
   Plan *p = calloc(1, sizeof(Plan));
   if (!p) return NO_MEMORY;
-  p->nodes = nodes, p->bonds = bonds, p->prime = (uint64_t)prime, p->general = (int)general;
+  p->nodes = nodes, p->bonds = bonds, p->general = (int)general;
+  set_prime(p, (uint64_t)prime);
   int8_t *own_types = malloc(nodes + 1);
   Int *own_ends = malloc(sizeof(Int) * (2 * bonds + 1));
   p->types = own_types, p->ends = own_ends;
   p->values = malloc(sizeof(Residue) * (nodes + 1));
   p->known_size = 1024, p->compared_size = 65536;
-  p->known = malloc(sizeof(Known) * p->known_size);
-  p->compared = malloc(sizeof(Int) * p->compared_size);
+  p->known = malloc(sizeof(int32_t) * p->known_size);
+  p->compared = malloc(sizeof(int32_t) * p->compared_size);
   if (own_types && own_ends && p->values && p->known && p->compared) {
     memcpy(own_types, types, nodes);
     memcpy(own_ends, ends, sizeof(Int) * 2 * bonds);
-    for (Int k = 0; k < nodes; k++) p->values[k] = (Residue){(uint64_t)above[k], (uint64_t)below[k]};
-    for (Int k = 0; k < p->known_size; k++) ((Known *)p->known)[k].register_ = NONE;
-    for (Int k = 0; k < p->compared_size; k++) p->compared[k] = NONE;
+    for (Int k = 0; k < nodes; k++) p->values[k] = (Residue){residue(p, above[k]), residue(p, below[k])};
+    memset(p->known, -1, sizeof(int32_t) * p->known_size);
+    memset(p->compared, -1, sizeof(int32_t) * p->compared_size);
     structure(p);
   } else {
     p->memory = p->failed = 1;
   }
   if (!p->failed) {
-    p->zero = emit(p, (Operation){P_CONSTANT, 0, 0}, (Residue){0, 1});
-    p->one = emit(p, (Operation){P_CONSTANT, 1, 0}, (Residue){1, 1});
-    p->s = emit(p, (Operation){P_LAPLACE, 0, 0}, (Residue){(uint64_t)laplace, 1});
+    p->zero = emit(p, (Operation){P_CONSTANT, 0, 0}, (Residue){0, p->unity});
+    p->one = emit(p, (Operation){P_CONSTANT, 1, 0}, (Residue){p->unity, p->unity});
+    p->s = emit(p, (Operation){P_LAPLACE, 0, 0}, (Residue){residue(p, laplace), p->unity});
   }
   if (p->failed) {
     const Int answer = p->memory ? NO_MEMORY : 0;
@@ -921,7 +942,7 @@ ENTRY Int dynid_plan_write(Int plan, Int code, Int a, Int b) {
   switch (code) {
   case P_CONSTANT: {
     const Int rest = a % (Int)p->prime;
-    made = emit(p, (Operation){P_CONSTANT, a, 0}, (Residue){(uint64_t)(rest < 0 ? rest + (Int)p->prime : rest), 1});
+    made = emit(p, (Operation){P_CONSTANT, a, 0}, (Residue){residue(p, rest < 0 ? rest + (Int)p->prime : rest), p->unity});
     break;
   }
   case P_PARAMETER: made = parameter(p, a); break;
@@ -941,7 +962,7 @@ ENTRY Int dynid_plan_write(Int plan, Int code, Int a, Int b) {
 ENTRY Int dynid_plan_image(Int plan, Int register_) {
   const Plan *p = (Plan *)plan;
   const Residue x = p->images[register_];
-  return (Int)(x.below == 1 ? x.above : residue_product(p, x.above, inverse(p, x.below)));
+  return (Int)residue_product(p, x.below == p->unity ? x.above : residue_product(p, x.above, inverse(p, x.below)), 1);
 }
 
 /* Return how many registers there are; where `codes` is given, read them. */
@@ -968,9 +989,9 @@ ENTRY Int dynid_plan_vanishes(Int plan, const Int *above, const Int *below, Int 
     } else if (op.code == P_CONSTANT) {
       x[k] = p->images[k];
     } else if (op.code == P_PARAMETER) {
-      x[k] = (Residue){(uint64_t)above[op.a], (uint64_t)below[op.a]};
+      x[k] = (Residue){residue(p, above[op.a]), residue(p, below[op.a])};
     } else {
-      x[k] = (Residue){(uint64_t)laplace, 1};
+      x[k] = (Residue){residue(p, laplace), p->unity};
     }
   }
   for (Int k = 0; k < count && !zero; k++) zero = !x[divisors[k]].above;
