@@ -68,7 +68,7 @@ def chain(stages: Sequence[Stage]) -> BondGraph:
             joint, force = f"w{index}", f"j{index}"
             nodes += [Node(force, "0"), Node(joint, "1")]
             bonds += [Bond(own, force), Bond(force, f"v{index + 1}"), Bond(force, joint)]
-        nodes += [Node(f"k{index}", "C", 1 / stage.stiffness), Node(f"b{index}", "R", stage.damping)]
+        nodes += [Node(f"k{index}", "C", stage.stiffness**-1), Node(f"b{index}", "R", stage.damping)]
         bonds += [Bond(joint, f"k{index}"), Bond(joint, f"b{index}")]
     return BondGraph(nodes, bonds)
 

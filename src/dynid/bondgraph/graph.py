@@ -41,6 +41,10 @@ STORAGES = frozenset({"I", "C"})
 TWO_PORTS = frozenset({"TF", "GY"})
 JUNCTIONS = frozenset({"0", "1"})
 VALUED = frozenset({"I", "C", "R", "TF", "GY", ACTIVATED})
+#: The types by number, as the library has them (`native/plan.c`).
+NUMBER_OF_TYPE: dict[str, int] = {kind: number for number, kind in enumerate(get_args(NodeType))}
+#: Bonds from which faults are looked for by arrays.
+_LARGE = 1000
 ONE_PORTS = SOURCES | STORAGES | {"R"}
 FIELDS = STORAGES | {"R"}
 
@@ -212,24 +216,57 @@ class BondGraph:
     def __init__(self, nodes: Iterable[Node], bonds: Iterable[Bond]) -> None:
         self.nodes: dict[str, Node] = {node.name: node for node in nodes}
         self.bonds: tuple[Bond, ...] = tuple(bonds)
-        faults = graph_faults({name: node.type for name, node in self.nodes.items()}, self.bonds)
+        faults: list[GraphFault] = []
+        if len(self.bonds) < _LARGE or not self._sound():
+            faults += graph_faults({name: node.type for name, node in self.nodes.items()}, self.bonds)
+        unvalued = [node for node in self.nodes.values() if node.type in VALUED and not node.value]
         faults += [
             GraphFault(f"{node.type} '{node.name}' has no value", node=node.name)
-            for node in self.nodes.values()
-            if node.type in VALUED and node.value is None
+            for node in unvalued
+            if node.value is None
         ]
         faults += [
             GraphFault(f"the modulus of {node.type} '{node.name}' is zero", node=node.name)
-            for node in self.nodes.values()
+            for node in unvalued
             if node.type in TWO_PORTS and node.value == 0
         ]
         if faults:
             raise UsageError("; ".join(fault.message for fault in faults))
-        self._bonds_at: dict[str, list[Bond]] = {name: [] for name in self.nodes}
+
+    def _sound(self) -> bool:
+        """Test whether `graph_faults` would find nothing, by arrays; False for bonds to other names, too."""
+        import numpy as np
+
+        try:
+            tails, heads = self.ends.reshape(-1, 2).T
+        except KeyError:
+            return False
+        inward, outward = (np.bincount(end, minlength=len(self.nodes)) for end in (heads, tails))
+        one_port, two_port = (
+            np.isin(self.kinds, [NUMBER_OF_TYPE[kind] for kind in kinds])
+            for kinds in (ONE_PORTS, TWO_PORTS | {ACTIVATED})
+        )
+        count = inward + outward
+        faulty = (count == 0) | (one_port & (count > 1)) | (two_port & ((inward != 1) | (outward != 1)))
+        return not (faulty.any() or (tails == heads).any())
+
+    @cached_property
+    def _bonds_at(self) -> dict[str, list[Bond]]:
+        """The bonds of every node."""
+        found: dict[str, list[Bond]] = {name: [] for name in self.nodes}
         for bond in self.bonds:
             for end in bond:
-                if end in self._bonds_at:
-                    self._bonds_at[end].append(bond)
+                if end in found:
+                    found[end].append(bond)
+        return found
+
+    @cached_property
+    def kinds(self) -> Any:
+        """The types of the nodes by number (`NUMBER_OF_TYPE`): an array of shape (nodes,)."""
+        import numpy as np
+
+        kinds = [NUMBER_OF_TYPE[node.type] for node in self.nodes.values()]
+        return np.array(kinds, dtype=np.int8)
 
     @cached_property
     def numbers(self) -> dict[str, int]:
@@ -238,7 +275,7 @@ class BondGraph:
 
     @cached_property
     def ends(self) -> Any:
-        """The numbers of tail and head of every bond: an array of shape (bonds, 2)."""
+        """The numbers of tail and head of every bond, one bond after the other: an array of integers."""
         import numpy as np
 
         number = self.numbers.__getitem__

@@ -46,13 +46,27 @@ class ProgramPlan(ABC):
 
     def __init__(self, graph: BondGraph) -> None:
         self.graph = graph
-        self._values = {name: node.value for name, node in graph.nodes.items() if node.value is not None}
-        self.valued = list(self._values)
-        self._prime = prime_for(self._values.values())
-        self.storages = [name for name in self.valued if graph.nodes[name].type in STORAGES]
         self._plan("random")
         if self._vanishing():
             self._plan("values")
+
+    @cached_property
+    def _values(self) -> dict[str, Fraction]:
+        return {name: node.value for name, node in self.graph.nodes.items() if node.value is not None}
+
+    @cached_property
+    def _prime(self) -> int:
+        return prime_for(self._values.values())
+
+    @cached_property
+    def valued(self) -> list[str]:
+        """The nodes that have a value."""
+        return list(self._values)
+
+    @cached_property
+    def storages(self) -> list[str]:
+        """The storages among them."""
+        return [name for name in self._values if self.graph.nodes[name].type in STORAGES]
 
     @property
     def exact(self) -> Mapping[str, Fraction]:

@@ -13,6 +13,7 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -359,10 +360,10 @@ def _registers(program: Program, value: Callable[[str], Fraction]) -> RegisterAr
 
 def _doubled(exact: list[Fraction] | list[int]) -> Array:
     """Return numbers as sums of two doubles, with bounds on what they miss; shape (number, 3)."""
-    parts = np.array([number.as_integer_ratio() for number in exact], dtype=object).reshape(-1, 2)
-    if not len(parts) or max(map(abs, parts.ravel().tolist())) >= 2**53:
+    above, below = zip(*(number.as_integer_ratio() for number in exact), strict=True) if exact else ((), ())
+    if max(map(abs, chain(above, below)), default=2**53) >= 2**53:
         return np.array([_doubled_exactly(number) for number in exact]).reshape(-1, 3)
-    numerator, denominator = parts.T.astype(float)
+    numerator, denominator = np.array(above, dtype=float), np.array(below, dtype=float)
     high = numerator / denominator
     low = -fma(high, denominator, -numerator) / denominator  # what is left of the numerator is exact
     return np.column_stack((high, low, 2.0**-104 * abs(high) + 2.0**-1070))

@@ -35,8 +35,9 @@ def prime_for(values: Iterable[Fraction]) -> int:
 
 def primes_for(values: Iterable[Fraction]) -> Iterator[int]:
     """Yield large primes that divide no numerator or denominator of these values."""
-    parts = {part for value in values for part in (value.numerator or 1, value.denominator)}
-    return (prime for prime in primes() if all(part % prime for part in parts))
+    parts = [part for value in values for part in value.as_integer_ratio() if part]
+    largest = max(map(abs, parts), default=1)
+    return (prime for prime in primes() if largest < prime or all(part % prime for part in parts))
 
 
 def random_point(names: Iterable[str], prime: int) -> ModularPoint:

@@ -26,9 +26,6 @@ from dynid.native import call
 
 Integers = NDArray[np.int64]
 
-#: Types of nodes, as `plan.c` numbers them.
-_TYPES = {name: number for number, name in enumerate(("Se", "Sf", "I", "C", "R", "TF", "GY", "0", "1", "A"))}
-
 
 class Residues(NamedTuple):
     """The values of all nodes, as quotients modulo a prime, and s there.
@@ -54,7 +51,8 @@ class Residues(NamedTuple):
     @classmethod
     def of(cls, graph: BondGraph, prime: int, laplace: int) -> Residues:
         """Return the values of a graph, at a given s."""
-        parts = [node.value.as_integer_ratio() if node.value else (1, 1) for node in graph.nodes.values()]
+        values = [node.value for node in graph.nodes.values()]
+        parts = [(1, 1) if value is None else value.as_integer_ratio() for value in values]
         above, below = (_modulo(list(map(itemgetter(k), parts)), prime) for k in (0, 1))
         return cls(prime, above, below, laplace, general=False)
 
@@ -214,12 +212,11 @@ def compiled_reductions(
     numbers = graph.numbers
     if any(source.startswith(STORED) for source in inputs):
         return None
-    if any(node.value == 0 for node in graph.nodes.values() if node.value is not None):
+    if not all([value for node in graph.nodes.values() if (value := node.value) is not None]):
         return None
-    types = np.array([_TYPES[node.type] for node in graph.nodes.values()], dtype=np.int8)
     sizes = np.zeros(5, np.int64)
     handle = call(
-        "dynid_plan", len(names), len(graph.bonds), types, graph.ends, residues.prime,
+        "dynid_plan", len(names), len(graph.bonds), graph.kinds, graph.ends, residues.prime,
         int(residues.general), residues.above, residues.below, residues.laplace, sizes,
     )  # fmt: skip
     if not handle:
@@ -271,9 +268,7 @@ def _junction_names(graph: BondGraph, names: list[str], drawn: list[int]) -> lis
     if min(drawn, default=0) >= 0:
         return list(map(names.__getitem__, drawn))
     registry = NameRegistry(graph.nodes)
-    return [
-        names[node] if node >= 0 else registry.fresh("_".join(graph.bonds[-2 - node])) for node in drawn
-    ]
+    return [names[node] if node >= 0 else registry.fresh("_".join(graph.bonds[-2 - node])) for node in drawn]
 
 
 class _RootAlone(NodalNetwork):

@@ -516,7 +516,9 @@ def _integrators(structure: JunctionStructure, junctions: Iterable[str]) -> int:
 def _released(factors: tuple[Register, ...], net: NodalNetwork) -> Register:
     """Write the determinant with the driving port removed, times s for every storage that integrates."""
     program = net.program
-    return program.product([*factors, *(program.s for _ in range(_integrators(net.structure, net.junctions)))])
+    return program.product(
+        [*factors, *(program.s for _ in range(_integrators(net.structure, net.junctions)))]
+    )
 
 
 def _shared(net: NodalNetwork, of_a: frozenset[str], of_b: frozenset[str]) -> tuple[str, ...]:
