@@ -190,6 +190,8 @@ class ReducedGraph(ProgramPlan):
         zero as well), or the graph leaves an output undetermined: in general or with its numbers.
     """
 
+    reductions: dict[Port, Reduction]
+
     def __init__(
         self, graph: BondGraph, inputs: Sequence[str], outputs: Sequence[Port], *, traced: bool = True
     ) -> None:
@@ -239,7 +241,8 @@ class ReducedGraph(ProgramPlan):
         )
         if found is None:
             return False
-        self.program, self.reductions, self._all_solved = found.program, found.reductions, not found.unsolved
+        self.program, self._all_solved = found.program, not found.unsolved
+        self.reductions = found.reductions
         return True
 
     def _residues(self) -> Residues:
@@ -261,7 +264,7 @@ class ReducedGraph(ProgramPlan):
         return [name for name, junction in junctions if name not in solved and junction.fixing is None]
 
     def _write(self) -> None:
-        self.reductions: dict[Port, Reduction] = {
+        self.reductions = {
             port: reduce_graph(
                 self.structure,
                 self.program,

@@ -84,7 +84,7 @@ def _with_conjugates(balls: list[Any]) -> list[Any]:
 def _close_by(polynomial: _BallPolynomial, starts: Sequence[complex], *, sides: bool) -> list[Any]:
     """Return the balls if there is a start close to every root; none else.
 
-    The discs of radius n |w_k| about all z_k hold the roots, with w_k = p(z_k) / (a prod (z_k - z_j)), and each
+    The discs of radius n |w_k| about all z_k, w_k = p(z_k) / (a prod (z_k - z_j)), hold the roots, and each
     one that is disjoint of the others holds one (B. T. Smith, Journal of the ACM 17 (1970) 661-674). The
     products are taken at the starts, in floating point, with an allowance for what that changes.
     """

@@ -199,8 +199,8 @@ class _Pencil:
     ) -> tuple[complex, float, float]:
         """Return the correction of a root, the size of its error in units of rounding, and its residual.
 
-        With the null vectors x, y of P(s) = A + s E, or of one close to it: a change of the entries by a part u of themselves moves
-        the root by at most u |y|^T (|A| + |s| |E|) |x| / |y^H E x|.
+        With the null vectors x, y of P(s) = A + s E, or of one close to it: a change of the entries by a part
+        u of themselves moves the root by at most u |y|^T (|A| + |s| |E|) |x| / |y^H E x|.
         """
         entries = self.constant + s * self.slope
         sizes = np.abs(self.constant) + abs(s) * np.abs(self.slope)

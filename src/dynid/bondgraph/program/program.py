@@ -249,7 +249,8 @@ class Program:
             if code is _PARAMETER:
                 names.append(first[register])
                 first[register] = len(names) - 1
-        return *(np.array(part, dtype=np.int64) for part in (codes, first, second)), names
+        one, other = np.array(first, dtype=np.int64), np.array(second, dtype=np.int64)
+        return np.array(codes, dtype=np.int64), one, other, names
 
     def parameters(self, wanted: Iterable[Register]) -> set[str]:
         """Return the nodes whose values the wanted registers are made of."""

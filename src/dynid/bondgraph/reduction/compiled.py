@@ -1,8 +1,9 @@
-"""Reductions of large graphs by the library: `native/plan.c` does what `reducer` and `Program` do, on integers.
+"""Reductions of large graphs by the library, which does on integers what `reducer` and `Program` do.
 
-Nodes are numbered once; what the library returns is a program that lives there, and of every reduction what is
-left at its root. From there on the prototype and the channels are written as ever. The library refuses what is
-rare (activated bonds, rings, elements of value zero, junctions that stay bare): such graphs are reduced here.
+Nodes are numbered once. What the library returns is a program that lives there (`native/plan.c`), and of every
+reduction what is left at its root; from there on the prototype and the channels are written as ever. It refuses
+what is rare: activated bonds, rings, elements of value zero, junctions that stay bare. Such graphs are reduced
+by `reducer`.
 """
 
 from __future__ import annotations
@@ -212,7 +213,7 @@ def compiled_reductions(
     numbers = graph.numbers
     if any(source.startswith(STORED) for source in inputs):
         return None
-    if not all([value for node in graph.nodes.values() if (value := node.value) is not None]):
+    if not all(value for node in graph.nodes.values() if (value := node.value) is not None):
         return None
     sizes = np.zeros(5, np.int64)
     handle = call(
