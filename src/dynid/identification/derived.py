@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import DynidError
 from dynid.identification.linear_system import LinearSystem
+from dynid.lti.exponential import balance
 from dynid.lti.parametric import Matrices, System, single
 from dynid.lti.root_slopes import Roots, poles, zeros
 from dynid.number_format import counted
@@ -401,18 +402,22 @@ class DerivedQuantities:
     @cached_property
     def poles(self) -> RootFamily:
         """The poles."""
+        scale = balance(self._at(self.posterior.eta).A)
 
         def at(eta: Array, slopes: bool) -> Roots:
             found = self._at(eta)
-            return poles(found.A, found.A_slopes if slopes else None)
+            return poles(found.A, found.A_slopes if slopes else None, scale)
 
         return RootFamily(self.posterior, at, self._reference(at(self.posterior.eta, True)))
 
     def zeros(self, pair: Pair) -> RootFamily | None:
         """Return the zeros of a pair; None where the input does not affect the output."""
+        scale = balance(single(self._at(self.posterior.eta), pair.channel, pair.load).A)
 
         def at(eta: Array, slopes: bool) -> Roots | None:
-            return zeros(single(self._at(eta), pair.channel, pair.load), slopes=slopes)
+            system = single(self._at(eta), pair.channel, pair.load)
+            own = scale if len(scale) == len(system.A) else None  # another order of its direct term
+            return zeros(system, slopes=slopes, scale=own)
 
         found = at(self.posterior.eta, True)
         return None if found is None else RootFamily(self.posterior, at, self._reference(found))

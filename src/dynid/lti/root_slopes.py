@@ -39,9 +39,12 @@ class Roots(NamedTuple):
     origin: int
 
 
-def poles(A: Array, slopes: Array | None = None) -> Roots:
-    """Return the eigenvalues of A (n x n), and their derivatives where those of A (p x n x n) are given."""
-    n, d = len(A), balance(A)
+def poles(A: Array, slopes: Array | None = None, scale: Array | None = None) -> Roots:
+    """Return the eigenvalues of A (n x n), and their derivatives where those of A (p x n x n) are given.
+
+    `scale` (n) balances it, as that of a matrix nearby does; absent: its own.
+    """
+    n, d = len(A), balance(A) if scale is None else scale
     A = rescaled(A, d)
     origin = _at_origin(A)
     if slopes is None:
@@ -54,13 +57,15 @@ def poles(A: Array, slopes: Array | None = None) -> Roots:
     return _ordered(values.astype(np.complex128), _divided(moved, strength), origin)
 
 
-def zeros(system: System, *, slopes: bool = True) -> Roots | None:
+def zeros(system: System, *, slopes: bool = True, scale: Array | None = None) -> Roots | None:
     """Return the finite zeros of a system, with their derivatives unless `slopes` is False.
 
-    None where the input does not affect the output.
+    None where the input does not affect the output. `scale` (n) balances A, as that of a system nearby does;
+    absent: its own.
     """
     n, p = len(system.A), len(system.A_slopes)
-    scale = balance(system.A)
+    if scale is None:
+        scale = balance(system.A)
     A, b, c = rescaled(system.A, scale), system.b / scale, system.c * scale
     speed = max(float(np.linalg.norm(A)), np.finfo(float).tiny)
     of_b, of_c = float(np.linalg.norm(b)), float(np.linalg.norm(c))

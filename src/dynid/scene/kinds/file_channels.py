@@ -115,10 +115,10 @@ def _with_channels(
 
 def _names_nodes(scene: Scene, modes: MeasuredModesModel | None) -> bool:
     """Return True if modes come from a Universal File, and the scene names no DOFs of their shapes."""
-    from dynid.tables.read import file_format
-
     if modes is None or modes.file is None or modes.sensors is not None:
         return False
+    from dynid.tables.read import file_format
+
     return file_format(scene.folder / modes.file.path) == "uff"
 
 
