@@ -21,7 +21,7 @@ from dynid.identification.write_result import Further
 from dynid.lti.root_slopes import Roots
 from dynid.lti.signals import Multisine
 from dynid.parameters import Parameter
-from dynid.report.content.derived import derived_sections, derived_table
+from dynid.report.content.modes import derived_sections, derived_table
 from dynid.result import Result
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

@@ -4,8 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from dynid.report.drawing.instances import folded, instances
-from dynid.report.drawing.sketch import Sketch, SketchBond, SketchNode, TextLine
+from dynid.report.drawing.sketch import Sketch, SketchBond, SketchNode, TextLine, folded, instances
 
 NAMES = ["V", "m.a", "m.b", "line.1.a", "line.1.b", "line.2.a", "line.2.b", "end"]
 

@@ -76,7 +76,7 @@ FAMILIES: tuple[FigureFamily, ...] = (
     FigureFamily(f"{_DRAWING}.structure:figures", kinds=("identification", "reduction"), scene=True),
     FigureFamily(f"{_DRAWING}.space:figures", paths=("structure/geometry/",), scene=True),
     FigureFamily(f"{_DRAWING}.prototype:equivalents", paths=("bond_graph/port/prototype",)),
-    FigureFamily(f"{_DIAGRAMS}.design:figures", paths=("bond_graph/design/",)),
+    FigureFamily(f"{_DIAGRAMS}.responses:designed_responses", paths=("bond_graph/design/",)),
     FigureFamily(f"{_DIAGRAMS}.responses:figures", paths=FREQUENCY_RESPONSES),
     FigureFamily(f"{_DIAGRAMS}.poles:figures", paths=("bond_graph/transfer_function/",)),
     FigureFamily(f"{_DIAGRAMS}.feedback:figures", paths=("bond_graph/margins/",)),
@@ -94,10 +94,12 @@ FAMILIES: tuple[FigureFamily, ...] = (
         f"{_DIAGRAMS}.identification:histories",
         paths=("identification/history/", "identification/first_pass/", "identification/states/"),
     ),
-    FigureFamily(f"{_DIAGRAMS}.derived:figures", paths=("identification/derived/frequency_response/",)),
+    FigureFamily(
+        f"{_DIAGRAMS}.responses:identified_responses", paths=("identification/derived/frequency_response/",)
+    ),
     FigureFamily(f"{_DIAGRAMS}.reduction:figures", paths=("reduction/method",)),
     FigureFamily(f"{_DIAGRAMS}.plan:figures", paths=("plan/",)),
-    FigureFamily(f"{_DIAGRAMS}.measured_shapes:figures", paths=("structure/geometry/shape_sensor",)),
+    FigureFamily(f"{_DIAGRAMS}.modes:measured_shapes", paths=("structure/geometry/shape_sensor",)),
     FigureFamily(f"{_DIAGRAMS}.mode_shapes:figures", paths=("structure/modes/shape",), scene=True),
     FigureFamily(f"{_DIAGRAMS}.work_precision:figures", paths=("bench/", "accuracy/")),
     FigureFamily(f"{_DIAGRAMS}.study_samples:figures", kinds=("study",)),

@@ -20,7 +20,7 @@ from dynid.report.content.bond_graph import (
     point_slopes,
     port_items,
 )
-from dynid.report.content.characteristics import energy_lines, source_lines
+from dynid.report.content.transfer_functions import energy_lines, source_lines
 from dynid.report.scenes import in_hertz
 from dynid.result import Result
 

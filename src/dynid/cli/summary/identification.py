@@ -8,7 +8,6 @@ from textwrap import wrap
 
 from dynid.cli.summary.common import aligned, response_lines, rich_table
 from dynid.number_format import counted, span_text
-from dynid.report.content.derived import derived_table, is_requested, statements
 from dynid.report.content.identifiability import (
     GROUP,
     bound_table,
@@ -25,7 +24,14 @@ from dynid.report.content.identification import (
     record_summary,
     verdict_sentences,
 )
-from dynid.report.content.modes import has_modes, modal_statements, modal_table
+from dynid.report.content.modes import (
+    derived_table,
+    has_modes,
+    is_requested,
+    modal_statements,
+    modal_table,
+    statements,
+)
 from dynid.report.content.plan import (
     GAIN_OF_SINES,
     PRESCRIBED,

@@ -8,11 +8,11 @@ from textwrap import wrap
 import numpy as np
 
 from dynid.number_format import MOST_ROOTS, counted, limit, root_text, roots_text
-from dynid.report.content.characteristics import characteristics
 from dynid.report.content.transfer_functions import (
     Channel,
     channel_unit,
     channels,
+    characteristics,
     influence,
     numeric_forms,
     oscillation_text,

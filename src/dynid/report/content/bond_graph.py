@@ -18,9 +18,8 @@ from dynid.report.content.blocks import (
     joined,
     more,
 )
-from dynid.report.content.characteristics import energy_lines, source_lines
 from dynid.report.content.design import design_sections
-from dynid.report.content.transfer_functions import channel_sections
+from dynid.report.content.transfer_functions import channel_sections, energy_lines, source_lines
 from dynid.report.scenes import in_hertz
 from dynid.result import Result
 

@@ -11,9 +11,8 @@ import numpy as np
 from dynid.defaults import SIGNAL, WHITENESS
 from dynid.number_format import counted, percent, quantity, span_text, with_error
 from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable, more
-from dynid.report.content.derived import derived_sections
 from dynid.report.content.identifiability import calibration_sections, identifiability_sections
-from dynid.report.content.modes import has_modes, modal_sections, modal_summary
+from dynid.report.content.modes import derived_sections, has_modes, modal_sections, modal_summary
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
 

@@ -1,4 +1,4 @@
-"""Frequency and time responses: Bode and Nyquist diagrams, impedances at a port, histories of outputs."""
+"""Frequency and time responses: Bode and Nyquist diagrams, impedances, histories, bands, designs."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dynid.report.content.design import DESIGN
+from dynid.report.content.modes import DERIVED, is_requested
 from dynid.report.figure import Figure, Picture, table_of
 from dynid.report.notation import frequency_label, in_decibels, labelled, short
-from dynid.report.plot import Curve, Layer, Markers, PlotAxis, Subplot, chart, series_class
+from dynid.report.plot import Band, Curve, Layer, Markers, PlotAxis, Subplot, chart, series_class
 from dynid.report.scenes import frequency_unit, peak_responses
 from dynid.result import common_unit
 
@@ -260,3 +262,80 @@ def _columns(result: Result, group: str, name: str, axis: str, unit: str) -> Map
         labelled(own, str(its) or "SI"): variable.data[:, k]
         for k, (own, its) in enumerate(zip(names, given, strict=True))
     }
+
+
+#: Most responses with bands, and most designed channels, that are drawn.
+_DERIVED = 6
+
+
+def identified_responses(result: Result) -> Iterator[Figure]:
+    """Yield magnitude and phase of each derived response, with bands, where they were requested."""
+    beginning, end = f"{DERIVED}/frequency_response/", "/magnitude/value"
+    groups = [path.removesuffix(end) for path in result if path.startswith(beginning) and path.endswith(end)]
+    for group in groups[: _DERIVED if is_requested(result) else 0]:
+        pair = group.removeprefix(beginning)
+        yield Figure(
+            f"identified-response-{pair.replace('/', '-')}",
+            f"Identified response {pair}",
+            partial(_identified, result, group, pair),
+        )
+
+
+def _identified(result: Result, group: str, pair: str) -> Picture:
+    at = frequencies(result, f"{group}/magnitude/omega")
+    columns, rows = dict(at.columns), []
+    for name, factor in (("magnitude", 1.0), ("phase", 180 / np.pi)):
+        value, low, high = (factor * result[f"{group}/{name}/{end}"].data for end in ("value", "low", "high"))
+        unit = "°" if name == "phase" else result[f"{group}/{name}/value"].units
+        logarithmic = name == "magnitude" and bool(np.all(low > 0))
+        axis = PlotAxis(labelled(name, unit), log=logarithmic)
+        layers: list[Layer] = [
+            Band(at.shown, low, high, "95 % band", "s1"),
+            Curve(at.shown, value, "identified", "s1"),
+        ]
+        rows.append([Subplot(at.axis, axis, layers, height=220.0)])
+        columns |= {
+            labelled(f"{name}{word}", unit): each
+            for word, each in (("", value), (", low", low), (", high", high))
+        }
+    about = f"Frequency response {pair} of the identified model, with its 95 % band."
+    svg = chart(
+        f"identified-response-{pair.replace('/', '-')}",
+        f"Identified response {pair}",
+        rows,
+        about,
+        shared=True,
+    )
+    return Picture(svg, about, table_of(columns))
+
+
+def designed_responses(result: Result) -> Iterator[Figure]:
+    """Yield magnitude and phase of every channel with a target, at the start and as designed."""
+    group = f"{DESIGN}/frequency_response"
+    if f"{group}/designed" not in result:
+        return
+    for place, name in enumerate(result[f"{group}/channel"].data[:_DERIVED]):
+        title = f"Design of {name}"
+        suffix = f"-{place + 1}" if place else ""
+        yield Figure(f"design{suffix}", title, partial(_designed, result, place, f"design{suffix}", title))
+
+
+def _designed(result: Result, place: int, name: str, title: str) -> Picture:
+    group = f"{DESIGN}/frequency_response"
+    at, unit = frequencies(result, f"{group}/omega"), str(result[f"{group}/unit"].data[place])
+    columns, rows = dict(at.columns), []
+    for quantity, measure in (("magnitude", decibels), ("phase", degrees)):
+        layers: list[Layer] = []
+        symbol = "°" if quantity == "phase" else "dB"
+        for part, colour in (("start", "s2"), ("designed", "s1")):
+            found = measure(result[f"{group}/{part}"].data[:, place])
+            layers.append(Curve(at.shown, found, part, colour))
+            columns[labelled(f"{quantity}, {part}", symbol)] = found
+        rows.append([Subplot(at.axis, PlotAxis(labelled(quantity, symbol)), layers, height=210.0)])
+    size = [float(np.max(np.abs(result[f"{group}/{part}"].data[:, place]))) for part in ("start", "designed")]
+    of = f" {unit}" if unit not in ("", "1") else ""
+    about = (
+        f"Frequency response of {result[f'{group}/channel'].data[place]} at the start of the design and as "
+        f"designed; over these frequencies at most {size[0]:.4g}{of} and {size[1]:.4g}{of}."
+    )
+    return Picture(chart(name, title, rows, about, shared=True), about, table_of(columns))

@@ -29,9 +29,16 @@ from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.program.program import Operation, Register
 from dynid.bondgraph.reduction.snapshots import Snapshot, snapshots
 from dynid.number_format import counted
-from dynid.report.drawing.instances import folded, instances
 from dynid.report.drawing.render import Panel, draw_panels, render_sketch
-from dynid.report.drawing.sketch import ELEMENT_UNITS, Sketch, SketchBond, SketchNode, TextLine
+from dynid.report.drawing.sketch import (
+    ELEMENT_UNITS,
+    Sketch,
+    SketchBond,
+    SketchNode,
+    TextLine,
+    folded,
+    instances,
+)
 from dynid.report.figure import Figure, FigureTable, Picture
 from dynid.report.notation import short
 from dynid.report.scenes import PlainScene, plain_scene, readable, scene_of
