@@ -236,6 +236,24 @@ def test_own_factors_of_wide_panels():
 
 
 @compiled
+def test_own_factors_of_solids_are_dissected():
+    """A block of 3,000 DOFs by itself, and among others."""
+    n = 10
+    ones = sp.diags_array([np.ones(n), np.ones(n - 1), np.ones(n - 1)], offsets=[0, 1, -1])
+    cube = sp.kron(sp.kron(ones, ones), ones)
+    A = sp.csc_array(
+        sp.kron(100 * sp.eye_array(n**3) - cube, np.array([[2, 0.5, 0], [0.5, 2, 0.5], [0, 0.5, 2]]))
+    )
+    factor = factorise(A, "ldl", definite=True)
+    b = np.random.default_rng(2).standard_normal((3 * n**3, 5))
+    np.testing.assert_allclose(A @ factor.solve(b), b, atol=1e-11)
+    assert factor.memory < 7e6
+    islands = sp.csc_array(sp.block_diag([A, A[:600][:, :600], sp.eye_array(7)]))
+    solved = factorise(islands, "ldl", definite=True).solve(np.ones(islands.shape[0]))
+    np.testing.assert_allclose(islands @ solved, 1, atol=1e-11)
+
+
+@compiled
 def test_own_factors_of_a_pattern_that_is_not_symmetric():
     A = grid(6)[0].tolil()
     A[0, 20] = 1e-17  # is zero on the other side

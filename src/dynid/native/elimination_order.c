@@ -30,12 +30,15 @@ static int32_t vertices(int64_t n, const int64_t *starts, const int32_t *indices
   return found;
 }
 
-/* Write an order of the rows; 0 if there is no memory. Indices ascend in each column. */
-int elimination_order(int64_t n, const int64_t *starts, const int32_t *indices, int32_t *order) {
+/* Write an order of the rows, by nested dissection with so many attempts, or by minimum degree (0). Return the
+ * neighbours of all vertices in the graph, and one; 0 if there is no memory. Indices ascend in each column. */
+int64_t elimination_order(int64_t n, const int64_t *starts, const int32_t *indices, int attempts,
+                          int32_t *order) {
   const size_t size = (size_t)n + 1;
   int32_t *memory = malloc(6 * size * sizeof *memory);
   Graph graph = {0};
   int done = 0;
+  int64_t edges = 0;
   if (!memory) return 0;
   int32_t *vertex = memory, *by_vertex = memory + 4 * size, *mark = memory + 5 * size;
   graph.weight = memory + 3 * size;
@@ -60,12 +63,13 @@ int elimination_order(int64_t n, const int64_t *starts, const int32_t *indices, 
       }
       graph.start[v + 1] = to;
     }
-    done = minimum_degree(&graph, vertex_order);
+    done = attempts ? nested_dissection(&graph, attempts, vertex_order) : minimum_degree(&graph, vertex_order);
+    edges = to + 1;
     int32_t written = 0;
     for (int32_t v = 0; done && v < graph.n; v++)
       for (int32_t k = row_start[vertex_order[v]]; k < row_start[vertex_order[v]] + graph.weight[vertex_order[v]]; k++)
         order[written++] = by_vertex[k];
   }
   free(memory), free(graph.start), free(graph.neighbours);
-  return done;
+  return done ? edges : 0;
 }

@@ -8,10 +8,12 @@
 typedef struct {
   int32_t n;
   int64_t *start;
-  int32_t *neighbours, *weight;
+  int32_t *neighbours, *weight, *ties; /* ties of each neighbour (absent: one each) */
 } Graph;
 
 int minimum_degree(const Graph *graph, int32_t *order);
-int elimination_order(int64_t n, const int64_t *starts, const int32_t *indices, int32_t *order);
+int nested_dissection(const Graph *graph, int attempts, int32_t *order);
+int64_t elimination_order(int64_t n, const int64_t *starts, const int32_t *indices, int attempts,
+                          int32_t *order);
 
 #endif

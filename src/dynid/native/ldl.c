@@ -10,6 +10,10 @@
 
 #include "graph.h"
 
+/* Products of a factorisation, for each edge of the graph, from which on an order is also looked for by nested
+ * dissection, whose time is about that of the first; and from which on the best of several separators is taken. */
+static const double DISSECTED = 5e3, THOROUGH = 3e5;
+
 enum { WIDEST = 128, DOWN = 8, ACROSS = 4, SEVERAL = 4, UNSYMMETRIC = -1 };
 
 typedef struct {
@@ -158,24 +162,48 @@ static void rows_of_panels(Factors *f, const int64_t *starts, const int32_t *ind
     for (int64_t s = 0; s < f->panels; s++) f->row_start[s + 1] = f->row_start[s] + at[s];
 }
 
+/* Put the order into that of a walk through its elimination tree, whose parents it writes, and the entries of
+ * the columns; return the products that a factorisation takes. `mark` has room for 2 n numbers. */
+static double analysed(Factors *f, const int64_t *starts, const int32_t *indices, int32_t *parent, int32_t *counts,
+                       int32_t *mark) {
+  for (int32_t i = 0; i < f->n; i++) f->place[f->order[i]] = i;
+  tree(f, starts, indices, parent, counts);
+  walk(f, parent, counts);
+  count(f, starts, indices, parent, counts, mark);
+  double products = 0.0;
+  for (int32_t i = 0; i < f->n; i++) products += (double)counts[i] * counts[i];
+  return products;
+}
+
 /* Analyse the pattern of a matrix (all of it, by columns), in an order of its rows or, without one, by minimum
- * degree; return what `dynid_ldl_factorise` takes. */
+ * degree, or nested dissection if that is better; return what `dynid_ldl_factorise` takes. */
 ENTRY int64_t dynid_ldl_analyse(int64_t n, const int64_t *starts, const int32_t *indices, const int32_t *order) {
   Factors *f = calloc(1, sizeof *f);
   const size_t size = (size_t)n + 1;
+  int64_t edges = 0;
   int32_t *work = malloc(6 * size * sizeof *work);
   if (!f || !work) goto fail;
   f->n = n;
   f->order = malloc(size * sizeof *f->order), f->place = malloc(size * sizeof *f->place);
   f->D = malloc(size * sizeof *f->D);
   if (!f->order || !f->place || !f->D) goto fail;
-  if (order) memcpy(f->order, order, (size_t)n * sizeof *order);
-  else if (!elimination_order(n, starts, indices, f->order)) goto fail;
-  for (int32_t i = 0; i < n; i++) f->place[f->order[i]] = i;
   int32_t *parent = work, *counts = work + size, *mark = work + 2 * size;
-  tree(f, starts, indices, parent, counts);
-  walk(f, parent, counts);
-  count(f, starts, indices, parent, counts, mark);
+  if (order) memcpy(f->order, order, (size_t)n * sizeof *order);
+  else if (!(edges = elimination_order(n, starts, indices, 0, f->order))) goto fail;
+  double cost = analysed(f, starts, indices, parent, counts, mark);
+  if (!order && cost > DISSECTED * (double)edges) {
+    int32_t *known = malloc(size * sizeof *known);
+    if (!known) goto fail;
+    memcpy(known, f->order, (size_t)n * sizeof *known);
+    const int attempts = cost > THOROUGH * (double)edges ? 4 : 1;
+    const int there = elimination_order(n, starts, indices, attempts, f->order) > 0;
+    if (there && analysed(f, starts, indices, parent, counts, mark) > cost) {
+      memcpy(f->order, known, (size_t)n * sizeof *known);
+      analysed(f, starts, indices, parent, counts, mark);
+    }
+    free(known);
+    if (!there) goto fail;
+  }
   if (!divide(f, parent, counts)) goto fail;
   int64_t *at = (int64_t *)(work + 4 * size); /* two integers a panel */
   rows_of_panels(f, starts, indices, parent, at, mark, 0);
@@ -342,41 +370,94 @@ done:
   return failed;
 }
 
+/* Add to `out` (rows x several) the product of four columns and x (4 x several). */
+INLINE void add_columns(int64_t rows, const double *columns, int64_t height, const double *x, double *out,
+                        int several) {
+  const double *a = columns, *b = a + height, *c = b + height, *d = c + height;
+  if (several == 1) {
+    for (int64_t i = 0; i < rows; i++) out[i] += (a[i] * x[0] + b[i] * x[1]) + (c[i] * x[2] + d[i] * x[3]);
+    return;
+  }
+  for (int part = 0; part < several; part += WIDE) {
+    const Aligned p = load(x + part), q = load(x + several + part), r = load(x + 2 * several + part),
+                  t = load(x + 3 * several + part);
+    for (int64_t i = 0; i < rows; i++) {
+      double *at = out + i * several + part;
+      store(at, load(at) + ((a[i] * p + b[i] * q) + (c[i] * r + d[i] * t)));
+    }
+  }
+}
+
+/* Set `out` (4 x several) to the products of four columns (rows) with x (rows x several). */
+INLINE void columns_times(int64_t rows, const double *columns, int64_t height, const double *x, double *out,
+                          int several) {
+  const double *a = columns, *b = a + height, *c = b + height, *d = c + height;
+  if (several == 1) {
+    Aligned p = {0}, q = {0}, r = {0}, t = {0};
+    int64_t i = 0;
+    for (; i + WIDE <= rows; i += WIDE) {
+      const Aligned y = load(x + i);
+      p += load(a + i) * y, q += load(b + i) * y, r += load(c + i) * y, t += load(d + i) * y;
+    }
+    out[0] = total(p), out[1] = total(q), out[2] = total(r), out[3] = total(t);
+    for (; i < rows; i++) out[0] += a[i] * x[i], out[1] += b[i] * x[i], out[2] += c[i] * x[i], out[3] += d[i] * x[i];
+    return;
+  }
+  for (int part = 0; part < several; part += WIDE) {
+    Aligned p = {0}, q = {0}, r = {0}, t = {0};
+    for (int64_t i = 0; i < rows; i++) {
+      const Aligned y = load(x + i * several + part);
+      p += a[i] * y, q += b[i] * y, r += c[i] * y, t += d[i] * y;
+    }
+    store(out + part, p), store(out + several + part, q);
+    store(out + 2 * several + part, r), store(out + 3 * several + part, t);
+  }
+}
+
 /* Solve with the factors for `several` right-hand sides that stand side by side in y, in the order of the
  * factors; `below` has room for as many of the longest panel. */
 INLINE void solved(const Factors *f, double *y, double *below, int several) {
   for (int64_t s = 0; s < f->panels; s++) {
     const int64_t height = f->row_start[s + 1] - f->row_start[s], width = f->first[s + 1] - f->first[s];
     const double *panel = f->L + f->start[s];
-    const int32_t *rows = f->rows + f->row_start[s];
+    const int32_t *rows = f->rows + f->row_start[s] + width;
+    const int64_t rest = height - width;
     double *x = y + (int64_t)f->first[s] * several;
-    memset(below, 0, (size_t)((height - width) * several) * sizeof *below);
-    for (int64_t j = 0; j < width; j++) {
-      const double *column = panel + j * height;
+    for (int64_t j = 0; j < width; j++)
       for (int64_t i = j + 1; i < width; i++)
-        for (int c = 0; c < several; c++) x[i * several + c] -= column[i] * x[j * several + c];
-      for (int64_t i = width; i < height; i++)
-        for (int c = 0; c < several; c++) below[(i - width) * several + c] += column[i] * x[j * several + c];
-    }
-    for (int64_t i = width; i < height; i++)
-      for (int c = 0; c < several; c++) y[(int64_t)rows[i] * several + c] -= below[(i - width) * several + c];
+        for (int c = 0; c < several; c++) x[i * several + c] -= panel[j * height + i] * x[j * several + c];
+    memset(below, 0, (size_t)(rest * several) * sizeof *below);
+    int64_t j = 0;
+    for (; j + 4 <= width; j += 4)
+      add_columns(rest, panel + j * height + width, height, x + j * several, below, several);
+    for (; j < width; j++)
+      for (int64_t i = 0; i < rest; i++)
+        for (int c = 0; c < several; c++) below[i * several + c] += panel[j * height + width + i] * x[j * several + c];
+    for (int64_t i = 0; i < rest; i++)
+      for (int c = 0; c < several; c++) y[(int64_t)rows[i] * several + c] -= below[i * several + c];
   }
   for (int64_t s = f->panels - 1; s >= 0; s--) {
     const int64_t height = f->row_start[s + 1] - f->row_start[s], width = f->first[s + 1] - f->first[s];
     const double *panel = f->L + f->start[s];
-    const int32_t *rows = f->rows + f->row_start[s];
-    double *x = y + (int64_t)f->first[s] * several;
-    for (int64_t i = width; i < height; i++)
-      for (int c = 0; c < several; c++) below[(i - width) * several + c] = y[(int64_t)rows[i] * several + c];
-    for (int64_t j = width - 1; j >= 0; j--) {
-      const double *column = panel + j * height;
-      double sums[SEVERAL] = {0};
+    const int32_t *rows = f->rows + f->row_start[s] + width;
+    const int64_t rest = height - width;
+    double *x = y + (int64_t)f->first[s] * several, sums[WIDEST * SEVERAL];
+    for (int64_t i = 0; i < rest; i++)
+      for (int c = 0; c < several; c++) below[i * several + c] = y[(int64_t)rows[i] * several + c];
+    int64_t j = 0;
+    for (; j + 4 <= width; j += 4)
+      columns_times(rest, panel + j * height + width, height, below, sums + j * several, several);
+    for (; j < width; j++)
+      for (int c = 0; c < several; c++) {
+        double sum = 0.0;
+        for (int64_t i = 0; i < rest; i++) sum += panel[j * height + width + i] * below[i * several + c];
+        sums[j * several + c] = sum;
+      }
+    for (j = width - 1; j >= 0; j--) {
       for (int64_t i = j + 1; i < width; i++)
-        for (int c = 0; c < several; c++) sums[c] += column[i] * x[i * several + c];
-      for (int64_t i = width; i < height; i++)
-        for (int c = 0; c < several; c++) sums[c] += column[i] * below[(i - width) * several + c];
-      const double pivot = f->D[f->first[s] + j];
-      for (int c = 0; c < several; c++) x[j * several + c] = x[j * several + c] / pivot - sums[c];
+        for (int c = 0; c < several; c++) sums[j * several + c] += panel[j * height + i] * x[i * several + c];
+      for (int c = 0; c < several; c++)
+        x[j * several + c] = x[j * several + c] / f->D[f->first[s] + j] - sums[j * several + c];
     }
   }
 }

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_matrix, triu
 from scipy.sparse.linalg import SuperLU, splu
 
-from dynid import native
 from dynid.defaults import BACKEND, LARGE_MATRICES
 from dynid.errors import NumericalError, Singular, UsageError
+from dynid.native import call, compiled
 from dynid.suggestions import did_you_mean
 
 Array = NDArray[np.float64]
@@ -69,7 +69,7 @@ class _LDLFactors:
         if stopped == self._UNSYMMETRIC:  # entries of zero, or of rounding, on one side of the diagonal only
             both = csc_array((A + A.T) / 2)
             both.sort_indices()
-            native.call("dynid_ldl_free", self._handle)
+            call("dynid_ldl_free", self._handle)
             self._handle = 0
             stopped = self._factorise(both, order)
         if stopped or (definite and self._pivots.min(initial=1.0) <= 0):
@@ -82,13 +82,13 @@ class _LDLFactors:
         """Return 0, or where a pivot is zero, or `_UNSYMMETRIC`."""
         n, starts = A.shape[0], A.indptr.astype(np.int64)
         indices, data = np.ascontiguousarray(A.indices, dtype=np.int32), np.ascontiguousarray(A.data)
-        self._handle = native.call("dynid_ldl_analyse", n, starts, indices, order)
+        self._handle = call("dynid_ldl_analyse", n, starts, indices, order)
         self._pivots = np.empty(n)
-        return native.call("dynid_ldl_factorise", self._handle, starts, indices, data, self._pivots)
+        return call("dynid_ldl_factorise", self._handle, starts, indices, data, self._pivots)
 
     def solve(self, b: Array) -> Array:
         x = np.array(b, dtype=float, order="C")
-        native.call("dynid_ldl_solve", self._handle, 1 if x.ndim == 1 else x.shape[1], x)
+        call("dynid_ldl_solve", self._handle, 1 if x.ndim == 1 else x.shape[1], x)
         return x
 
     @property
@@ -97,17 +97,17 @@ class _LDLFactors:
 
     @property
     def memory(self) -> int:
-        return native.call("dynid_ldl_bytes", self._handle)
+        return call("dynid_ldl_bytes", self._handle)
 
     @property
     def order(self) -> Order:
         order = np.empty(self._matrix.shape[0], dtype=np.int32)
-        native.call("dynid_ldl_order", self._handle, order)
+        call("dynid_ldl_order", self._handle, order)
         return order
 
     def __del__(self) -> None:
         if self._handle and not sys.is_finalizing():
-            native.call("dynid_ldl_free", self._handle)
+            call("dynid_ldl_free", self._handle)
 
 
 def _negative(pivots: Array, A: csc_array) -> int | None:
@@ -291,7 +291,7 @@ class Backend(NamedTuple):
     @property
     def missing(self) -> bool:
         """True where its package is not installed, or was without its library."""
-        return not native.compiled() if self.package == "dynid" else find_spec(self.package) is None
+        return not compiled() if self.package == "dynid" else find_spec(self.package) is None
 
 
 BACKENDS = {
