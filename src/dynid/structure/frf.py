@@ -20,7 +20,7 @@ from dynid.defaults import DENSE_STRUCTURES, FEW_FREQUENCIES
 from dynid.errors import DynidError, NumericalError, Singular, UsageError
 from dynid.lti.frequency_response import WORST_CONDITION, on_a_pole, second_order_response
 from dynid.structure.matrices import Array, Matrix, as_array, is_sparse
-from dynid.structure.modes import modes
+from dynid.structure.modes.modes import modes
 from dynid.structure.modes.pencil import scaled, times
 from dynid.suggestions import did_you_mean
 

@@ -25,7 +25,7 @@ from dynid.errors import NumericalError, Singular, UsageError
 from dynid.lti.floating import guarded
 from dynid.structure.matrices import Array, Label, Matrix
 from dynid.structure.model import StructuralModel
-from dynid.structure.modes import modes
+from dynid.structure.modes.modes import modes
 from dynid.structure.reduction.condensation import (
     FREE,
     REMEDY,

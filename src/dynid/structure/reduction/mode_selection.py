@@ -13,7 +13,7 @@ from dynid.defaults import BASIS_BAND
 from dynid.errors import UsageError
 from dynid.number_format import frequency_text
 from dynid.structure.matrices import Array, Label, Matrix
-from dynid.structure.modes import modes
+from dynid.structure.modes.modes import modes
 
 BAND = BASIS_BAND.value
 """Without modes given, all below this many times the band of interest are kept.
