@@ -413,14 +413,15 @@ def page(costs: Costs, rows: list[tuple[int, float, float, float]]) -> str:
 PAGE = """\
 # How far dynid scales
 
-What a run costs against its size, what limits it, and what to do beyond. Times of the first three parts are processor
-times on one thread of a shared two-core machine, to be read as orders of magnitude; `dynid bench` measures them on
-yours. *On paper* means that nothing of this size was run.
+What a run costs against its size, what limits it, and what to do beyond. Times of the first three parts
+are processor times on one thread of a shared two-core machine, to be read as orders of magnitude; `dynid
+bench` measures them on yours. *On paper* means that nothing of this size was run.
 
 ## Structures
 
-A factorisation decides. With nested dissection the factors of a plate of $n$ DOFs have about $n \\log n$ entries and
-take $n^{{1.5}}$ operations; of a solid $n^{{4/3}}$ and $n^2$. Ten modes, proved complete, by PARDISO (`dynid[solvers]`):
+A factorisation decides. With nested dissection the factors of a plate of $n$ DOFs have about $n \\log n$
+entries and take $n^{{1.5}}$ operations; of a solid $n^{{4/3}}$ and $n^2$. Ten modes, proved complete, by
+PARDISO (`dynid[solvers]`):
 
 | | DOFs | time | memory |
 | --- | --- | --- | --- |
@@ -430,19 +431,21 @@ take $n^{{1.5}}$ operations; of a solid $n^{{4/3}}$ and $n^2$. Ten modes, proved
 | plate, on paper | 1e7 | 10 to 30 min | 50 GB |
 | solid, on paper | 1e6 | 40 min | 31 GB |
 
-- **Memory ends first,** and it is that of the factors. Between the two plates it grew as $n^{{1.03}}$, time as $n^{{1.0}}$.
-- **32 bits.** SuperLU counts the entries of its factors by 32 bits; without PARDISO a matrix of more than 71 million
-  entries is refused. The count of modes that proves them complete takes a second factorisation, which is not kept.
-- **Beyond:** reduce the parts in the FE code, import each as matrices with its boundary DOFs, and join them
-  (`structures:` of an identification); on a few thousand coordinates everything else takes seconds. Fewer, higher elements help solids more
-  than a solver does.
+- **Memory ends first,** and it is that of the factors. Between the two plates it grew as $n^{{1.03}}$, time
+  as $n^{{1.0}}$.
+- **32 bits.** SuperLU counts the entries of its factors by 32 bits; without PARDISO a matrix of more than
+  71 million entries is refused. The count of modes that proves them complete takes a second
+  factorisation, which is not kept.
+- **Beyond:** reduce the parts in the FE code, import each as matrices with its boundary DOFs, and join
+  them (`structures:` of an identification); on a few thousand coordinates everything else takes seconds.
+  Fewer elements of higher order help solids more than a solver does.
 - **Rounding** grows with refinement: see [very fine meshes](limits.md#structures-sizes).
 
 ## Bond graphs
 
-A frequency response is a program of the junction structure, planned once. Chains of mass, spring and damper stages
-(three elements and two junctions each), 1,000 frequencies, plan included, beside a recursion written by hand for
-just this chain:
+A frequency response is a program of the junction structure, planned once. Chains of mass, spring and
+damper stages (three elements and two junctions each), 1,000 frequencies, plan included, beside a
+recursion written by hand for just this chain:
 
 | stages | time | memory of the process | of the recursion |
 | --- | --- | --- | --- |
@@ -452,21 +455,22 @@ just this chain:
 | 100,000 (300,000 elements) | 9.4 s | 1.05 GB | 7.6 times |
 | 1,000,000, on paper | 2 min | 10 GB | |
 
-- **Growth.** Time grew as the number of stages to the power of 1.08 between 1,000 and 10,000, and 1.17 from there to
-  100,000, on a machine whose memory others used, too. On loops fill of the elimination adds to it, as of any sparse
-  matrix: a ladder of two rails stays near linear, a square mesh of $n$ elements takes $n^{{1.5}}$ at best.
-- **Exact zeros and poles** cost the cube of the order and more: 400 storage elements, 80 on many loops, then the
-  floating-point engine takes over, up to 8,000 ([limits](limits.md#bond-graphs-sizes)).
-- **Names** of nodes and their text take the most memory of a large graph before the program exists; a scene is limited
-  to 8 MiB. Larger graphs are built in Python.
-- **Beyond:** what is large and linear is usually a structure: reduce it, and let it enter the graph as a node
-  `structure`. Repeated parts belong into `models:` with `repeat`.
+- **Growth.** Time grew as the number of stages to the power of 1.08 between 1,000 and 10,000, and 1.17
+  from there to 100,000, on a machine whose memory others used, too. On loops fill of the elimination adds
+  to it, as of any sparse matrix: a ladder of two rails stays near linear, a square mesh of $n$ elements
+  takes $n^{{1.5}}$ at best.
+- **Exact zeros and poles** cost the cube of the order and more: 400 storage elements, 80 on many loops,
+  then the floating-point engine takes over, up to 8,000 ([limits](limits.md#bond-graphs-sizes)).
+- **Names** of nodes and their text take the most memory of a large graph before the program exists; a
+  scene is limited to 8 MiB. Larger graphs are built in Python.
+- **Beyond:** what is large and linear is usually a structure: reduce it, and let it enter the graph as a
+  node `structure`. Repeated parts belong into `models:` with `repeat`.
 
 ## Records
 
-A filter pass and a prediction are linear in the samples. An identification takes some ten of them per start; its
-sensitivities, which are kept, limit the memory ([limits](limits.md#identification)). Longer records: decimate to ten
-samples per period of the highest frequency, or take frequency responses.
+A filter pass and a prediction are linear in the samples. An identification takes some ten of them per
+start; its sensitivities, which are kept, limit the memory ([limits](limits.md#identification)). Longer
+records: decimate to ten samples per period of the highest frequency, or take frequency responses.
 
 ## Studies
 
