@@ -14,5 +14,5 @@ def sample(cases, count, *named):
 
 
 def _slow(case):
-    values = case if isinstance(case, tuple) else (case,)
+    values = case if type(case) is tuple else (case,)
     return pytest.param(*values, marks=pytest.mark.slow)

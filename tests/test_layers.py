@@ -1,6 +1,7 @@
 """The layers of the packages: each imports only layers below its own, function-level imports included."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -71,12 +72,19 @@ LIBRARIES = {
 }
 
 
+@cache
+def statements(path):
+    """Return the statements of a file that import, wherever in it."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
+
+
 def imports_of(path):
     """Yield every module that a file imports, wherever in it; a name imported from a package as a module."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in statements(path):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
+        else:
             assert node.level == 0, f"{path}: imports are absolute"
             if node.module == "dynid":
                 yield from (f"dynid.{alias.name}" for alias in node.names)
@@ -154,10 +162,10 @@ def modules_imported(path):
     """Yield the modules of dynid that a file imports anywhere, for types too; a name may be a module."""
     names = {name: f"dynid.{name}" if name != "__init__" else "dynid" for name in MODULES}
     known = set(names.values())
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in statements(path):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names if alias.name in known)
-        elif isinstance(node, ast.ImportFrom) and node.module in known:
+        elif node.module in known:
             for alias in node.names:
                 inner = f"{node.module}.{alias.name}"
                 yield inner if inner in known else node.module

@@ -2,6 +2,7 @@
 
 import ast
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,12 @@ def named(page):
     yield from _NAMED.findall(_FENCED.sub("", page.read_text()))
 
 
+@cache
+def definitions(file):
+    """Return the names of the functions and classes of a module."""
+    return {node.name for node in ast.walk(ast.parse(file.read_text())) if hasattr(node, "name")}
+
+
 def place(path):
     """Return where a name stands: beside the sources, or in the project."""
     own = ("src/", "tests/", "configs/", "docs/")
@@ -31,8 +38,7 @@ def test_what_a_page_names_exists(page):
         file = place(path)
         assert file.exists(), f"{page.name} names {path}"
         if test:
-            functions = {node.name for node in ast.walk(ast.parse(file.read_text())) if hasattr(node, "name")}
-            assert test in functions, f"{page.name} names {path}::{test}"
+            assert test in definitions(file), f"{page.name} names {path}::{test}"
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if page.stem != "index"], ids=lambda page: page.stem)

@@ -259,8 +259,12 @@ def assert_slopes(found, records, noises, tolerance, **known):
 
 @pytest.mark.parametrize(
     "records",
-    [[TWO_FORCES], [SHAKEN], [RANDOM], [SHAKEN, replace(TWO_FORCES, step=0.003, samples=100)]],
-    ids=["forces", "base", "spline", "records"],
+    [
+        pytest.param([TWO_FORCES], id="forces", marks=pytest.mark.slow),
+        pytest.param([SHAKEN], id="base", marks=pytest.mark.slow),
+        pytest.param([RANDOM], id="spline"),
+        pytest.param([SHAKEN, replace(TWO_FORCES, step=0.003, samples=100)], id="records"),
+    ],
 )
 def test_without_noise_the_slopes_are_those_of_estimating_anew(monkeypatch, records):
     made, noises = zip(*(record.simulated() for record in records), strict=True)

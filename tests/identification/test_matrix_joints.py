@@ -68,7 +68,7 @@ def as_blocks():
     [
         (Auto(), 300),
         (Filter(), 300),
-        (OutputError(), 300),
+        pytest.param(OutputError(), 300, marks=pytest.mark.slow),  # is part of `auto`
         (InvariantImbedding(), 60),
     ],
 )

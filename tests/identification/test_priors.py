@@ -12,6 +12,7 @@ from dynid.parameters import Parameter, ParameterPrior
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from tests.identification.cases import LINKS, MASSES, diagnostic, parameter, run, simulated
+from tests.sample import sample
 
 ESTIMATORS = [Auto(), OutputError(), Filter(2), InvariantImbedding(tolerance=1e-3)]
 each = pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda estimator: estimator.name)
@@ -34,7 +35,7 @@ def test_a_bound_that_does_not_bind_changes_nothing(estimator):
 
 
 @each
-@pytest.mark.parametrize("side", ["low", "high"])
+@pytest.mark.parametrize("side", sample(["low", "high"], 1))
 def test_a_bound_holds(estimator, side):
     """The truth lies 1 % outside: the estimate ends at the bound, and the damping where that is fixed."""
     at = {"low": 1.01, "high": 0.99}[side] * TRUE

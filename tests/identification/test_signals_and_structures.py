@@ -26,6 +26,7 @@ from tests.identification.cases import (
     suspension,
     unknown,
 )
+from tests.sample import sample
 
 RECORD = RecordTimes(0.002, 800)
 FORCE = np.random.default_rng(0).standard_normal(800) * 100
@@ -195,9 +196,8 @@ def test_a_record_in_wrong_units_is_refused():
     y, loads = record_at_ten_seconds()
     with pytest.raises(Diverged, match="away from its start by a factor of more than 1e6"):
         run(measurement=Measurement(0.002, 800, VELOCITIES, y * 1e-6), loads=loads, estimator=Filter(2))
-    for factor in (1e-6, 1e6):
-        with pytest.raises(Diverged, match="are invalid"):
-            run(measurement=Measurement(0.002, 800, VELOCITIES, y * factor), loads=loads)
+    with pytest.raises(Diverged, match="are invalid"):  # a millionth: test_estimators.py
+        run(measurement=Measurement(0.002, 800, VELOCITIES, y * 1e6), loads=loads)
 
 
 def test_a_wrong_excitation_is_refused():
@@ -251,7 +251,7 @@ def test_measurements_must_make_sense(make):
         make()
 
 
-@pytest.mark.parametrize("start", [1e-8, 1e14])
+@pytest.mark.parametrize("start", sample([1e-8, 1e14], 1))
 def test_a_filter_that_runs_away_names_the_parameters_it_lost(start):
     joints = [
         Joint("j2", (2, 3), JointParameter(start=start, true=2e4), unknown(20.0)),

@@ -78,7 +78,7 @@ def test_impact_is_exact_across_its_end():
 @pytest.mark.parametrize(
     "signal",
     [
-        Chirp(1.0, 10, 200, 1.0, 0.5),
+        pytest.param(Chirp(1.0, 10, 200, 1.0, 0.5), marks=pytest.mark.slow),
         Multisine(list(range(1, 21)), list(np.linspace(3, 90, 20))),
         Random(2.0, seed=1, step=0.01, samples=200),
         Sampled(np.random.default_rng(0).standard_normal(68), 0.03),
