@@ -1,4 +1,4 @@
-"""Compiles the library of `dynid.native` when the package is built or installed.
+"""Compiles the library of `dynid.native`, and adapts the README, when the package is built or installed.
 
 With the C compiler of the machine (CC, else cc, gcc or clang), else with that of the package ziglang, which
 is then asked for as a requirement of the build. On Windows always with ziglang, unless CC is set: there gcc
@@ -23,6 +23,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+from hatchling.metadata.plugin.interface import MetadataHookInterface
 
 FOLDER = Path("src/dynid/native")
 FLAGS = [
@@ -44,6 +45,32 @@ SUFFIX = {"win32": "dll", "darwin": "dylib"}.get(sys.platform, "so")
 FLAGS += [] if sys.platform == "win32" else ["-fPIC"]
 LIBRARIES = [] if sys.platform == "win32" else ["-lm"]
 MACOS = "11.0"  # the oldest release that the library is for
+
+
+# A link or a picture of the README whose target is a file of the project.
+LINK = re.compile(r"(?P<picture>!?)\[(?P<text>[^\]]*)\]\((?!\w+:|#)(?P<file>[^)\s]+)\)")
+
+
+class ReadmeOfIndex(MetadataHookInterface):
+    """The README for a package index, where links to files of the project lead nowhere."""
+
+    def update(self, metadata: dict[str, Any]) -> None:
+        """Set the README, with links to the repository (URL `Source`); without one, links become text."""
+        text = (Path(self.root) / "README.md").read_text(encoding="utf-8")
+        text = readme(text, metadata.get("urls", {}).get("Source", ""))
+        metadata["readme"] = {"content-type": "text/markdown", "text": text}
+
+
+def readme(text: str, repository: str) -> str:
+    """Return a README whose links lead to a repository; without one, links as texts, no pictures."""
+
+    def replaced(link: re.Match[str]) -> str:
+        if not repository:
+            return "" if link["picture"] else link["text"]
+        view = "raw" if link["picture"] else "blob"
+        return f"{link['picture']}[{link['text']}]({repository.rstrip('/')}/{view}/HEAD/{link['file']})"
+
+    return LINK.sub(replaced, text)
 
 
 def compiler() -> list[str] | None:

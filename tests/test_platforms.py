@@ -143,6 +143,8 @@ def hook(monkeypatch):
         return module
 
     interface = SimpleNamespace(BuildHookInterface=object)
+    metadata = SimpleNamespace(MetadataHookInterface=object)
+    monkeypatch.setitem(sys.modules, "hatchling.metadata.plugin.interface", metadata)
     monkeypatch.setitem(sys.modules, "hatchling.builders.hooks.plugin.interface", interface)
     return on
 
@@ -181,3 +183,18 @@ def test_on_windows_the_library_is_compiled_by_ziglang(hook, monkeypatch):
     monkeypatch.setattr(module, "find_spec", lambda _: True)
     assert module.compiler()[1:] == ["-m", "ziglang", "cc"]
     assert (module.SUFFIX, module.LIBRARIES, "-fPIC" in module.FLAGS) == ("dll", [], False)
+
+
+def test_links_of_the_readme_lead_somewhere_on_a_package_index(hook):
+    module = hook("linux")
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    files = [link["file"] for link in module.LINK.finditer(text)]
+    assert len(files) > 10
+    assert all((ROOT / file).exists() for file in files)
+    there = module.readme(text, "https://example.org/dynid/")
+    assert not module.LINK.search(there)
+    assert "[architecture](https://example.org/dynid/blob/HEAD/docs/architecture.md)" in there
+    assert "](https://example.org/dynid/raw/HEAD/docs/overview.png)" in there
+    bare = module.readme(text, "")  # no repository is known: no dead link
+    assert "](" not in bare
+    assert "developers: architecture, CONTRIBUTING.md" in bare

@@ -42,3 +42,20 @@ def test_the_pythons_that_are_promised_are_those_of_ci():
     assert promised == set(run)
     assert PROJECT["requires-python"] == f">={min(run)}"  # the oldest, with the oldest dependencies
     assert f".ci/environment {min(run)} lowest-direct" in (ROOT / ".ci/run").read_text()
+
+
+def test_the_conda_recipe_has_the_version_and_the_dependencies_of_the_project():
+    text = (ROOT / "recipe/recipe.yaml").read_text(encoding="utf-8")
+    recipe = yaml.safe_load(text)
+    assert recipe["context"]["version"] == dynid.__version__
+    needed = {re.sub(r"\s", "", one) for one in recipe["requirements"]["run"]}
+    assert needed == {*PROJECT["dependencies"], f"python{PROJECT['requires-python']}"}
+    name, function = recipe["build"]["python"]["entry_points"][0].split(" = ")
+    assert PROJECT["scripts"][name] == function
+
+
+def test_the_container_has_extras_that_exist_and_no_build_of_this_machine():
+    container = (ROOT / "Dockerfile").read_text(encoding="utf-8")
+    for extras in re.findall(r"\[([a-z,]+)\]'", container):
+        assert set(extras.split(",")) <= PROJECT["optional-dependencies"].keys()
+    assert "src/dynid/native/library*" in (ROOT / ".dockerignore").read_text(encoding="utf-8")
