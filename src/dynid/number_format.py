@@ -65,8 +65,8 @@ def limit(value: float) -> str:
 
 
 def counted(count: int, what: str) -> str:
-    """Return a count with its noun: 1 bond, 2 bonds, 3 frequencies."""
-    several = f"{what[:-1]}ies" if what.endswith("cy") else f"{what}s"
+    """Return a count with its noun: 1 bond, 2 keys, 3 frequencies."""
+    several = f"{what[:-1]}ies" if what[-1] == "y" and what[-2] not in "aeou" else f"{what}s"
     return f"{count:,} {what if count == 1 else several}"
 
 

@@ -1,15 +1,23 @@
 """The first commands of a new user: what is there, what is installed, a tour, and answers to wrong ones."""
 
 import json
+from io import StringIO
+from pathlib import Path
 from types import SimpleNamespace
 
+import click
 import pytest
 
 from dynid.cli import doctor as doctor_module
 from dynid.cli import summary
+from dynid.cli.output import guarded
+from dynid.cli.summary.common import aligned
 from dynid.result import Result
+from dynid.scene.load import load_scene
+from dynid.scene.run import run_scene
 from dynid.store.export import answer_json
 
+CONFIGS = Path(__file__).parents[2] / "configs"
 MOTOR = """dynid: 1
 kind: bond-graph
 title: Motor
@@ -29,6 +37,8 @@ analysis: {inputs: [v], outputs: [J.f], time: {stop: 1, step: 0.1, input: {kind:
 def motor(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "motor.yaml").write_text(MOTOR)
+    (tmp_path / "data.csv").write_text("time,acc\n0,1\n")
+    (tmp_path / "result.h5").write_bytes(b"\x89HDF\r\n\x1a\n")
     return tmp_path
 
 
@@ -45,6 +55,29 @@ def test_new_without_a_name_lists_the_templates(dynid):
         (["motor.yaml"], "write: dynid run motor.yaml"),
         (["motor.YML"], "write: dynid run motor.YML"),
         (["motor.h5"], "write: dynid show motor.h5"),
+        (["motor"], "write: dynid run motor.yaml"),
+        (["data.csv"], "'data.csv' is a file, no command; a scene names measured data"),
+        (["Run", "motor.yaml"], "did you mean 'run'?"),
+        (["simulate", "motor.yaml"], "no command 'simulate'; write: dynid run"),
+        (["validate", "motor.yaml"], "write: dynid check"),
+        (["version"], "write: dynid --version"),
+        (["-v"], "Did you mean '--version'?"),
+        (["gui"], "no command 'gui'; they are run, check, study"),
+        (["run", "motor.yaml", "-set", "R=3"], "Did you mean '--set'?"),
+        (["run", "motor.yaml", "--verbos"], "Did you mean '--verbose'?"),
+        (
+            ["run", "motor.yaml", "-o", "motor.csv"],
+            "not motor.csv. To export it: dynid",
+        ),
+        (["run", "motor.yaml", "-o", "motor.html"], "For a page: --report motor.html"),
+        (
+            ["run", "data.csv"],
+            "data.csv:1:1: a scene is a mapping; it starts with 'dynid: 1'",
+        ),
+        (["run", "result.h5"], "this is an HDF5 file, not a scene; if it is a result: dynid show result.h5"),
+        (["study", "motor.yaml"], "not a study. Run it with: dynid run motor.yaml"),
+        (["run", "motor.yaml", "--set", "parameters.R"], "a value is missing; write --set PATH=VALUE"),
+        (["run", "motor.yaml", "--set", "kind=bondgraph"], "did you mean 'bond-graph'?"),
         (["run", "motor.yaml", "--set", "R=3"], "did you mean --set parameters.R=3?"),
         (["run", "motor.yaml", "--set", "Q=3"], "'Q' is not a key"),
         (["run", "motor.yaml", "--set", "parameters.R=3,5"], "decimals stand behind a point"),
@@ -60,6 +93,25 @@ def test_a_wrong_first_command_is_answered_with_the_right_one(dynid, command, an
     code, _, said = dynid(*command)
     assert code == 2
     assert answer in said
+
+
+@pytest.mark.parametrize(
+    ("command", "answer"),
+    [
+        (["run", "motr.yaml"], "motr.yaml: no such file; did you mean 'motor.yaml'?"),
+        (["run", "motor"], "did you mean 'motor.yaml'?"),
+        (["run", "quantum"], "quantum: no such file. To begin with a template: dynid new"),
+        (["run", "."], "is a directory, not a scene file"),
+        (
+            ["report", "motor.yaml"],
+            "name the file that `dynid run motor.yaml` writes",
+        ),
+    ],
+)
+@pytest.mark.usefixtures("motor")
+def test_a_file_that_cannot_be_read_is_answered_with_the_one_that_is_meant(dynid, command, answer):
+    code, _, said = dynid(*command)
+    assert (code, answer in said) == (4, True), said
 
 
 def test_a_node_that_is_set_by_its_name_alone_is_found(dynid, motor):
@@ -142,6 +194,47 @@ def test_the_doctor_looks_for_the_compiled_library(dynid, monkeypatch, there):
     monkeypatch.setattr("dynid.native.found", lambda: SimpleNamespace(_name="/library.so") if there else None)
     said = dynid("doctor")[1]
     assert ("/library.so" if there else "install dynid again where there is a C compiler") in said
+
+
+@pytest.mark.parametrize(
+    ("terminal", "environment", "coloured"),
+    [
+        (True, {}, True),
+        (False, {}, False),
+        (True, {"NO_COLOR": "1"}, False),
+        (True, {"TERM": "dumb"}, False),
+        (False, {"FORCE_COLOR": "1"}, True),
+        (False, {"FORCE_COLOR": "1", "NO_COLOR": "1"}, False),
+    ],
+)
+def test_verdicts_and_warnings_are_coloured_on_terminals(monkeypatch, terminal, environment, coloured):
+    for name in ("NO_COLOR", "FORCE_COLOR", "TERM"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    stream = StringIO()
+    stream.isatty = lambda: terminal
+    monkeypatch.setattr("sys.stdout", stream)
+    with guarded():
+        click.echo("  converged: optimum found\na.yaml: warning: \x07evil")
+    verdict, warning = (
+        ("\x1b[32mconverged\x1b[0m", "\x1b[33mwarning:\x1b[0m") if coloured else ("converged", "warning:")
+    )
+    assert stream.getvalue() == f"  {verdict}: optimum found\na.yaml: {warning} \\x07evil\n"
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_screens_fit_a_terminal(monkeypatch, width):
+    result = run_scene(load_scene(CONFIGS / "dc_motor.yaml"))
+    result.title += " with a title that is longer than others are"
+    monkeypatch.setenv("COLUMNS", str(width))
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    screen = summary.summary(result, "0.1 s", trace=True).splitlines()
+    assert max(map(len, screen)) <= width
+    table = [["", "start", "estimate"], ["upper.k [N/m]", "1" * 30, "2" * 40], ["c", "3", "4"]]
+    lines = list(aligned(table, gap=4))
+    assert max(map(len, lines)) <= width
+    assert lines.count("") == (1 if width < 100 else 0)  # the second block of columns
 
 
 def test_screens_of_an_unknown_kind_have_no_derivations():

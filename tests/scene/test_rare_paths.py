@@ -179,7 +179,7 @@ def test_a_plan_refuses_measured_modes(tmp_path):
             "6:14: the point 'p' is of the part 'arm', but the scene has a",
         ),
         ("{node: 2}", "{node: 2, weights: [1]}", "6:13: 'weights' are of the 'nodes' of a distributed point"),
-        ("{node: 2}", "{nodes: [1, 2], weights: [1]}", "6:13: 'weights' has 1 entries for 2 nodes"),
+        ("{node: 2}", "{nodes: [1, 2], weights: [1]}", "6:13: 'weights' has 1 entry for 2 nodes"),
         (
             "{x: 1}",
             "[[1, 0, 0], [0, -1, 0], [0, 0, 1]]",
@@ -241,7 +241,7 @@ def test_labels_beside_a_model_in_a_file_are_at_fault_themselves(tmp_path):
         f"  matrices:\n    model: {DATA}/bracket.inp\n    labels: [a]\n"
         "reduction: [{method: guyan, masters: [a]}]\n"
     )
-    assert fault(tmp_path, text, run_scene) == "6:5: there are 1 DOF labels, but 33 DOFs"
+    assert fault(tmp_path, text, run_scene) == "6:5: 1 DOF label for 33 DOFs"
 
 
 def test_lines_in_a_unit_that_contradicts_the_file_are_refused(tmp_path):
@@ -268,8 +268,8 @@ def test_match_is_not_of_a_record_that_lists_its_channels(tmp_path):
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ("file: {path: a.uff, columns: [b]}", "8:23: a.uff has no time history 'b'; there are 2. Give its"),
-        ("file: {path: a.uff, columns: [a]}", "8:23: a.uff has 2 time history 'a'; there are 2. Give its"),
+        ("file: {path: a.uff, columns: [b]}", "8:23: a.uff has no time history 'b', of 2. Give its"),
+        ("file: {path: a.uff, columns: [a]}", "8:23: a.uff has 2 time histories 'a', of 2. Give its"),
         (
             "file: {path: a.uff, columns: [1]}\n  match: {by: position, tolerance: 1, geometry: nodes.csv}",
             "9:39: nodes.csv:1: the columns are node, x.",

@@ -181,7 +181,7 @@ def test_what_cannot_be_read_is_a_file_error(tmp_path):
         "": "directory",
         "scenee.yaml": "did you mean 'scene.yaml'",
         "a\0b": "cannot be read",
-        "nowhere/scene.yaml": "no such file$",
+        "nowhere/scene.yaml": "no such file. To begin with a template: dynid new$",
         "large.yaml": "too large for a scene; put large data in files of their own",
     }
     with (tmp_path / "large.yaml").open("wb") as file:

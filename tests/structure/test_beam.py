@@ -126,7 +126,7 @@ def test_modal_damping_beside_massless_dofs():
     omega, shapes = 1 / np.sqrt(mu[:-3:-1]), shapes[:, :-3:-1] / np.sqrt(mu[:-3:-1])
     modal = shapes.T @ model.C @ shapes
     np.testing.assert_allclose(modal, np.diag(2 * np.array([0.02, 0.05]) * omega), atol=1e-9)
-    with pytest.raises(UsageError, match="3 damping ratios, but 2 modes"):
+    with pytest.raises(UsageError, match="3 damping ratios for 2 modes"):
         ModalDamping([0.1, 0.1, 0.1]).matrix(model.M, model.K)
 
 

@@ -443,7 +443,7 @@ def test_labels_and_joints_may_be_given(tmp_path):
         tmp_path, text, text, labels=["left", "right"], joints=[Joint("j", ("right", 1), 5.0)]
     )
     np.testing.assert_array_equal(model.with_joints()[2], [[7, -5], [-5, 8]])
-    with pytest.raises(UsageError, match="there are 1 DOF labels, but 2 DOFs") as caught:
+    with pytest.raises(UsageError, match="1 DOF label for 2 DOFs") as caught:
         structure_of(tmp_path, text, text, labels=["left"])
     assert caught.value.names == ("labels",)
 

@@ -6,6 +6,7 @@ import os
 import sys
 from importlib import import_module
 from io import TextIOWrapper
+from pathlib import Path
 from typing import Any
 
 import click
@@ -91,7 +92,7 @@ class LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Find the command; suggest the nearest name for an unknown one."""
         if args and args[0].startswith("-"):
-            ctx.fail(f"No such option '{args[0]}'")
+            raise click.NoSuchOption(args[0], ctx=ctx)
         if args and args[0] not in COMMANDS:
             ctx.fail(_unknown_command(args[0]))
         return super().resolve_command(ctx, args)
@@ -104,14 +105,51 @@ class LazyGroup(click.Group):
                 formatter.write_dl([(name.ljust(width), COMMANDS[name][1]) for name in names])
 
 
+#: What other programs call the commands.
+_OTHER_WORDS = {
+    "run": "analyse analyze compute execute identify simulate solve start",
+    "check": "lint test validate verify",
+    "new": "create init make template",
+    "show": "cat info open print summary view",
+    "report": "html page",
+    "plot": "bode draw figure graph",
+    "compare": "diff",
+    "doctor": "debug env",
+    "help": "docs man manual usage",
+    "library": "components models",
+    "--version": "version",
+    "--cite": "cite citation",
+}
+
+
 def _unknown_command(name: str) -> str:
     """Return the message for what is no command; a file is meant to be run or shown."""
+    suffix = Path(name).suffix.lower()
     for suffixes, verb in (((".yaml", ".yml"), "run"), ((".h5", ".hdf5"), "show")):
-        if name.lower().endswith(suffixes):
+        if suffix in suffixes:
             return f"'{name}' is a file, no command; write: dynid {verb} {name}"
+    if Path(name).is_file():
+        return f"'{name}' is a file, no command; a scene names measured data, to begin with: dynid new record"
+    if Path(f"{name}.yaml").is_file():
+        return f"no command '{name}'; write: dynid run {name}.yaml"
+    for command, words in _OTHER_WORDS.items():
+        if name.lower() in words.split():
+            return f"no command '{name}'; write: dynid {command}"
     from dynid.suggestions import did_you_mean
 
-    return f"no command '{name}'{did_you_mean(name, COMMANDS)}"
+    return f"no command '{name}'{did_you_mean(name, COMMANDS) or '; they are ' + ', '.join(COMMANDS)}"
+
+
+def _unknown_option(error: click.NoSuchOption, args: list[str]) -> None:
+    """Suggest the long option where it was written with one hyphen, and --version for -v."""
+    context = error.ctx
+    known = [name for each in context.command.get_params(context) for name in each.opts] if context else []
+    for word in args:
+        wanted = f"-{word.partition('=')[0]}"
+        if word.startswith(error.option_name) and wanted in known:
+            error.possibilities = [wanted]
+    if error.option_name in ("-v", "-V") and "--version" in known:
+        error.possibilities = ["--version"]
 
 
 def citation() -> str:
@@ -167,6 +205,8 @@ def _exit_code(args: list[str] | None) -> int:
     except click.exceptions.Exit as leave:
         return leave.exit_code
     except click.ClickException as error:
+        if isinstance(error, click.NoSuchOption):
+            _unknown_option(error, sys.argv[1:] if args is None else args)
         error.show()
         return 2
     except (KeyboardInterrupt, click.Abort):

@@ -13,6 +13,10 @@ import click
 from dynid.errors import DynidError, FileError, UsageError
 
 _LONGEST = 200  # characters of an error's own words
+#: What users want who name the HDF5 file so.
+_OTHER_FILES = dict.fromkeys((".csv", ".parquet", ".json", ".mat"), "To export it: dynid export {}.h5")
+_OTHER_FILES |= dict.fromkeys((".html", ".htm"), "For a page: --report {}.html")
+_OTHER_FILES |= dict.fromkeys((".png", ".svg", ".pdf"), "For figures: dynid plot {}.h5 -o FOLDER")
 
 
 def among(names: Callable[[], Iterable[str]]) -> Callable[[click.Context, click.Parameter, str], list[str]]:
@@ -93,6 +97,10 @@ def is_same(file: str, other: str) -> bool:
 
 def refuse_overwriting(scene: str, target: str, junit: str | None, report: str | None = None) -> None:
     """Refuse to write over the scene, or one output over another."""
+    if (kind := Path(target).suffix.lower()) in _OTHER_FILES:
+        raise UsageError(
+            f"a result is an HDF5 file, not {target}", remedy=_OTHER_FILES[kind].format(Path(target).stem)
+        )
     if is_same(target, scene):
         raise UsageError(f"the result would overwrite the scene {scene}", remedy="Name another file with -o.")
     taken = [scene, target]

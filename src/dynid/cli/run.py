@@ -88,7 +88,8 @@ def run(
         from dynid.cli.summary import summary
 
         click.echo(summary(result, f"{time.perf_counter() - started:.2g} s", trace=verbose))
-        click.echo(f"\n  wrote {target}{f', {report}' if report else ''}")
+        more = report or f"see it: dynid report {target}"
+        click.echo(f"\n  wrote {target}{', ' if report else ' · '}{more}")
     from dynid.report.content import warnings
 
     said = warnings(result)

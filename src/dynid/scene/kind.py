@@ -134,7 +134,7 @@ _KINDS = (
         explain="dynid.scene.explanations.synthesis:explain",
         prepare="dynid.scene.kinds.synthesis:preparation_steps",
         content="dynid.report.content.synthesis",
-        summary="dynid.cli.summary.synthesis:lines",
+        summary="dynid.cli.summary.bond_graph:synthesis_lines",
     ),
     Kind(
         "study",

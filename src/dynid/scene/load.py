@@ -234,7 +234,10 @@ def _model_of(source: Source) -> type[SceneModel]:
     """Return the model of the kind of a scene, without which nothing else can be checked."""
     data = source.data
     if not isinstance(data, dict):
-        raise SceneError([source.fault((), "a scene is a mapping; it starts with 'dynid: 1' and 'kind: …'")])
+        message = "a scene is a mapping; it starts with 'dynid: 1' and 'kind: …'"
+        if Path(source.file).suffix.lower() not in (".yaml", ".yml", ".json"):
+            message += ". Measured data are named in a scene: dynid new record"
+        raise SceneError([source.fault((), message)])
     if "kind" not in data:
         raise SceneError([source.fault((), f"a scene needs the key 'kind': {', '.join(KINDS)}")])
     kind = data["kind"]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from dynid.arithmetic.dependent import Dependent, Real, like_terms
 from dynid.defaults import DENSE_STRUCTURES
 from dynid.errors import UsageError
+from dynid.number_format import counted
 from dynid.parameters import Parameter
 from dynid.structure.damping import ModalDamping, ProportionalDamping
 from dynid.structure.dependent_matrix import DependentMatrix
@@ -221,7 +222,7 @@ def per_element(what: str, given: Real | Sequence[Real], count: int, *, zero: bo
     """
     each = list(given) if isinstance(given, Sequence | np.ndarray) else [given]
     if isinstance(given, Sequence | np.ndarray) and len(each) != count:
-        raise UsageError(f"{what} has {len(each)} entries for {count} elements")
+        raise UsageError(f"{what} has {counted(len(each), 'entry')} for {counted(count, 'element')}")
     values = np.array([float(value) for value in each])
     if not np.all(np.isfinite(values) & ((values >= 0) if zero else (values > 0))):
         raise UsageError(f"{what} must be {'finite and not negative' if zero else 'positive'}")

@@ -22,6 +22,7 @@ import numpy as np
 
 from dynid.arithmetic.dependent import Dependent, Real, evaluated
 from dynid.errors import NumericalError, UsageError
+from dynid.number_format import counted
 from dynid.structure.dependent_matrix import DependentMatrix
 from dynid.structure.matrices import Array, Matrix, as_array, combined
 from dynid.structure.modes.modes import modes
@@ -117,7 +118,7 @@ class ModalDamping:
         if self._common:
             return [(slice(None), self._listed[0])]
         if len(self._listed) > count:
-            raise UsageError(f"there are {len(self._listed)} damping ratios, but {count} modes")
+            raise UsageError(f"{counted(len(self._listed), 'damping ratio')} for {counted(count, 'mode')}")
         return [(slice(at, at + 1), ratio) for at, ratio in enumerate(self._listed)]
 
     def slopes(self, M: DependentMatrix, K: DependentMatrix, values: Mapping[str, float]) -> dict[str, Array]:

@@ -18,6 +18,7 @@ from dynid.arithmetic.dependent import Real
 from dynid.defaults import DENSE_STRUCTURES
 from dynid.errors import FileError, NumericalError, UsageError
 from dynid.lti.floating import guarded
+from dynid.number_format import counted
 from dynid.parameters import Parameter
 from dynid.structure.assembly import damped_structure
 from dynid.structure.damping import ModalDamping, ProportionalDamping
@@ -93,7 +94,7 @@ def imported(
     n = matrices["stiffness", 0].shape[0]
     names = tuple(labels) or found
     if len(names) not in (0, n):
-        raise UsageError(f"there are {len(names)} DOF labels, but {n} DOFs", names=("labels",))
+        raise UsageError(f"{counted(len(names), 'DOF label')} for {counted(n, 'DOF')}", names=("labels",))
     dense = n <= DENSE_STRUCTURES.value or all(isinstance(matrix, np.ndarray) for matrix in matrices.values())
     size = matrices["mass", 0].shape[0]
     M, K, C = (

@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import TypeAlias
 
 from dynid.errors import UsageError
+from dynid.number_format import counted
 from dynid.suggestions import did_you_mean
 
 Label: TypeAlias = int | str
@@ -228,7 +229,7 @@ def checked(labels: Iterable[Label], n: int) -> tuple[Label, ...]:
     if not given:
         return tuple(range(1, n + 1))
     if len(given) != n:
-        raise UsageError(f"there are {len(given)} DOF labels, but {n} DOFs")
+        raise UsageError(f"{counted(len(given), 'DOF label')} for {counted(n, 'DOF')}")
     if len(set(given)) != n:
         twice = next(label for k, label in enumerate(given) if label in given[:k])
         raise UsageError(f"two DOFs are labelled {twice}", names=(str(twice),))

@@ -1,13 +1,13 @@
-"""Summary of a result on one screen: the answers first, then the method.
+"""Summary of a result on one screen: the answer, what to know of it, where the rest is.
 
 Sentences and tables that screens share with reports are in `dynid.report.content`.
 """
 
 from __future__ import annotations
 
-from textwrap import wrap
 from typing import TYPE_CHECKING
 
+from dynid.cli.summary.common import columns, folded, paragraph, wrapped
 from dynid.cli.summary.derivations import derivation_lines
 from dynid.report.content import doubts, method, part_name
 from dynid.scene.kind import KINDS, resolve
@@ -39,26 +39,30 @@ def summary(result: Result, note: str, *, trace: bool = False) -> str:
     kind = KINDS.get(result.kind)
     screen = kind.load("summary") if kind else resolve(_OTHERS.get(result.kind, ""))
     if screen is None:  # of a kind that this version does not know
-        return f"{_headline(result.title, result.kind, note)}\n\n{contents(result)}"
-    lines = [_headline(result.title, method(result), note), "", *screen(result)]
+        return "\n".join([*_headline(result.title, result.kind, note), "", contents(result)])
+    lines = [*_headline(result.title, method(result), note), "", *screen(result)]
     while not lines[-1]:
         lines.pop()
-    if derivations := derivation_lines(result):
-        lines += ["", *derivations] if trace else ["", "  derivation: -v, or dynid show --trace"]
     if warnings := doubts(result):
-        lines += ["", *(f"  {line}" for sentence in warnings for line in wrap(sentence, 104))]
+        lines += ["", *(f"  {line}" for sentence in warnings for line in wrapped(sentence, 104))]
     if need := need_lines(result):
         lines += ["", *need]
     if "accuracy" in result.group_attrs:
         from dynid.cli.summary.bench import accuracy_lines
 
         lines += ["", *accuracy_lines(result)]
-    return "\n".join(lines).rstrip("\n")
+    derivations = derivation_lines(result)
+    if derivations and derivations[0] not in lines:
+        lines += ["", *derivations] if trace else ["", "  derivation: -v, or dynid show --trace"]
+    return "\n".join(part for line in lines for part in folded(line)).rstrip("\n")
 
 
-def _headline(title: str, method: str, note: str) -> str:
+def _headline(title: str, method: str, note: str) -> list[str]:
+    """Return title, method and note in one line, or in two on a narrow terminal."""
     right = " · ".join(part for part in (method, note) if part)
-    return f"{title}{' ' * max(2, 100 - len(title) - len(right))}{right}"
+    if len(title) + 2 + len(right) > columns():
+        return [title, *paragraph(right)]
+    return [f"{title}{' ' * max(2, min(100, columns()) - len(title) - len(right))}{right}"]
 
 
 def contents(result: Result) -> str:
@@ -87,4 +91,4 @@ def need_lines(result: Result) -> list[str]:
             name = part_name(result, str(part))
             texts.append(f"{left:,} of {kept + left:,} {name}{f': {names}' if short else ''} ({why})")
     sentence = f"left out: {'; '.join(texts) or 'nothing'}"
-    return wrap(sentence, 108, initial_indent="  ", subsequent_indent="    ")
+    return wrapped(sentence, 108, initial_indent="  ", subsequent_indent="    ")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from itertools import groupby
-from textwrap import wrap
 
+from dynid.cli.summary.common import wrapped
 from dynid.number_format import memory_text, time_text
 from dynid.report.content.bench import benchmark_rows, remarks
 from dynid.result import Result
@@ -29,11 +29,11 @@ def lines(result: Result) -> list[str]:
                 best = " ●" if row.best else ""
                 screen.append(f"    {shown:>9}  {chosen} {row.name:{width}}  {figures}{best}")
         for name, text in remarks(result, group):
-            screen += wrap(f"{name}: {text}", 110, initial_indent=" " * 4, subsequent_indent=" " * 6)
+            screen += wrapped(f"{name}: {text}", 110, initial_indent=" " * 4, subsequent_indent=" " * 6)
         screen.append("")
     about = result.group_attrs.get("bench", {})  # absent in files of earlier versions
     if about.get("skipped"):
-        screen += wrap(f"skipped: {about['skipped']}", 110, initial_indent="  ", subsequent_indent="    ")
+        screen += wrapped(f"skipped: {about['skipped']}", 110, initial_indent="  ", subsequent_indent="    ")
     seconds = float(about.get("seconds", 0))
     return [*screen, f"  measured in {time_text(seconds)}"] if seconds else screen[:-1]
 
@@ -54,13 +54,13 @@ def accuracy_lines(result: Result) -> list[str]:
         heading = f"{about['title']}: {about['because']}"
         size_width = max(11, len(str(about["size"])))
         columns = f"{'':{width}}  {about['size']:>{size_width}}  {'time':>9}  {'memory':>8}  {'error':>8}"
-        screen += ["", *(f"  {line}" for line in wrap(heading, 100, subsequent_indent="  "))]
+        screen += ["", *(f"  {line}" for line in wrapped(heading, 100, subsequent_indent="  "))]
         screen.append(f"      {columns}{'  error/bound' if bounded else ''}")
         for name, status in zip(names, result[f"{group}/status"].data, strict=True):
             if f"{group}/{name}/size" in result:
                 screen += _accuracy_rows(result, f"{group}/{name}", f"{name:{width}}", size_width)
             if status != "done":
-                parts = wrap(f"{name:{width}}  {status}", 96, subsequent_indent=" " * (width + 2))
+                parts = wrapped(f"{name:{width}}  {status}", 96, subsequent_indent=" " * (width + 2))
                 screen += (f"      {line}" for line in parts)
         reference = f", against {about['reference']}" if about["reference"] else ""
         screen.append(f"      error: {about['measure']}{reference}")

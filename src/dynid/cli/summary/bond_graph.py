@@ -1,15 +1,13 @@
-"""Screen of a bond-graph result."""
+"""Screens of bond graphs: analyses, designs, syntheses."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from textwrap import wrap
 
 import numpy as np
 
-from dynid.cli.summary.common import response_lines
-from dynid.cli.summary.derivations import equation_lines
-from dynid.cli.summary.design import design_lines
+from dynid.cli.summary.common import aligned, paragraph, response_lines, wrapped
+from dynid.cli.summary.derivations import derivation_lines, equation_lines
 from dynid.cli.summary.transfer_functions import channel_lines
 from dynid.number_format import MOST_ROOTS, counted, roots_text
 from dynid.report.content.bond_graph import (
@@ -20,43 +18,69 @@ from dynid.report.content.bond_graph import (
     point_slopes,
     port_items,
 )
+from dynid.report.content.design import DESIGN, parameter_table, statements, target_table
+from dynid.report.content.synthesis import elements, form_table, forms, kind_text, wanted
 from dynid.report.content.transfer_functions import energy_lines, source_lines
 from dynid.report.scenes import in_hertz
 from dynid.result import Result
 
 #: Most slopes that are listed.
 _MOST = MOST_ROOTS
+#: Most elements of a synthesised form that are listed.
+_ELEMENTS = 40
 #: Longest formula of a port, and width of its names.
 _LONGEST, _WIDTH = 70, 16
 
 
 def lines(result: Result) -> list[str]:
-    """Return the screen, line by line."""
+    """Return the screen, line by line: the answer, then what to know of it."""
+    answer = [
+        *_design(result),
+        *channel_lines(result),
+        *_port(result),
+        *_energy(result),
+        *_margins(result),
+        *equation_lines(result, "bond_graph/state_space"),
+        *response_lines(result, "bond_graph"),
+        *(line for fact in nonlinear_facts(result) for line in paragraph(fact, "    ")),
+    ]
+    if not answer:  # the derivations are what is asked for
+        answer = derivation_lines(result)
+    if answer and answer[-1]:
+        answer.append("")
+    return [*answer, *_operating_point(result), *_about(result)]
+
+
+def _about(result: Result) -> Iterable[str]:
+    """Yield the size of the graph, who computed with which limits, approximations and warnings."""
     about = result.group_attrs.get("bond_graph", {})
-    screen = [f"  {counted(int(about['nodes']), 'node')}, {counted(int(about['bonds']), 'bond')}"]
+    yield f"  {counted(int(about['nodes']), 'node')}, {counted(int(about['bonds']), 'bond')}"
     engine, reason = (str(about.get(name, "")) for name in ("engine", "engine_reason"))
     if engine not in ("", "exact") or "decides" in reason:
-        screen.append(f"  {engine} engine: {reason}")
+        yield f"  {engine} engine: {reason}"
         if engine != "exact":
-            screen += (f"    {line}" for line in wrap(str(about["engine_limits"]), 100))
+            yield from (f"    {line}" for line in wrapped(str(about["engine_limits"]), 100))
     if about.get("reading") == "binary":
-        screen.append("  every value is read as the double nearest to it (reading: binary)")
-    if about.get("delays"):
-        screen += wrap(str(about["delays"]), 100, initial_indent="  ", subsequent_indent="    ")
-    for text in result["bond_graph/approximations"].data if "bond_graph/approximations" in result else ():
-        screen += wrap(str(text), 100, initial_indent="  ", subsequent_indent="    ")
-    for warning in result["bond_graph/warnings"].data if "bond_graph/warnings" in result else ():
-        screen += wrap(f"warning: {warning}", 100, initial_indent="  ", subsequent_indent="    ")
-    screen += _operating_point(result)
-    screen += ["", *design_lines(result)]
-    screen += _port(result)
-    screen += channel_lines(result)
-    screen += _energy(result)
-    screen += _margins(result)
-    screen += equation_lines(result, "bond_graph/state_space")
-    screen += response_lines(result, "bond_graph")
-    screen += (f"    {fact}" for fact in nonlinear_facts(result))
-    return screen
+        yield "  every value is read as the double nearest to it (reading: binary)"
+    texts = [str(about["delays"])] if about.get("delays") else []
+    for name, head in (("approximations", ""), ("warnings", "warning: ")):
+        if f"bond_graph/{name}" in result:
+            texts += [f"{head}{text}" for text in result[f"bond_graph/{name}"].data]
+    for text in texts:
+        yield from wrapped(text, 100, initial_indent="  ", subsequent_indent="    ")
+
+
+def _design(result: Result) -> Iterable[str]:
+    """Yield designed values, targets and how they were found."""
+    if f"{DESIGN}/value" not in result:
+        return
+    yield "  design"
+    for headings, rows in (parameter_table(result), target_table(result)):
+        shown = [k for k in range(len(headings)) if any(row[k] for row in rows)]
+        yield from aligned([[row[k] for k in shown] for row in (headings, *rows)])
+    for text, tone in statements(result):
+        yield from paragraph(f"{'warning: ' if tone == 'bad' else ''}{text}", "    ")
+    yield ""
 
 
 def _operating_point(result: Result) -> Iterable[str]:
@@ -65,7 +89,7 @@ def _operating_point(result: Result) -> Iterable[str]:
         return
     yield "  operating point"
     for name, text in point_facts(result):
-        first, *rest = wrap(text, 92 - _WIDTH)
+        first, *rest = wrapped(text, 92 - _WIDTH)
         yield f"      {name:<{_WIDTH}}{first}"
         yield from (f"      {'':<{_WIDTH}}{line}" for line in rest)
     slopes = point_slopes(result)
@@ -73,6 +97,7 @@ def _operating_point(result: Result) -> Iterable[str]:
     yield from (f"      {name:<{width}} = {value}" for name, value in slopes[:_MOST])
     if len(slopes) > _MOST:
         yield f"      … {counted(len(slopes) - _MOST, 'more slope')} in the file"
+    yield ""
 
 
 def _energy(result: Result) -> Iterable[str]:
@@ -82,7 +107,7 @@ def _energy(result: Result) -> Iterable[str]:
         if texts:
             yield f"  {title}"
             for text in texts:
-                yield from wrap(text, 105, initial_indent="    ", subsequent_indent="      ")
+                yield from wrapped(text, 105, initial_indent="    ", subsequent_indent="      ")
             yield ""
 
 
@@ -107,7 +132,7 @@ def _margins(result: Result) -> Iterable[str]:
             found.append(f"delay margin {at['delay']:.4g} s")
         if not stable:
             verdict = str(result[f"{group}/stability"].data[place])
-            yield from wrap(verdict, 92, initial_indent="    ", subsequent_indent="      ")
+            yield from wrapped(verdict, 92, initial_indent="    ", subsequent_indent="      ")
             changes = [f"gain times {at[name]:.4g}" for name in _MARGINS[:2] if 0 < at[name] < np.inf]
             found = [f"its roots cross the axis at {' and '.join(changes)}"] if changes else []
         else:
@@ -117,8 +142,8 @@ def _margins(result: Result) -> Iterable[str]:
     if f"{group}/poles" in result:
         poles = result[f"{group}/poles"]
         text = f"poles with delays: {roots_text(poles.data, hertz=in_hertz(result))}"
-        yield from wrap(text, 105, initial_indent="  ", subsequent_indent="    ")
-        yield from wrap(f"{poles.attrs['note']}", 92, initial_indent="    ", subsequent_indent="    ")
+        yield from wrapped(text, 105, initial_indent="  ", subsequent_indent="    ")
+        yield from wrapped(f"{poles.attrs['note']}", 92, initial_indent="    ", subsequent_indent="    ")
     yield ""
 
 
@@ -128,14 +153,32 @@ def _port(result: Result) -> Iterable[str]:
     if not items:
         return
     yield f"  port {result.group_attrs[PORT]['bond']}: prototype {items.pop('prototype')[0]}"
-    yield from (f"      {line}" for line in wrap(items.pop("type")[0], 92))
+    yield from (f"      {line}" for line in wrapped(items.pop("type")[0], 92))
     for name, lines in items.items():
-        parts = wrap(lines[0], 92 - _WIDTH) if name == "loop" else lines
+        parts = wrapped(lines[0], 92 - _WIDTH) if name == "loop" else lines
         if name in ("source", "load", "loop"):  # one below the other
             rows = [(name if k == 0 else "", part) for k, part in enumerate(parts)]
         elif name == "at rest":
             rows = [(name, part) for part in parts]
         else:
             rows = [(name, "   ".join(parts))]
-        yield from (f"      {left:<{_WIDTH}}{part}" for left, part in rows)
+        for left, part in rows:
+            first, *rest = wrapped(part, 104 - _WIDTH, break_long_words=False) or [""]
+            yield f"      {left:<{_WIDTH}}{first}"
+            yield from (f"      {'':<{_WIDTH}}{line}" for line in rest)
     yield ""
+
+
+def synthesis_lines(result: Result) -> list[str]:
+    """Return the screen of a synthesis, line by line."""
+    (name, formula), zeros, poles = wanted(result)
+    shown = [f"  {name} = {formula}", f"  {kind_text(result)}", f"  zeros  {zeros}", f"  poles  {poles}", ""]
+    columns, rows = form_table(result)
+    shown += [*aligned([columns, *rows], "  "), ""]
+    for form in forms(result):
+        every = [f"{name} = {value}" for name, _, value in elements(result, form)]
+        listed = ", ".join(every[:_ELEMENTS]) + (
+            f", … ({len(every)} in all)" if len(every) > _ELEMENTS else ""
+        )
+        shown += wrapped(f"{form}: {listed}", 104, initial_indent="  ", subsequent_indent="    ")
+    return shown

@@ -1,16 +1,20 @@
-"""Parts of several screens: frequency and time responses, tables."""
+"""Parts of several screens: frequency and time responses, tables, texts as wide as the terminal."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from io import StringIO
+import sys
+from collections.abc import Collection, Iterable, Sequence
+from shutil import get_terminal_size
 from textwrap import wrap
+from typing import Any
 
 from dynid.number_format import counted, span_text
 from dynid.report.content import time_span
 from dynid.report.scenes import frequency_span, peak_responses
 from dynid.result import Result
 
+#: Widths of screens in characters: the usual one of texts, and limits of what terminals give.
+_USUAL, _NARROWEST, _WIDEST = 110, 60, 120
 #: Most channels and outputs that are listed.
 _MOST = 12
 
@@ -38,7 +42,7 @@ def response_lines(result: Result, group: str) -> Iterable[str]:
         yield f"  time response {time_span(result, transient)}"
         note = result.group_attrs.get(transient, {}).get("note")
         if note:
-            yield from (f"    {line}" for line in wrap(f"Note: {note}.", 96))
+            yield from (f"    {line}" for line in wrapped(f"Note: {note}.", 96))
         outputs = result[f"{transient}/output"].data
         for output, column in zip(outputs[:_MOST], response.T, strict=False):
             yield f"    {output}: min {column.min():.4g}, max {column.max():.4g}, final {column[-1]:.4g}"
@@ -46,37 +50,59 @@ def response_lines(result: Result, group: str) -> Iterable[str]:
             yield f"    … {counted(len(outputs) - _MOST, 'more output')} in the file"
 
 
-def aligned(rows: Sequence[Sequence[str]], indent: str = "    ") -> Iterable[str]:
-    """Yield the rows of a table as lines, the first column to the left, the others to the right."""
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    for first, *others in rows:
-        cells = [cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True)]
-        yield f"{indent}{'  '.join([first.ljust(widths[0]), *cells])}".rstrip()
+def columns() -> int:
+    """Return the width of the screen, characters: of a terminal, at most 120; 120 for pipes and files."""
+    if not sys.stdout.isatty():
+        return _WIDEST
+    return max(_NARROWEST, min(_WIDEST, get_terminal_size().columns))
 
 
-def rich_table(columns: Sequence[str], rows: Iterable[Sequence[str]], padding: int, width: int) -> list[str]:
-    """Return a table as lines of at most a width; columns with a heading are aligned to the right.
+def wrapped(text: str, width: int, **options: Any) -> list[str]:
+    """Return a text as lines of at most a width, less on narrow terminals; options as of `textwrap.wrap`."""
+    return wrap(text, width - max(0, _USUAL - columns()), **options)
+
+
+def paragraph(text: str, indent: str = "  ") -> list[str]:
+    """Return a sentence as lines as long as the screen allows, indented, with a hanging indent."""
+    return wrap(indent + text, columns(), subsequent_indent=f"{indent}  ")
+
+
+def folded(line: str) -> list[str]:
+    """Return a line as it is, or as several with a hanging indent where a terminal is narrower."""
+    if not sys.stdout.isatty() or len(line) <= columns():
+        return [line]
+    hanging = " " * (len(line) - len(line.lstrip()) + 2)
+    return wrap(line, columns(), subsequent_indent=hanging, break_long_words=False, break_on_hyphens=False)
+
+
+def aligned(
+    rows: Sequence[Sequence[str]], indent: str = "    ", *, gap: int = 2, left: Collection[int] = (0,)
+) -> Iterable[str]:
+    """Yield a table as lines; one that is wider than a terminal continues in further blocks of columns.
 
     Parameters
     ----------
-    columns
-        The headings.
     rows
-        The cells.
-    padding
-        Blanks on both sides of a cell.
-    width
-        The width of the table, in characters.
+        The cells, with the headings first. The first column is repeated in every block.
+    indent
+        Blanks before each line.
+    gap
+        Blanks between columns; 2 where the table is too wide with more.
+    left
+        The columns that are aligned to the left.
     """
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=None, padding=(0, padding), show_edge=False, header_style="")
-    for heading in columns:
-        table.add_column(heading, justify="right" if heading else "left")
-    for row in rows:
-        table.add_row(*map(Text, row))
-    out = StringIO()
-    Console(file=out, width=width, color_system=None).print(table)
-    return [f"  {line}".rstrip() for line in out.getvalue().splitlines()]
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    room = (columns() if sys.stdout.isatty() else 1000) - len(indent)
+    if sum(widths) + gap * (len(widths) - 1) > room:
+        gap = 2
+    blocks: list[list[int]] = [[0]]
+    for k in range(1, len(widths)):
+        if len(blocks[-1]) > 1 and sum(widths[j] + gap for j in blocks[-1]) + widths[k] > room:
+            blocks.append([0])
+        blocks[-1].append(k)
+    for number, block in enumerate(blocks):
+        if number:
+            yield ""
+        for row in rows:
+            cells = (f"{row[k]:{'<' if k in left else '>'}{widths[k]}}" for k in block)
+            yield f"{indent}{(' ' * gap).join(cells)}".rstrip()

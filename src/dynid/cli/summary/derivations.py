@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from textwrap import wrap
 
 import numpy as np
 
+from dynid.cli.summary.common import columns, wrapped
 from dynid.number_format import MOST_ROOTS, counted
 from dynid.result import Result
 
@@ -51,7 +51,7 @@ def causality_lines(result: Result) -> Iterable[str]:
         cells.append(f"… ({len(bonds)} in all)")
     yield "    bonds (bar: causal stroke):"
     width = max(map(len, cells)) + 3
-    count = max(1, 94 // width)
+    count = max(1, min(94, columns() - 16) // width)
     for start in range(0, len(cells), count):
         yield f"      {''.join(cell.ljust(width) for cell in cells[start : start + count])}".rstrip()
     yield from _zero_dynamics(result, f"{group}/zero_dynamics/")
@@ -99,7 +99,7 @@ def _reduction(result: Result) -> Iterable[str]:
             cut = f"{system[:_LONGEST]}… (in the file)"
             yield f"      {system if len(system) <= _LONGEST_SYSTEM else cut}"
         for number, row in enumerate(own[:_MOST] if place == 0 else [], 1):
-            first, *rest = wrap(f"{row['rule']}: {row['equation']}", 92, break_long_words=False)
+            first, *rest = wrapped(f"{row['rule']}: {row['equation']}", 92, break_long_words=False)
             # The last row is the prototype itself, not a step.
             yield f"    {number:>2}. {first}" if number <= count else f"        {first}"
             yield from (f"          {line}" for line in rest)
@@ -124,13 +124,13 @@ def equation_lines(result: Result, group: str) -> Iterable[str]:
         yield f"    {len(lines)} lines, in the file"
     else:
         for line in lines:
-            first, *rest = wrap(line, 92, break_long_words=False, break_on_hyphens=False)
+            first, *rest = wrapped(line, 92, break_long_words=False, break_on_hyphens=False)
             yield f"    {first}"
             yield from (f"        {more}" for more in rest)
     yield ""
 
 
 def _hanging(title: str, text: str) -> Iterable[str]:
-    first, *rest = wrap(text, 85)
+    first, *rest = wrapped(text, 85)
     yield f"    {title:<10} {first}"
     yield from (f"{'':15}{line}" for line in rest)

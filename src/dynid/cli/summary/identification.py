@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from textwrap import wrap
+from collections.abc import Iterable, Sequence
 
-from dynid.cli.summary.common import aligned, response_lines, rich_table
+from dynid.cli.summary.common import aligned, paragraph, response_lines, wrapped
 from dynid.number_format import counted, span_text
 from dynid.report.content.identifiability import (
     GROUP,
@@ -58,13 +57,13 @@ def lines(result: Result) -> list[str]:
     if "identification/parameters/name" in result:
         columns, rows = parameter_table(result)
         screen += [
-            f"  {record_summary(result)}",
-            *(f"  {line}" for line in preparation(result)),
+            *paragraph(record_summary(result)),
+            *(part for line in preparation(result) for part in paragraph(line)),
             "",
-            *rich_table(columns, rows, padding=2, width=140),
+            *aligned([columns, *rows], gap=4, left=_texts(columns)),
             "",
-            *(f"  {sentence}" for sentence in verdict_sentences(result)),
-            *(f"  {sentence}" for sentence in calibration_sentences(result)),
+            *(line for sentence in verdict_sentences(result) for line in paragraph(sentence)),
+            *(line for sentence in calibration_sentences(result) for line in paragraph(sentence)),
             "",
             *_measured_modes(result),
             *_derived(result),
@@ -84,12 +83,12 @@ def _measured_modes(result: Result) -> Iterable[str]:
     """Yield measured modes beside those of the model."""
     if has_modes(result):
         columns, rows = modal_table(result)
-        yield from rich_table(columns, rows[:_MODES], padding=1, width=140)
+        yield from aligned([columns, *rows[:_MODES]], "   ", left=_texts(columns))
         if len(rows) > _MODES:
             yield f"    … {counted(len(rows) - _MODES, 'more mode')} in the file"
         yield ""
         for sentence in (said := modal_statements(result)):
-            yield from wrap(f"  {sentence}", 110, subsequent_indent="    ")
+            yield from wrapped(f"  {sentence}", 110, subsequent_indent="    ")
         if said:
             yield ""
 
@@ -99,12 +98,12 @@ def _derived(result: Result) -> Iterable[str]:
     if is_requested(result):
         columns, rows = derived_table(result)
         if rows:
-            yield from rich_table(columns, rows[:_MODES], padding=2, width=140)
+            yield from aligned([columns, *rows[:_MODES]], gap=4, left=_texts(columns))
             if len(rows) > _MODES:
                 yield f"    … {counted(len(rows) - _MODES, 'more row')} in the file"
             yield ""
     for sentence in (said := list(statements(result))):
-        yield from wrap(f"  {sentence}", 110, subsequent_indent="    ")
+        yield from wrapped(f"  {sentence}", 110, subsequent_indent="    ")
     if said:
         yield ""
 
@@ -127,18 +126,18 @@ def identifiability_lines(result: Result, *, planned: bool = False) -> list[str]
     state = ", initial state unknown" if found.of_time else ""
     heading = f"  identifiability{'' if planned else source} (Cramér–Rao bounds at the {place}{state}{noise})"
     screen = [
-        *wrap(heading, 110, subsequent_indent="    "),
+        *wrapped(heading, 110, subsequent_indent="    "),
         *aligned([found.heads, *found.rows]),
-        *(f"    {line}" for line in collinear_groups(result)),
+        *(part for line in collinear_groups(result) for part in paragraph(line, "    ")),
     ]
     # An identification has the calibration below its estimates.
     if "identification/parameters/name" not in result:
-        screen += [f"    {sentence}" for sentence in calibration_sentences(result)]
+        screen += [line for sentence in calibration_sentences(result) for line in paragraph(sentence, "    ")]
     columns, rows = modal_shifts(result)
     shown, count = first_modes(rows, _SHIFTS)
     screen += [
         "",
-        *wrap(f"  {modal_heading(result)}", 110, subsequent_indent="    "),
+        *wrapped(f"  {modal_heading(result)}", 110, subsequent_indent="    "),
         *aligned([columns, *shown]),
     ]
     if count > _SHIFTS:
@@ -179,8 +178,14 @@ def reduction_lines(result: Result) -> list[str]:
     took = seconds_text(result.group_attrs.get("reduction", {}).get("seconds"))
     effort = f"; its modes took {took}" if took else ""
     columns, rows = method_table(result)
-    table = rich_table(columns, rows, padding=1, width=200)
-    return [f"  {size} DOFs{effort}", "", *table, "", *(f"  {note}" for note in remarks(result))]
+    table = aligned([columns, *rows], "   ", left=_texts(columns))
+    notes = (line for note in remarks(result) for line in paragraph(note))
+    return [*table, "", f"  {size} DOFs{effort}", *notes]
+
+
+def _texts(columns: Sequence[str]) -> list[int]:
+    """Return which columns have no heading: texts, aligned to the left."""
+    return [k for k, heading in enumerate(columns) if not heading]
 
 
 def plan_lines(result: Result) -> list[str]:
@@ -196,12 +201,13 @@ def plan_lines(result: Result) -> list[str]:
     ]
     now = (f"present: {', '.join(present)}", *map(bound_text, result[f"{group}/present_bound"].data), "")
     return [
-        *identifiability_lines(result, planned=True),
         f"  {best_sensors_text(len(choice), candidates)}",
         *aligned([("", *names, "gain"), *rows, now]),
         f"    {efficiency_text(result.value(f'{group}/efficiency'), 'sensors')}",
         "",
         *_excitation(result),
+        "",
+        *identifiability_lines(result, planned=True),
     ]
 
 
@@ -213,7 +219,7 @@ def _excitation(result: Result) -> Iterable[str]:
         return
     names = [str(name) for name in result[f"{group}/parameter"].data]
     choice = chosen_lines(result)
-    yield from wrap(f"  {best_sines_text(result)}", 110, subsequent_indent="    ")
+    yield from wrapped(f"  {best_sines_text(result)}", 110, subsequent_indent="    ")
     gains = result[f"{group}/gain"].data
     bounds = [[""] * len(names)] * (len(choice) - 1)
     bounds.append(list(map(bound_text, result[f"{group}/best_bound"].data)))
@@ -221,7 +227,7 @@ def _excitation(result: Result) -> Iterable[str]:
     now = ("present", *map(bound_text, result[f"{group}/present_bound"].data), "")
     yield from aligned([("", *names, GAIN_OF_SINES), *rows, now])
     yield f"    {efficiency_text(result.value(f'{group}/efficiency'), f'{driven(result)}s')}"
-    yield from wrap(f"    {steady_state_text(result)}", 110, subsequent_indent="      ")
+    yield from wrapped(f"    {steady_state_text(result)}", 110, subsequent_indent="      ")
     group, unit = f"{group}/bands", frequency_unit(result)
     bands = zip(
         *(result[f"{group}/{name}"].data[:_BANDS] for name in ("dof", "low", "high", "bound")), strict=True

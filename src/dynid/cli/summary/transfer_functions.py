@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from textwrap import wrap
 
 import numpy as np
 
+from dynid.cli.summary.common import aligned, wrapped
 from dynid.number_format import MOST_ROOTS, counted, limit, root_text, roots_text
 from dynid.report.content.transfer_functions import (
     Channel,
@@ -72,13 +72,7 @@ def _table(result: Result, several: list[Channel]) -> Iterable[str]:
             for name in ("zero_stability", "stability")
         )
         rows.append([f"{output} / {source}", *numbers, *verdicts])
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    for row in rows:
-        cells = [
-            cell.rjust(width) if 0 < column < 5 else cell.ljust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ]
-        yield f"  {'  '.join(cells)}".rstrip()
+    yield from aligned(rows, "  ", left=(0, 5, 6))
     if len(several) > _ROWS:
         yield f"  … {counted(len(several) - _ROWS, 'more channel')} in the file"
 
@@ -97,7 +91,7 @@ def _roots(result: Result, output: str, source: str, name: str, verdict: str) ->
     roots = result.get(f"bond_graph/transfer_function/{output}/{source}/{name}")
     path = f"bond_graph/properties/{output}/{source}/{verdict}"
     text = str(result[path].data) if path in result else ""
-    reasons = [f"            {line}" for line in wrap(text, 92)]
+    reasons = [f"            {line}" for line in wrapped(text, 92)]
     if roots is not None:
         about = " (approximate)" if "approximate" in roots.attrs else ""
         yield from _hanging(f"    {name}   ", roots_text(roots.data, hertz=in_hertz(result)) + about)
@@ -148,14 +142,14 @@ def _properties(result: Result, output: str, source: str) -> Iterable[str]:
     for place in upper[:MOST_ROOTS]:
         energy = f"; its energy is in {elements[place]}" if elements[place] else ""
         root = root_text(hidden.data[place], hertz=hertz)
-        yield from (f"            {line}" for line in wrap(f"{root}: {causes[place]}{energy}", 92))
+        yield from (f"            {line}" for line in wrapped(f"{root}: {causes[place]}{energy}", 92))
 
 
 def _hanging(head: str, text: str, *, indent: int | None = None) -> Iterable[str]:
     """Yield a formula or a list of roots after its heading, wrapped with a hanging indent."""
     whole = text.replace(" ± ", "\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}")
     left = " " * (len(head) if indent is None else indent)
-    lines = wrap(
+    lines = wrapped(
         head + whole,
         _WIDTH,
         subsequent_indent=left,
@@ -174,18 +168,13 @@ def _sensitivities(result: Result, group: str) -> Iterable[str]:
         return
     yield "    a parameter larger by 1 % moves"
     shown = every[:_ROOTS]
-    widths = [max(len(title), 20) for title, _ in shown]
-    titles = "  ".join(title.rjust(width) for (title, _), width in zip(shown, widths, strict=True))
     names = result[f"{group}/parameter"].data
-    left = max(len(str(name)) for name in names)
-    yield f"      {'':{left}}  {titles}"
     weight = influence(every)
     order = [place for place in np.argsort(-weight, kind="stable") if weight[place]]
-    for place in order[:_PARAMETERS]:
-        cells = "  ".join(
-            sensitivity_text(moved[place] / 100).rjust(width)
-            for (_, moved), width in zip(shown, widths, strict=True)
-        )
-        yield f"      {names[place]!s:{left}}  {cells}"
+    rows = [
+        [str(names[place]), *(sensitivity_text(moved[place] / 100) for _, moved in shown)]
+        for place in order[:_PARAMETERS]
+    ]
+    yield from aligned([["", *(f"{title:>20}" for title, _ in shown)], *rows], "      ")
     if len(every) > _ROOTS or len(order) > _PARAMETERS:
         yield "      … more in the file"

@@ -7,6 +7,7 @@ from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from dynid.errors import FileError, UsageError
+from dynid.number_format import counted
 from dynid.scene.schema.measurement import AllOfFile
 from dynid.scene.schema.modes import MatchModel
 from dynid.suggestions import shortened
@@ -290,7 +291,7 @@ def _chosen(
         named = [one for one in numbered if name in (one[0], one[1].name)]
         if len(named) != 1:
             test.source.file.refuse(
-                f"has {len(named) or 'no'} {what} '{name}'; there are {len(known)}",
+                f"has {counted(len(named), what) if named else 'no ' + what} '{name}', of {len(known)}",
                 "Give its number among them.",
                 key="columns",
             )

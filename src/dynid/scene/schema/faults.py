@@ -95,9 +95,9 @@ def _fault(source: Source, model: type[BaseModel], error: dict[str, Any]) -> Fau
         message = f"'{loc[-1]}' is not a key of {name}{did_you_mean(str(loc[-1]), known)}"
         return source.fault(path, message, key=True)
     if kind == "missing":
-        return source.fault(
-            (*path, loc[-1]), f"{_dotted(path) or 'a scene'} needs the key '{loc[-1]}'", key=True
-        )
+        example = ": write dynid: 1" if (*path, loc[-1]) == ("dynid",) else ""
+        message = f"{_dotted(path) or 'a scene'} needs the key '{loc[-1]}'{example}"
+        return source.fault((*path, loc[-1]), message, key=True)
     if kind == "union_tag_not_found":
         tag = _tag(error)
         for key in (other for other in error["input"] if did_you_mean(str(other), [tag])):

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from dynid.number_format import counted
 from dynid.scene.schema.base import Section, once
 from dynid.scene.schema.joints import Vector
 from dynid.scene.schema.quantities import Positive, fault
@@ -59,5 +60,6 @@ class PointModel(Section):
         if self.weights is not None and (self.nodes is None or self.spread == "rigid"):
             raise fault("'weights' are of the 'nodes' of a distributed point, one for each")
         if self.weights is not None and len(self.weights) != len(self.nodes or ()):
-            raise fault(f"'weights' has {len(self.weights)} entries for {len(self.nodes or ())} nodes")
+            nodes = counted(len(self.nodes or ()), "node")
+            raise fault(f"'weights' has {counted(len(self.weights), 'entry')} for {nodes}")
         return self

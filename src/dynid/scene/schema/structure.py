@@ -16,6 +16,7 @@ from pydantic import (
     model_validator,
 )
 
+from dynid.number_format import counted
 from dynid.scene.schema.base import Dof, DofLabel, FilePath, Section
 from dynid.scene.schema.dof_labels import Freedom, beam_labels, frame_labels
 from dynid.scene.schema.quantities import (
@@ -145,7 +146,8 @@ class BeamModel(Section):
     def _one_each(cls, given: Any, info: ValidationInfo) -> Any:
         count = info.data.get("elements")
         if isinstance(given, list) and count is not None and len(given) != count:
-            raise fault(f"'{info.field_name}' has {len(given)} entries for {count} elements")
+            entries = counted(len(given), "entry")
+            raise fault(f"'{info.field_name}' has {entries} for {counted(count, 'element')}")
         return given
 
     def labels(self) -> list[int | str]:

@@ -83,6 +83,9 @@ def read_source(path: str | os.PathLike[str]) -> Source:
     """
     name = os.fspath(path)
     raw = _read_regular_file(name)
+    if raw.startswith(b"\x89HDF"):
+        message = f"this is an HDF5 file, not a scene; if it is a result: dynid show {name}"
+        raise SceneError([Fault(name, 1, 1, message)])
     if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise SceneError([Fault(name, 1, 1, "the file is UTF-16; save it as UTF-8")])
     try:
@@ -206,7 +209,11 @@ def _read_regular_file(name: str) -> bytes:
     except FileNotFoundError:
         hint = ""
         with suppress(OSError):
-            hint = did_you_mean(FilePath(name).name, sorted(p.name for p in FilePath(name).parent.iterdir()))
+            there = sorted(p.name for p in FilePath(name).parent.iterdir())
+            scenes = [other for other in there if other.lower().endswith((".yaml", ".yml"))]
+            bare = FilePath(name).name
+            hint = next(filter(None, (did_you_mean(bare, some) for some in (scenes, there))), "")
+        hint = hint or ". To begin with a template: dynid new"
         raise FileError(f"{name}: no such file{hint}", names=[name]) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
