@@ -23,7 +23,7 @@ os.environ["PYTHONPATH"] = str(HERE.parent)  # workers find the peers of `benchm
 
 from dynid.bench import BENCHMARKS, run_benchmarks  # noqa: E402
 from dynid.defaults import CHOICES  # noqa: E402
-from dynid.number_format import memory_text, time_text  # noqa: E402
+from dynid.number_format import memory_text  # noqa: E402
 from dynid.report import figures  # noqa: E402
 from dynid.report.content.bench import BenchmarkRow, benchmark_rows, better_peers, remarks  # noqa: E402
 from dynid.result import Result  # noqa: E402
@@ -35,10 +35,11 @@ PAGE = """\
 
 Written by `python docs/accuracy.py`; `dynid bench` measures every number. The alternatives of a benchmark
 do the same work in turns, each in its own process with one thread. Times are medians of the {clock}
-clock, memory is the rise of the peak, errors are against exact or high-precision references. ●
+clock, as multiples of the time of dynid's default at that size, or where there is none of the first row;
+memory is the rise of the peak, errors are against exact or high-precision references. ●
 Pareto-optimal: nothing of the same size is both faster and more accurate; › default of dynid.
 
-Measured on {machine}, with load {load} on {cores} cores at the end.
+Measured on {machine}.
 
 ## In short
 
@@ -106,10 +107,14 @@ def section(result: Result, group: str) -> Iterator[str]:
             yield f"![{figure.title}](accuracy/{figure.name}.svg)\n"
     rows = []
     for size, some in groupby(by_size(result, group), key=lambda row: row.size):
-        for place, row in enumerate(some):
-            measured = (time_text(row.time), memory_text(row.memory), f"{row.error:.1e}", row.marks)
+        each = list(some)
+        unit = next((row.time for row in each if row.default), each[0].time)
+        for place, row in enumerate(each):
+            ratio = row.time / unit
+            time = f"{ratio:,.0f}" if ratio >= 10 else f"{ratio:.2g}"
+            measured = (time, memory_text(row.memory), f"{row.error:.1e}", row.marks)
             rows.append((f"{size:,}" if place == 0 else "", row.name, *measured))
-    yield table((str(about["size"]), "", "time", "memory", "error", ""), rows) + "\n"
+    yield table((str(about["size"]), "", "time, relative", "memory", "error", ""), rows) + "\n"
     yield "\n".join(f"- {said}: {text}" for said, text in remarks(result, group)) + "\n"
 
 
@@ -158,8 +163,6 @@ def main() -> int:
     page = PAGE.format(
         clock=results[0].group_attrs["bench"]["clock"],
         machine=machine(),
-        load=f"{os.getloadavg()[1]:.1f}",
-        cores=os.cpu_count(),
         short=table(heads, (summary(result, group) for group, result in found.items())),
         choices=table(
             ("choice", "value", "in words", "benchmark"),

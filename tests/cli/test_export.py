@@ -48,7 +48,7 @@ def read_csv(path):
 
 
 def test_a_study_is_one_row_a_sample(dynid, study, monkeypatch):
-    monkeypatch.setattr("dynid.study.flat._VALUES", 100)  # several batches
+    monkeypatch.setattr("dynid.study.analysis.table._EXPORTED", 100)  # several batches
     code, out, err = dynid("export", study, "--csv")
     assert (code, out, err) == (0, "wrote s.csv\n", "")
     found = read_csv("s.csv")

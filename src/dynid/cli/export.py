@@ -86,8 +86,7 @@ def export(
             table = _table_named(tables_of(result), name)
             target = output or f"{table.name}.{form}"
         elif result.kind == "study" and not long:
-            from dynid.study.analysis.table import StudyTable
-            from dynid.study.flat import flat_table
+            from dynid.study.analysis.table import StudyTable, flat_table
 
             table = flat_table(StudyTable(result), stem)
             target = output or f"{stem}.{form}"

@@ -248,8 +248,7 @@ def frame(result: Result, name: str) -> pandas.DataFrame:
 
 def _samples(result: Result) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
     """Return the columns of a study, a row for each sample, as it is exported, and their units."""
-    from dynid.study.analysis.table import StudyTable
-    from dynid.study.flat import flat_table
+    from dynid.study.analysis.table import StudyTable, flat_table
 
     table = flat_table(StudyTable(result), "study")
     types: dict[str, type] = {"integer": np.int64, "truth": np.bool_}
