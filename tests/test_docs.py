@@ -25,8 +25,9 @@ _spec.loader.exec_module(replay)
 
 #: Pages of which tests/cli/test_docs_commands.py runs the code, in a copy of the examples' project.
 PROJECT = {"ci.md", "studies.md"}
-#: Pages that start many processes.
+#: Pages that start many processes, and those of a few seconds; `.ci/docs` runs the recipes.
 SLOW = {"howto/cluster.md"}
+SLOW |= {f"recipes/{name}.md" for name in ("compare_days", "fit_fails", "place_sensor", "study")}
 #: What is no code: outputs, drawings, formulas.
 SHOWN = {"text", "mermaid", "math"}
 _FENCE = re.compile(r"^ *(?:```+|~~~+).*$", re.MULTILINE)
