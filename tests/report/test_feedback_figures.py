@@ -5,6 +5,7 @@ import pytest
 
 import dynid
 from dynid.report import figures
+from dynid.report.content import content
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 
@@ -41,3 +42,13 @@ def test_a_loop_is_drawn(controller):
             own = gain * (2 + 5 / s)
             assert abs(0.5 * s + 0.2 + own) < 1e-9 * (abs(own) + 1)
     assert np.isfinite(result["bond_graph/margins/Ms"].data).all()
+    sections = {section.title: section for section in content(result).sections}
+    (table,) = sections["Feedback loops"].blocks
+    (row,) = table.rows
+    shown = dict(zip(table.columns, row, strict=True))
+    margin = float(result["bond_graph/margins/phase"].data[0])
+    assert shown["phase margin"] == f"{margin:.4g}°"
+    assert shown["closed loop"] == "stable"
+    assert (shown["gain margin"] == "∞") == ("delay" not in controller)
+    assert sections["Feedback loops"].place == "answer"
+    assert ("Poles with delays" in sections) == ("delay" in controller)
