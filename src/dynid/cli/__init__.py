@@ -140,16 +140,16 @@ def _unknown_command(name: str) -> str:
     return f"no command '{name}'{did_you_mean(name, COMMANDS) or '; they are ' + ', '.join(COMMANDS)}"
 
 
-def _unknown_option(error: click.NoSuchOption, args: list[str]) -> None:
-    """Suggest the long option where it was written with one hyphen, and --version for -v."""
-    context = error.ctx
-    known = [name for each in context.command.get_params(context) for name in each.opts] if context else []
-    for word in args:
-        wanted = f"-{word.partition('=')[0]}"
-        if word.startswith(error.option_name) and wanted in known:
-            error.possibilities = [wanted]
-    if error.option_name in ("-v", "-V") and "--version" in known:
-        error.possibilities = ["--version"]
+def _unknown_option(error: click.NoSuchOption, args: list[str]) -> click.UsageError:
+    """Return the error with the long option that was written with one hyphen, or --version for -v."""
+    context, name = error.ctx, error.option_name
+    known = (
+        [each for option in context.command.get_params(context) for each in option.opts] if context else []
+    )
+    wanted = [f"-{word.partition('=')[0]}" for word in args if word.startswith(name)]
+    wanted += ["--version"] if name in ("-v", "-V") else []
+    meant = next((each for each in wanted if each in known), None)
+    return click.UsageError(f"{error.message} Did you mean '{meant}'?", context) if meant else error
 
 
 def citation() -> str:
@@ -206,7 +206,7 @@ def _exit_code(args: list[str] | None) -> int:
         return leave.exit_code
     except click.ClickException as error:
         if isinstance(error, click.NoSuchOption):
-            _unknown_option(error, sys.argv[1:] if args is None else args)
+            error = _unknown_option(error, sys.argv[1:] if args is None else args)
         error.show()
         return 2
     except (KeyboardInterrupt, click.Abort):
