@@ -90,8 +90,8 @@ class Bounded:
 #: A point whose relative error bound exceeds this, for every ten operations, is computed again. The bound
 #: adds up worst cases: in long chains it lies a thousand times above the true error (3e-14 at 300 stages).
 _TOLERANCE = 1e-12
-#: Programs longer than this run in doubled precision, with bounds below 1e-12 whatever their length. Shorter
-#: ones do not pay for loading the compiler.
+#: Programs longer than this run in doubled precision, with bounds below 1e-12 whatever their length. For
+#: shorter ones translating the program into the library's instructions does not pay.
 _LONG = COMPILED_RESPONSES.value
 #: Responses smaller than this are near the end of the range of doubles: 1e-12 of this is their error bound.
 _SMALLEST = 1e-290

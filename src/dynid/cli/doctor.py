@@ -108,7 +108,7 @@ def _library() -> str:
     loaded = found()
     if loaded is None:
         return "absent, NumPy is used, which is slower: install dynid again where there is a C compiler"
-    return str(loaded._name)
+    return f"{loaded._name}, made when dynid was installed: no run compiles anything"
 
 
 def _folders() -> Iterator[tuple[str, Path, str]]:
