@@ -9,7 +9,7 @@ import pytest
 import dynid
 from dynid.errors import SceneError, Unreachable
 from dynid.report.scenes import scene_of
-from dynid.scene.designed import designed_scene_text, holds_design
+from dynid.scene.identified import designed_scene_text, holds_design
 from dynid.scene.load import check_source
 from dynid.scene.run import preparation_errors
 from dynid.scene.yaml.source import parse_source

@@ -104,8 +104,7 @@ def export(
 
 def _export_scene(file: str, output: str | None, realisation: str | None) -> None:
     from dynid.file_access import replace_file
-    from dynid.scene.designed import designed_scene_text, holds_design
-    from dynid.scene.identified import identified_scene
+    from dynid.scene.identified import designed_scene_text, holds_design, identified_scene
     from dynid.store import read_result
 
     result, stem = read_result(file), Path(file).stem

@@ -1,14 +1,14 @@
-"""The identified scene: the scene of an identification with its estimates in place of the unknowns."""
+"""Scenes with results in place of unknowns: estimates of an identification, values of a design."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import yaml
 
-from dynid.errors import UsageError
+from dynid.errors import SceneError, UsageError
 from dynid.result import Result
 from dynid.scene.composition import composed
 from dynid.scene.model_files import is_instance
@@ -22,6 +22,7 @@ _OF_IDENTIFICATION = {
     *("measurement", "estimator", "identifiability", "derived", "posterior_check", "plan", "accuracy")
 }
 _PARAMETERS = "identification/parameters"
+_DESIGN = "bond_graph/design"
 
 
 def identified_scene(result: Result, file: str = "") -> str:
@@ -48,13 +49,8 @@ def identified_scene(result: Result, file: str = "") -> str:
             f"{file or 'the result'} holds no identification: there are no estimates",
             remedy="Export the scene of a run with a `measurement` and unknown parameters.",
         )
-    text = str(result.attrs.get("scene", ""))
-    if not text:
-        raise UsageError(f"{file or 'the result'} holds no scene", remedy="Run the scene again.")
-    source = parse_source(text, file or "<scene>")
-    if not all(place_of_unknown(source.data, str(name)) for name in result[f"{_PARAMETERS}/name"].data):
-        text = dump(composed(source).data)  # an unknown within a model: of one instance, not of the model
-        source = parse_source(text, file or "<scene>")
+    source = _scene_of(result, file, result[f"{_PARAMETERS}/name"].data.tolist())
+    text = source.text
     values = dict(_estimates(source, result))
     notes: dict[Path, str] = {}
     first: dict[Any, Path] = {}  # one comment a line
@@ -70,6 +66,17 @@ def identified_scene(result: Result, file: str = "") -> str:
         data = changed_at(data, path, value)
     notes = {path: note for path, note in notes.items() if path[0] in data}
     return edited(kept, data, changes, notes)
+
+
+def _scene_of(result: Result, file: str, names: Sequence[str]) -> Source:
+    """Return the scene of a result, without its models where a parameter of these names is within one."""
+    text = str(result.attrs.get("scene", ""))
+    if not text:
+        raise UsageError(f"{file or 'the result'} holds no scene", remedy="Run the scene again.")
+    source = parse_source(text, file or "<scene>")
+    if all(place_of_unknown(source.data, name) for name in names):
+        return source
+    return parse_source(dump(composed(source).data), file or "<scene>")  # of one instance, not of the model
 
 
 def _estimates(source: Source, result: Result) -> Iterator[tuple[Path, tuple[Any, str]]]:
@@ -203,3 +210,59 @@ def without_keys(text: str, keys: set[str], data: Any) -> str:
         kept += part
     made = "".join(kept)
     return made if parse_source(made).data == data else dump(data)
+
+
+def holds_design(result: Result) -> bool:
+    """Return True if a result is that of a design."""
+    return f"{_DESIGN}/value" in result
+
+
+def designed_scene_text(result: Result, file: str = "") -> str:
+    """Return the scene of a design as YAML, without the design, with all digits of the designed values.
+
+    Comments give the starts. Expectations of the design are left out. Order and comments stay where values
+    stand in one line each.
+
+    Parameters
+    ----------
+    result
+        The result of a design, with its scene.
+    file
+        Its name, for messages.
+
+    Raises
+    ------
+    UsageError
+        If it has no scene.
+    """
+    names, values, starts = (result[f"{_DESIGN}/{part}"].data.tolist() for part in ("name", "value", "start"))
+    source = _scene_of(result, file, names)
+    text = source.text
+    changes: dict[Path, Any] = {}
+    notes: dict[Path, str] = {}
+    for name, value, start in zip(names, values, starts, strict=True):
+        path = place_of_unknown(source.data, name)
+        changes[path], notes[path] = value, f"designed, from {start:.6g}"
+    given = source.data.get("expect") or []
+    expected = [one for one in given if not str(one.get("path", "")).startswith(f"{_DESIGN}/")]
+    dropped = {"design"} | ({"expect"} if given and not expected else set())
+    data = {key: value for key, value in source.data.items() if key not in dropped}
+    if expected and expected != given:
+        data["expect"] = expected
+        text = _without_entries(source, [k for k, one in enumerate(given) if one not in expected], expected)
+    kept = without_keys(text, dropped, data).rstrip() + "\n"
+    for path, value in changes.items():
+        data = changed_at(data, path, value)
+    return edited(kept, data, changes, notes)
+
+
+def _without_entries(source: Source, places: list[int], expected: list[Any]) -> str:
+    """Return the text of a scene without some expectations, each of which stands in a line."""
+    lines = {source.marks["expect", place].value[0] for place in places if ("expect", place) in source.marks}
+    written = source.text.splitlines(keepends=True)
+    text = "".join(line for number, line in enumerate(written, 1) if number not in lines)
+    data = {**source.data, "expect": expected}
+    try:
+        return text if parse_source(text).data == data else dump(data)
+    except SceneError:
+        return dump(data)
