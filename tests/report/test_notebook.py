@@ -67,6 +67,7 @@ def test_a_notebook_shows_title_method_and_sections(motor):
     assert "DC motor, speed" in page.text
     assert "bond graph · exact engine" in page.text
     assert "-2.003" in page.text
+    assert '<td style="text-align:left">poles</td>' in motor._repr_html_()
 
 
 def test_names_of_a_scene_cannot_become_tags():

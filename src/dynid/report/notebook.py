@@ -55,7 +55,8 @@ def _block(block: Block) -> str:
         return f"<p>{escape(block.text)}</p>"
     if isinstance(block, DefinitionList):
         rows: Sequence[Sequence[str]] = [(term, "\n".join(lines)) for term, lines in block.items]
-        return _table((), rows)
+        # Notebooks align cells to the right, which suits numbers only.
+        return _table((), rows).replace("<td>", '<td style="text-align:left">')
     if isinstance(block, TextTable):
         return _table(block.columns, block.rows)
     items = [f"<li><code>{escape(item)}</code></li>" for item in block.items[:_ROWS]]
