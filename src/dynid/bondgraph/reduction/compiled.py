@@ -1,9 +1,9 @@
 """Reductions of large graphs by the library, which does on integers what `reducer` and `Program` do.
 
-Nodes are numbered once. What the library returns is a program that lives there (`native/plan.c`), and of every
-reduction what is left at its root; from there on the prototype and the channels are written as ever. It refuses
-what is rare: activated bonds, rings, elements of value zero, junctions that stay bare. Such graphs are reduced
-by `reducer`.
+Nodes are numbered once. What the library returns is a program that lives there (`native/plan.c`), and of
+every reduction what is left at its root; from there on the prototype and the channels are written as ever.
+It refuses what is rare: activated bonds, rings, elements of value zero, junctions that stay bare. Such graphs
+are reduced by `reducer`.
 """
 
 from __future__ import annotations
