@@ -535,6 +535,40 @@ dynid study-merge study-*-of-100.h5 -o study.h5
 ```
 """
 
+GRAPHS = """
+## Large graphs
+
+Processor time of graphs from the nodes and bonds on, and of their frequency response at 1,000 frequencies. An
+element is an I, C or R. The exponent is the slope of the time against the size, both in logarithms; that of the
+response of a ladder includes the second plan, whose error bounds grow with the logarithm of its length alone.
+
+{graphs}
+"""
+
+
+def graphs() -> str:
+    """Return the table of large graphs."""
+    from dynid.bench.cases import chain, frequency_response, ladder
+    from dynid.bondgraph.frequency_response import frequency_response as response
+
+    sizes = (1000, 3000, 10_000, 30_000, 100_000)
+    models = {
+        "chain": (chain.reduced, 3),
+        "random tree": (frequency_response.tree, 2),
+        "ladder": (ladder.reduced, 8),
+    }
+    rows = []
+    for name, (model, elements) in models.items():
+        plans, responses = [], []
+        for size in sizes:
+            plans.append(timed(lambda count=size // elements: model(count)))
+            planned = model(size // elements)
+            responses.append(timed(lambda: response(planned, frequency_response.frequencies()), repeat=2))
+        for what, times in (("plan", plans), ("response", responses)):
+            exponent = np.polyfit(np.log(sizes), np.log(times), 1)[0]
+            rows.append([f"{name}, {what}", *map(span, times), f"{exponent:.2f}"])
+    return table(["graph", *(f"{size:,} elements" for size in sizes), "exponent"], rows)
+
 
 def main() -> None:
     """Measure, check, write; the page goes to the file named last, if any."""
@@ -543,7 +577,7 @@ def main() -> None:
         with cluster_of(1) as cluster, Client(cluster) as client:
             costs, outcomes = measure(folder, client)
         print(costs, flush=True)
-        text = page(costs, check(folder, costs, outcomes))
+        text = page(costs, check(folder, costs, outcomes)) + GRAPHS.format(graphs=graphs())
     target = Path(sys.argv[-1]) if sys.argv[-1].endswith(".md") else HERE / "scaling.md"
     target.write_text(text)
 

@@ -1,14 +1,17 @@
-"""Frequency response of a chain at 1,000 frequencies, computed from the model."""
+"""Frequency responses of a chain and of a random tree at 1,000 frequencies, computed from the model."""
 
 from __future__ import annotations
 
+import random
 from collections.abc import Callable
+from fractions import Fraction
 from functools import partial
 from typing import Any
 
 from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.bench.cases.chain import exact_response, matrices, reduced
 from dynid.bondgraph.chains import distinct
+from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
 from dynid.bondgraph.plan import ReducedGraph
 
 POINTS = 1000
@@ -163,4 +166,82 @@ BENCHMARK = Benchmark(
     error=lambda stages, found: distance(found, partial(exact_response, stages), 25 if stages <= 1000 else 5),
     default=lambda _: "reduction",
     full=(4000, 10_000),
+)
+
+
+# --- trees ----------------------------------------------------------------------------------------
+
+
+def _branches(junctions: int) -> list[tuple[int, str, str, Fraction, Fraction]]:
+    """Return parent, kind, type of the storage, its value and a resistance of every junction of a tree."""
+    draw = random.Random(junctions)
+
+    def value() -> Fraction:
+        return Fraction(draw.randrange(500, 1500), 1000)
+
+    return [
+        (draw.randrange(max(k, 1)), draw.choice("01"), draw.choice("IC"), value(), value())
+        for k in range(junctions)
+    ]
+
+
+def tree(junctions: int) -> ReducedGraph:
+    """Return a random tree of junctions, each with a storage and a resistor, planned."""
+    nodes, bonds = (
+        [Node("u", "Sf"), Node("j", "0"), Node("c", "C", Fraction(1))],
+        [Bond("u", "j"), Bond("j", "c")],
+    )
+    for k, (parent, kind, storage, value, resistance) in enumerate(_branches(junctions)):
+        nodes += [
+            Node(f"j{k}", "0" if kind == "0" else "1"),
+            Node(f"s{k}", "I" if storage == "I" else "C", value),
+        ]
+        nodes.append(Node(f"r{k}", "R", resistance))
+        bonds += [Bond(f"j{parent}" if k else "j", f"j{k}"), Bond(f"j{k}", f"s{k}"), Bond(f"j{k}", f"r{k}")]
+    return ReducedGraph(BondGraph(nodes, bonds), ["u"], [Port("j", "e")], traced=False)
+
+
+def _leaves_inward(junctions: int, s: Any) -> Any:
+    """Return the effort at the root for a unit flow: impedances combined from the leaves inward."""
+    rows = _branches(junctions)
+    own: list[Any] = []  # the impedance of a 1-junction, the admittance of a 0-junction
+    for _, kind, storage, value, resistance in rows:
+        law = s * float(value)
+        impedances = law if storage == "I" else 1 / law, float(resistance)
+        own.append(sum(z if kind == "1" else 1 / z for z in impedances))
+    root = s
+    for k in range(junctions - 1, -1, -1):
+        parent, kind = rows[k][:2]
+        above = rows[parent][1] if k else "0"
+        seen = own[k] if kind == above else 1 / own[k]
+        if k:
+            own[parent] = own[parent] + seen
+        else:
+            root = root + seen
+    return 1 / root
+
+
+def _by_leaves(junctions: int) -> Callable[[], Any]:
+    return lambda: _leaves_inward(junctions, 1j * frequencies())
+
+
+def _exact_tree(junctions: int, omega: Any) -> list[complex]:
+    """Return the same in 30 digits."""
+    import mpmath
+
+    with mpmath.workdps(30):
+        return [complex(_leaves_inward(junctions, mpmath.mpc(0, w))) for w in omega]
+
+
+TREE = Benchmark(
+    title="Frequency response of a random tree at 1,000 frequencies, from the model on",
+    size="junctions",
+    sizes=(100, 1000),
+    alternatives=(
+        Alternative("reduction", by_reduction(tree)),
+        Alternative("leaves-inward", _by_leaves, peer=True),
+    ),
+    error=lambda junctions, found: distance(found, partial(_exact_tree, junctions), count=5),
+    default=lambda _: "reduction",
+    full=(10_000, 50_000),
 )
