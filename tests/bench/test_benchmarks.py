@@ -24,6 +24,7 @@ from dynid.store import read_result, write_result
 SMALL = {
     "frequency-response": (6, 1e-13),
     "frequency-response-on-loops": (6, 1e-13),
+    "frequency-response-of-trees": (12, 1e-13),
     "zeros-poles": (4, 1e-13),
     "polynomials": (4, 1e-15),
     "symbolic": (3, 0),
