@@ -136,7 +136,7 @@ class CatalogueEntry(NamedTuple):
 BENCHMARKS = {
     "frequency-response": CatalogueEntry("frequency_response", 18),
     "frequency-response-on-loops": CatalogueEntry("ladder", 8),
-    "frequency-response-of-trees": CatalogueEntry("frequency_response:TREE", 1),
+    "frequency-response-of-trees": CatalogueEntry("frequency_response:TREE", 0),
     "zeros-poles": CatalogueEntry("zeros_poles:CHAIN", 12),
     "polynomials": CatalogueEntry("chain:POLYNOMIALS", 3),
     "loops": CatalogueEntry("zeros_poles:MESH", 3),
