@@ -461,16 +461,15 @@ recursion written by hand for just this chain:
   takes $n^{{1.5}}$ at best.
 - **Exact zeros and poles** cost the cube of the order and more: 400 storage elements, 80 on many loops,
   then the floating-point engine takes over, up to 8,000 ([limits](limits.md#bond-graphs-sizes)).
-- **Names** of nodes and their text take the most memory of a large graph before the program exists; a
-  scene is limited to 8 MiB. Larger graphs are built in Python.
+- **A scene** is limited to 8 MiB of text. Larger graphs are built in Python.
 - **Beyond:** what is large and linear is usually a structure: reduce it, and let it enter the graph as a
   node `structure`. Repeated parts belong into `models:` with `repeat`.
 
 ## Records
 
 A filter pass and a prediction are linear in the samples. An identification takes some ten of them per
-start; its sensitivities, which are kept, limit the memory ([limits](limits.md#identification)). Longer
-records: decimate to ten samples per period of the highest frequency, or take frequency responses.
+start; its sensitivities, which are kept, limit the memory ([limits](limits.md#identification)). Beyond: frequency
+responses in place of records.
 
 ## Studies
 
