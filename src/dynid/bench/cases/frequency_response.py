@@ -201,13 +201,13 @@ def tree(junctions: int) -> ReducedGraph:
     return ReducedGraph(BondGraph(nodes, bonds), ["u"], [Port("j", "e")], traced=False)
 
 
-def _leaves_inward(junctions: int, s: Any) -> Any:
+def _leaves_inward(junctions: int, s: Any, number: Callable[[Fraction], Any] = float) -> Any:
     """Return the effort at the root for a unit flow: impedances combined from the leaves inward."""
     rows = _branches(junctions)
     own: list[Any] = []  # the impedance of a 1-junction, the admittance of a 0-junction
     for _, kind, storage, value, resistance in rows:
-        law = s * float(value)
-        impedances = law if storage == "I" else 1 / law, float(resistance)
+        law = s * number(value)
+        impedances = law if storage == "I" else 1 / law, number(resistance)
         own.append(sum(z if kind == "1" else 1 / z for z in impedances))
     root = s
     for k in range(junctions - 1, -1, -1):
@@ -226,11 +226,14 @@ def _by_leaves(junctions: int) -> Callable[[], Any]:
 
 
 def _exact_tree(junctions: int, omega: Any) -> list[complex]:
-    """Return the same in 30 digits."""
-    import mpmath
+    """Return the same in 400 bits."""
+    from flint import acb, arb, ctx, fmpq
 
-    with mpmath.workdps(30):
-        return [complex(_leaves_inward(junctions, mpmath.mpc(0, w))) for w in omega]
+    def ball(value: Fraction) -> Any:
+        return acb(arb(fmpq(value.numerator, value.denominator)))
+
+    with ctx.workprec(400):
+        return [complex(_leaves_inward(junctions, acb(0, float(w)), ball).mid()) for w in omega]
 
 
 TREE = Benchmark(
