@@ -467,9 +467,8 @@ recursion written by hand for just this chain:
 
 ## Records
 
-A filter pass and a prediction are linear in the samples. An identification takes some ten of them per
-start; its sensitivities, which are kept, limit the memory ([limits](limits.md#identification)). Beyond: frequency
-responses in place of records.
+A filter pass and a prediction are linear in the samples. Of an identification the sensitivities limit
+the memory ([limits](limits.md#identification)). Beyond: frequency responses in place of records.
 
 ## Studies
 
