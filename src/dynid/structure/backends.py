@@ -69,6 +69,7 @@ class _LDLFactors:
         if stopped == self._UNSYMMETRIC:  # entries of zero, or of rounding, on one side of the diagonal only
             both = csc_array((A + A.T) / 2)
             both.sort_indices()
+            order = self.order
             call("dynid_ldl_free", self._handle)
             self._handle = 0
             stopped = self._factorise(both, order)

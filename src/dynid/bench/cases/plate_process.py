@@ -1,8 +1,7 @@
 """Modes and SEREP of a plate from files, as a whole process: dynid, and what a user would write instead.
 
 The plate is one of finite differences, whose eigenvalues are known exactly. Times include the start of
-Python, reading the files and writing the result; those of dynid the proof that no mode is missed, too. It
-takes PARDISO where `dynid[solvers]` is installed.
+Python, reading the files and writing the result; those of dynid the proof that no mode is missed, too.
 """
 
 from __future__ import annotations

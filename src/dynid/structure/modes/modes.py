@@ -326,9 +326,8 @@ def modes(
         Or all modes below this frequency, rad/s; with both, as many of those as `count`. With neither,
         all modes.
     backend
-        ``auto``: dense matrices or, for few modes of many DOFs, sparse ones factorised by SuperLU, or by
-        PARDISO where it is installed and there are many;
-        ``dense``; or a factorisation backend: ``splu``, ``cholespy``, ``pardiso``.
+        ``auto``: dense matrices or, for few modes of many DOFs, sparse ones factorised by the C library;
+        ``dense``; or a factorisation backend: ``ldl``, ``splu``, ``cholespy``, ``pardiso``.
     proof
         Whether sparse modes asked for by their number are proved complete by a count of pivots, which
         takes one factorisation more.
