@@ -89,7 +89,9 @@ PLANNED_ANEW = Default(
     "frequency-response-on-loops",
     "graphs are planned anew where more than {value:,} operations would be left to ball arithmetic",
 )
-
+LARGE_GRAPHS = Default(
+    100, "frequency-response-of-trees", "graphs of {value} bonds and more are planned by the C library"
+)
 SPARSE_REFINEMENT = Default(
     150, "pencils", "eigenvalues of sparse pencils are refined by sparse factors from {value} equations on"
 )
@@ -129,6 +131,12 @@ LARGE_MATRICES = Default(
     20_000,
     "modes",
     "without the C library, matrices of more than {value:,} rows are factorised by PARDISO where installed",
+)
+FULL_ROWS = Default(
+    60,
+    "modes-of-solids",
+    "matrices as large with more than {value} entries a row, as those of solids, are factorised by PARDISO "
+    "where installed",
 )
 MASTERS: Default[Literal["qr"]] = Default(
     "qr", "reduction", "masters are chosen by pivoted {value} of the modes"

@@ -187,6 +187,15 @@ def test_the_backend_follows_the_size_and_what_is_installed(monkeypatch):
     assert [backend_for(size) for size in (20_000, 20_001)] == ["splu", "pardiso"]
     installed("no_such_package")
     assert backend_for(10**6) == "splu"
+    monkeypatch.delenv(native.VARIABLE)
+    monkeypatch.setitem(BACKENDS, "ldl", BACKENDS["ldl"]._replace(package="numpy"))
+    assert backend_for(20_001, 81 * 20_001) == "ldl"
+    installed("numpy")
+    assert [backend_for(20_001, full * 20_001) for full in (54, 81)] == ["ldl", "pardiso"]
+    assert backend_for(20_000, 81 * 20_000) == "ldl"
+    monkeypatch.setenv(native.VARIABLE, "0")
+    installed("no_such_package")
+    monkeypatch.setitem(BACKENDS, "ldl", BACKENDS["ldl"]._replace(package="dynid"))
     assert factorise(string(3)[0]).name == "splu"
     with pytest.raises(UsageError, match="ldl is not installed") as refusal:
         factorise(string(3)[0], "ldl")

@@ -16,6 +16,7 @@ from dynid.bondgraph.reduction.junctions import JunctionStructure, ring_text
 from dynid.bondgraph.reduction.network import STORED
 from dynid.bondgraph.reduction.reducer import Reduction, reduce_graph
 from dynid.bondgraph.reduction.solvability import hold, undetermined
+from dynid.defaults import LARGE_GRAPHS
 from dynid.errors import Singular
 
 if TYPE_CHECKING:
@@ -26,8 +27,6 @@ if TYPE_CHECKING:
 Channel = tuple[Port, str]
 #: Where a program is evaluated as it is written: without numbers, with them, or at a frequency as well.
 PlanningPoint = Literal["random", "values"] | Fraction
-#: Bonds from which the library plans: below, there is little to gain.
-_LARGE = 100
 
 
 class ProgramPlan(ABC):
@@ -226,7 +225,7 @@ class ReducedGraph(ProgramPlan):
 
     def _plan_by_library(self, at: PlanningPoint) -> bool:
         """Plan by the library; False where the graph is small, or it refuses."""
-        if not self._by_library or len(self.graph.bonds) < _LARGE or isinstance(at, Fraction):
+        if not self._by_library or len(self.graph.bonds) < LARGE_GRAPHS.value or isinstance(at, Fraction):
             return False
         from dynid.native import compiled
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_matrix, triu
 from scipy.sparse.linalg import SuperLU, splu
 
-from dynid.defaults import BACKEND, LARGE_MATRICES
+from dynid.defaults import BACKEND, FULL_ROWS, LARGE_MATRICES
 from dynid.errors import NumericalError, Singular, UsageError
 from dynid.native import call, compiled
 from dynid.suggestions import did_you_mean
@@ -309,11 +309,21 @@ def available() -> dict[str, bool]:
     return {name: not backend.missing for name, backend in BACKENDS.items()}
 
 
-def backend_for(size: int) -> str:
-    """Return the backend that a matrix of so many rows is factorised by unless one is named."""
-    if not BACKENDS[BACKEND.value].missing:
-        return BACKEND.value
-    return "pardiso" if size > LARGE_MATRICES.value and not BACKENDS["pardiso"].missing else "splu"
+def backend_for(size: int, entries: int = 0) -> str:
+    """Return the backend that a matrix is factorised by unless one is named.
+
+    Parameters
+    ----------
+    size
+        The number of its rows.
+    entries
+        The number of its entries; 0: unknown.
+    """
+    own = not BACKENDS[BACKEND.value].missing
+    large = size > LARGE_MATRICES.value and (not own or entries > FULL_ROWS.value * size)
+    if large and not BACKENDS["pardiso"].missing:
+        return "pardiso"
+    return BACKEND.value if own else "splu"
 
 
 def bare(A: csc_array, name: str, *, definite: bool, order: Order | None = None) -> BareFactors:

@@ -126,7 +126,7 @@ def factorise(
         The matrix (n x n), symmetric, scaled so that its entries are of like size. A complex one, symmetric
         too and not Hermitian, is taken by `splu` alone.
     backend
-        One of `dynid.structure.backends.BACKENDS`, or ``auto``: `backend_for` its size. ``ldl`` leaves a
+        One of `dynid.structure.backends.BACKENDS`, or ``auto``: that of `backend_for`. ``ldl`` leaves a
         matrix that is not definite, and not to be factorised without pivoting, to ``splu``.
     definite
         True of a positive definite matrix: some backends take no others, and others are faster then.
@@ -146,7 +146,7 @@ def factorise(
         raise UsageError("a matrix to be factorised must be sparse and square")
     A = csc_array(A, dtype=complex if np.iscomplexobj(A) else float)
     if backend == "auto":
-        backend = "splu" if np.iscomplexobj(A) else backend_for(A.shape[0])
+        backend = "splu" if np.iscomplexobj(A) else backend_for(A.shape[0], A.nnz)
     A.sort_indices()
     if not np.isfinite(A.data).all():
         raise UsageError("a matrix to be factorised has entries that are not finite numbers")

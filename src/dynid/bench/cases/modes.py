@@ -60,7 +60,7 @@ def _default(task: Task) -> Callable[[int], str]:
         from dynid.structure.modes import solver_for
 
         K, _, count = task(size)
-        return solver_for(K.shape[0], count, None)
+        return solver_for(K.shape[0], count, None, K.nnz)
 
     return default
 

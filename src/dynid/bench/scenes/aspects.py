@@ -147,7 +147,7 @@ def solvers(
         title="solver of the modes",
         size="DOFs",
         points=every,
-        chosen=frozenset({(solver_for(size, count, below), size)}),
+        chosen=frozenset({(solver_for(size, count, below, getattr(matrices[2], "nnz", 0)), size)}),
         because=f"chosen by default: {DENSE_MODES}; {FEW_MODES}",
         error=error,
         measure="largest relative difference of a frequency from the reference's",

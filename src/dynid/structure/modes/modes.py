@@ -347,7 +347,7 @@ def modes(
     if below is not None and not 0 < below < np.inf:
         raise UsageError("modes are asked for below a frequency, which must be positive", names=("below",))
     if backend == "auto":
-        backend = solver_for(K.shape[0], count, below)
+        backend = solver_for(K.shape[0], count, below, K.nnz if is_sparse(K) else 0)
     if backend != "dense":
         return _lowest_or_known(M, C, K, count, below, backend, proof)
     from dynid.structure.modes.dense import eigenpairs
@@ -361,15 +361,15 @@ def modes(
     return found.first(kept if count is None else min(count, kept))
 
 
-def solver_for(size: int, count: int | None, below: float | None) -> str:
-    """Return the backend that is chosen by size, and by how many modes are asked for."""
+def solver_for(size: int, count: int | None, below: float | None, entries: int = 0) -> str:
+    """Return the backend that is chosen by size, entries, and how many modes are asked for."""
     from dynid.structure.backends import backend_for
 
     if size <= _SMALL:
         return "dense"
     few = count is not None and count <= size // _PART
     if few or (size > _LARGE and (count or below)):
-        return backend_for(size)
+        return backend_for(size, entries)
     if size > _LARGE:
         raise UsageError(
             f"all modes of {size} DOFs are asked for",
@@ -377,7 +377,7 @@ def solver_for(size: int, count: int | None, below: float | None) -> str:
             f"{_LARGE} DOFs.",
             names=("modes",),
         )
-    return backend_for(size) if below is not None else "dense"
+    return backend_for(size, entries) if below is not None else "dense"
 
 
 def _lowest_or_known(

@@ -212,7 +212,9 @@ class SparseSpectrum:
 
     def _count(self, value: float) -> tuple[int, float]:
         self._factor = None  # two factorisations at a time would double the memory
-        backend = self.backend if BACKENDS[self.backend].indefinite else backend_for(self.pencil.size)
+        backend = self.backend
+        if not BACKENDS[backend].indefinite:
+            backend = backend_for(self.pencil.size, self.K.nnz)
         return eigenvalues_below(self.K, self.M, value, backend, self._order)
 
 
