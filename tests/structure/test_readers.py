@@ -220,6 +220,56 @@ def test_a_file_that_lies_is_refused(tmp_path, text, said):
         read_matrix(MatrixFile(tmp_path / "k.mtx"), "stiffness")
 
 
+@pytest.mark.parametrize("end", ["\n", "", "\r\n", " \n", " ", "\n2 2 1\n"])
+@pytest.mark.parametrize(
+    "number",
+    [
+        "3",
+        "-3",
+        "+3",
+        "3.",
+        ".5",
+        "-.5",
+        "1e5",
+        "1E+05",
+        "5.e-3",
+        "1.0D+5",
+        "1d2",
+        "1e-400",
+        "0.1",
+        "1234567890123456789012e-21",
+        "-0",
+        "1.0.5",
+        "1e",
+        "1.0e+",
+        "1e5+3",
+        "1-2",
+        "1,0",
+        "0x10",
+        "1_0",
+        "1.5f",
+        "5e5e5",
+        ".",
+        "-",
+        "++5",
+    ],
+)
+def test_a_number_is_read_to_the_last_bit_or_refused(tmp_path, number, end):
+    """SciPy's reader takes many of them for another number, or ends the process."""
+    path = tmp_path / "k.mtx"
+    count = 2 + end.count("2 2")
+    half = "5d-1" if "d" in number.lower() else "0.5"  # the first entry shows how exponents are written
+    path.write_text(f"{MARKET} coordinate integer symmetric\n% x\n2 2 {count}\n2 1 {half}\n1 1 {number}{end}")
+    try:
+        wanted = float(number.upper().replace("D", "E").replace("_", "x"))
+    except ValueError:
+        with pytest.raises(FileError):
+            read_matrix(MatrixFile(path), "stiffness")
+        return
+    matrix = read_matrix(MatrixFile(path), "stiffness").matrix.toarray()
+    np.testing.assert_array_equal(matrix, [[wanted, 0.5], [0.5, count - 2.0]])
+
+
 @pytest.mark.parametrize("name", ["k.docx", "k.mtx"])
 def test_what_is_no_file_of_matrices_is_refused(tmp_path, name):
     with pytest.raises(FileError, match=r"no file"):

@@ -1,8 +1,9 @@
 """Matrices in text files: Matrix Market, bare triplets as Abaqus exports them, and full rows.
 
 Matrix Market files have the banner `%%MatrixMarket` in their first line (R. F. Boisvert, R. Pozo,
-K. A. Remington, "The Matrix Market exchange formats", NISTIR 5935, 1996). SciPy's compiled reader ends the
-process at a number that is cut off; NumPy's text reader does not. Triplets are lines `row column value` or
+K. A. Remington, "The Matrix Market exchange formats", NISTIR 5935, 1996). SciPy's reader is fast, but takes
+`1.0D+5` for 1 and ends the process at a number that is cut off; it is given only what has been checked. All
+else goes to NumPy's text reader. Triplets are lines `row column value` or
 `node,dof,node,dof,value`. The body of a Matrix Market file without its banner has the same lines below a
 size line `rows columns entries`, which is recognised.
 """
@@ -10,6 +11,7 @@ size line `rows columns entries`, which is recognised.
 from __future__ import annotations
 
 import io
+import re
 import warnings
 from pathlib import Path
 from typing import NamedTuple
@@ -18,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import FileError
+from dynid.structure.matrices import Matrix
 from dynid.structure.readers.imported_matrix import (
     MOST_NUMBERS,
     ImportedMatrix,
@@ -31,6 +34,10 @@ BANNER = "%%matrixmarket"
 
 _FIELDS = ("real", "double", "integer")
 _SYMMETRIES = ("general", "symmetric")
+# Lines `row column value`: two whole numbers and a decimal one. Nothing is matched twice (`++`).
+_ENTRIES = re.compile(
+    rb"(?:[ \t]*+\d++[ \t]++\d++[ \t]++-?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?+\d++)?+[ \t]*+\r?+\n)++"
+)
 
 
 class _MatrixMarketHeader(NamedTuple):
@@ -51,6 +58,8 @@ def read_matrix_market(path: Path) -> ImportedMatrix:
     """
     with read_errors(path, "Matrix Market"):
         header = _matrix_market_header(path)
+        if header.layout == "coordinate" and (found := _by_scipy(path, header)) is not None:
+            return ImportedMatrix(found)
         table = _numbers(path, header.lines, "%") if header.entries else np.empty((0, 3))
         columns = 3 if header.layout == "coordinate" else 1
         if header.entries and (len(table) != header.entries or table.shape[1] != columns):
@@ -68,6 +77,36 @@ def read_matrix_market(path: Path) -> ImportedMatrix:
             return ImportedMatrix(matrix + np.tril(matrix, -1).T)
         ends = whole_places(path, table[:, :2])
         return ImportedMatrix(assembled(path, ends, table[:, 2], header.shape, mirror=header.symmetric))
+
+
+def _by_scipy(path: Path, header: _MatrixMarketHeader) -> Matrix | None:
+    """Return the matrix of a file whose entries are all plainly written; else None."""
+    from scipy.io import mmread  # heavy imports, needed here only
+    from scipy.sparse import coo_array
+
+    # As real numbers, whatever the header says: of integers SciPy would read 1.5 as 1.
+    symmetry = "symmetric" if header.symmetric else "general"
+    sizes = f"{header.shape[0]} {header.shape[1]} {header.entries}"
+    checked = io.BytesIO()  # one copy of the file in memory
+    start = checked.write(f"%%MatrixMarket matrix coordinate real {symmetry}\n{sizes}\n".encode())
+    with path.open("rb") as lines:
+        for _ in range(header.lines):
+            lines.readline()
+        end = b""
+        while block := lines.read(2**20):
+            checked.write(block)
+            end = block[-1:]
+    checked.write(b"" if end == b"\n" else b"\n")
+    with checked.getbuffer() as content:
+        plain = _ENTRIES.fullmatch(content, start) is not None
+    if not plain:
+        return None
+    checked.seek(0)
+    try:
+        matrix: Matrix = coo_array(mmread(checked)).tocsc()
+    except (ValueError, OverflowError):  # another number of entries, or outside: NumPy's reader says which
+        return None
+    return matrix
 
 
 def _matrix_market_header(path: Path) -> _MatrixMarketHeader:
