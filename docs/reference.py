@@ -32,7 +32,7 @@ _SECTION = re.compile(r"^(\w+)\n-+$", re.MULTILINE)
 def commands() -> str:
     """Return what `--help` prints of every command."""
     parts = []
-    whole = click.Context(cli, info_name="dynid")
+    whole = click.Context(cli, info_name="dynid", **cli.context_settings)
     for title, names in GROUPS.items():
         parts.append(f"## {title}\n")
         for name in names:

@@ -339,4 +339,4 @@ def test_a_study_over_a_gain_of_a_controller_is_run_alone():
 
     template = scene(SERVO.replace("CONTROLLER", "{gain: kp}") + "parameters: {kp: 20}\n")
     path = "bond_graph/properties/shaft.q/target/dc_gain"
-    assert batched(template, [{"parameters.kp": 10}, {"parameters.kp": 40}], (path,), 2) is None
+    assert batched(template, [{"parameters.kp": 10}, {"parameters.kp": 40}], (path,)) is None
