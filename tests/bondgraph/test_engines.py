@@ -11,6 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from sympy import Rational, sympify
 
+from dynid import native
 from dynid.bondgraph import request
 from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.exact_engine import ExactEngine
@@ -126,6 +127,14 @@ def assert_chain(graph, stages):
 
 def test_poles_and_zeros_of_a_chain():
     assert_chain(chain(40, distinct(1)), 40)
+
+
+def test_the_float_engine_without_the_library(monkeypatch):
+    monkeypatch.setenv(native.VARIABLE, "0")
+    assert_chain(chain(20, distinct(1)), 20)
+    for seed in range(12):
+        if (graph := solvable(random_graph(random.Random(seed), 6, seed % 3))) is not None:
+            assert_agreement(graph)
 
 
 @pytest.mark.slow
