@@ -246,7 +246,7 @@ def test_ends_of_a_band_that_nothing_bounds_are_infinite():
     posterior = GaussianPosterior((Parameter("k", 1.0),), np.zeros(1), np.eye(1), -far, far)
     here = Roots(np.array([-1 + 2j, -1 - 2j]), np.full((2, 1), np.inf + 0j), 0)
     result = Result("identification")
-    _add_roots(result, "roots", "pole", RootFamily(posterior, lambda *_: None, here))
+    _add_roots(result, "roots", "pole", RootFamily(posterior, lambda etas: [None] * len(etas), here))
     assert result["roots/value"].data.tolist() == [-1 + 2j]
     for name, end in (("low", -math.inf), ("high", math.inf)):
         both = result[f"roots/{name}"].data

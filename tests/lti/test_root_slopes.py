@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.lti.parametric import System
-from dynid.lti.root_slopes import poles, zeros
+from dynid.lti.root_slopes import poles, zeros, zeros_of_all
 
 
 def oscillator(k, c, m=2.0):
@@ -107,3 +107,13 @@ def test_zeros_and_their_derivatives_are_those_of_the_determinant(seed, n):
             trust = 1e-9 * (1 + abs(value)) / float(min(near, 1)) ** 2
             assert abs(complex(exact) - value) < trust
             assert abs(moved - slope) < trust * (1 + abs(slope)) ** 2
+
+
+def test_samples_of_different_relative_degree_have_their_own_zeros():
+    """With c = [k, 1] the zero is -k; with c = [k, 0] there is none."""
+    A, slopes = oscillator(800.0, 4.0)
+    none, b = np.zeros((2, 2)), np.array([0.0, 0.5])
+    each = [System(A, b, np.array(c), 0.0, slopes, none, none, np.zeros(2)) for c in ([3.0, 1.0], [3.0, 0.0])]
+    found = zeros_of_all([*each, each[0]], np.ones(2))
+    assert [len(one.values) for one in found] == [1, 0, 1]
+    np.testing.assert_allclose(found[0].values, [-3.0], rtol=1e-13)

@@ -20,7 +20,7 @@ from dynid.errors import DynidError
 from dynid.identification.linear_system import LinearSystem
 from dynid.lti.exponential import balance
 from dynid.lti.parametric import Matrices, System, single
-from dynid.lti.root_slopes import Roots, poles, zeros
+from dynid.lti.root_slopes import Roots, poles, poles_of_all, zeros, zeros_of_all
 from dynid.number_format import counted
 from dynid.parameters import Parameter, named, rates
 
@@ -39,6 +39,8 @@ _ON_AXIS = 1e-8
 _CONFIRMED = 3
 # Distance from the axis, in standard deviations, beyond which no sample is needed.
 _FAR = 6.0
+# Distances between roots in a block of samples.
+_BLOCK = 1 << 17
 
 DELTA, LOGARITHM, SAMPLED = "delta", "delta of the logarithm", "samples"
 
@@ -130,7 +132,7 @@ class GaussianPosterior:
         return np.clip(self.eta + spread * drawn, self.low, self.high)
 
     def bands(
-        self, value: Array, slopes: Array, at: Callable[[Array, NDArray[np.intp] | None], Array]
+        self, value: Array, slopes: Array, at: Callable[[Array, NDArray[np.intp] | slice], Array]
     ) -> Band:
         """Return the bands of quantities.
 
@@ -140,13 +142,13 @@ class GaussianPosterior:
             The quantities at the mean (m), and their derivatives by the coordinates (m x p), not finite where
             there are none.
         at
-            Returns the quantities at other coordinates (p); all, or those at some places. NaN where they do
-            not exist.
+            Returns the quantities of some places at other coordinates (S x p), a row each. NaN where they
+            do not exist.
         """
         usable = np.isfinite(slopes).all(axis=1)
         linear = self.axes @ np.where(np.isfinite(slopes), slopes, 0.0).T
         half = np.linalg.norm(linear, axis=0)
-        ends = np.array([at(self.eta + side * axis, None) for side in (1, -1) for axis in self.axes])
+        ends = at(self.eta + np.concatenate([self.axes, -self.axes]), slice(None))
         up, down = np.split(ends, 2)
         usable &= np.isfinite(ends).all(axis=0)
         bend = _bend(value, up, down, linear)
@@ -156,8 +158,9 @@ class GaussianPosterior:
         logs = [np.log(np.where(same, np.abs(one), 1.0)) for one in (value, up, down)]
         by_log = _bend(logs[0], logs[1], logs[2], linear / signed)
         by_log = np.where(same, by_log * size, np.inf)
-        least = np.maximum(_LINEAR * half, 1e-13 * np.abs(value))
-        logarithmic = usable & (by_log <= least) & (by_log < bend)
+        rounding = 1e-13 * np.abs(value)
+        least = np.maximum(_LINEAR * half, rounding)
+        logarithmic = usable & (by_log <= least) & (by_log < bend) & (bend > rounding)
         plain = usable & (bend <= least) & ~logarithmic
         low, high = value - half, value + half
         factor = np.exp(np.minimum(half / size, 700.0))
@@ -166,7 +169,7 @@ class GaussianPosterior:
         method = np.where(logarithmic, LOGARITHM, DELTA).astype(object)
         others = np.flatnonzero(~(plain | logarithmic))
         if len(others):
-            drawn = np.array([at(eta, others) for eta in self.samples])
+            drawn = at(self.samples, others)
             for k, place in enumerate(others):
                 found = drawn[:, k][np.isfinite(drawn[:, k])]
                 ends_of = np.quantile(found, [_TAIL, 1 - _TAIL]) if len(found) else [-np.inf, np.inf]
@@ -190,16 +193,15 @@ class RootFamily:
     posterior
         The posterior.
     at
-        Returns the roots at coordinates (p), with derivatives by the values if requested; None where there
-        are none.
+        Returns the roots at coordinates (S x p), one a row; None where there are none.
     reference
         The roots at the mean, derivatives by the coordinates.
     """
 
     posterior: GaussianPosterior
-    at: Callable[[Array, bool], Roots | None]
+    at: Callable[[Array], Sequence[Roots | None]]
     reference: Roots
-    _known: dict[bytes, ComplexArray | None] = field(default_factory=dict, repr=False)
+    _known: dict[bytes, ComplexArray] = field(default_factory=dict, repr=False)
 
     @property
     def shown(self) -> NDArray[np.intp]:
@@ -225,36 +227,43 @@ class RootFamily:
         change = np.where(np.isfinite(slopes), slopes, 0.0)
         still = (np.abs(change.real) <= _ON_AXIS * (np.abs(values)[:, None] + np.abs(change))).all(axis=1)
         found = smooth & still & (np.abs(values.real) <= _ON_AXIS * np.abs(values))
-        for eta in self.posterior.elsewhere:
-            other = self._tracked(eta)
-            if other is None:
+        for other in self._tracked(self.posterior.elsewhere):
+            if np.isnan(other).any():
                 return np.zeros(len(values), dtype=bool)
             if np.count_nonzero(np.abs(other.real) <= _ON_AXIS * np.abs(other)) < found.sum():
                 return values == 0 if (other[values == 0] == 0).all() else np.zeros(len(values), dtype=bool)
         return np.asarray(found)
 
-    def _tracked(self, eta: Array) -> ComplexArray | None:
-        """Return the roots at coordinates (m), each in the place of its origin; None where there are none."""
-        key = eta.tobytes()
+    def _tracked(self, etas: Array) -> ComplexArray:
+        """Return the roots at coordinates (S x m), each in the place of its origin; NaN where none are."""
+        key = etas.tobytes()
+        if not len(self.reference.values):
+            return np.zeros((len(etas), 0), dtype=np.complex128)
         if key not in self._known:
-            self._known[key] = self._assigned(eta)
+            block = max(1, _BLOCK // len(self.reference.values) ** 2)
+            parts = [self._assigned(etas[k : k + block]) for k in range(0, len(etas), block)]
+            self._known[key] = np.concatenate(parts)
         return self._known[key]
 
-    def _assigned(self, eta: Array) -> ComplexArray | None:
-        """Return the roots at coordinates (m) in the order of those at the mean."""
-        reference = self.reference
-        try:
-            found = self.at(eta, False)
-        except DynidError:
-            return None
-        if found is None or len(found.values) != len(reference.values) or found.origin != reference.origin:
-            return None
-        start, change = reference.values, reference.slopes
-        expected = start + np.where(np.isfinite(change), change, 0.0) @ (eta - self.posterior.eta)
-        off = np.abs(expected[:, None] - found.values)
-        stay = np.abs(start[:, None] - found.values)
-        cost = np.minimum(off, stay) / (np.abs(start)[:, None] + np.abs(found.values) + 1e-300)
-        return np.asarray(found.values[_paired(cost)])
+    def _assigned(self, etas: Array) -> ComplexArray:
+        """Return the roots at coordinates (S x m) in the order of those at the mean."""
+        start, change, origin = self.reference
+        found = self.at(etas)
+        tracked = np.full((len(etas), len(start)), complex(math.nan, math.nan))
+        usable = [
+            k for k, one in enumerate(found) if one and len(one.values) == len(start) and one.origin == origin
+        ]
+        values = np.array([found[k].values for k in usable]).reshape(len(usable), 1, len(start))  # type: ignore[union-attr]
+        moved = (etas[usable] - self.posterior.eta) @ np.where(np.isfinite(change), change, 0.0).T
+        off = np.abs((start + moved)[:, :, None] - values)
+        stay = np.abs(start[:, None] - values)
+        cost = np.minimum(off, stay) / (np.abs(start)[:, None] + np.abs(values) + 1e-300)
+        nearest = np.argmin(cost, axis=2)
+        clash = (np.sort(nearest, axis=1) != np.arange(len(start))).any(axis=1)
+        for k in np.flatnonzero(clash):  # two roots are nearest to one
+            nearest[k] = _paired(cost[k])
+        tracked[usable] = np.take_along_axis(values[:, 0], nearest, axis=1)
+        return tracked
 
     def parts(self) -> tuple[Band, Band]:
         """Return real and imaginary parts of the shown roots with their bands."""
@@ -262,14 +271,11 @@ class RootFamily:
         values, slopes = reference.values[shown], reference.slopes[shown]
         real, imaginary = np.where(self.on_axis[shown], 0.0, values.real), values.imag
 
-        def at(eta: Array, places: NDArray[np.intp] | None) -> Array:
-            found = self._tracked(eta)
-            if found is None:
-                return np.full(2 * len(shown) if places is None else len(places), np.nan)
-            z = found[shown]
-            z = np.where(z.imag < 0, z.conj(), z)
-            both = np.concatenate([np.where(self.on_axis[shown], 0.0, z.real), z.imag])
-            return both if places is None else both[places]
+        def at(etas: Array, places: NDArray[np.intp] | slice) -> Array:
+            z = self._tracked(etas)[:, shown]
+            there = ~np.isnan(z)
+            both = [np.where(self.on_axis[shown] & there, 0.0, z.real), np.abs(z.imag)]
+            return np.concatenate(both, axis=1)[:, places]
 
         moved = np.concatenate([np.where(self.on_axis[shown][:, None], 0.0, slopes.real), slopes.imag])
         return _halves(self.posterior.bands(np.concatenate([real, imaginary]), moved, at))
@@ -294,17 +300,15 @@ class RootFamily:
             by_zeta = (-slopes.real - zeta[:, None] * by_omega) / omega[:, None]
         by_zeta = np.where(fixed[:, None], 0.0, by_zeta)
 
-        def at(eta: Array, places: NDArray[np.intp] | None) -> Array:
-            found = self._tracked(eta)
-            if found is None:
-                return np.full(2 * len(pairs) if places is None else len(places), np.nan)
-            first, second = found[pairs], found[partners[pairs]]
+        def at(etas: Array, places: NDArray[np.intp] | slice) -> Array:
+            found = self._tracked(etas)
+            first, second = found[:, pairs], found[:, partners[pairs]]
             second = np.where(first.imag != 0, first.conj(), second)
             product = np.real(first * second)
             size = np.sqrt(np.where(product > 0, product, np.nan))
-            damping = np.where(fixed, 0.0, -np.real(first + second) / (2 * size))
-            both = np.concatenate([size, damping])
-            return both if places is None else both[places]
+            there = ~np.isnan(first)
+            damping = np.where(fixed & there, 0.0, -np.real(first + second) / (2 * size))
+            return np.concatenate([size, damping], axis=1)[:, places]
 
         return _halves(
             self.posterior.bands(np.concatenate([omega, zeta]), np.concatenate([by_omega, by_zeta]), at)
@@ -339,13 +343,9 @@ class RootFamily:
         far = np.abs(real) > _FAR * deviation
         if (known & far).all():
             return float(np.all(real < 0))
-        count = good = 0
-        for eta in self.posterior.samples:
-            found = self._tracked(eta)
-            if found is not None:
-                count += 1
-                good += bool(np.all(found[free].real < 0))
-        return good / count if count else math.nan
+        found = self._tracked(self.posterior.samples)[:, free].real
+        found = found[~np.isnan(found).any(axis=1)]
+        return float((found < 0).all(axis=1).mean()) if len(found) else math.nan
 
 
 def _chance(probability: float) -> str:
@@ -395,6 +395,16 @@ class DerivedQuantities:
             )
         return self._known[key]
 
+    def _each(self, etas: Array) -> list[Matrices | None]:
+        """Return the matrices at coordinates (S x p); None where there are none."""
+        found: list[Matrices | None] = []
+        for eta in etas:
+            try:
+                found.append(self._at(eta))
+            except DynidError:
+                found.append(None)
+        return found
+
     @property
     def _rates(self) -> Array:
         return rates(self.posterior.unknowns, self.posterior.eta)
@@ -402,24 +412,33 @@ class DerivedQuantities:
     @cached_property
     def poles(self) -> RootFamily:
         """The poles."""
-        scale = balance(self._at(self.posterior.eta).A)
+        here = self._at(self.posterior.eta)
+        scale = balance(here.A)
 
-        def at(eta: Array, slopes: bool) -> Roots:
-            found = self._at(eta)
-            return poles(found.A, found.A_slopes if slopes else None, scale)
+        def at(etas: Array) -> list[Roots | None]:
+            each = self._each(etas)
+            found = iter(poles_of_all([one.A for one in each if one is not None], scale))
+            return [None if one is None else next(found) for one in each]
 
-        return RootFamily(self.posterior, at, self._reference(at(self.posterior.eta, True)))
+        return RootFamily(self.posterior, at, self._reference(poles(here.A, here.A_slopes, scale)))
 
     def zeros(self, pair: Pair) -> RootFamily | None:
         """Return the zeros of a pair; None where the input does not affect the output."""
-        scale = balance(single(self._at(self.posterior.eta), pair.channel, pair.load).A)
+        here = single(self._at(self.posterior.eta), pair.channel, pair.load)
+        scale = balance(here.A)
 
-        def at(eta: Array, slopes: bool) -> Roots | None:
-            system = single(self._at(eta), pair.channel, pair.load)
-            own = scale if len(scale) == len(system.A) else None  # another order of its direct term
-            return zeros(system, slopes=slopes, scale=own)
+        def at(etas: Array) -> list[Roots | None]:
+            each = [None if one is None else single(one, pair.channel, pair.load) for one in self._each(etas)]
+            alike = [one for one in each if one is not None and len(one.A) == len(scale)]
+            found = iter(zeros_of_all(alike, scale))
+            return [
+                None if one is None
+                else next(found) if len(one.A) == len(scale)
+                else zeros(one, slopes=False)  # another order of its direct term
+                for one in each
+            ]  # fmt: skip
 
-        found = at(self.posterior.eta, True)
+        found = zeros(here, scale=scale)
         return None if found is None else RootFamily(self.posterior, at, self._reference(found))
 
     def _reference(self, found: Roots) -> Roots:
@@ -445,8 +464,7 @@ class DerivedQuantities:
         relative = slopes / there[:, None]
         moved = np.concatenate([size[:, None] * relative.real, np.where(H == 0, np.inf, relative.imag.T).T])
 
-        def at(eta: Array, places: NDArray[np.intp] | None) -> Array:
-            chosen = np.arange(2 * lines) if places is None else places
+        def one(eta: Array, chosen: NDArray[np.intp]) -> Array:
             needed = np.unique(chosen % lines)
             values = self.posterior.values(eta)
             try:
@@ -459,6 +477,9 @@ class DerivedQuantities:
                 *(each[np.searchsorted(needed, chosen % lines)] for each in (np.abs(found), turned)),
             )
             return np.asarray(both)
+
+        def at(etas: Array, places: NDArray[np.intp] | slice) -> Array:
+            return np.array([one(eta, np.arange(2 * lines)[places]) for eta in etas])
 
         return _halves(self.posterior.bands(np.concatenate([size, phase]), moved, at))
 
@@ -475,9 +496,9 @@ class DerivedQuantities:
             if found is None:
                 continue
 
-            def at(other: Array, places: NDArray[np.intp] | None, gain=gain) -> Array:  # type: ignore[no-untyped-def] # noqa: ARG001
-                value = gain(single(self._at(other), pair.channel, pair.load))
-                return np.array([math.nan if value is None else value[0]])
+            def at(etas: Array, places: NDArray[np.intp] | slice, gain=gain) -> Array:  # type: ignore[no-untyped-def] # noqa: ARG001
+                found = [gain(single(self._at(eta), pair.channel, pair.load)) for eta in etas]
+                return np.array([[math.nan if one is None else one[0]] for one in found])
 
             value, slopes = found
             bands[name] = self.posterior.bands(np.array([value]), (slopes * self._rates)[None], at)

@@ -9,7 +9,7 @@ which are split off by orthogonal transformations (A. Emami-Naeini, P. Van Doore
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -44,17 +44,25 @@ def poles(A: Array, slopes: Array | None = None, scale: Array | None = None) -> 
 
     `scale` (n) balances it, as that of a matrix nearby does; absent: its own.
     """
-    n, d = len(A), balance(A) if scale is None else scale
-    A = rescaled(A, d)
-    origin = _at_origin(A)
+    d = balance(A) if scale is None else scale
     if slopes is None:
-        return _ordered(np.linalg.eigvals(A).astype(np.complex128), np.zeros((n, 0), complex), origin)
+        return poles_of_all([A], d)[0]
+    A = rescaled(A, d)
+    origin = int(_at_origin(A[None])[0])
     values, right = np.linalg.eig(A)
     same, left = np.linalg.eig(A.T)
     left = left[:, np.argmin(np.abs(values[:, None] - same), axis=1)]
     strength = np.einsum("ik,ik->k", left, right)
     moved = np.einsum("ik,pij,jk->kp", left, rescaled(slopes, d), right, optimize=True)
     return _ordered(values.astype(np.complex128), _divided(moved, strength), origin)
+
+
+def poles_of_all(matrices: Sequence[Array], scale: Array) -> list[Roots]:
+    """Return the eigenvalues of matrices (n x n each) that one `scale` (n) balances, without derivatives."""
+    if not matrices:
+        return []
+    A = rescaled(np.array(matrices), scale)
+    return _all_ordered(np.linalg.eigvals(A).astype(np.complex128), _at_origin(A))
 
 
 def zeros(system: System, *, slopes: bool = True, scale: Array | None = None) -> Roots | None:
@@ -66,21 +74,22 @@ def zeros(system: System, *, slopes: bool = True, scale: Array | None = None) ->
     n, p = len(system.A), len(system.A_slopes)
     if scale is None:
         scale = balance(system.A)
+    if not slopes:
+        return zeros_of_all([system], scale)[0]
     A, b, c = rescaled(system.A, scale), system.b / scale, system.c * scale
     speed = max(float(np.linalg.norm(A)), np.finfo(float).tiny)
     of_b, of_c = float(np.linalg.norm(b)), float(np.linalg.norm(c))
     if not (of_b and of_c):  # what is left is the direct term: zeros where the modes are not involved
-        return poles(system.A, system.A_slopes if slopes else None) if system.d else None
+        return poles(system.A, system.A_slopes) if system.d else None
     gain = speed / (of_b * of_c)
-    dynamics = _zero_dynamics(A / speed, b / of_b, c / of_c, system.d * gain)
+    each = (A / speed, b / of_b, c / of_c, np.array(system.d * gain))
+    dynamics = _zero_dynamics(*(one[None] for one in each))
     if dynamics is None:
         return None
-    values: ComplexArray = np.linalg.eigvals(dynamics).astype(np.complex128)
-    origin = _at_origin(dynamics)
-    if not slopes or not len(values):
-        return _ordered(
-            np.asarray(values * speed), np.zeros((len(values), p if slopes else 0), complex), origin
-        )
+    values: ComplexArray = np.linalg.eigvals(dynamics[0]).astype(np.complex128)
+    origin = int(_at_origin(dynamics)[0])
+    if not len(values):
+        return _ordered(values, np.zeros((0, p), complex), origin)
     pencil = np.zeros((len(values), n + 1, n + 1), dtype=complex)
     pencil[:, :n, :n] = values[:, None, None] * np.eye(n) - A / speed
     pencil[:, :n, n], pencil[:, n, :n], pencil[:, n, n] = -b / of_b, c / of_c, system.d * gain
@@ -95,33 +104,67 @@ def zeros(system: System, *, slopes: bool = True, scale: Array | None = None) ->
     return _ordered(np.asarray(values * speed), _divided(moved * speed, strength), origin)
 
 
-def _zero_dynamics(A: Array, b: Array, c: Array, d: float) -> Array | None:
-    """Return the matrix of the motions that are possible while the output is 0; None without a transfer."""
-    while abs(d) <= _ROUNDING * max(1.0, float(np.linalg.norm(b))):
-        length = float(np.linalg.norm(c))
-        if not len(A) or length <= _ROUNDING:
+def zeros_of_all(systems: Sequence[System], scale: Array) -> list[Roots | None]:
+    """Return the finite zeros of systems that one `scale` (n) balances, without derivatives, as `zeros`."""
+    if not systems:
+        return []
+    A = rescaled(np.array([one.A for one in systems]), scale)
+    b, c = np.array([one.b for one in systems]) / scale, np.array([one.c for one in systems]) * scale
+    d = np.array([one.d for one in systems])
+    speed = np.maximum(np.linalg.norm(A, axis=(1, 2)), np.finfo(float).tiny)
+    of_b, of_c = np.linalg.norm(b, axis=1), np.linalg.norm(c, axis=1)
+    dynamics = None
+    if of_b.all() and of_c.all():
+        dynamics = _zero_dynamics(
+            A / speed[:, None, None], b / of_b[:, None], c / of_c[:, None], d * (speed / (of_b * of_c))
+        )
+    if dynamics is not None:
+        values = np.linalg.eigvals(dynamics).astype(np.complex128) * speed[:, None]
+        return [*_all_ordered(values, _at_origin(dynamics))]
+    if len(systems) > 1:  # of different structure
+        return [zeros_of_all([one], scale)[0] for one in systems]
+    (one,) = systems
+    involved = of_b[0] and of_c[0]
+    return [None if involved or not one.d else poles(one.A)]
+
+
+def _zero_dynamics(A: Array, b: Array, c: Array, d: Array) -> Array | None:
+    """Return the matrices of the motions that are possible while the output is 0.
+
+    Of systems (S x n x n, S x n, S x n, S) of one relative degree; None where theirs differ or there is no
+    transfer.
+    """
+    while (through := np.abs(d) <= _ROUNDING * np.maximum(1.0, np.linalg.norm(b, axis=1))).any():
+        length = np.linalg.norm(c, axis=1)
+        if not through.all() or not A.shape[1] or (length <= _ROUNDING).any():
             return None
-        # The output's direction first, by a reflection: H = 1 - share v v^T.
+        # The output's direction first, by a reflection: H = 1 - v w^T.
         v = c.copy()
-        v[0] += math.copysign(length, v[0])
-        share = 2 / float(v @ v)
-        A = A - np.outer(share * v, v @ A)
-        A -= np.outer(A @ v, share * v)
-        b = b - share * float(v @ b) * v
-        A, b, c, d = A[1:, 1:], b[1:], A[0, 1:], float(b[0])
-    return A - np.outer(b, c) / d
+        v[:, 0] += np.copysign(length, v[:, 0])
+        w = v * (2 / np.einsum("si,si->s", v, v))[:, None]
+        A = A - w[:, :, None] * (v[:, None] @ A)
+        A -= (A @ v[:, :, None]) * w[:, None]
+        b = b - w * np.einsum("si,si->s", v, b)[:, None]
+        A, b, c, d = A[:, 1:, 1:], b[:, 1:], A[:, 0, 1:], b[:, 0]
+    return np.asarray(A - b[:, :, None] * c[:, None] / d[:, None, None])
 
 
-def _at_origin(A: Array) -> int:
-    """Return the number of eigenvalues at the origin: null spaces are split off until none is left."""
-    size, count = float(np.linalg.norm(A)), 0
-    while len(A):
-        _, s, Vt = np.linalg.svd(A)
-        null = int(np.count_nonzero(s <= _ROUNDING * size))
-        if not null:
+def _at_origin(A: Array) -> NDArray[np.intp]:
+    """Return the number of eigenvalues at the origin of matrices (S x n x n).
+
+    Null spaces are split off until none is left.
+    """
+    left, size = A, np.linalg.norm(A, axis=(1, 2))[:, None]
+    count = np.zeros(len(A), dtype=np.intp)
+    while left.shape[1]:
+        s = np.linalg.svd(left, compute_uv=False)
+        null = np.count_nonzero(s <= _ROUNDING * size, axis=1)
+        if not null.any():
             break
-        kept = Vt[: len(A) - null]
-        A, count = kept @ A @ kept.T, count + null
+        if (null != null[0]).any():
+            return np.concatenate([_at_origin(one[None]) for one in A])
+        kept = np.linalg.svd(left)[2][:, : left.shape[1] - null[0]]
+        left, count = kept @ left @ kept.swapaxes(1, 2), count + null
     return count
 
 
@@ -135,11 +178,7 @@ def _divided(moved: ComplexArray, strength: ComplexArray) -> ComplexArray:
 
 def _ordered(values: ComplexArray, slopes: ComplexArray, origin: int) -> Roots:
     """Return roots by size, those at the origin exact, multiple ones without derivatives."""
-    size = np.round(np.log(np.abs(values) + np.finfo(float).tiny), 9)
-    order = np.lexsort((-values.imag, size))
-    if origin:  # the smallest ones, whatever rounding left of them
-        order = np.concatenate([np.argsort(np.abs(values), kind="stable")[:origin], order])
-        order = np.array(list(dict.fromkeys(order.tolist())), dtype=int)
+    order = _by_size(values[None], np.array([origin]))[0]
     values, slopes = values[order], slopes[order].copy()
     values[:origin], slopes[:origin] = 0.0, 0.0
     rest = values[origin:]
@@ -147,3 +186,22 @@ def _ordered(values: ComplexArray, slopes: ComplexArray, origin: int) -> Roots:
     multiple = np.count_nonzero(near, axis=1) > 1
     slopes[origin:][multiple] = np.inf
     return Roots(values, slopes, origin)
+
+
+def _all_ordered(values: ComplexArray, origin: NDArray[np.intp]) -> list[Roots]:
+    """Return roots (S x m) without derivatives as `_ordered`."""
+    values = np.take_along_axis(values, _by_size(values, origin), axis=1)
+    values[np.arange(values.shape[1]) < origin[:, None]] = 0.0
+    none = np.zeros((values.shape[1], 0), dtype=np.complex128)
+    return [Roots(one, none, count) for one, count in zip(values, origin.tolist(), strict=True)]
+
+
+def _by_size(values: ComplexArray, origin: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the order of roots (S x m) by size, the smallest first that are at the origin.
+
+    Of one size (to rounding) those above the real axis come first.
+    """
+    size = np.abs(values)
+    rank = np.argsort(np.argsort(size, axis=1, kind="stable"), axis=1)
+    rounded = np.round(np.log(size + np.finfo(float).tiny), 9)
+    return np.lexsort((-values.imag, np.where(rank < origin[:, None], -np.inf, rounded)), axis=1)
