@@ -78,9 +78,10 @@ def test_public_packages_are_attributes_of_the_package_and_loaded_when_used(tmp_
         "import sys, dynid; assert 'dynid.lti' not in sys.modules\n"
         "try: dynid.lti.roots(['1', '-5/2'], ['1', '0', '0', '0', 'x'])\n"
         "except dynid.errors.DynidError: print(dynid.lti.roots(['1', '-5/2'], ['1', '0'])[0])\n"
-        "print(hasattr(dynid, 'nothing'))"
+        "print(hasattr(dynid, 'nothing'))\n"
+        "print(callable(dynid.report.figures), callable(dynid.store.write_result))"
     )
     left = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=True
     )
-    assert left.stdout.split() == ["[2.5+0.j]", "False"]
+    assert left.stdout.split() == ["[2.5+0.j]", "False", "True", "True"]

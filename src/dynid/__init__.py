@@ -38,7 +38,7 @@ __all__ = [
 ]
 
 # Packages that users reach as attributes after `import dynid`, and that only their use should load.
-_LAZY = ("errors", "lti")
+_LAZY = ("errors", "lti", "report", "store")
 
 
 def __getattr__(name: str) -> ModuleType:

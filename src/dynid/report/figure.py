@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -75,8 +75,8 @@ class Figure:
 
     name: str
     title: str
-    draw: Callable[[], Picture]
-    derivation: bool = False
+    draw: Callable[[], Picture] = field(repr=False)
+    derivation: bool = field(default=False, repr=False)
 
     @cached_property
     def picture(self) -> Picture:

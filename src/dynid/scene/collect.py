@@ -73,7 +73,10 @@ def selected_paths(result: Mapping[str, Variable], collect: tuple[str, ...]) -> 
         statuses = {path for one in (wanted, *found) if (path := _status_of(one))}
         found += [path for path in result if any(fnmatchcase(path, status) for status in statuses)]
         if not found and wanted != NUMBERS:
-            raise UsageError(f"there is nothing to collect at '{wanted}'{did_you_mean_path(wanted, result)}")
+            raise UsageError(
+                f"there is nothing to collect at '{wanted}'{did_you_mean_path(wanted, result)}",
+                remedy="All paths of a result of the scene: dynid show FILE.h5 --all.",
+            )
         yield from found
 
 
