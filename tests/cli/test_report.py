@@ -37,7 +37,6 @@ def test_a_run_writes_the_page_that_its_file_gives(dynid, made):
         (["run", "small.yaml", "--report", "small.h5"], 2, "the page would overwrite small.h5"),
         (["run", "small.yaml", "--junit", "a", "--report", "a"], 2, "the page would overwrite a"),
         (["run", "small.yaml", "--report", "no/such.html"], 4, "there is no folder no"),
-        (["plot", "small.h5"], 2, "there is no folder for the figures"),
         (["plot", "small.h5", "-o", ".", "--figure", "bond-grap"], 2, "did you mean 'bond-graph'?"),
         (["plot", "small.h5", "-o", "small.yaml"], 4, "small.yaml cannot be made"),
         (["plot", "small.h5", "-o", ".", "--format", "gif"], 2, "'gif' is not one of"),
@@ -57,6 +56,8 @@ def test_figures_are_listed_and_written(dynid, made):
     assert code == 0
     assert "bond-graph" in names
     assert dynid("plot", "small.h5", "-o", "figs")[0] == 0
+    assert dynid("plot", "small.h5")[0] == 0
+    assert len(list((made / "small-figures").iterdir())) == len(names)
     assert sorted(file.name for file in (made / "figs").iterdir()) == sorted(f"{name}.svg" for name in names)
 
 

@@ -162,3 +162,21 @@ def test_good_records_give_no_cause_for_suggestions(monkeypatch):
 @pytest.mark.slow
 def test_none_of_many_good_records_gives_cause_for_suggestions(monkeypatch):
     assert suggested_of_good_records(monkeypatch, range(4, 64)) == []
+
+
+def test_a_reversed_sensor_is_suggested_after_a_start_too_far_away_to_show_it():
+    def joint(name, dofs, k, c):
+        start = JointParameter(start=2e4, true=k), JointParameter(start=5, true=c)
+        return Joint(name, dofs, *start)
+
+    chain = lumped((2, 3, 1.5), (), [joint("a", (1, 2), 4e4, 15), joint("b", (2, 3), 2.5e4, 8)])
+    channels = (Channel(1, "acceleration"), Channel(3, "acceleration"))
+    tones = np.random.default_rng(7).standard_normal((2, 156))
+    t = np.arange(1024)[:, None] / 1024
+    shaking = np.sin(2 * np.pi * np.arange(2, 80, 0.5) * t + 3 * tones[1]) @ tones[0]
+    driven = load(40 * shaking / shaking.std() * np.minimum(1, t[:, 0] / 0.05) ** 2, 1 / 1024)
+    simulation = Measurement(1 / 1024, 1024, channels, Simulation(0.02, 1))
+    good = np.array(identify(chain, driven, simulation)["identification/measurement/measured"].data)
+    with pytest.raises(DynidError) as error:
+        identify(chain, driven, Measurement(1 / 1024, 1024, channels, good * [1, -1]))
+    assert "3.acceleration is -1 times the model: a reversed sensor" in error.value.remedy

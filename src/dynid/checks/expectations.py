@@ -109,8 +109,13 @@ def expected_words(expectation: Mapping[str, Any]) -> str:
     """Return the text of an expectation, without its path."""
     words = {"value": "=", "min": ">=", "max": "<=", "max_abs": "|.| <="}
     parts = [f"{sign} {word(expectation[key])}" for key, sign in words.items() if key in expectation]
-    where = ", ".join(f"{dim} {label}" for dim, label in expectation.get("at", {}).items())
+    where = ", ".join(f"{dim} {_label(label)}" for dim, label in expectation.get("at", {}).items())
     return f"{'at ' + where + ' ' if where else ''}{' and '.join(parts)}"
+
+
+def _label(label: object) -> object:
+    """Return a label as the scene has it: YAML numbers are read as floats."""
+    return int(label) if isinstance(label, float) and label.is_integer() else label
 
 
 def samples_meet(

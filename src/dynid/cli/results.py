@@ -78,7 +78,10 @@ def write_page(result: Result, target: str) -> None:
 @click.command()
 @click.argument("file", type=click.Path())
 @click.option(
-    "-o", "--output", type=click.Path(), help="The folder for the figures; created if it does not exist."
+    "-o",
+    "--output",
+    type=click.Path(),
+    help="The folder for the figures, created if needed; default ./<FILE>-figures.",
 )
 @click.option(
     "--format", "form", type=click.Choice(["svg", "png", "pdf"]), default="svg", show_default=True,
@@ -106,12 +109,11 @@ def plot(file: str, output: str | None, form: str, names: tuple[str, ...], listi
             for figure in every.values():
                 click.echo(f"  {figure.name:{width}}  {figure.title}")
             return 0
-        if output is None:
-            raise UsageError("there is no folder for the figures", remedy="Name it with -o, or --list them.")
+        folder = Path(output if output is not None else f"{Path(file).stem}-figures")
         for name in names:
             refuse_unknown(name, every, "figure", "List them with --list.")
         chosen = [every[name] for name in dict.fromkeys(names)] or list(every.values())
-        targets = [Path(output) / f"{figure.name}.{form}" for figure in chosen]
+        targets = [folder / f"{figure.name}.{form}" for figure in chosen]
         with showing(quiet):
             for figure, target in zip(tracked(chosen, "figure"), targets, strict=True):
                 content = as_file(figure.svg, form)

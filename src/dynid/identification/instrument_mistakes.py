@@ -5,7 +5,8 @@ the model, or fits it with wrong parameters. Each channel is compared with the p
 largest correlation, and the factor among ±1, g, 1/g, 1000, 1/1000 that is nearest to the ratio of their RMS.
 The parameters are estimated again from the corrected channels, in turn, until the corrections stay the same:
 a search for the greatest concentrated likelihood over parameters and corrections. It starts from the
-estimate, from the start, and from the start with one mistake in all channels, or in all of one quantity.
+estimate, from the start, and from the start with one mistake in all channels, or in all of one quantity,
+or with one reversed channel.
 
 Corrections are suggested only where the model lacked fit, the likelihood grows far beyond what the choice
 among them explains, every corrected channel needs its own, and the corrected record fits.
@@ -48,6 +49,8 @@ _SMALLER = 2.0
 _MOST_WORK = 3e7
 # Values times states beyond which only the estimate and the start are searched from.
 _LARGE = 2e5
+# Channels beyond which a single reversed one is not searched for.
+_FEW_CHANNELS = 12
 
 
 class Correction(NamedTuple):
@@ -133,18 +136,31 @@ def _estimated(
 
 
 def _from_common_mistakes(likelihood: Likelihood, plain: Likelihood, eta: Array) -> _Found | None:
-    """Return the best of the searches that start with one mistake in all channels, or in a quantity."""
+    """Return the best of the searches that start with one mistake in all channels, a quantity, or a sign."""
     if sum(record.data.values.size for record in plain.records) * plain.records[0].nuisances > _LARGE:
         return None
     quantities = [[str(getattr(one, "quantity", "")) for one in record.channels] for record in plain.records]
     kinds = sorted({one for own in quantities for one in own})
     mistakes = [Correction(factor) for factor in _COMMON]
-    tried = [(mistake, kind) for kind in ["", *(kinds if len(kinds) > 1 else [])] for mistake in mistakes]
+    tried = [
+        [[mistake if kind in ("", one) else _NONE for one in own] for own in quantities]
+        for kind in ["", *(kinds if len(kinds) > 1 else [])]
+        for mistake in mistakes
+    ]
     if all(record.sampling_step is not None for record in plain.records):
-        tried += [(Correction(1.0, delay), "") for delay in _COMMON_DELAYS]
+        tried += [[[Correction(1.0, delay)] * len(own) for own in quantities] for delay in _COMMON_DELAYS]
+    # One reversed sensor: far from the estimate, no prediction shows its sign.
+    places = [(k, c) for k, own in enumerate(quantities) for c in range(len(own))]
+    if 1 < len(places) <= _FEW_CHANNELS:
+        tried += [
+            [
+                [Correction(-1.0) if (k, c) == place else _NONE for c in range(len(own))]
+                for k, own in enumerate(quantities)
+            ]
+            for place in places
+        ]
     found = []
-    for mistake, kind in tried:
-        corrections = [[mistake if kind in ("", one) else _NONE for one in own] for own in quantities]
+    for corrections in tried:
         try:
             found.append(_estimated(likelihood, plain, corrections, eta, _FEW_STEPS))
         except (DynidError, ArithmeticError, np.linalg.LinAlgError):

@@ -108,6 +108,13 @@ class Expectation(Section):
     max: float | None = Field(default=None, strict=True)
     max_abs: float | None = Field(default=None, strict=True)
 
+    @field_validator("at", mode="before")
+    @classmethod
+    def _names_a_dimension(cls, raw: Any) -> Any:
+        if raw is not None and not isinstance(raw, dict):
+            raise fault("'at' is a mapping of dimensions to labels, such as at: {mode: 2}")
+        return raw
+
     @model_validator(mode="after")
     def _expects_something(self) -> Self:
         if self.value is None and self.min is None and self.max is None and self.max_abs is None:

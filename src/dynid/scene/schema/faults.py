@@ -13,6 +13,8 @@ from dynid.errors import Fault
 from dynid.scene.yaml.source import Source
 from dynid.suggestions import did_you_mean
 
+# Models with more keys than these have them in the manual, not in the message.
+_FEW_KEYS = 8
 _WANTED = {
     "string_type": "a text",
     "int_type": "a whole number",
@@ -92,7 +94,10 @@ def _fault(source: Source, model: type[BaseModel], error: dict[str, Any]) -> Fau
         name = _dotted(path[:-1]) or "a scene"
         holder = _model_at(model, loc[:-1])
         known = list(holder.model_fields) if holder else []
-        message = f"'{loc[-1]}' is not a key of {name}{did_you_mean(str(loc[-1]), known)}"
+        hint = did_you_mean(str(loc[-1]), known)
+        if not hint and 0 < len(known) <= _FEW_KEYS:
+            hint = f"; its keys are {', '.join(known)}"
+        message = f"'{loc[-1]}' is not a key of {name}{hint}"
         return source.fault(path, message, key=True)
     if kind == "missing":
         example = ": write dynid: 1" if (*path, loc[-1]) == ("dynid",) else ""
