@@ -38,6 +38,7 @@ def commands() -> str:
         for name in names:
             command = cli.get_command(whole, name)
             assert command is not None
+            command._help_option = None  # click keeps that of the first context that asked
             context = click.Context(
                 command, info_name=name, parent=whole, terminal_width=_WIDTH, max_content_width=_WIDTH
             )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -22,7 +23,7 @@ pytestmark = pytest.mark.skipif(found() is None, reason="installed without the l
 
 def both(monkeypatch, graph, inputs, outputs):
     """Return the plan by the library, and that by Python."""
-    monkeypatch.setattr(plan, "_LARGE", 0)
+    monkeypatch.setattr(plan, "LARGE_GRAPHS", replace(plan.LARGE_GRAPHS, value=0))
     plans = []
     for wish in ("1", "0"):
         monkeypatch.setenv(VARIABLE, wish)
@@ -64,7 +65,7 @@ def random_graph(seed):
 @pytest.mark.parametrize("block", range(4))
 def test_the_library_writes_the_same_program(monkeypatch, block):
     """Over random graphs: operations, pivots, what is left at the root, and what the output depends on."""
-    monkeypatch.setattr(plan, "_LARGE", 0)
+    monkeypatch.setattr(plan, "LARGE_GRAPHS", replace(plan.LARGE_GRAPHS, value=0))
     compiled = 0
     for seed in range(40 * block, 40 * block + 40):
         plans = []
@@ -147,7 +148,7 @@ def _star(*more, bonds=()):
     ],
 )  # fmt: skip
 def test_what_the_library_refuses_is_planned_by_python(monkeypatch, graph, output):
-    monkeypatch.setattr(plan, "_LARGE", 0)
+    monkeypatch.setattr(plan, "LARGE_GRAPHS", replace(plan.LARGE_GRAPHS, value=0))
     planned = ReducedGraph(graph, ["u"], [Port(output, "f")], traced=False)
     assert type(planned.program).__name__ == "Program"
     assert planned.channels()
