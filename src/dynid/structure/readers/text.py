@@ -103,7 +103,7 @@ def _by_scipy(path: Path, header: _MatrixMarketHeader) -> Matrix | None:
         return None
     checked.seek(0)
     try:
-        matrix: Matrix = coo_array(mmread(checked)).tocsc()
+        matrix: Matrix = coo_array(mmread(checked, spmatrix=False)).tocsc()
     except (ValueError, OverflowError):  # another number of entries, or outside: NumPy's reader says which
         return None
     return matrix
