@@ -25,7 +25,7 @@ from dynid.bench.cases.estimators import (
     first_covariance,
 )
 from dynid.bench.cases.zeros_poles import controlled
-from dynid.bondgraph.chains import distinct
+from dynid.templates.chain import distinct
 
 
 def _forces(this: SuspensionRecord) -> Any:

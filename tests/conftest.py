@@ -7,14 +7,18 @@ import sys
 import pytest
 from hypothesis import HealthCheck, settings
 
+from dynid.trial import survives
 from tests.warm import Warm
 
 # The same examples in every run, so that a failure is of the change that is tested; other examples are
 # drawn with `--hypothesis-profile fresh`.
 _NO_CLOCK = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
-settings.register_profile("same", derandomize=True, **_NO_CLOCK)
+settings.register_profile("same", derandomize=True, max_examples=40, **_NO_CLOCK)
 settings.register_profile("fresh", derandomize=False, print_blob=True, **_NO_CLOCK)
 settings.load_profile("same")
+
+# OpenBLAS would start a thread for each core in every worker; commands start one, too.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # Who starts the tests in the background of a script lets them ignore Ctrl-C, and with them every command
 # that they start; some tests are about just that signal.
@@ -31,6 +35,20 @@ def _few_samples():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("dynid.identification.write_derived.FEW_SAMPLES", 16)
         yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _few_processes():
+    """Read files of other programs without a trial, which takes the start of a process for each of them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("dynid.trial.survives", lambda *_, **__: None)
+        yield
+
+
+@pytest.fixture
+def on_trial(monkeypatch):
+    """Read files of other programs after a trial, as users do."""
+    monkeypatch.setattr("dynid.trial.survives", survives)
 
 
 @pytest.fixture(scope="session")

@@ -4,22 +4,32 @@ import importlib.util
 import re
 from pathlib import Path
 
-from tests.test_layers import MODULES, package_of
+import pytest
+
+from tests.test_layers import modules, package_of
 from tests.test_theory import named, place
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE = DOCS / "architecture.md"
-_spec = importlib.util.spec_from_file_location("architecture", DOCS / "architecture.py")
-architecture = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(architecture)
 
 AGAIN = "run `python docs/architecture.py`"
-PACKAGES = {package_of(module) for module in MODULES}
+
+
+@pytest.fixture(scope="module")
+def architecture():
+    spec = importlib.util.spec_from_file_location("architecture", DOCS / "architecture.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def packages():
+    return {package_of(module) for module in modules()}
 
 
 def test_the_page_names_every_package_and_no_other():
     rows = re.findall(r"^\| (?:top|lowest)? ?\| (.*?) \|", PAGE.read_text(), re.MULTILINE)
-    assert set(re.findall(r"`(\w+)`", " ".join(rows))) == PACKAGES
+    assert set(re.findall(r"`(\w+)`", " ".join(rows))) == packages()
 
 
 def test_what_the_page_names_exists():
@@ -29,21 +39,21 @@ def test_what_the_page_names_exists():
         assert found.is_file() or any(found.rglob("*.py")), path
 
 
-def test_the_picture_has_the_packages_and_imports_of_now():
+def test_the_picture_has_the_packages_and_imports_of_now(architecture):
     drawn = architecture.PICTURE.read_text()
-    assert set(re.findall(r'data-package="(\w+)"', drawn)) == PACKAGES
+    assert set(re.findall(r'data-package="(\w+)"', drawn)) == packages()
     edges = {tuple(edge.split()) for edge in re.findall(r'data-edge="([\w ]+)"', drawn)}
     assert edges == set(architecture.IMPORTS), AGAIN
 
 
-def test_the_picture_has_about_the_sizes_of_now():
+def test_the_picture_has_about_the_sizes_of_now(architecture):
     sizes = dict(re.findall(r'data-package="(\w+)" data-lines="(\d+)"', architecture.PICTURE.read_text()))
     for package, lines in sizes.items():
         now = architecture.LINES[package]
         assert abs(int(lines) - now) <= 100 + 0.25 * now, f"{package}: {AGAIN}"
 
 
-def test_no_line_of_the_picture_ends_beside_its_box():
+def test_no_line_of_the_picture_ends_beside_its_box(architecture):
     boxes, lanes = architecture.boxes(), architecture.lanes(architecture.boxes())
     assert set(lanes) == set(architecture.IMPORTS)
     for (package, other), x in lanes.items():

@@ -79,7 +79,7 @@ TITLES = st.text(st.characters(exclude_categories=["Cs", "Cc"]), max_size=20)
 
 
 @given(title=TITLES, elements=st.dictionaries(NAMES, st.tuples(st.sampled_from("ICR"), NUMBERS), min_size=1))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_any_graph_is_read_back_as_it_was_built(tmp_path_factory, title, elements):
     built = dynid.GraphBuilder(title).parameters(p=3).node("the-source", "Se").node("the-junction", 1)
     built.bond("the-source -> the-junction")
@@ -90,7 +90,7 @@ def test_any_graph_is_read_back_as_it_was_built(tmp_path_factory, title, element
 
 
 @given(title=TITLES, masses=st.lists(MAGNITUDES, min_size=1, max_size=5), joints=st.sets(NAMES, max_size=3))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_any_structure_is_read_back_as_it_was_built(tmp_path_factory, title, masses, joints):
     built = dynid.StructureBuilder.lumped(np.array(masses), title).link((1,), k=np.float32(3), c=0.5)
     built.excite(1, "multisine", amplitude=np.array([1.0, 2.0]), frequency=(3, 4.5))

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dynid.checks import CheckOutcome, check_expectations, compare, junit_xml
-from dynid.result import Result
+from dynid.checks.expectations import samples_meet
+from dynid.result import Result, Variable
 
 
 def table(column, text):
@@ -187,3 +188,38 @@ def test_junit_counts_and_survives_any_text():
     good, bad = suite.findall("testcase")
     assert good.find("failure") is None
     assert bad.find("failure").get("message") == "c is� � & not"
+
+
+def hertz(found, **expectation):
+    (outcome,) = check_expectations(found, [{"path": "p/natural_frequency", **expectation}])
+    return outcome
+
+
+def test_frequencies_are_expected_in_hertz():
+    found = Result("bond-graph", "t")
+    found.add("p/natural_frequency", [20.0, 2 * math.pi * 19], ("mode",), "rad/s")
+    inside = {"at": {"mode": 2}, "min": 18, "max": 21}
+    assert hertz(found, **inside, unit="Hz").passed
+    assert not hertz(found, **inside).passed
+    assert hertz(found, at={"mode": 1}, value=20, unit="rad/s").passed
+    missed = hertz(found, at={"mode": 2}, max=18.5, unit="Hz")
+    assert missed.message == "natural_frequency is 19 Hz, expected at most 18.5 Hz"
+    assert missed.expected == "at mode 2 <= 18.5 Hz"
+
+
+def test_what_is_no_frequency_is_not_expected_in_hertz(result):
+    (outcome,) = check_expectations(result, [{"path": ERRORS, "max": 1, "unit": "Hz"}])
+    assert outcome.message == "error_percent is in no unit, which is no frequency: leave out 'unit'"
+
+
+def test_samples_are_expected_in_hertz_as_one_is():
+    omega = 2 * math.pi * np.array([[19.0], [25.0]])
+    samples = {"p/w": Variable(("sample", "mode"), omega, "rad/s")}
+
+    def one(place):
+        found = Result("bond-graph")
+        found.add("p/w", omega[place], ("mode",), "rad/s")
+        return found
+
+    met = samples_meet(samples, 2, one, [{"path": "p/w", "max": 21, "unit": "Hz"}])
+    assert met.tolist() == [[True], [False]]

@@ -11,7 +11,7 @@ from dynid import defaults
 from dynid.bench import BENCHMARKS, benchmark
 from dynid.defaults import CHOICES, LIMITS, of_benchmark
 from dynid.identification.estimators.filter_passes import Filter
-from dynid.lti.sampled import Sampled
+from dynid.lti.noise import Sampled
 from dynid.structure.modes import solver_for
 from dynid.structure.reduction.masters import Masters
 
@@ -63,14 +63,14 @@ CHOOSING = re.compile(r"_?(DENSE|SPARSE|LARGE|SMALL|FEW|MANY|SHORT|LONG|BIG)")
 #: Those that choose none, or hardly one.
 OTHERS = {
     "bondgraph.graph": "the same faults are found, by arrays",
+    "identification.least_squares": "the same solution, by dynid's library or LAPACK",
     "identification.filter": "the range of squares in double precision",
     "lti.pencil.eigenvalues": "a share of rounding",
     "lti.time_response": "steps whose rounding adds up to digits: of accuracy alone",
     "lti.recurrence": "a loop of a few steps, written out",
     "structure.modes.sparse": "beyond it an answer is refused",
-    "structure.readers.matlab": "codes of a format",
     "structure.readers.binary": "names in a file",
-    "structure.readers.matlab_script": "a longer file is refused",
+    "structure.readers.exported": "a longer file is refused",
     "identification.instrument_mistakes": "beyond it a suggestion is left out, and no result changes",
 }
 

@@ -1,4 +1,4 @@
-"""The documentation, replayed as it is printed: every block is code that runs, a scene, or no code at all."""
+"""The documentation and the README: blocks run, or are scenes or no code; outputs are those printed."""
 
 import importlib.util
 import re
@@ -6,13 +6,17 @@ import shlex
 from pathlib import Path
 
 import click
+import numpy as np
 import pytest
 
+import dynid
 from dynid.cli import COMMANDS, cli
 from dynid.scene.load import load_scene
+from dynid.store import write_result
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
+README = (ROOT / "README.md").read_text()
 TOPICS = DOCS / "reference" / "topics"  # copies of src/dynid/topics
 PAGES = {
     page.relative_to(DOCS).as_posix(): page.read_text()
@@ -25,9 +29,9 @@ _spec.loader.exec_module(replay)
 
 #: Pages of which tests/cli/test_docs_commands.py runs the code, in a copy of the examples' project.
 PROJECT = {"ci.md", "studies.md"}
-#: Pages that start many processes, and those of a few seconds; `.ci/docs` runs the recipes.
-SLOW = {"howto/cluster.md"}
-SLOW |= {f"recipes/{name}.md" for name in ("compare_days", "fit_fails", "place_sensor", "study")}
+#: Pages that are replayed by default: the front page, and those of half a second; `.ci/docs` replays all.
+QUICK = {"index.md", "recipes/fe_matrices.md", "recipes/units.md"}
+QUICK |= {f"theory/{name}.md" for name in ("numerics", "reductions", "synthesis")}
 #: What is no code: outputs, drawings, formulas.
 SHOWN = {"text", "mermaid", "math"}
 _FENCE = re.compile(r"^ *(?:```+|~~~+).*$", re.MULTILINE)
@@ -43,7 +47,7 @@ def is_replayed(name):
 
 
 REPLAYED = [
-    pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else [], id=name.removesuffix(".md"))
+    pytest.param(name, marks=[] if name in QUICK else [pytest.mark.slow], id=name.removesuffix(".md"))
     for name in PAGES
     if is_replayed(name)
 ]
@@ -61,7 +65,7 @@ def test_a_page_says_what_is_printed(name, tmp_path, warm):
 
 @pytest.mark.parametrize("name", [*PAGES, "README.md"])
 def test_every_block_runs_or_is_no_code(name, tmp_path):
-    text = PAGES.get(name) or (ROOT / name).read_text()
+    text = PAGES.get(name, README)
     found = blocks(text)
     assert len(_FENCE.findall(text)) == 2 * len(found), "a fenced block without a language, or indented"
     for kind, title, code in found:
@@ -126,3 +130,47 @@ def test_a_block_with_a_title_is_a_file(tmp_path):
     played = replay.Replay(page, tmp_path)
     assert played.run() == page
     assert played.outputs == [("sh greet.sh", "hello\n", "hello\n")]
+
+
+# --- the README ------------------------------------------------------------------------------------
+
+
+def test_the_python_of_the_readme_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    write_result(dynid.run("configs/isolator.yaml"), "isolator.h5")
+    names = {}
+    for block in re.findall(r"```python\n(.*?)```", README, re.DOTALL):
+        exec(block, names)
+    assert np.allclose(names["zeros"], [-70.71067811865476j, 70.71067811865476j], rtol=1e-12)
+    assert names["again"].equals(names["result"])
+    assert list(names["poles"]) == [-2]
+
+
+def test_the_readme_says_what_is_printed(tmp_path, warm):
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    session, shown = (
+        replay.Session(tmp_path, warm.clients),
+        re.findall(r"```text\n(\$ .*?)```", README, re.DOTALL),
+    )
+    assert len(shown) == 2
+    for code in shown:
+        for command, printed in replay.commands(code):
+            said = session.shell(command)
+            assert replay.matches(printed, said), f"$ {command}\n{said}"
+
+
+def test_the_commands_of_the_readme_run_as_printed_in_a_new_folder(tmp_path, warm):
+    block = re.search(r"^## Your own system\n\n```sh\n(.*?)```", README, re.DOTALL | re.MULTILINE)
+    session = replay.Session(tmp_path, warm.clients)
+    for line in block[1].splitlines():
+        code = session.shell(f"{line}\necho left $?").split()[-1]
+        assert code == ("1" if line.startswith("dynid compare") else "0"), line
+
+
+def test_files_of_the_readme_exist():
+    for target in re.findall(r"\]\(([^)#:]+)\)", README):
+        assert (ROOT / target).exists(), target
+    for scene in re.findall(r"^\| (`.*?`) \|", (ROOT / "docs/scenes.md").read_text(), re.MULTILINE):
+        for name in re.findall(r"`([^` …]+)`", scene):
+            assert (ROOT / "configs" / name).exists(), name

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from dynid.checks.likelihoods import compare_identifications
+from dynid.checks.comparison import compare_identifications
 from dynid.result import Result
 from dynid.structure.joints import Joint
 from dynid.structure.lumped import lumped

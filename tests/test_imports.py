@@ -21,7 +21,12 @@ print("LOADED", code, *{name.partition(".")[0] for name in sys.modules}, file=sy
 def loaded_by(folder, *args):
     """Return the top-level modules that a command loads."""
     left = subprocess.run(
-        [sys.executable, "-c", SPY, *args], cwd=folder, capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", SPY, *args],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=True,
     )
     _, code, *names = left.stderr.split()
     assert code == "0"
@@ -68,7 +73,7 @@ def test_a_short_record_loads_no_compiler(tmp_path):
 def test_importing_the_package_loads_nothing(tmp_path):
     left = subprocess.run(
         [sys.executable, "-c", "import sys, dynid; print(*sys.modules)"],
-        cwd=tmp_path, capture_output=True, text=True, timeout=60, check=True,
+        cwd=tmp_path, capture_output=True, text=True, timeout=600, check=True,
     )  # fmt: skip
     assert {"numpy", "yaml", "pydantic", "click"} & set(left.stdout.split()) == set()
 
@@ -82,6 +87,6 @@ def test_public_packages_are_attributes_of_the_package_and_loaded_when_used(tmp_
         "print(callable(dynid.report.figures), callable(dynid.store.write_result))"
     )
     left = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=600, check=True
     )
     assert left.stdout.split() == ["[2.5+0.j]", "False", "True", "True"]

@@ -11,9 +11,8 @@ import pytest
 from dynid.errors import FileError
 from dynid.result import Result
 from dynid.store import read_result, write_blocks, write_result
-from dynid.store.files import hollow
-from dynid.store.interrupts import Terminated, deferred_interrupts, terminations
-from dynid.store.sink import Sink
+from dynid.store.files import Terminated, deferred_interrupts, hollow, terminations
+from dynid.store.writer import Sink
 
 FULL = OSError(errno.ENOSPC, "No space left on device")
 
@@ -29,7 +28,7 @@ def filling(monkeypatch, taken):
             raise FULL
         return write(descriptor, content[:room], place)
 
-    monkeypatch.setattr("dynid.store.sink.os.pwrite", pwrite)
+    monkeypatch.setattr("dynid.store.writer.os.pwrite", pwrite)
     return asked
 
 
@@ -63,7 +62,7 @@ def test_the_first_error_is_the_one_that_is_told(tmp_path, monkeypatch):
     def fail(*_):
         raise OSError(errno.EIO, "Input/output error")
 
-    monkeypatch.setattr("dynid.store.sink.os.ftruncate", fail)
+    monkeypatch.setattr("dynid.store.writer.os.ftruncate", fail)
     sink.truncate(7)
     filling(monkeypatch, 0)
     sink.write(b"more")

@@ -12,7 +12,7 @@ ROOT = Path(dynid.__file__).parent
 
 # From the lowest up; a package may import every layer below its own, and none beside it.
 LAYERS = [
-    {"_version", "errors", "suggestions", "number_format", "file_access", "hdf5"}
+    {"_version", "errors", "suggestions", "number_format", "file_access", "trial", "hdf5"}
     | {"result", "model_scope", "defaults", "native", "progress", "units"},
     {"arithmetic"},
     {"parameters"},
@@ -36,6 +36,7 @@ WITHIN = {
     ("result", "suggestions"),
     ("file_access", "errors"),
     ("hdf5", "errors"),
+    ("hdf5", "trial"),
     ("native", "errors"),
     ("units", "errors"),
     ("__init__", "_version"),
@@ -54,7 +55,7 @@ SUGGESTIONS = "dynid.scene.yaml.source"
 LIBRARIES = {
     "click": {"cli"},  # commands
     "rich": {"cli"},  # tables on the screen
-    "h5py": {"hdf5", "store", "tables.hdf5", "structure.readers.binary"},  # results; users' data
+    "h5py": {"hdf5", "store", "tables.binary", "structure.readers.binary"},  # results; users' data
     "pint": {"units"},  # units that are not built in
     "yaml": {"scene"},
     "pydantic": {"scene"},
@@ -93,18 +94,25 @@ def imports_of(path):
 
 
 def module_of(path):
-    """Return the dotted name of a file, such as `tables.hdf5`."""
+    """Return the dotted name of a file, such as `tables.binary`."""
     parts = path.relative_to(ROOT).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" and len(parts) > 1 else parts)
 
 
-MODULES = {module_of(path): sorted(set(imports_of(path))) for path in sorted(ROOT.rglob("*.py"))}
-EDGES = [
-    (module, name)
-    for module, names in MODULES.items()
-    for name in names
-    if name == "dynid" or name.startswith("dynid.")
-]
+@cache
+def modules():
+    """Return the imports of every module."""
+    return {module_of(path): sorted(set(imports_of(path))) for path in sorted(ROOT.rglob("*.py"))}
+
+
+def edges():
+    """Return the pairs of modules of which one imports the other."""
+    return [
+        (module, name)
+        for module, names in modules().items()
+        for name in names
+        if name == "dynid" or name.startswith("dynid.")
+    ]
 
 
 def package_of(name):
@@ -116,12 +124,12 @@ def layer_of(package):
 
 
 def test_every_package_has_its_layer():
-    assert {package_of(module) for module in MODULES} <= set().union(*LAYERS)
+    assert {package_of(module) for module in modules()} <= set().union(*LAYERS)
 
 
-@pytest.mark.parametrize("package", sorted({package_of(module) for module in MODULES}))
+@pytest.mark.parametrize("package", sorted({package_of(module_of(path)) for path in ROOT.rglob("*.py")}))
 def test_a_package_imports_only_layers_below(package):
-    for module, name in EDGES:
+    for module, name in edges():
         other = package_of(name)
         if package_of(module) != package or other == package or (package, other) in WITHIN:
             continue
@@ -131,22 +139,24 @@ def test_a_package_imports_only_layers_below(package):
 
 
 def test_checks_use_one_module_of_the_scenes():
-    known = {name for module, name in EDGES if package_of(module) == "checks" and package_of(name) == "scene"}
+    known = {
+        name for module, name in edges() if package_of(module) == "checks" and package_of(name) == "scene"
+    }
     assert known <= {SUGGESTIONS}
 
 
 @pytest.mark.parametrize("library", LIBRARIES)
 def test_a_library_is_imported_only_where_it_belongs(library):
     users = {
-        module for module, names in MODULES.items() for name in names if name.partition(".")[0] == library
+        module for module, names in modules().items() for name in names if name.partition(".")[0] == library
     }
     allowed = LIBRARIES[library]
     assert {user for user in users if user not in allowed and package_of(user) not in allowed} == set()
 
 
 def test_packages_import_each_other_in_no_circle():
-    below = {package_of(module): set() for module in MODULES}
-    for module, name in EDGES:
+    below = {package_of(module): set() for module in modules()}
+    for module, name in edges():
         below[package_of(module)].add(package_of(name))
     order = []
     while ready := [
@@ -160,7 +170,7 @@ def test_packages_import_each_other_in_no_circle():
 
 def modules_imported(path):
     """Yield the modules of dynid that a file imports anywhere, for types too; a name may be a module."""
-    names = {name: f"dynid.{name}" if name != "__init__" else "dynid" for name in MODULES}
+    names = {name: f"dynid.{name}" if name != "__init__" else "dynid" for name in modules()}
     known = set(names.values())
     for node in statements(path):
         if isinstance(node, ast.Import):

@@ -216,7 +216,7 @@ def test_poles_alone_load_no_symbols_no_figures_no_compiler_and_propagate_nothin
     path = tmp_path / "poles.yaml"
     path.write_text(json.dumps(data))
     left = subprocess.run(
-        [sys.executable, "-c", SPY, str(path)], capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", SPY, str(path)], capture_output=True, text=True, timeout=600, check=True
     )
     modules, arrays = (set(line.split()) for line in left.stdout.splitlines())
     heavy = {"sympy", "matplotlib", "numba", "control", "scipy.signal", "scipy.optimize", "scipy.integrate"}

@@ -55,7 +55,7 @@ def windows(folder, *args):
         cwd=folder,
         capture_output=True,
         check=False,
-        timeout=120,
+        timeout=600,
         env={"PYTHONIOENCODING": "cp1252", "PATH": "", "LC_ALL": "C", "PYTHONPATH": str(ROOT / "src")},
     )
 

@@ -1,4 +1,7 @@
-"""The same scene and seed give the same bytes of data: in another process, place, order, on more threads."""
+"""The same scene and seed give the same bytes of data: in another process, place, order, on more threads.
+
+A study has them also of another executor.
+"""
 
 import os
 import subprocess
@@ -34,20 +37,21 @@ RUN = """
 import os, sys
 from dynid.cli import main
 os.umask(int(sys.argv[1], 8))
-for command, scene, file in zip(*[iter(sys.argv[2:])] * 3, strict=True):
+for command, scene, file in zip(*[iter(sys.argv[3:])] * 3, strict=True):
+    executor = ["--executor", sys.argv[2]] if command == "study" else []
     try:
-        main([command, "-q", scene, "-o", file])
+        main([command, "-q", scene, "-o", file, *executor])
     except SystemExit as end:
         assert end.code == 0, scene
 """
 
 
-def results(folder, scenes, place, umask, **environment):
+def results(folder, scenes, place, umask, executor, **environment):
     """Run scenes in one new process, and return the files."""
     calls = [("run", scene, folder / f"{scene.stem}.h5") for scene in scenes]
     calls.insert(len(calls) // 2, ("study", STUDY, folder / f"{STUDY.stem}.h5"))
     subprocess.run(
-        [sys.executable, "-c", RUN, umask, *(str(word) for call in calls for word in call)],
+        [sys.executable, "-c", RUN, umask, executor, *(str(word) for call in calls for word in call)],
         cwd=place,
         env={**os.environ, "PYTHONPATH": str(ROOT / "src"), **environment},
         check=True,
@@ -75,12 +79,13 @@ def datasets(path):
 def twice(tmp_path_factory):
     one, other = tmp_path_factory.mktemp("one"), tmp_path_factory.mktemp("other")
     return (
-        results(one, SCENES, one, "022", PYTHONHASHSEED="1", OMP_NUM_THREADS="1"),
+        results(one, SCENES, one, "022", "serial", PYTHONHASHSEED="1", OMP_NUM_THREADS="1"),
         results(
             other,
             SCENES[::-1],
             "/",
             "077",
+            "processes",
             PYTHONHASHSEED="77",
             OMP_NUM_THREADS="2",
             TZ="Asia/Tokyo",

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from dynid.errors import UsageError
 from dynid.result import Result
 
 
@@ -86,6 +87,21 @@ def test_axes_must_match_the_dimensions_and_paths_are_written_once():
         result.add("g/y", [1.0], ("a",))
     with pytest.raises(ValueError, match="already"):
         result.merge(make())
+
+
+def test_a_wrong_path_is_answered_with_the_nearest_as_a_key_error():
+    result = make()
+    for wrong, said in [
+        ("y", "the result has no 'y'; did you mean 'g/y'?"),
+        ("g/yy", "'g/yy'"),
+        (3, "no '3'"),
+    ]:
+        for ask in (result.__getitem__, result.value):
+            with pytest.raises(KeyError) as caught:
+                ask(wrong)
+            assert isinstance(caught.value, UsageError)
+            assert said in str(caught.value)
+    assert ("g/y" in result, "y" in result, result.get("y"), result.get("y", 3)) == (True, False, None, 3)
 
 
 def test_merging_takes_arrays_and_annotations():

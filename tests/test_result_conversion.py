@@ -124,8 +124,10 @@ def test_records_with_fields_have_a_column_each(isolator):
 
 
 def test_tables_that_are_not_there_or_several_are_named(isolator):
-    with pytest.raises(UsageError, match=r"no table 'frequency_respnse'; did you mean 'frequency_resp"):
+    with pytest.raises(UsageError, match=r"no table 'frequency_respnse'; did you mean 'bond_graph/freq"):
         isolator.to_pandas("frequency_respnse")
+    with pytest.raises(UsageError, match=r"did you mean 'bond_graph/properties/m_s.f/v_in/dc_gain'"):
+        isolator.to_pandas("properties/dc_gain")
     with pytest.raises(UsageError, match=r"has several tables.*v_in/zero, .*v_in/pole"):
         isolator.to_pandas("bond_graph/transfer_function/m_s.f/v_in")
     with pytest.raises(UsageError, match=r"several tables are called 'response'.*time_response/response"):
@@ -154,3 +156,26 @@ def test_a_study_is_a_data_frame_by_sample(tmp_path):
     assert table.attrs["units"]["bond_graph/properties/m_s.f/v_in/natural_frequency[1]"] == "rad/s"
     samples = result.to_pandas("study/samples")
     assert np.array_equal(samples["parameters.b"], table["parameters.b"])
+
+
+def test_a_group_with_modes_has_a_row_for_each():
+    result = Result("identification")
+    result.add_axis("structure/modes/mode", [1, 2])
+    result.add_axis("structure/modes/dof", ["a", "b", "c"])
+    result.add("structure/modes/shape", np.ones((3, 2)), ("dof", "mode"))
+    result.add("structure/modes/damping", [0.01, 0.02], ("mode",))
+    result.add("structure/modes/omega", [3.0, 4.0], ("mode",), "rad/s")
+    table = result.to_pandas("modes")
+    assert list(table.columns) == ["omega", "damping"]
+    assert (list(table.index), list(table["omega"])) == ([1, 2], [3.0, 4.0])
+    result.add_axis("structure/node", ["x"])
+    with pytest.raises(UsageError, match="Name one: structure/modes"):
+        result.to_pandas("structure")
+
+
+def test_a_reduction_is_the_table_of_its_frequencies():
+    result = dynid.run(dynid.load_scene(CONFIGS / "beam_reduction.yaml"))
+    method = str(result["reduction/method"].data[0])
+    table = result.to_pandas(f"reduction/{method}")
+    assert list(table["frequencies"]) == list(result[f"reduction/{method}/frequencies"].data)
+    assert {"frequency_error", "reference"} <= set(table.columns)

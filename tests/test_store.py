@@ -4,7 +4,6 @@ import signal
 import stat
 import subprocess
 import sys
-from unittest.mock import patch
 
 import h5py
 import numpy as np
@@ -137,12 +136,11 @@ def results(draw):
 
 
 @given(results())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_random_results_read_back_equal(tmp_path_factory, result):
     path = tmp_path_factory.getbasetemp() / "random.h5"
     write_result(result, path)
-    with patch("dynid.hdf5.survives", lambda _work: True):  # a trial of every file would take its time
-        assert read_result(path).equals(result)
+    assert read_result(path).equals(result)
 
 
 @pytest.mark.parametrize(
@@ -279,8 +277,8 @@ def test_a_result_may_have_lost_its_scene(tmp_path):
 def test_a_truncated_file_is_told(tmp_path):
     write_result(make(), tmp_path / "r.h5")
     content = (tmp_path / "r.h5").read_bytes()
-    for length in range(0, len(content), len(content) // 40):
-        (tmp_path / "cut.h5").write_bytes(content[:length])
+    for part in range(12):
+        (tmp_path / "cut.h5").write_bytes(content[: len(content) * part // 12])
         with pytest.raises(FileError, match="damaged"):
             read_result(tmp_path / "cut.h5")
 

@@ -57,9 +57,9 @@ class SceneBuilder:
         self._data.setdefault("parameters", {}).update(values)
         return self
 
-    def expect(self, path: str, value: Any = None, **tolerances: float) -> Self:
-        """State the expected result at a path (`rtol`, `atol`, `min`, `max`, `max_abs`)."""
-        given = {"path": path, **({} if value is None else {"value": value}), **tolerances}
+    def expect(self, path: str, value: Any = None, **bounds: Any) -> Self:
+        """State the expected result at a path (`rtol`, `atol`, `min`, `max`, `max_abs`, `at`, `unit`)."""
+        given = {"path": path, **({} if value is None else {"value": value}), **bounds}
         self._data.setdefault("expect", []).append(given)
         return self
 

@@ -71,6 +71,10 @@ class UsageError(DynidError):
     exit_code = 2
 
 
+class UnknownPath(UsageError, KeyError):
+    """A result has no array at a path; also a `KeyError`, as of every mapping."""
+
+
 @dataclass(frozen=True, order=True)
 class Fault:
     """One fault of a scene, with its place (lines and columns count from 1)."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import secrets
 import stat
 from collections.abc import Iterator
 from pathlib import Path
@@ -107,7 +106,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[str]:
         target = os.path.realpath(name)
         _check_target(target, name)
         folder = os.path.dirname(target)  # noqa: PTH120 - bytes of odd names pass through os.path untouched
-        part = os.path.join(folder, f".dynid-{secrets.token_hex(8)}.part")  # noqa: PTH118
+        part = os.path.join(folder, f".dynid-{os.urandom(8).hex()}.part")  # noqa: PTH118
         try:
             os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
             with contextlib.suppress(FileNotFoundError):

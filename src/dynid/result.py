@@ -10,18 +10,20 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynid.errors import UsageError
-from dynid.suggestions import did_you_mean
+from dynid.errors import UnknownPath, UsageError
+from dynid.suggestions import did_you_mean_path
 
 if TYPE_CHECKING:
     import control
     import pandas
     import xarray
+
+T = TypeVar("T")
 
 #: The module that shows results in notebooks, of a higher layer.
 _NOTEBOOK = "dynid.report.notebook"
@@ -189,7 +191,7 @@ class Result(Mapping[str, Variable]):
 
     def value(self, path: str) -> Any:
         """Return the array at `path`, or the Python scalar where it has no axes."""
-        data = self._variables[path].data
+        data = self[path].data
         return data.item() if data.ndim == 0 else data
 
     def to_control(self) -> control.StateSpace:
@@ -310,7 +312,24 @@ class Result(Mapping[str, Variable]):
         return groups | {"": groups.get("", {}) | root}
 
     def __getitem__(self, path: str) -> Variable:
-        return self._variables[path]
+        try:
+            return self._variables[path]
+        except KeyError:
+            raise UnknownPath(
+                f"the result has no '{path}'{did_you_mean_path(str(path), self)}",
+                remedy="list(result) has every path.",
+            ) from None
+
+    def __contains__(self, path: object) -> bool:
+        return path in self._variables
+
+    @overload
+    def get(self, path: str, /) -> Variable | None: ...
+    @overload
+    def get(self, path: str, default: T, /) -> Variable | T: ...
+    def get(self, path: str, default: Any = None, /) -> Any:
+        """Return the array at a path, or a default where there is none."""
+        return self._variables.get(path, default)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._variables)
@@ -400,9 +419,8 @@ def _xarray_dataset(result: Result, group: str) -> xarray.Dataset:
     group = group.strip("/")
     held = {path: variable for path, variable in result.items() if path.rpartition("/")[0] == group}
     if not held:
-        groups = sorted({path.rpartition("/")[0] for path in result})
         raise UsageError(
-            f"the result has no arrays in '{group}'{did_you_mean(group, groups)}",
+            f"the result has no arrays in '{group}'{did_you_mean_path(group, result)}",
             remedy="`dynid show --all` lists every array.",
         )
     arrays = {path.rpartition("/")[2]: _xarray_variable(variable) for path, variable in held.items()}

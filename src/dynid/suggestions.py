@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 #: Control characters except line feed and tab; marks of writing direction; surrogates.
 _CONTROL = re.compile(
@@ -12,6 +12,8 @@ _CONTROL = re.compile(
 
 #: Least similarity of a suggestion; most candidates compared in full (scenes may have thousands of faults).
 _CLOSE, _MOST = 0.7, 30
+#: Last parts of dotted paths that are no names by themselves.
+_BARE = frozenset({"value", "start", "true", "min", "max"})
 
 
 def printable(text: str) -> str:
@@ -65,14 +67,88 @@ def _shared_ends(one: str, other: str) -> int:
 
 
 def did_you_mean_path(path: str, candidates: Iterable[str]) -> str:
-    """Return a suggestion for a path into a result: a path, or a group of the same depth."""
-    depth = path.count("/") + 1
-    near = ("/".join(candidate.split("/")[:depth]) for candidate in candidates)
-    return did_you_mean(path, dict.fromkeys(near))
+    """Return a suggestion for a path into a result: a path or group whose name is the same or similar.
+
+    The name counts first: `bond_graph/poles` is nearer to the poles of a transfer function than to
+    `bond_graph/properties`. Without a similar name, the contents of the nearest group are listed.
+    """
+    every = _with_groups(candidates, "/")
+    if alike := _alike_paths(path, every, "/"):
+        group, _, name = alike[0].rpartition("/")
+        count = len(alike) - 1
+        more = f" ({count} more {'ends' if count == 1 else 'end'} so: */{name})"
+        return f"; did you mean '{alike[0]}'{more if '/' not in path and count else ''}?"
+    group = path.rpartition("/")[0]
+    while group and group not in every:
+        group = group.rpartition("/")[0]
+    held = [known.rpartition("/")[2] for known in every if group and known.rpartition("/")[0] == group]
+    return f"; '{group}' holds {shortened(held, 8)}" if held else did_you_mean(path, every)
 
 
-#: Last parts of dotted paths that are no names by themselves.
-_BARE = frozenset({"value", "start", "true", "min", "max"})
+def nearest_values(path: str, data: object) -> list[str]:
+    """Return the whole dotted paths of values of a scene with the same name as a path, or a similar one.
+
+    Of a node, joint or unknown parameter they are its `value` or `start`. Parameters stand first.
+    """
+    values = [known for known in _values(data, "") if known != path]
+    values.sort(key=lambda known: not known.startswith("parameters."))
+    above, _, last = path.rpartition(".")
+    path = above if above and last in _BARE else path
+    alike = _alike_paths(path, _with_groups(values, "."), ".")
+    nearest = [
+        known
+        for known in alike
+        if _shared_parts(known, path, ".")[0] == _shared_parts(alike[0], path, ".")[0]
+    ]
+    parameters = [known for known in nearest if known.startswith("parameters.")]  # which nodes refer to
+    whole: dict[str, None] = {}
+    for known in parameters or nearest:
+        below = [value for value in values if value == known or value.startswith(f"{known}.")]
+        first = [value for value in below if value.rpartition(".")[2] in ("value", "start")]
+        whole |= dict.fromkeys(first or below)
+    return list(whole)
+
+
+def _values(data: object, above: str) -> Iterator[str]:
+    """Yield the dotted paths of the values in nested mappings, and in lists of these."""
+    if isinstance(data, list) and any(isinstance(each, dict) for each in data):
+        data = dict(enumerate(data))
+    if not isinstance(data, dict):
+        yield above
+        return
+    for key, value in data.items():
+        yield from _values(value, f"{above}.{key}" if above else str(key))
+
+
+def _with_groups(candidates: Iterable[str], separator: str) -> dict[str, None]:
+    """Return paths, each followed by the groups that hold it."""
+    every: dict[str, None] = {}
+    for candidate in candidates:
+        while candidate and candidate not in every:
+            every[candidate] = None
+            candidate = candidate.rpartition(separator)[0]  # noqa: PLW2901 - from the path to its groups
+    return every
+
+
+def _alike_paths(path: str, every: Iterable[str], separator: str) -> list[str]:
+    """Return the paths whose name is that of a path, or else a similar one; the nearest first."""
+    names: dict[str, list[str]] = {}
+    for known in every:
+        names.setdefault(known.rpartition(separator)[2], []).append(known)
+    group, _, name = path.rpartition(separator)
+    if name not in names:  # a similar name, in a group of which the path has a part
+        near = {
+            last: None
+            for last, paths in names.items()
+            if not group or any(_shared_parts(known, path, separator)[0] for known in paths)
+        }
+        name = did_you_mean(name, near).removeprefix("; did you mean '").removesuffix("'?")
+    return sorted(names.get(name, []), key=lambda known: _shared_parts(known, path, separator), reverse=True)
+
+
+def _shared_parts(one: str, other: str, separator: str) -> tuple[int, int]:
+    """Return the number of common parts of two paths, and of common characters at their ends."""
+    return len(set(one.split(separator)) & set(other.split(separator))), _shared_ends(one, other)
 
 
 def short_paths(paths: Sequence[str]) -> list[str]:

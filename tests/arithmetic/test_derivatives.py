@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynid.arithmetic.dependent import Dependent, substituted
-from dynid.arithmetic.derivatives import differentiate, independent_parameters
+from dynid.arithmetic.dependent import Dependent, differentiate, independent_parameters, substituted
 from dynid.arithmetic.expression import ExpressionError, parse
 
 

@@ -45,6 +45,7 @@ SMALL = {
     "startup": (1, 0),
     "study": (2, 1e-15),
     "study-of-reductions": (2, 1e-11),
+    "study-of-identifications": (2, 0.05),  # standard errors
     "robot-arm": (1024, 0.25),
 }
 QUICK = [
@@ -67,16 +68,27 @@ SLOW = (
     "study-processes",
     "graph-4",
 )
+#: One command for each sample: those of the other study are the default case.
+REPEATED = (("study-of-reductions", "process-each"),)
 
 
 def test_every_benchmark_has_a_small_size_here():
     assert SMALL.keys() == BENCHMARKS.keys()
 
 
+def _slow(each):
+    return [pytest.mark.slow] * (each[1] in SLOW or each in REPEATED)
+
+
 @pytest.mark.filterwarnings("ignore")  # what peers say of their own work
 @pytest.mark.parametrize(
     ("name", "alternative"),
-    [pytest.param(*each, id="-".join(each), marks=[pytest.mark.slow] * (each[1] in SLOW)) for each in QUICK],
+    [
+        pytest.param(
+            *each, id="-".join(each), marks=[pytest.mark.slow] * (each[1] in SLOW or each in REPEATED)
+        )
+        for each in QUICK
+    ],
 )
 def test_an_alternative_does_the_work(name, alternative, monkeypatch):
     monkeypatch.setattr("dynid.bench.worker._ENOUGH", 0.0)

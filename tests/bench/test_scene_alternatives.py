@@ -16,7 +16,7 @@ from dynid.result import Result
 from dynid.scene.kinds.reduction import read_reduction
 from dynid.scene.load import check_source
 from dynid.scene.run import run_scene
-from dynid.scene.schema.accuracy import ASPECTS, AccuracyModel, aspects_of
+from dynid.scene.schema.base import ASPECTS, AccuracyModel, aspects_of
 from dynid.scene.yaml.source import parse_source
 from dynid.store import read_result, write_result
 

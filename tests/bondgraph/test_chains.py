@@ -5,9 +5,9 @@ from fractions import Fraction
 import pytest
 from flint import fmpz_poly
 
-from dynid.bondgraph.chains import FORCE, Stage, chain, distinct, last_velocity, uniform
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
 from dynid.bondgraph.plan import ReducedGraph
+from dynid.templates.chain import FORCE, Stage, chain, distinct, last_velocity, uniform
 from tests.bondgraph.graphs import transfers
 from tests.bondgraph.tableau import transfer_at
 

@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.bondgraph import frequency_response as response_module
-from dynid.bondgraph.chains import FORCE, Stage, chain, distinct, last_velocity, uniform
 from dynid.bondgraph.frequency_response import frequency_response
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
 from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.program.compiler import compile_tape, sweep_frequencies
 from dynid.native import VARIABLE
+from dynid.templates.chain import FORCE, Stage, chain, distinct, last_velocity, uniform
 from tests.bondgraph.graphs import solvable, transfers, written
 from tests.bondgraph.random_graphs import coincident_graph, random_graph
 from tests.bondgraph.test_frequency_response import Gaussian, assert_exact, exact

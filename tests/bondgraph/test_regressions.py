@@ -9,7 +9,7 @@ import pytest
 
 from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.frequency_response import frequency_response
-from dynid.bondgraph.program.modular import primes
+from dynid.bondgraph.program.factored import primes
 from dynid.bondgraph.request import Analysis
 from tests.bondgraph.graphs import at, build, parse, port, transfer, transfers, written
 from tests.bondgraph.random_graphs import coincident_graph

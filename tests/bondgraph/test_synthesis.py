@@ -7,10 +7,9 @@ import pytest
 from flint import fmpq, fmpq_poly
 
 from dynid.bondgraph.synthesis import forms
-from dynid.bondgraph.synthesis.brune import brune
-from dynid.bondgraph.synthesis.cauer import NoSuchForm, cauer
 from dynid.bondgraph.synthesis.forms import FORMS, Driving, kind_of, realisations, realise
 from dynid.bondgraph.synthesis.one_port import bond_graph
+from dynid.bondgraph.synthesis.realisations import NoSuchForm, brune, cauer
 from dynid.errors import NumericalError
 from dynid.lti.positive_real import find_violation, lowest_terms
 from tests.bondgraph.tableau import transfer_at

@@ -11,24 +11,13 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from dynid.cli import COMMANDS
+from dynid.cli import COMMANDS, main
 from dynid.scene.yaml.source import read_source
+from tests.copies import told_by_a_copy
 from tests.sample import sample
 from tests.scene.test_scene_faults import TEN, TEN_PLACES
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
-
-
-def shell(*args, **more):
-    """Call the command line as a user does."""
-    return subprocess.run(
-        [sys.executable, "-m", "dynid", *args],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=False,
-        **more,
-    )
 
 
 # --- as a whole ------------------------------------------------------------------------------------
@@ -76,18 +65,21 @@ def test_a_wrong_call_is_exit_2(dynid, args, message):
     assert message in err
 
 
-def test_ten_mistakes_come_in_one_go_with_exit_2(tmp_path):
+def test_ten_mistakes_come_in_one_go_with_exit_2(dynid, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "ten.yaml").write_text(TEN)
-    left = shell("run", "ten.yaml", cwd=tmp_path)
-    assert (left.returncode, left.stdout) == (2, "")
-    assert [line.split(": ")[0] for line in left.stderr.splitlines()] == [
-        f"ten.yaml:{place}" for place in TEN_PLACES
-    ]
+    code, out, err = dynid("run", "ten.yaml")
+    assert (code, out) == (2, "")
+    assert [line.split(": ")[0] for line in err.splitlines()] == [f"ten.yaml:{place}" for place in TEN_PLACES]
     assert [path.name for path in tmp_path.iterdir()] == ["ten.yaml"]
 
 
 def test_a_terminal_with_few_letters_gets_the_rest(folder):
-    left = shell("run", "small.yaml", cwd=folder, env={**os.environ, "PYTHONIOENCODING": "ascii"})
+    left = subprocess.run(
+        [sys.executable, "-m", "dynid", "run", "small.yaml"],
+        cwd=folder, env={**os.environ, "PYTHONIOENCODING": "ascii"},
+        capture_output=True, text=True, timeout=600, check=False,
+    )  # fmt: skip
     assert (left.returncode, left.stderr) == (0, "")
     assert "A mass on a damper" in left.stdout
 
@@ -97,7 +89,7 @@ def test_an_output_that_cannot_be_printed_is_exit_4_with_the_file_written(folder
     with Path("/dev/full").open("w") as full:
         left = subprocess.run(
             [sys.executable, "-m", "dynid", "run", "small.yaml"],
-            cwd=folder, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False,
+            cwd=folder, stdout=full, stderr=subprocess.PIPE, text=True, timeout=600, check=False,
         )  # fmt: skip
     assert left.returncode == 4
     assert left.stderr == "the output cannot be read or written: No space left on device\n"
@@ -111,7 +103,7 @@ def test_an_interrupt_from_the_keyboard_is_exit_130(folder):
         "from dynid.cli import main; main(['run', 'small.yaml'])\n"
     )
     left = subprocess.run(
-        [sys.executable, "-c", driver], cwd=folder, capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, "-c", driver], cwd=folder, capture_output=True, text=True, timeout=600, check=False
     )
     assert left.returncode == 130
     assert left.stderr.strip() == "interrupted; no file was left incomplete"
@@ -120,20 +112,21 @@ def test_an_interrupt_from_the_keyboard_is_exit_130(folder):
 
 # --- killed at any moment --------------------------------------------------------------------------
 
-KILLED = """
-import itertools, os, signal, sys
-place = sys.argv[1]
-original = getattr(os, place)
-calls = itertools.count(1)
-def deadly(*args, **more):
-    if next(calls) == int(sys.argv[2]):
-        os.kill(os.getpid(), signal.SIGKILL)
-    done = original(*args, **more)
-    return done
-setattr(os, place, deadly)
-from dynid.cli import main
-main(["run", "small.yaml", "-q", "--set", "parameters.m=5"])
-"""
+
+def killed_at(place, number):
+    """Run the scene with another mass in a copy of this process, which is killed at a call of `os.place`."""
+    original, calls = getattr(os, place), itertools.count(1)
+
+    def deadly(*args, **more):
+        if next(calls) == number:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return original(*args, **more)
+
+    def work():
+        setattr(os, place, deadly)
+        main(["run", "small.yaml", "-q", "--set", "parameters.m=5"])
+
+    return told_by_a_copy(work)[1]
 
 
 @pytest.mark.parametrize(
@@ -149,9 +142,7 @@ def test_a_killed_run_leaves_the_old_result_or_none(dynid, folder, place, old):
     if old:
         assert dynid("run", "small.yaml", "-q")[0] == 0
     before = (folder / "small.h5").read_bytes() if old else b""
-    left = subprocess.run([sys.executable, "-c", KILLED, place, "1"], cwd=folder, timeout=60, check=False)
-    killed = left.returncode == -signal.SIGKILL
-    assert killed
+    assert killed_at(place, 1) == -signal.SIGKILL
     assert (folder / "small.h5").exists() == old
     if old:
         assert (folder / "small.h5").read_bytes() == before
@@ -160,8 +151,7 @@ def test_a_killed_run_leaves_the_old_result_or_none(dynid, folder, place, old):
 
 def test_a_run_that_is_killed_after_the_file_has_its_name_leaves_the_new_result(dynid, folder):
     assert dynid("run", "small.yaml", "-q")[0] == 0
-    left = subprocess.run([sys.executable, "-c", KILLED, "fsync", "2"], cwd=folder, timeout=60, check=False)
-    assert left.returncode == -signal.SIGKILL
+    assert killed_at("fsync", 2) == -signal.SIGKILL
     assert "m: 5" in dynid_scene(folder)
 
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynid.cli.output import guarded, terminal
+from dynid.cli.arguments import guarded, terminal
 from dynid.result import Result
 from dynid.store.tables import tables_of, write_csv
 from dynid.suggestions import printable

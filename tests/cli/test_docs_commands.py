@@ -32,7 +32,11 @@ def project(tmp_path):
         command.chmod(0o755)
 
     def shell(script, timeout=300):
-        environment = os.environ | {"PATH": f"{commands}:{os.environ['PATH']}", "OMP_NUM_THREADS": "1"}
+        environment = os.environ | {
+            "PATH": f"{commands}:{os.environ['PATH']}",
+            "OMP_NUM_THREADS": "1",
+            "DYNID": "file:///clone",
+        }
         return subprocess.run(
             ["bash", "-euo", "pipefail", "-c", script],
             cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=timeout, check=False,
@@ -102,6 +106,7 @@ def test_the_commands_of_the_pipeline_pass(at_once):
     assert names <= {path.name for path in Path("results").iterdir()}
 
 
+@pytest.mark.slow  # `.ci/docs` runs it
 def test_the_commands_and_the_code_of_the_page_on_studies_run(at_once, capsys):
     said = at_once("\n".join(blocks("studies.md", "sh")))
     assert said.count("no differences") == 1

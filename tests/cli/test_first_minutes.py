@@ -8,14 +8,15 @@ from types import SimpleNamespace
 import click
 import pytest
 
-from dynid.cli import doctor as doctor_module
+from dynid.cli import start as start_module
 from dynid.cli import summary
-from dynid.cli.output import guarded
+from dynid.cli.arguments import guarded
 from dynid.cli.summary.common import aligned
 from dynid.result import Result
 from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene
 from dynid.store.export import answer_json
+from dynid.study.executors.base import SerialExecutor
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 MOTOR = """dynid: 1
@@ -79,7 +80,16 @@ def test_new_without_a_name_lists_the_templates(dynid):
         (["run", "motor.yaml", "--set", "parameters.R"], "a value is missing; write --set PATH=VALUE"),
         (["run", "motor.yaml", "--set", "kind=bondgraph"], "did you mean 'bond-graph'?"),
         (["run", "motor.yaml", "--set", "R=3"], "did you mean --set parameters.R=3?"),
-        (["run", "motor.yaml", "--set", "Q=3"], "'Q' is not a key"),
+        (
+            ["run", "motor.yaml", "--set", "Q=3"],
+            "'Q' is not a key of a scene; write the whole path of a value",
+        ),
+        (["run", "motor.yaml", "--set", "titel=3"], "'titel' is not a key of a scene; did you mean 'title'?"),
+        (["run", "motor.yaml", "--set", "graph.J=[3]"], "did you mean --set graph.nodes.J.value=…?"),
+        (
+            ["run", "motor.yaml", "--set", "graph.nodes.JJ.value=3"],
+            "graph.nodes.JJ needs the key 'type'; did you mean --set graph.nodes.J.value=3?",
+        ),
         (["run", "motor.yaml", "--set", "parameters.R=3,5"], "decimals stand behind a point"),
         (["run", "motor.yaml", "--set", "analysis.inputs=[torque]"], "no node 'torque'; sources are: v"),
         (
@@ -155,7 +165,8 @@ def test_json_writes_what_it_has_no_numbers_for():
     assert document["warnings"] == ["careful"]
 
 
-def test_the_tour_runs_and_leaves_its_files(dynid, tmp_path):
+def test_the_tour_runs_and_leaves_its_files(dynid, tmp_path, monkeypatch):
+    monkeypatch.setattr("dynid.study.executors.make_executor", lambda *_: SerialExecutor())
     target = tmp_path / "tour"
     code, said, _ = dynid("demo", "-o", str(target))
     assert code == 0
@@ -179,9 +190,9 @@ def test_the_doctor_names_every_required_package(dynid):
 def test_the_doctor_finds_a_package_that_cannot_be_loaded_and_a_folder_that_cannot_be_written(
     dynid, monkeypatch, tmp_path
 ):
-    monkeypatch.setitem(doctor_module._MODULES, "click", "no_such_module_of_click")
-    monkeypatch.setattr(doctor_module.tempfile, "tempdir", str(tmp_path / "missing"))
-    monkeypatch.setattr(doctor_module, "_version", lambda name: "" if name == "pyarrow" else "1.0")
+    monkeypatch.setitem(start_module._MODULES, "click", "no_such_module_of_click")
+    monkeypatch.setattr(start_module.tempfile, "tempdir", str(tmp_path / "missing"))
+    monkeypatch.setattr(start_module, "_version", lambda name: "" if name == "pyarrow" else "1.0")
     code, said, _ = dynid("doctor")
     assert code == 3
     assert "problem: click cannot be loaded" in said

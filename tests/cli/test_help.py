@@ -115,3 +115,10 @@ def test_the_citation_is_one_entry_for_the_software_and_one_a_paper(dynid):
 def test_the_shell_completes(typed, begun, completed):
     offered = ShellComplete(cli, {}, "dynid", "_DYNID_COMPLETE").get_completions(typed, begun)
     assert [item.value for item in offered] == completed
+
+
+def test_a_paragraph_of_a_topic_is_found_by_its_name(dynid):
+    code, out, _ = dynid("help", "modes")
+    assert code == 0
+    assert "analysis: {modes: {count: 10}}" in out
+    assert dynid("help", "modez")[0] == 2

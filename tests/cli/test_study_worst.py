@@ -1,11 +1,16 @@
 """The scene of the worst sample, run alone, gives the sample's numbers."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import dynid as package
 from dynid.scene.yaml.source import parse_source
 from dynid.store import read_result
+from dynid.study.executors.base import SerialExecutor
+from dynid.study.plan import make_plan
+from dynid.study.run import run_study
 
 BASE = """\
 # A mass on a damper, driven by a record.
@@ -40,18 +45,24 @@ collect: [bond_graph/properties/m.f/F, bond_graph/transfer_function, bond_graph/
 """
 
 
-@pytest.fixture
-def study(tmp_path, monkeypatch, dynid):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "scenes").mkdir()
-    (tmp_path / "out").mkdir()
-    (tmp_path / "scenes/base.yaml").write_text(BASE)
-    (tmp_path / "scenes/force.csv").write_text(
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """A folder with a study that has run."""
+    folder = tmp_path_factory.mktemp("done")
+    (folder / "scenes").mkdir()
+    (folder / "out").mkdir()
+    (folder / "scenes/base.yaml").write_text(BASE)
+    (folder / "scenes/force.csv").write_text(
         "force\n" + "\n".join(map(str, [0.0, 1.5, -2.0, 3.0, 0.5])) + "\n"
     )
-    (tmp_path / "study.yaml").write_text(STUDY)
-    code, _, err = dynid("study", "study.yaml", "--executor", "serial", "-q")
-    assert (code, err) == (0, "")
+    (folder / "study.yaml").write_text(STUDY)
+    run_study(make_plan(package.load_scene(folder / "study.yaml")), folder / "study.h5", SerialExecutor())
+    return folder
+
+
+@pytest.fixture
+def study(done, monkeypatch):
+    monkeypatch.chdir(done)
     return read_result("study.h5")
 
 
@@ -114,15 +125,16 @@ def test_a_wrong_call_is_said(dynid, args, message):
 
 
 @pytest.mark.usefixtures("study")
-def test_of_shards_and_after_the_scene_has_changed(dynid, tmp_path):
+def test_of_shards_and_after_the_scene_has_changed(dynid):
     for part in (1, 2):
         dynid("study", "study.yaml", "--executor", "serial", "-q", "--shard", f"{part}/2")
     dynid("study-merge", "study-1-of-2.h5", "study-2-of-2.h5", "-o", "merged.h5")
     path = "bond_graph/properties/m.f/F/dc_gain"
     dynid("study-worst", "study.h5", path, "-o", "out/one.yaml")
-    (tmp_path / "scenes/base.yaml").write_text("other: 1\n")
+    Path("scenes/base.yaml").write_text("other: 1\n")
     dynid("study-worst", "merged.h5", path, "-o", "out/two.yaml")
-    one, two = ((tmp_path / f"out/{name}.yaml").read_text() for name in ("one", "two"))
+    Path("scenes/base.yaml").write_text(BASE)
+    one, two = (Path(f"out/{name}.yaml").read_text() for name in ("one", "two"))
     assert one.replace("study.h5", "") == two.replace("merged.h5", "")
 
 

@@ -26,9 +26,8 @@ from dynid.lti.floating import guarded
 from dynid.lti.signals import Chirp, Impact, Multisine
 from dynid.parameters import Parameter, coordinates, starts, truths
 from dynid.structure.assembly import PointMass, Support
-from dynid.structure.beam import beam
 from dynid.structure.damping import ProportionalDamping
-from dynid.structure.frame import Member, frame
+from dynid.structure.frame import Member, beam, frame
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.response import Channel, Load

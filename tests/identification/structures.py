@@ -9,9 +9,8 @@ from dynid.identification.simulation import Simulation
 from dynid.lti.noise import WhiteNoise
 from dynid.lti.signals import Chirp, Impact, Multisine, Sine, Step
 from dynid.structure.assembly import Support
-from dynid.structure.beam import beam
 from dynid.structure.damping import ProportionalDamping
-from dynid.structure.frame import Member, frame
+from dynid.structure.frame import Member, beam, frame
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model import StructuralModel

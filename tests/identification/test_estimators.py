@@ -115,6 +115,7 @@ def test_the_history_of_a_whole_record_is_its_estimate():
     np.testing.assert_allclose(spread, parameter(result, "standard_error"))
 
 
+@pytest.mark.usefixtures("few_starts")
 def test_a_run_away_is_named():
     y = data(suspension(), LOADS, simulated(samples=200)).values
     with pytest.raises(Diverged, match="are invalid") as caught:

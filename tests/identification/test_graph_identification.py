@@ -15,7 +15,7 @@ from dynid.errors import NotIdentifiable
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.graph_system import GraphModel
+from dynid.identification.graph_system import IdentifiedGraph
 from dynid.identification.identify import identify, identify_frf
 from dynid.identification.measurement import Measurement, data
 from dynid.identification.simulation import Simulation
@@ -58,7 +58,7 @@ def chain_twice(masses, stiffness, damping, joints, factor=0.6):
     types, values, pairs = parse(nodes, bonds)
     graph = build(types, values, pairs)
     nodes = [replace(node, dependent=dependents.get(name)) for name, node in graph.nodes.items()]
-    return lumped(masses, links, unknown), GraphModel(BondGraph(nodes, graph.bonds), parameters)
+    return lumped(masses, links, unknown), IdentifiedGraph(BondGraph(nodes, graph.bonds), parameters)
 
 
 def both(structure, graph, force, measured, step, samples, estimator, settle=10.0, seed=1):
@@ -127,7 +127,7 @@ def motor(unknown, factors):
         Parameter(name, truths[name] * factor, true=truths[name])
         for name, factor in zip(unknown, factors, strict=True)
     ]
-    return GraphModel(BondGraph(nodes, graph.bonds), parameters)
+    return IdentifiedGraph(BondGraph(nodes, graph.bonds), parameters)
 
 
 def identified(model, outputs, seed, noise=0.02):

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from dynid.arithmetic.dependent import Dependent, sqrt
 from dynid.bondgraph.graph import Bond, BondGraph, Node
 from dynid.errors import Singular, UsageError
-from dynid.identification.graph_system import GraphChannel, GraphModel, GraphSystem, SourceLoad
+from dynid.identification.graph_system import GraphChannel, GraphSystem, IdentifiedGraph, SourceLoad
 from dynid.identification.simulation import Simulation
 from dynid.lti.signals import Impulse, Multisine, Sampled, Sine, Step
 from dynid.parameters import Parameter
@@ -44,7 +44,7 @@ def made(graph, unknown, initial=None, **dependents):
         Parameter(name, start, true=start, scale="log" if start > 0 else "linear")
         for name, start in starts.items()
     ]
-    return GraphModel(BondGraph(nodes, graph.bonds), parameters, initial)
+    return IdentifiedGraph(BondGraph(nodes, graph.bonds), parameters, initial)
 
 
 def written(nodes, bonds, unknown=None, **options):
@@ -479,7 +479,7 @@ def test_names_units_and_what_is_not_reached():
         with pytest.raises(UsageError):
             model.channel(port(wrong))
     with pytest.raises(UsageError, match="store energy"):
-        GraphModel(graph, (), {"Ra": 1.0})
+        IdentifiedGraph(graph, (), {"Ra": 1.0})
 
 
 def bonds_of(graph):

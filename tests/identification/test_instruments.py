@@ -8,7 +8,7 @@ from dynid.errors import UsageError
 from dynid.identification.estimators.imbedding import InvariantImbedding
 from dynid.identification.frf_measurement import Frf, FrfMeasurement, FrfSystem
 from dynid.identification.identify import identify, identify_frf
-from dynid.identification.instruments import Sampling
+from dynid.identification.instruments import RecordSampling
 from dynid.identification.measurement import Measurement, simulated
 from dynid.identification.parametric_model import parametric_model
 from dynid.identification.prediction import free_prediction, prediction
@@ -149,8 +149,8 @@ def test_frequency_responses_turn_by_the_delay_and_grow_by_the_gain():
 
 def test_times_of_delayed_channels_that_are_sampling_times_are_one():
     times = np.arange(5) * 0.1
-    assert Sampling.of(times, np.zeros(2)) is None
-    found = Sampling.of(times, np.array([0.0, 0.2, 0.05]))
+    assert RecordSampling.of(times, np.zeros(2)) is None
+    found = RecordSampling.of(times, np.array([0.0, 0.2, 0.05]))
     np.testing.assert_allclose(found.times[found.rows[:, 1]], times - 0.2, atol=1e-12)
     np.testing.assert_allclose(found.times[found.rows[:, 2]], times - 0.05, atol=1e-12)
     np.testing.assert_array_equal(found.rows[:, 0], found.own)

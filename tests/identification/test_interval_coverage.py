@@ -36,14 +36,14 @@ def test_errors_are_as_small_as_any_can_be_and_as_large_as_they_are_said_to_be(n
 @pytest.mark.slow
 def test_intervals_of_joints_from_frequency_responses():
     """The frame of the benchmark with 2 % proportional noise; 2,000 records with DYNID_RECORDS=2000."""
-    from dynid.bench.cases import frf_joints
+    from dynid.bench.cases import structure_response
     from dynid.identification.frf_measurement import FrfSystem
     from dynid.identification.identify import identify_frf
 
     count = int(os.environ.get("DYNID_RECORDS", "200"))
-    case = frf_joints._case(791)
+    case = structure_response._case(791)
     clean = FrfSystem.of(case.model, case.measurement.channels).response(case.omega).values
-    true, held = np.array(list(frf_joints._TRUE.values())), []
+    true, held = np.array(list(structure_response._TRUE.values())), []
     for seed in range(count):
         noise = np.random.default_rng(1000 + seed).standard_normal((2, *clean.shape)) / np.sqrt(2)
         values = clean * (1 + 0.02 * (noise[0] + 1j * noise[1]))

@@ -2,14 +2,12 @@
 
 import os
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from dynid.errors import Diverged
-from dynid.identification.estimators import auto
 from dynid.identification.estimators.auto import drawn_starts
 from dynid.identification.estimators.segments import in_segments
 from dynid.identification.identify import identify
@@ -63,9 +61,9 @@ def test_five_hundred_random_structures():
     assert not [each.seed for each in judgements if each.status in (FALSELY, WRONGLY)]
 
 
-def test_starts_that_end_at_different_optima_are_no_optimum(monkeypatch):
+@pytest.mark.usefixtures("few_starts")
+def test_starts_that_end_at_different_optima_are_no_optimum():
     """Three starts, three optima, all above the noise: the best one is neither `optimum` nor `converged`."""
-    monkeypatch.setattr(auto, "MOST_STARTS", replace(auto.MOST_STARTS, value=3))
     result = suite(case(68))
     assert diagnostic(result, "starts") == 4
     assert diagnostic(result, "starts_agreed") == 1
@@ -76,9 +74,9 @@ def test_starts_that_end_at_different_optima_are_no_optimum(monkeypatch):
     assert "the starts end at different optima" in diagnostic(result, "verdict")
 
 
-def test_a_failed_search_does_not_blame_the_record(monkeypatch):
+@pytest.mark.usefixtures("few_starts")
+def test_a_failed_search_does_not_blame_the_record():
     """The record determines every parameter, but all starts end far from the optimum."""
-    monkeypatch.setattr(auto, "MOST_STARTS", replace(auto.MOST_STARTS, value=3))
     with pytest.raises(
         Diverged, match=r"4 starts ended at different optima.*, j4.c no longer has any effect"
     ):

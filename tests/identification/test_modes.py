@@ -12,7 +12,8 @@ from dynid.identification.estimators.modal_search import ModalSearch
 from dynid.identification.identify_modes import ModalProblem, identify_modes
 from dynid.identification.measurement import Experiment, Measurement
 from dynid.identification.modal_measurement import ModalMeasurement, Scatter
-from dynid.identification.modal_record import ModalLikelihood, ModalRecord, _turned
+from dynid.identification.modal_record import ModalLikelihood, ModalRecord
+from dynid.identification.paired_modes import _turned
 from dynid.identification.simulation import Simulation
 from dynid.lti.signals import Multisine
 from dynid.parameters import Parameter, ParameterPrior, starts
@@ -371,22 +372,22 @@ def test_frequency_that_the_rest_does_not_replace_has_no_prediction():
 
 
 def test_end_of_the_trade_off_that_fails_is_left_out(monkeypatch):
-    from dynid.identification import modal_diagnosis
+    from dynid.identification import write_modes
 
     modal = measured(chain(), seed=5)
     record = ModalRecord.of(chain(), modal, 6)
-    assert set(modal_diagnosis.trade_off(record, truth(chain()), None)) == {"frequencies", "shapes"}
+    assert set(write_modes.trade_off(record, truth(chain()), None)) == {"frequencies", "shapes"}
 
     def singular(*_):
         raise np.linalg.LinAlgError("Singular matrix")
 
-    monkeypatch.setattr(modal_diagnosis, "refine", singular)
-    assert modal_diagnosis.trade_off(record, truth(chain()), None) == {}
+    monkeypatch.setattr(write_modes, "refine", singular)
+    assert write_modes.trade_off(record, truth(chain()), None) == {}
 
 
 def test_whiteness_of_records_stands_beside_modes():
     from dynid.report.content.identification import verdict_sentences
-    from dynid.report.registry import figures
+    from dynid.report.figure import figures
 
     model = chain(damping=True)
     loads = (Load(6, Multisine([50.0] * 3, [30.0, 90.0, 160.0])),)

@@ -18,8 +18,8 @@ from dynid.identification.identify import identify, identify_frf
 from dynid.identification.linear_system import LinearSystem, StateVariable
 from dynid.identification.measurement import Experiment, Measurement
 from dynid.identification.simulation import Simulation
-from dynid.lti.parametric import Matrices
 from dynid.lti.signals import Chirp, Impulse
+from dynid.lti.state_space import Matrices
 from dynid.lti.time_response import propagate
 from dynid.parameters import Parameter, true_values
 

@@ -15,8 +15,8 @@ from dynid.identification.simulation import Simulation
 from dynid.lti.signals import Chirp, Multisine
 from dynid.parameters import Parameter, coordinates, starts, truths
 from dynid.structure.assembly import PointMass, Support
-from dynid.structure.beam import beam
 from dynid.structure.damping import ProportionalDamping
+from dynid.structure.frame import beam
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.response import Channel, Load

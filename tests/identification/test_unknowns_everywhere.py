@@ -13,8 +13,8 @@ from dynid.identification.simulation import Simulation
 from dynid.lti.signals import Chirp
 from dynid.parameters import Parameter, ParameterPrior
 from dynid.structure.assembly import PointMass, Support
-from dynid.structure.beam import beam
 from dynid.structure.damping import ProportionalDamping
+from dynid.structure.frame import beam
 from dynid.structure.response import Channel, Load
 from tests.identification.cases import diagnostic, parameter
 

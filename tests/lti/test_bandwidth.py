@@ -8,7 +8,7 @@ from flint import fmpz_poly
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynid.lti.bandwidth import bandwidth
+from dynid.lti.peaks import bandwidth
 
 
 def of(numerator, denominator):

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from dynid.lti.norms import followed, h2_norm, maxima, modes, response, without_hidden
-from dynid.lti.parametric import Matrices, System, single
+from dynid.lti.state_space import Matrices, ParametricSystem, single
 
 
 def oscillator(zeta, *, d=0.0):
@@ -13,7 +13,9 @@ def oscillator(zeta, *, d=0.0):
     A, b, c = np.array([[0.0, 1.0], [-1.0, -2 * zeta]]), np.array([0.0, 1.0]), np.array([1.0, 0.0])
     slopes = np.zeros((2, 2, 2))
     slopes[0, 1, 1] = -2.0
-    return System(A, b, c, d, slopes, np.array([[0.0, 0.0], [0.0, 1.0]]), np.zeros((2, 2)), np.zeros(2))
+    return ParametricSystem(
+        A, b, c, d, slopes, np.array([[0.0, 0.0], [0.0, 1.0]]), np.zeros((2, 2)), np.zeros(2)
+    )
 
 
 def random_system(seed, n=6):
@@ -27,7 +29,7 @@ def random_system(seed, n=6):
         rng.normal(size=(2, n)),
         rng.normal(size=2),
     ]
-    return System(*parts, *slopes)
+    return ParametricSystem(*parts, *slopes)
 
 
 def moved(system, p, h):
@@ -125,7 +127,7 @@ def test_hidden_modes_are_left_out_and_moved():
     A[:2, :2], A[2, 2], A[3, 3] = system.A, 0.0, 0.5  # an integrator and an unstable mode beside
     A[2, 0] = A[3, 1] = 1.0  # which are driven, and not observed
     slopes = (np.zeros((1, 4, 4)), np.zeros((1, 4)), np.zeros((1, 4)), np.zeros(1))
-    wide = System(A, np.append(system.b, [0, 0]), np.append(system.c, [0, 0]), 0.0, *slopes)
+    wide = ParametricSystem(A, np.append(system.b, [0, 0]), np.append(system.c, [0, 0]), 0.0, *slopes)
     assert np.count_nonzero(modes(wide).hidden) == 2
     stable, poles = without_hidden(wide)
     assert np.sort(poles.imag) == pytest.approx([-np.sqrt(0.99), np.sqrt(0.99)])

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynid.lti.parametric import System
 from dynid.lti.root_slopes import poles, zeros, zeros_of_all
+from dynid.lti.state_space import ParametricSystem
 
 
 def oscillator(k, c, m=2.0):
@@ -50,14 +50,16 @@ def test_each_derivative_of_an_output_adds_a_zero_at_the_origin(quantity):
     row = {"displacement": [1.0, 0.0], "velocity": [0.0, 1.0], "acceleration": A[1]}[quantity]
     rows = slopes[:, 1] if quantity == "acceleration" else none
     direct = 0.5 if quantity == "acceleration" else 0.0
-    found = zeros(System(A, np.array([0.0, 0.5]), np.array(row), direct, slopes, none, rows, np.zeros(2)))
+    found = zeros(
+        ParametricSystem(A, np.array([0.0, 0.5]), np.array(row), direct, slopes, none, rows, np.zeros(2))
+    )
     order = {"displacement": 0, "velocity": 1, "acceleration": 2}[quantity]
     assert found.origin == len(found.values) == order
 
 
 def test_an_input_without_effect_has_no_zeros():
     A, none = np.diag([-1.0, -2.0]), np.zeros((0, 2))
-    apart = System(
+    apart = ParametricSystem(
         A, np.array([1.0, 0]), np.array([0, 1.0]), 0.0, np.zeros((0, 2, 2)), none, none, np.zeros(0)
     )
     assert zeros(apart) is None
@@ -95,7 +97,7 @@ def test_zeros_and_their_derivatives_are_those_of_the_determinant(seed, n):
     A, b, c = generator.normal(size=(n, n)), generator.normal(size=n), generator.normal(size=n)
     parts = (A, b, c, 1.0 + generator.random())
     changes = [generator.normal(size=np.shape(one)) for one in parts]
-    found = zeros(System(*parts, *(np.asarray(one)[None] for one in changes)))
+    found = zeros(ParametricSystem(*parts, *(np.asarray(one)[None] for one in changes)))
     with mpmath.workdps(60):
         step = mpmath.mpf("1e-20")
         reference, lower, upper = (exact_zeros(parts, changes, side * step) for side in (0, -1, 1))
@@ -113,7 +115,10 @@ def test_samples_of_different_relative_degree_have_their_own_zeros():
     """With c = [k, 1] the zero is -k; with c = [k, 0] there is none."""
     A, slopes = oscillator(800.0, 4.0)
     none, b = np.zeros((2, 2)), np.array([0.0, 0.5])
-    each = [System(A, b, np.array(c), 0.0, slopes, none, none, np.zeros(2)) for c in ([3.0, 1.0], [3.0, 0.0])]
+    each = [
+        ParametricSystem(A, b, np.array(c), 0.0, slopes, none, none, np.zeros(2))
+        for c in ([3.0, 1.0], [3.0, 0.0])
+    ]
     found = zeros_of_all([*each, each[0]], np.ones(2))
     assert [len(one.values) for one in found] == [1, 0, 1]
     np.testing.assert_allclose(found[0].values, [-3.0], rtol=1e-13)

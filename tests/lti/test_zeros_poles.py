@@ -154,7 +154,7 @@ def systems(draw):
     return A, B, C, D, E
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(systems())
 def test_zeros_are_the_smith_zeros(system):
     A, B, C, D, E = system

@@ -9,8 +9,7 @@ import pytest
 
 import dynid
 from dynid.report import figures
-from dynid.report.figure import as_file
-from dynid.report.registry import FAMILIES
+from dynid.report.figure import FAMILIES, as_file
 from dynid.result import Result
 from tests.report.test_plot import well_laid_out
 

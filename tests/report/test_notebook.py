@@ -13,7 +13,7 @@ from dynid.report import figures
 from dynid.report.notebook import axes
 from dynid.report.plot import (
     Annotation,
-    Band,
+    BandLayer,
     Bars,
     Curve,
     Heatmap,
@@ -105,6 +105,13 @@ def test_every_figure_is_drawn_or_refused(motor):
 def test_a_figure_is_suggested_and_svg_is_drawn_as_before(motor):
     with pytest.raises(UsageError, match="no figure 'bod'; did you mean 'bode'"):
         motor.plot("bod")
+    for wrong, meant in {
+        "bond_graph/frequency_response": "bode",
+        "poles": r"poles-J\.f-",
+        "time_response": "time-response",
+    }.items():
+        with pytest.raises(UsageError, match=f"no figure '{wrong}'; did you mean '{meant}"):
+            motor.plot(wrong)
     assert declared.get() is None
     assert next(one for one in figures(motor) if one.name == "bode").svg.startswith("<svg")
 
@@ -117,7 +124,7 @@ def test_every_layer_is_drawn(monkeypatch):
     x = np.array([1.0, 2.0, 3.0])
     layers = [
         Curve(x, x, "curve", "s2 dash"),
-        Band(x, x - 1, x + 1, "band", "s3"),
+        BandLayer(x, x - 1, x + 1, "band", "s3"),
         Markers(x, x, "markers", symbol="ring"),
         Bars([1, 2], 0, [2, 3], "bars"),
         Bars([1, 2], 0, [2, 3], flat=True),

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynid.report import figures, registry
+from dynid.report import figure as figure_module
+from dynid.report import figures
 from dynid.report.content.blocks import ReportSection, TextTable
 from dynid.report.content.identifiability import shift_text
 from dynid.report.content.reduction import seconds_text
@@ -355,7 +356,7 @@ def test_texts_of_very_many_kinds_are_packed_with_the_rest_as_one():
 
 def test_a_name_that_two_figures_have_is_a_fault(monkeypatch):
     result = result_of("bond-graph")
-    monkeypatch.setattr(registry, "FAMILIES", [*registry.FAMILIES, *registry.FAMILIES])
+    monkeypatch.setattr(figure_module, "FAMILIES", [*figure_module.FAMILIES, *figure_module.FAMILIES])
     with pytest.raises(ValueError, match="two figures are called"):
         figures(result)
 

@@ -41,41 +41,70 @@ def folder(tmp_path_factory):
     return tmp_path_factory.mktemp("pages")
 
 
-class Visit:
-    """An open page, and whatever it complained of or asked for."""
+class Tab:
+    """A tab in which pages are opened one after the other, and whatever they complained of or asked for."""
 
-    def __init__(self, browser, file, **options):
+    def __init__(self, browser, **options):
         self.complaints, self.requests = [], []
-        self.context = browser.new_context(**options)
-        self.page = self.context.new_page()
+        self._context = browser.new_context(**options)
+        self.page = self._context.new_page()
         self.page.on("console", lambda message: self.complaints.append(message.text))
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self.page.route("**/*", self._route)
-        self.page.goto(file.as_uri())
 
     def _route(self, route):
         self.requests.append(route.request.url)
         route.continue_()
 
+    def open(self, file, viewport=None, color_scheme="light"):
+        """Open a page as nobody has seen it before."""
+        self.page.set_viewport_size(viewport or {"width": 1280, "height": 720})
+        self.page.emulate_media(media="screen", color_scheme=color_scheme)
+        self.page.goto(file.as_uri())
+        return self
+
+    def close(self):
+        self._context.close()
+
+
+@pytest.fixture(scope="module")
+def tab(browser):
+    """A tab for all pages: opening another one takes longer than a page."""
+    opened = Tab(browser)
+    yield opened
+    opened.close()
+
 
 @pytest.fixture
-def visit(browser, folder):
+def visit(tab, browser, folder):
     """Open the page of a result."""
-    visits = []
+    visited = []
 
-    def go(result, **options):
-        KEPT.append(result)
-        file = folder / f"{result.kind}-{id(result)}.html"
-        if not file.exists():
-            file.write_text(page(result), encoding="utf-8")
-        visits.append(Visit(browser, file, **options))
-        return visits[-1]
+    def go(result, java_script_enabled=True, **options):
+        used = tab if java_script_enabled else Tab(browser, java_script_enabled=False)
+        visited.append(used)
+        return used.open(file_of(result, folder), **options)
 
     yield go
-    for one in visits:
-        one.context.close()
-        assert one.complaints == []
-        assert len(one.requests) == 1  # the page itself
+    assert tab.complaints == []
+    assert len(tab.requests) == visited.count(tab)  # the pages themselves
+    if tab in visited:
+        tab.requests.clear()
+        tab.page.evaluate("localStorage.clear()")
+        tab.page.mouse.move(1, 1)
+    for one in visited:
+        if one is not tab:
+            assert (one.complaints, len(one.requests)) == ([], 1)
+            one.close()
+
+
+def file_of(result, folder):
+    """Write the page of a result, once."""
+    KEPT.append(result)
+    file = folder / f"{result.kind}-{id(result)}.html"
+    if not file.exists():
+        file.write_text(page(result), encoding="utf-8")
+    return file
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -98,15 +127,19 @@ def test_a_page_is_drawn_complete_and_silent_in_light_and_dark_on_wide_and_narro
     assert narrow.evaluate("getComputedStyle(document.body).backgroundColor") in grounds
 
 
+@pytest.fixture(scope="module")
+def checked(browser):
+    """A tab that lets the checker in."""
+    opened = Tab(browser, bypass_csp=True)
+    yield opened
+    opened.close()
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
-def test_nothing_stands_in_the_way_of_assistive_technology(browser, folder, kind, scheme):
+def test_nothing_stands_in_the_way_of_assistive_technology(checked, folder, kind, scheme):
     checker = pytest.importorskip("axe_playwright_python.sync_playwright")
-    file = folder / f"axe-{kind}.html"
-    file.write_text(page(result_of(kind)), encoding="utf-8")
-    context = browser.new_context(color_scheme=scheme, bypass_csp=True)  # it keeps the checker out, too
-    opened = context.new_page()
-    opened.goto(file.as_uri())
+    opened = checked.open(file_of(result_of(kind), folder), color_scheme=scheme).page
     # What repeats itself takes the checker long and tells it nothing.
     opened.evaluate(
         "for (const one of document.querySelectorAll('tbody tr:nth-child(n+4), svg g')) one.remove()"
@@ -114,7 +147,6 @@ def test_nothing_stands_in_the_way_of_assistive_technology(browser, folder, kind
     opened.evaluate("for (const one of document.querySelectorAll('details')) one.open = true")
     rules = None if scheme == "light" else {"runOnly": ["color-contrast"]}
     found = checker.Axe().run(opened, options=rules).response["violations"]
-    context.close()
     assert [(one["id"], [node["html"][:120] for node in one["nodes"]][:3]) for one in found] == []
 
 
@@ -153,7 +185,7 @@ def test_a_page_is_used_by_keys(visit):
     opened.keyboard.press("Enter")
     assert opened.evaluate("location.hash") == "#main"
     seen = []
-    for _ in range(60):
+    for _ in range(30):
         opened.keyboard.press("Tab")
         seen.append(
             opened.evaluate(

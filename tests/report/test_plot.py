@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from dynid.report.figure import table_of
 from dynid.report.notation import labelled, unit
 from dynid.report.plot import (
-    Band,
+    BandLayer,
     Bars,
     Curve,
     Heatmap,
@@ -72,7 +72,7 @@ def well_laid_out(text):
 
 
 @given(finite, finite, st.floats(40, 900), st.booleans())
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_ticks_are_within_the_axis_and_their_labels_apart(a, b, length, upright):
     axis = PlotAxis("x (m)")
     scale = axis.scale([[a, b]])
@@ -86,7 +86,7 @@ def test_ticks_are_within_the_axis_and_their_labels_apart(a, b, length, upright)
 
 
 @given(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6), st.floats(80, 900))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_a_label_says_the_value_at_its_tick(low, span, length):
     axis = PlotAxis("x")
     scale = axis.scale([[low, low + span]])
@@ -97,7 +97,7 @@ def test_a_label_says_the_value_at_its_tick(low, span, length):
 
 
 @given(st.floats(-12, 12), st.floats(0.01, 20), st.floats(80, 900), st.booleans())
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_logarithmic_ticks_are_apart_and_within(low, decades, length, upright):
     axis = PlotAxis("f (Hz)", log=True)
     scale = axis.scale([[10.0**low, 10.0 ** (low + decades)]])
@@ -107,7 +107,7 @@ def test_logarithmic_ticks_are_apart_and_within(low, decades, length, upright):
 
 
 @given(st.lists(finite, min_size=1, max_size=400), st.integers(1, 60))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_thinning_keeps_the_extremes_of_every_pixel_column(values, width):
     y = np.array(values)
     x = np.linspace(0, width, len(y))
@@ -126,7 +126,7 @@ def test_thinning_keeps_the_extremes_of_every_pixel_column(values, width):
 
 
 @given(st.lists(st.floats(-1e3, 1e3), min_size=2, max_size=120), st.floats(0.05, 2))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 def test_what_is_left_out_is_near_the_line_that_stays(values, near):
     y = np.array(values)
     x = np.arange(len(y), dtype=float)
@@ -151,7 +151,7 @@ def sample(seed=0, columns=2):
     x = np.linspace(0, 10, 300)
     y = rng.normal(size=300).cumsum() * 10.0 ** rng.integers(-8, 8)
     layers = [
-        Band(x, y - 1, y + 1, "a band", "s1"),
+        BandLayer(x, y - 1, y + 1, "a band", "s1"),
         Curve(x, y, "a rather long name of a line, as scenes may have", series_class(0)),
         Markers(x[::30], y[::30], "points", "s3", "ring", 3, [str(k) for k in range(10)]),
         ReferenceLine(float(y.mean()), "mean", "s2 dashed"),

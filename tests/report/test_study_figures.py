@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dynid.report import figures
+from dynid.report.figure import leading
 from dynid.result import Result
 from dynid.study.analysis.sample_statistics import statistics
 from tests.report.test_plot import well_laid_out
@@ -82,3 +83,14 @@ def test_poles_over_one_parameter_are_a_root_locus():
 def test_a_study_without_results_has_no_figures():
     result = study({"parameters.a": np.array([1.0, 2.0])}, {})
     assert drawn(result) == {}
+
+
+def test_a_grid_leads_with_the_results_over_its_axes():
+    a, b = (values.ravel() for values in np.meshgrid([1.0, 2.0, 4.0], [1.0, 2.0]))
+    plane = study({"parameters.a": a, "parameters.b": b}, {"properties/y": 1 + 1e-4 * a * b})
+    assert leading("study", figures(plane))[0].name == "map"
+    assert ">1.0002<" in drawn(plane)["map"].svg  # digits that tell the cells apart
+    line = study({"parameters.a": np.arange(1.0, 5.0)}, {"properties/y": np.arange(4.0) ** 2})
+    assert leading("study", figures(line))[0].name == "course"
+    assert "y (rad/s)" in drawn(line)["course"].svg
+    assert leading("study", figures(random(60)))[0].name == "distributions"

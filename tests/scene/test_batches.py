@@ -12,9 +12,9 @@ import dynid
 from dynid.errors import UsageError
 from dynid.result import Result
 from dynid.scene.batch import run_alone, run_batch, why_alone
-from dynid.scene.collect import CollectedResult, gather
 from dynid.scene.kind import KINDS
 from dynid.scene.load import check_source
+from dynid.scene.outcomes import CollectedResult, gather
 from dynid.scene.yaml.source import parse_source
 
 CONFIGS = Path(__file__).parents[2] / "configs"

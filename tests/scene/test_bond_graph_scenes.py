@@ -61,6 +61,18 @@ def test_the_scene_of_these_tests_is_valid():
         ("{kind: step}", "{kind: step, base: velocity}", "9:50: 'base' belongs to structures; a flow"),
         # bonds
         ("z -> k", "z -> K", "5:41: bond 'z -> K': no node 'K'; did you mean 'k'?"),
+        (
+            "z -> k",
+            "'z -> k, z -> q'",
+            "5:41: bond 'z -> k, z -> q': an entry holds one chain; write an entry for each: "
+            "- z -> k and - z -> q",
+        ),
+        (
+            "z -> k",
+            "'n -> z -> k; q'",
+            "5:41: bond 'n -> z -> k; q': an entry holds one chain; write an entry for each: "
+            "- n -> z -> k and - z -> q",
+        ),
         ("z -> k", "z > k", "5:41: 'z > k' is not a bond; write 'a -> b', or a chain 'a -> b -> c'"),
         ("z -> k", "z -> k ->", "5:41: 'z -> k ->' is not a bond; write 'a -> b', or a chain"),
         ("z -> k", "[z, k]", "5:41: a bond is a text such as 'a -> b'"),

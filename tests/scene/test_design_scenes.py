@@ -290,7 +290,7 @@ def test_expectations_of_a_design_that_fill_lines_are_left_out():
 def test_the_screen_and_the_page_show_the_design():
     from dynid.cli.summary import summary
     from dynid.report.content.design import design_sections
-    from dynid.report.registry import figures
+    from dynid.report.figure import figures
 
     compared = (
         "[{zero: {frequency: 1.2, damping: 0.3}}, {minimise: h2}]\n  compare: {other: {f: 1, zeta: 0.1}}"

@@ -6,6 +6,7 @@ import dynid
 from dynid.errors import NumericalError, SceneError, UsageError
 from dynid.scene.kind import KINDS
 from dynid.scene.load import check_source, load_scene
+from dynid.scene.schema.json_schema import scene_schema
 from dynid.scene.yaml.source import parse_source
 from dynid.templates.chain import chain_scene
 
@@ -117,7 +118,7 @@ def test_what_makes_no_sense_is_refused_at_its_place(lines, fault):
 
 
 def test_the_schema_knows_the_choices():
-    definitions = KINDS["bond-graph"].load("model").model_json_schema()["$defs"]
+    definitions = scene_schema(KINDS["bond-graph"].load("model"))["$defs"]
     analysis = definitions["AnalysisModel"]["properties"]
     assert analysis["engine"]["enum"] == ["auto", "exact", "float", "symbolic"]
     assert analysis["reading"]["enum"] == ["decimal", "binary"]

@@ -15,8 +15,8 @@ from dynid.scene.explanations.explanation import explain
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 from dynid.structure.assembly import PointMass, Spring, Support
-from dynid.structure.beam import beam
 from dynid.structure.damping import ProportionalDamping
+from dynid.structure.frame import beam
 from dynid.structure.reduction.methods import METHODS
 from dynid.structure.reduction.mode_selection import Interest, ModeRange
 

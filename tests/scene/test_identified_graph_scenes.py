@@ -11,13 +11,13 @@ from dynid.cli.summary import summary
 from dynid.errors import FileError, NotIdentifiable, SceneError
 from dynid.identification.planning.plan import every_variable
 from dynid.report.content import content
-from dynid.report.registry import figures
+from dynid.report.figure import figures
 from dynid.scene.explanations.explanation import explain
 from dynid.scene.kinds.identification_samples import why_alone
 from dynid.scene.kinds.planning import run_plan
 from dynid.scene.load import check_source
 from dynid.scene.run import preparation_errors, run_scene
-from dynid.scene.schema.accuracy import aspects_of
+from dynid.scene.schema.base import aspects_of
 from dynid.scene.yaml.source import parse_source
 from dynid.study.executors.base import SerialExecutor
 from dynid.study.run import run_study

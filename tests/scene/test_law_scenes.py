@@ -398,7 +398,7 @@ TIME = "{outputs: [k.q], time: {stop: 1, step: 0.1, input: {kind: KIND}}}"
             "a source drives a storage element in derivative causality",
         ),
         (  # pulled over the hill of its spring
-            duffing("{}", TIME.replace("KIND", "step, amplitude: 20").replace("stop: 1", "stop: 5"))
+            duffing("{}", TIME.replace("KIND", "step, amplitude: 20").replace("stop: 1", "stop: 3"))
             .replace("-q + 4*q**3", "q - q**3")
             .replace("0.5*f + f*abs(f)", "0.1*f"),
             "grows without bound",
@@ -545,7 +545,7 @@ def test_a_nonlinear_response_that_has_no_values_says_why(text, reason):
 
 
 def test_a_nonlinear_response_is_of_graphs_up_to_a_size(monkeypatch):
-    monkeypatch.setattr("dynid.bondgraph.operating_point.response._MOST", 9)
+    monkeypatch.setattr("dynid.bondgraph.results.operating_point._MOST", 9)
     result = run(over_time(HARD, ", input: {kind: step}"))
     said = result.group_attrs["bond_graph/time_response"]["nonlinear"]
     assert said == "left out: the graph has 10 variables, more than 9"

@@ -189,7 +189,7 @@ def test_responses_and_records_beside_modes_are_refused(tmp_path):
 
 def test_report_and_summary_show_the_modes():
     from dynid.cli.summary import summary
-    from dynid.report.registry import figures
+    from dynid.report.figure import figures
 
     result = dynid.run(dynid.load_scene(Path(__file__).parents[2] / "configs" / "chain_modes.yaml"))
     names = [figure.name for figure in figures(result)]

@@ -254,7 +254,7 @@ def test_reduced_parts_are_reduced_further_with_the_basis_that_follows_the_joint
 
 
 def test_an_assembly_and_its_modes_are_drawn():
-    from dynid.report.registry import figures
+    from dynid.report.figure import figures
 
     text = SCENE[: SCENE.index("excitation:")].replace("reduction: {modes: {count: 4}}", "reduction: {}")
     text += "analysis: {modes: {count: 3}, outputs: [{dof: p:y}], inputs: [p:y], "

@@ -11,6 +11,7 @@ import pytest
 from dynid.errors import SceneError
 from dynid.scene.kind import KINDS
 from dynid.scene.load import check_source
+from dynid.scene.schema.json_schema import scene_schema
 from dynid.scene.yaml.source import apply_overrides, parse_source
 from dynid.scene.yaml.writer import dump
 from tests.scene.example_scenes import ISOLATOR, JOINTS, REDUCTIONS, STUDY, SYNTHESIS, check, faults_of
@@ -213,7 +214,7 @@ def test_the_command_line_sets_values_before_anything_is_checked():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_json_schema_accepts_the_example_and_refuses_an_unknown_key(kind):
-    schema = json.loads(json.dumps(KINDS[kind].load("model").model_json_schema()))
+    schema = json.loads(json.dumps(scene_schema(KINDS[kind].load("model"))))
     jsonschema.Draft202012Validator.check_schema(schema)
     validator = jsonschema.Draft202012Validator(schema)
     data = parse_source((EXAMPLES | {"study": STUDY})[kind]).data
@@ -230,7 +231,7 @@ def test_the_json_schema_accepts_the_example_and_refuses_an_unknown_key(kind):
     ],
 )
 def test_the_json_schema_knows_the_types_of_nodes(node, valid):
-    schema = KINDS["bond-graph"].load("model").model_json_schema()
+    schema = scene_schema(KINDS["bond-graph"].load("model"))
     data = parse_source(ISOLATOR).data
     changed = replaced(data, ("graph", "nodes", "base"), node)
     assert jsonschema.Draft202012Validator(schema).is_valid(changed) is valid
@@ -238,6 +239,24 @@ def test_the_json_schema_knows_the_types_of_nodes(node, valid):
 
 @pytest.mark.parametrize(("unit", "valid"), [({}, True), ({"unit": "Hz"}, False)])
 def test_the_json_schema_knows_which_signals_have_a_unit(unit, valid):
-    schema = KINDS["bond-graph"].load("model").model_json_schema()
+    schema = scene_schema(KINDS["bond-graph"].load("model"))
     changed = replaced(parse_source(ISOLATOR).data, ("analysis", "time", "input"), {"kind": "step", **unit})
     assert jsonschema.Draft202012Validator(schema).is_valid(changed) is valid
+
+
+@pytest.mark.parametrize(
+    ("scene", "key", "said"),
+    [
+        (JOINTS, "modes", "write it under 'analysis': analysis: {modes: {count: 10}}"),
+        (JOINTS, "time", "write it under 'analysis'"),
+        (ISOLATOR, "outputs", "write it under 'analysis'"),
+        (
+            REDUCTIONS,
+            "modes",
+            "a scene of kind 'identification' lists modes, by analysis: {modes: {count: 10",
+        ),
+    ],
+)
+def test_a_key_of_the_analysis_at_the_top_level_has_a_remedy(scene, key, said):
+    (found,) = faults_of(f"{scene}\n{key}: {{}}\n")
+    assert f"'{key}' is not a key of a scene; {said}" in str(found)

@@ -8,7 +8,7 @@ import pytest
 import dynid
 from dynid.cli import main
 from dynid.errors import NumericalError, SceneError
-from dynid.report.registry import figures
+from dynid.report.figure import figures
 from dynid.scene.explanations.explanation import explain
 from dynid.store import read_result
 

@@ -200,7 +200,7 @@ def test_random_bytes_give_data_or_a_scene_error(tmp_path_factory, raw):
 
 
 @given(st.text("ab:-?*&!|>'\"%@`{}[], \n#~1.<=\\", max_size=40))
-@settings(max_examples=300)
+@settings(max_examples=100)
 def test_random_yaml_gives_data_or_a_scene_error(text):
     found = []
     try:
@@ -220,7 +220,7 @@ DATA = st.recursive(
 
 
 @given(DATA.filter(lambda data: data is not None))
-@settings(max_examples=300)
+@settings(max_examples=100)
 def test_what_is_dumped_reads_back_the_same(data):
     found = parse_source(dump(data)).data
     assert found == data
@@ -331,12 +331,29 @@ def test_short_names_of_paths_still_say_what_they_are(paths, short):
         ("bond_graph/properties/m.f/u/dc_gian", "bond_graph/properties/m.f/u/dc_gain"),
         ("bond_graph/properties/m.e/u", "bond_graph/properties/m.f/u"),
         ("study/sample", ""),
+        ("bond_graph/dc_gain", "bond_graph/properties/m.f/u/dc_gain"),  # not the group that looks like it
+        ("bond_graph/prope", "bond_graph/properties"),
+        ("order", "bond_graph/properties/m.f/u/order"),
+        ("m.f/u/order", "bond_graph/properties/m.f/u/order"),
+        ("need/properties", "bond_graph/properties"),
     ],
 )
-def test_a_path_is_compared_with_paths_and_with_groups_as_deep_as_itself(path, expected):
+def test_the_name_of_a_path_counts_before_its_groups(path, expected):
     known = [
         "bond_graph/properties/m.f/u/dc_gain",
         "bond_graph/properties/m.f/u/order",
         "bond_graph/need/part",
     ]
     assert did_you_mean_path(path, known) == (f"; did you mean '{expected}'?" if expected else "")
+
+
+def test_a_name_at_many_places_is_suggested_as_a_pattern():
+    known = ["g/m.f/u/poles", "g/m.f/v/poles", "g/m.f/u/zeros"]
+    assert did_you_mean_path("poles", known) == "; did you mean 'g/m.f/u/poles' (1 more ends so: */poles)?"
+
+
+def test_without_a_similar_name_the_group_is_listed():
+    known = ["identification/parameters/name", "identification/parameters/estimate"]
+    found = did_you_mean_path("identification/parameters/upper.k", known)
+    assert found == "; 'identification/parameters' holds name, estimate"
+    assert did_you_mean_path("plan/modes/estimated", known) == ""

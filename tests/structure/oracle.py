@@ -8,8 +8,7 @@ import mpmath
 import numpy as np
 
 from dynid.structure.assembly import PointMass, Spring, Support
-from dynid.structure.beam import beam
-from dynid.structure.frame import Member, frame
+from dynid.structure.frame import Member, beam, frame
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model import StructuralModel
 

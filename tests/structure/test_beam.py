@@ -6,8 +6,8 @@ from scipy.linalg import eigh
 
 from dynid.errors import UsageError
 from dynid.structure.assembly import PointMass, Spring, Support
-from dynid.structure.beam import beam
 from dynid.structure.damping import ModalDamping, ProportionalDamping
+from dynid.structure.frame import beam
 from dynid.structure.joints import Joint
 from dynid.structure.modes import modes
 

@@ -136,7 +136,7 @@ def exact_negatives(A):
     return count
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.integers(1, 7).flatmap(lambda n: st.lists(st.integers(-3, 3), min_size=n * n, max_size=n * n)))
 def test_inertia_against_exact_elimination(entries):
     n = int(len(entries) ** 0.5)

@@ -9,8 +9,8 @@ from dynid.scene.yaml.source import parse_source
 from dynid.store.files import write_result
 from dynid.structure.geometry import GROUP, add_motion, geometry, outer_lines, place_of
 from dynid.structure.joints import Joint
+from dynid.structure.labels import Nodes
 from dynid.structure.model import StructuralModel
-from dynid.structure.nodes import Nodes
 
 EPS = np.finfo(float).eps
 

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from dynid.errors import UsageError
+from dynid.structure.labels import Nodes
 from dynid.structure.matching import Matching, matched_dofs
 from dynid.structure.model import StructuralModel
-from dynid.structure.nodes import Nodes
 from dynid.structure.points import Point, with_points
 
 XYZ = np.array([(0.0, 0, 0), (1, 0, 0), (1, 1, 0), (0.25, 0.5, 2)])

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from dynid.structure.assembly import PointMass, Support
-from dynid.structure.beam import beam
-from dynid.structure.frame import Member, frame
+from dynid.structure.frame import Member, beam, frame
 from dynid.structure.imported import imported
 from dynid.structure.joints import Joint
 from dynid.structure.lumped import Link, lumped

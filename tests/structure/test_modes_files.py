@@ -15,8 +15,14 @@ needs_data = pytest.mark.skipif(not FE.is_dir(), reason="the shared finite-eleme
 
 
 @needs_data
-@pytest.mark.parametrize("backend", ["dense", "splu"])
-@pytest.mark.parametrize(("number", "massless"), [("01", 24), ("03", 40), ("08", 0)])
+@pytest.mark.parametrize(
+    ("number", "massless", "backend"),
+    [
+        *((*pair, backend) for pair in (("01", 24), ("03", 40)) for backend in ("dense", "splu")),
+        ("08", 0, "splu"),
+        pytest.param("08", 0, "dense", marks=pytest.mark.slow),  # the others are dense by default, too
+    ],
+)
 def test_harwell_boeing_pairs(number, massless, backend):
     known = json.loads((FE / "eigenvalues.json").read_text())[f"bcsstk{number}/bcsstm{number}"]
     K, M = (sp.csc_array(mmread(FE / f"bcsst{letter}{number}.mtx")) for letter in "km")

@@ -10,7 +10,7 @@ from scipy.linalg import eigh
 from dynid.errors import NumericalError, Singular, UsageError
 from dynid.structure.assembly import Support
 from dynid.structure.backends import available, backend_for
-from dynid.structure.beam import beam
+from dynid.structure.frame import beam
 from dynid.structure.modes import lanczos, modes, remembered_modes
 from dynid.structure.modes.sparse import SparseSpectrum
 

@@ -9,12 +9,11 @@ from scipy.sparse import csc_array
 from dynid.errors import UsageError
 from dynid.structure import labels
 from dynid.structure.assembly import Support
-from dynid.structure.beam import beam
-from dynid.structure.frame import Member, frame
+from dynid.structure.frame import Member, beam, frame
 from dynid.structure.joints import Joint
+from dynid.structure.labels import Nodes
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model import StructuralModel
-from dynid.structure.nodes import Nodes
 from dynid.structure.ports import Channel
 
 EPS = np.finfo(float).eps

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 from dynid.errors import UsageError
+from dynid.structure.assembly import assembled_parts
 from dynid.structure.joints import JointParameter
-from dynid.structure.labels import DIRECTIONS
+from dynid.structure.labels import DIRECTIONS, Nodes
 from dynid.structure.model import StructuralModel
-from dynid.structure.nodes import Nodes
-from dynid.structure.parts import assembled_parts
 from dynid.structure.point_joints import PointJoint, components
 from dynid.structure.points import Point, with_points
-from dynid.structure.reduction.by_parts import PartReduction, ReductionByParts
+from dynid.structure.reduction.methods import PartReduction, ReductionByParts
 from dynid.structure.reduction.mode_selection import Interest, ModeRange
 from dynid.structure.space_frame import SpaceMember, space_frame
 

@@ -4,7 +4,6 @@ import importlib.util
 import json
 import re
 from pathlib import Path
-from unittest.mock import patch
 
 import h5py
 import numpy as np
@@ -19,7 +18,7 @@ from dynid.structure.imported import from_state_space, imported
 from dynid.structure.joints import Joint
 from dynid.structure.model import StructuralModel
 from dynid.structure.readers.read import MatrixFile, matrix_file, read_labels, read_matrix
-from tests.copies import told_by_a_copy
+from tests.copies import answers
 
 FE = Path(__file__).parents[3] / "shared" / "data" / "fe"
 needs_data = pytest.mark.skipif(not FE.is_dir(), reason="the shared data are not here")
@@ -142,28 +141,6 @@ def refusal(file):
     return None
 
 
-def refusals(path, name, contents):
-    """Return what is said of a file with each of several contents.
-
-    A copy of the process reads them without a trial of each, which takes its time; where it dies, the file
-    that it died of is read here, on trial.
-    """
-    said = []
-
-    def untried():
-        with patch("dynid.hdf5.survives", lambda _work: True):
-            for content in contents[len(said) :]:
-                path.write_bytes(content)
-                yield refusal(MatrixFile(path, name))
-
-    while len(said) < len(contents):
-        said += told_by_a_copy(untried)[0]
-        if len(said) < len(contents):
-            path.write_bytes(contents[len(said)])
-            said.append(refusal(MatrixFile(path, name)))
-    return said
-
-
 @pytest.mark.parametrize("write", WRITERS)
 def test_a_damaged_file_is_one_sentence_or_a_matrix(tmp_path, write):
     """Cut off anywhere, or with any byte changed: never a traceback, never memory for what is not there."""
@@ -178,7 +155,7 @@ def test_a_damaged_file_is_one_sentence_or_a_matrix(tmp_path, write):
         else:
             del spoilt[int(rng.integers(len(whole))) :]
         contents.append(bytes(spoilt))
-    for said in refusals(path, name, contents):
+    for said in answers(lambda file: refusal(MatrixFile(file, name)), path, contents):
         assert said is None or (str(path) in said and "\n" not in said)
 
 

@@ -11,8 +11,7 @@ from numpy.linalg import eigvalsh
 from scipy.linalg import eigh
 
 from dynid.errors import Singular, UsageError
-from dynid.structure.beam import beam
-from dynid.structure.frame import Member, frame
+from dynid.structure.frame import Member, beam, frame
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes import modes

@@ -12,7 +12,7 @@ from dynid.errors import Singular, UsageError
 from dynid.structure.damping import ProportionalDamping
 from dynid.structure.modes.modes import modes
 from dynid.structure.readers.mesh import Block, SolidMesh
-from dynid.structure.reduction.craig_bampton import CraigBampton
+from dynid.structure.reduction.modal import CraigBampton
 from dynid.structure.reduction.mode_selection import ModeRange
 from dynid.structure.solid import Material, SetSupport, solid
 from dynid.structure.solid_elements import ELEMENTS

@@ -4,7 +4,7 @@ import numpy as np
 
 from dynid.result import Variable
 from dynid.scene.outcomes import SampleOutcome, SampleOutcomes
-from dynid.study.file import Heading, write_study
+from dynid.study.file import StudyHeading, write_study
 
 
 def heading(columns, **more):
@@ -18,7 +18,7 @@ def heading(columns, **more):
         "columns": columns,
         "keys": np.arange(8 * count, dtype=np.uint8).reshape(count, 8),
     }
-    return Heading(**(given | more))
+    return StudyHeading(**(given | more))
 
 
 def write(path, columns, values, failed=(), expectations=None, complete=True, **more):

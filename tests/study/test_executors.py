@@ -1,7 +1,6 @@
 """Executors: the file of a study is the same with all of them, also after workers died."""
 
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -15,12 +14,12 @@ from dynid.errors import FileError, NumericalError
 from dynid.store import read_result
 from dynid.study import work
 from dynid.study.executors import make_executor
-from dynid.study.executors.base import SerialExecutor
-from dynid.study.executors.processes import ProcessExecutor
+from dynid.study.executors.base import ProcessExecutor, SerialExecutor
 from dynid.study.run import run_study, valid_samples
+from tests.study.faults import poisoned
 from tests.study.small import SCENE, STUDY, assert_same, planned
 
-MANY = STUDY.replace("stop: 4, points: 4", "stop: 40, points: 40")
+MANY = STUDY.replace("stop: 4, points: 4", "stop: 14, points: 14")
 ROOT = Path(__file__).parents[2]
 
 
@@ -43,20 +42,8 @@ class Deadly(ProcessExecutor):
         return super().submit(poisoned, self.poison, *args[1:])
 
 
-def poisoned(poison, job, overrides):
-    """Run a chunk in a worker, unless that dies of it."""
-    victims, times, folder = poison
-    for one in overrides:
-        if one["parameters.m"] in victims:
-            marks = list(Path(folder).glob(f"death-{one['parameters.m']}-*"))
-            if len(marks) < times:
-                (Path(folder) / f"death-{one['parameters.m']}-{len(marks)}").touch()
-                os.kill(os.getpid(), signal.SIGKILL)
-    return work.run_chunk(job, overrides)
-
-
 def test_a_worker_killed_in_the_middle_changes_nothing(serial, tmp_path):
-    run_study(planned(tmp_path, MANY), tmp_path / "s.h5", Deadly({7, 23}, 1, tmp_path))
+    run_study(planned(tmp_path, MANY), tmp_path / "s.h5", Deadly({4, 9}, 1, tmp_path))
     assert len(list(tmp_path.glob("death-*"))) == 2
     assert_same(tmp_path / "s.h5", serial)
 
@@ -94,9 +81,9 @@ class DyingLater(Dying):
     refused = False
 
     def submit(self, call, job, overrides):
-        if any(one["parameters.m"] == 30 for one in overrides):
+        if any(one["parameters.m"] == 11 for one in overrides):
             return SerialExecutor.submit(self, _die)
-        if any(one["parameters.m"] == 20 for one in overrides) and not self.refused:
+        if any(one["parameters.m"] == 7 for one in overrides) and not self.refused:
             self.refused = True
             _die()
         return SerialExecutor.submit(self, call, job, overrides)
@@ -107,9 +94,9 @@ def test_a_chunk_that_workers_die_of_is_divided_until_its_sample_is_found(serial
     pool = DyingLater()
     progress = run_study(planned(tmp_path, MANY), tmp_path / "s.h5", pool)
     assert pool.refused
-    assert (progress.finished, progress.failed) == (120, 3)
+    assert (progress.finished, progress.failed) == (42, 3)
     result, alone = read_result(tmp_path / "s.h5"), read_result(serial)
-    lost = result["study/samples/parameters.m"].data == 30
+    lost = result["study/samples/parameters.m"].data == 11
     assert np.array_equal(result["study/status"].data == "failed", lost)
     gain = "study/results/bond_graph/properties/m.f/F/dc_gain"
     assert np.array_equal(result[gain].data[~lost], alone[gain].data[~lost])
@@ -222,7 +209,7 @@ def test_a_dask_cluster_gives_the_file_of_one_process_also_when_a_worker_is_kill
     assert_same(tmp_path / "s.h5", serial)
 
     def kill(progress):
-        if progress.finished >= 20 and worker.poll() is None:
+        if progress.finished >= 10 and worker.poll() is None:
             worker.kill()
 
     run_study(plan, tmp_path / "killed.h5", make_executor(scheduler_file=str(file)), report=kill)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc, sobol_indices, spearmanr
 
-from dynid.study.analysis.design import one_at_a_time, saltelli_design
+from dynid.study.analysis.design import one_at_a_time, saltelli_design, tornado
 from dynid.study.analysis.influence import (
     Influences,
     classes,
@@ -16,7 +16,6 @@ from dynid.study.analysis.influence import (
     scatter,
 )
 from dynid.study.analysis.sample_statistics import worst, worst_entries
-from dynid.study.analysis.tornado import tornado
 
 A, B = 7.0, 0.1
 

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
@@ -13,6 +13,7 @@ NUMBERS = npst.arrays(
 )
 
 
+@settings(max_examples=40)
 @given(NUMBERS)
 def test_statistics_are_those_of_the_values_that_there_are(values):
     found = statistics(values)

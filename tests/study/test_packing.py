@@ -9,8 +9,7 @@ from hypothesis.extra import numpy as arrays
 from dynid.checks import check_expectations
 from dynid.result import Result, Variable
 from dynid.scene.outcomes import SampleOutcome, SampleOutcomes
-from dynid.study.packing import packed, unpacked
-from dynid.study.work import JUDGE
+from dynid.study.work import JUDGE, packed, unpacked
 
 NUMBERS = st.sampled_from([np.float64, np.complex128, np.int64, np.bool_])
 TEXTS = st.text(max_size=4).map(lambda text: np.array(text, dtype=object))
@@ -47,7 +46,7 @@ def assert_equal(found, outcome):
         assert variable.data.dtype.kind == "O" or variable.data.tobytes() == other.data.tobytes()
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(st.lists(DONE | FAILURES, max_size=6), st.data())
 def test_outcomes_come_back_bit_by_bit(outcomes, data):
     together = unpacked(packed(SampleOutcomes.of(outcomes)).content)
@@ -103,7 +102,7 @@ EXPECTED = [
 ]
 
 
-@settings(max_examples=50)
+@settings(max_examples=30)
 @given(
     st.lists(
         st.tuples(st.sampled_from([np.nan, 0.25, 1.0, 2.0, np.inf]), st.booleans()), min_size=1, max_size=5

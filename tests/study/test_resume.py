@@ -21,8 +21,8 @@ from dynid.study import journal
 from dynid.study import run as running
 from dynid.study.executors.base import SerialExecutor
 from dynid.study.journal import MAGIC, Journal
-from dynid.study.packing import packed
 from dynid.study.run import foreign_samples, run_study, valid_samples
+from dynid.study.work import packed
 from tests.cli import conftest
 from tests.sample import sample
 from tests.study.small import STUDY, assert_same, planned, written

@@ -22,10 +22,10 @@ from dynid.study import run as running
 from dynid.study.executors import make_executor
 from dynid.study.executors.base import SerialExecutor
 from dynid.study.merge import merge_studies
-from dynid.study.packing import packed
 from dynid.study.plan import make_plan
 from dynid.study.run import TooManyFailures, run_study, valid_samples
 from dynid.study.stored import StudyFile
+from dynid.study.work import packed
 from tests.cli import conftest
 from tests.study.small import SCENE, STUDY, assert_same, planned, written
 from tests.study.studies import write
@@ -572,7 +572,7 @@ def test_samples_without_what_is_gathered_anyway_are_done(tmp_path, monkeypatch,
         "  results: [poles]\nexpect:\n  - {path: bond_graph/transfer_function/m.f/F/poles, value: [-0.5]}\n"
     )
     written(tmp_path, STUDY.partition("collect:")[0], f"{SCENE.partition('expect:')[0]}{asked}")
-    code, out, _ = dynid_cli("study", "masses.yaml")
+    code, out, _ = dynid_cli("study", "masses.yaml", "--executor", "serial")
     assert code == 0
     assert "12 done" in out
     assert "nothing was collected; name the outputs in the study's 'collect'" in out
@@ -590,3 +590,26 @@ def test_too_many_failures_are_an_exit_code(tmp_path, monkeypatch, dynid_cli):
     code, out, _ = dynid_cli("study-merge", "masses-1-of-2.h5", "masses-2-of-2.h5", "-o", "both.h5")
     assert (code, out) == (0, "wrote both.h5: 12 samples of 2 files\n")
     assert_same("both.h5", "masses.h5")
+
+
+@pytest.mark.parametrize("quiet", [(), ("-q",)])
+def test_a_study_of_which_all_samples_fail_warns_and_may_be_repeated(tmp_path, monkeypatch, dynid_cli, quiet):
+    monkeypatch.chdir(tmp_path)
+    wrong = STUDY[: STUDY.index("collect")] + "collect: [bond_graph/properties/m.f/dc_gian]\n"
+    written(tmp_path, wrong)
+    run = ("study", "masses.yaml", "--executor", "serial", *quiet)
+    code, _, err = dynid_cli(*run)
+    assert code == 0  # as the failures of single samples
+    warning = next(line for line in err.splitlines() if "warning" in line)
+    assert warning.startswith(
+        "masses.yaml: warning: all 12 samples failed: there is nothing to collect at "
+        "'bond_graph/properties/m.f/dc_gian'; did you mean 'bond_graph/properties/m.f/F/dc_gain'?"
+    )
+    assert "dynid show masses.h5" in warning
+    assert dynid_cli(*run, "--max-failures", "3")[0] == 3
+    # nothing of value is lost by another study
+    written(tmp_path, wrong.replace("/dc_gian", "/F/dc_gain"))
+    code, _, err = dynid_cli(*run)
+    assert (code, "warning" in err) == (0, False)
+    written(tmp_path, wrong)
+    assert dynid_cli(*run)[0] == 2

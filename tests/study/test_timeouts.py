@@ -1,6 +1,7 @@
 """Time limits: samples that hang, die or take long are failed rows or are reported."""
 
 import os
+import pickle
 import re
 import signal
 import subprocess
@@ -13,11 +14,12 @@ import pytest
 
 from dynid.errors import UsageError
 from dynid.store import read_result
-from dynid.study import scheduler, work
+from dynid.study import scheduler
 from dynid.study.executors import make_executor, timed
 from dynid.study.executors.base import SerialExecutor
 from dynid.study.executors.timed import TimedExecutor
 from dynid.study.run import run_study
+from tests.study.faults import faulty
 from tests.study.small import STUDY, assert_same, planned
 from tests.study.test_executors import cluster  # noqa: F401 - a fixture
 
@@ -30,21 +32,6 @@ def undisturbed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("undisturbed")
     run_study(planned(folder, MANY), folder / "s.h5", SerialExecutor())
     return folder / "s.h5"
-
-
-def faulty(faults, folder, job, overrides):
-    """Run a chunk in a process beside this one, unless a sample in it has a fault."""
-    for one in overrides:
-        what = faults.get(one["parameters.m"])
-        if what is not None:
-            with (Path(folder) / "seen.txt").open("a") as seen:
-                seen.write(f"{os.getpid()} {len(overrides)}\n")
-        if what == "hangs":
-            signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT, signal.SIGTERM])
-            time.sleep(1000)
-        elif what == "dies":
-            os.kill(os.getpid(), signal.SIGKILL)
-    return work.run_chunk(job, overrides)
 
 
 class Faulty(TimedExecutor):
@@ -60,8 +47,15 @@ class Faulty(TimedExecutor):
 
 @pytest.fixture
 def impatient(monkeypatch):
-    """Short times for what is known to hang; a warm process answers in milliseconds."""
-    monkeypatch.setattr(timed, "_WARM_UP", 60.0)
+    """A second for what is known to hang, ten minutes for all the rest, whatever the limit says."""
+    exchange = timed.Lane._exchange
+
+    def hurried(lane, message, _):
+        call, args = pickle.loads(message)
+        hangs = call is faulty and any(args[0].get(one["parameters.m"]) == "hangs" for one in args[-1])
+        return exchange(lane, message, 1.0 if hangs and lane._known else 600.0)
+
+    monkeypatch.setattr(timed.Lane, "_exchange", hurried)
     monkeypatch.setattr("dynid.study.scheduler.Chunks.size", lambda _, left, __: 1 if left == 20 else 2)
 
 
@@ -104,7 +98,8 @@ def test_a_limit_that_nothing_reaches_changes_nothing(undisturbed, tmp_path, exe
 
 @pytest.mark.usefixtures("impatient")
 def test_a_sample_that_takes_long_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr(scheduler, "_LONG", 0.5)
+    monkeypatch.setattr(scheduler, "_LONG", 0.2)
+    monkeypatch.setattr(scheduler, "_TICK", 0.05)
     said = []
     plan = planned(tmp_path, MANY)
     run_study(plan, tmp_path / "s.h5", Faulty(1, 5.0, {8: "hangs"}, tmp_path), notice=said.append)

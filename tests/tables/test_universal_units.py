@@ -5,7 +5,7 @@ import pytest
 
 from dynid.errors import FileError
 from dynid.tables.read import read_columns
-from dynid.tables.universal_units import FileUnits, function_units
+from dynid.tables.universal_file import FileUnits, function_units
 from dynid.units import si_factor
 from tests.tables.universal_files import function, units, written
 

@@ -16,7 +16,7 @@ Rows = Mapping[int, Mapping[int, Real]]
 _SUSPICIOUS = Fraction(1, 10**6)
 
 
-class Column(NamedTuple):
+class Square(NamedTuple):
     """One term ``D_k l_k l_k^T`` of the sum.
 
     Parameters
@@ -62,7 +62,7 @@ def reference(entry: Real) -> Fraction:
 
 def squares(
     rows: Mapping[int, Mapping[int, Fraction]], rounding: float = 0.0, *, signed: bool = False
-) -> list[Column]:
+) -> list[Square]:
     """Return a positive semidefinite matrix of fractions as a sum of as many squares as its rank.
 
     The pivot is the diagonal entry whose row has the shortest numbers, so that fractions and fill stay small.
@@ -85,7 +85,7 @@ def squares(
     """
     left = {i: dict(row) for i, row in rows.items()}
     diagonal = {i: row.get(i, Fraction(0)) for i, row in rows.items()}
-    found: list[Column] = []
+    found: list[Square] = []
     size = {i: _bits(row) for i, row in left.items()}
     while left:
         if rounding:
@@ -103,7 +103,7 @@ def squares(
             raise Indefinite
         if not value:  # a diagonal of zeros: a square is taken off and added again
             value = Fraction(1)
-            found.append(Column(pivot, -value, {}))
+            found.append(Square(pivot, -value, {}))
         entries = {i: entry / value for i, entry in row.items()}
         for i, factor in entries.items():
             target = left[i]
@@ -115,7 +115,7 @@ def squares(
                 else:
                     target.pop(j, None)
             size[i] = _bits(target)
-        found.append(Column(pivot, value, entries))
+        found.append(Square(pivot, value, entries))
     return found
 
 
@@ -123,7 +123,7 @@ def _bits(row: Mapping[int, Any]) -> int:
     return sum(one.numerator.bit_length() + one.denominator.bit_length() for one in row.values())
 
 
-def _is_rounding(rows: Rows, found: Sequence[Column], left: Rows, candidate: int, rounding: float) -> bool:
+def _is_rounding(rows: Rows, found: Sequence[Square], left: Rows, candidate: int, rounding: float) -> bool:
     """Test whether what is left of a row is the rounding of the entries that it was computed from.
 
     The pivot is ``r^T A r`` of the motion r in which the squares found so far vanish.
@@ -144,7 +144,7 @@ def _is_rounding(rows: Rows, found: Sequence[Column], left: Rows, candidate: int
     return abs(float(left[candidate].get(candidate, 0))) <= rounding * terms
 
 
-def dependent_squares(rows: Rows, order: Sequence[Column]) -> list[Column]:
+def dependent_squares(rows: Rows, order: Sequence[Square]) -> list[Square]:
     """Return the squares of a matrix of numbers that depend on parameters, with the pivots of `squares`.
 
     Parameters
@@ -172,7 +172,7 @@ def dependent_squares(rows: Rows, order: Sequence[Column]) -> list[Column]:
             del target[known.pivot]
             for j, other in row.items():
                 target[j] = target.get(j, Fraction(0)) - factor * other
-        found.append(Column(known.pivot, value, {i: entry / value for i, entry in row.items()}))
+        found.append(Square(known.pivot, value, {i: entry / value for i, entry in row.items()}))
     for row in left.values():
         for entry in row.values():
             _check_zero(entry)

@@ -152,11 +152,12 @@ BENCHMARKS = {
     "modes-of-solids": CatalogueEntry("modes:SOLID", 3),
     "many-modes": CatalogueEntry("modes:MANY", 2),
     "structure-response": CatalogueEntry("structure_response", 3),
-    "frf-joints": CatalogueEntry("frf_joints", 5),
-    "plate-process": CatalogueEntry("plate_process", 0),  # minutes at the size that matters
+    "frf-joints": CatalogueEntry("structure_response:JOINTS", 5),
+    "plate-process": CatalogueEntry("startup:PLATE", 0),  # minutes at the size that matters
     "startup": CatalogueEntry("startup", 17),
     "study": CatalogueEntry("study", 15),
-    "study-of-reductions": CatalogueEntry("reduction_study", 0),
+    "study-of-reductions": CatalogueEntry("study:REDUCTIONS", 0),
+    "study-of-identifications": CatalogueEntry("study:IDENTIFICATIONS", 0),
     "robot-arm": CatalogueEntry("robot_arm", 0),  # its data are not in the package
 }
 

@@ -17,9 +17,9 @@ from typing import Any, Literal, cast
 
 from dynid.arithmetic.dependent import Dependent, Real
 from dynid.arithmetic.ldl import (
-    Column,
     Indefinite,
     Rows,
+    Square,
     at_reference,
     dependent_squares,
     nonzero,
@@ -128,7 +128,7 @@ class Expansion:
     def add_squares(
         self,
         kind: FieldType,
-        terms: Sequence[Column],
+        terms: Sequence[Square],
         junctions: Mapping[int, str],
         labels: Mapping[int, str],
         letter: str = "",
@@ -261,7 +261,7 @@ def expand_coupling(
     return made
 
 
-def symmetric_squares(name: str, rows: Rows, rounding: float = 0.0, *, signed: bool = False) -> list[Column]:
+def symmetric_squares(name: str, rows: Rows, rounding: float = 0.0, *, signed: bool = False) -> list[Square]:
     """Return a matrix of numbers that may depend on parameters as squares.
 
     Parameters

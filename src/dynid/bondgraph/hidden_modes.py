@@ -23,7 +23,7 @@ from dynid.bondgraph.descriptor import (
 )
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.plan import Channel, ReducedGraph
-from dynid.bondgraph.program.modular import primes
+from dynid.bondgraph.program.factored import primes
 from dynid.bondgraph.state_space import rounded
 from dynid.lti.certified_roots import CertifiedRoot, certified_roots
 

@@ -16,7 +16,7 @@ from typing import Any
 from dynid.arithmetic.dependent import Dependent, Real
 from dynid.arithmetic.numbers import OutOfRangeError
 from dynid.bondgraph.graph import BondGraph
-from dynid.bondgraph.program.modular import numeric_point, prime_for
+from dynid.bondgraph.program.factored import numeric_point, prime_for
 from dynid.bondgraph.program.program import ModularPoint, Operation, Program, Register
 from dynid.errors import Singular
 

@@ -10,7 +10,7 @@ from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, GraphUnits, Port, no_collection
-from dynid.bondgraph.program.modular import axis_point, numeric_point, prime_for, random_point
+from dynid.bondgraph.program.factored import axis_point, numeric_point, prime_for, random_point
 from dynid.bondgraph.program.program import ModularPoint, Program
 from dynid.bondgraph.reduction.junctions import JunctionStructure, ring_text
 from dynid.bondgraph.reduction.network import STORED
@@ -21,7 +21,7 @@ from dynid.errors import Singular
 
 if TYPE_CHECKING:
     from dynid.bondgraph.program.factored import RationalFunction
-    from dynid.bondgraph.reduction.compiled import Residues
+    from dynid.bondgraph.reduction.compiled import PlanResidues
 
 
 Channel = tuple[Port, str]
@@ -231,10 +231,10 @@ class ReducedGraph(ProgramPlan):
 
         if not compiled():
             return False
-        from dynid.bondgraph.reduction.compiled import Residues, compiled_reductions
+        from dynid.bondgraph.reduction.compiled import PlanResidues, compiled_reductions
 
         at_random = at == "random"
-        residues = Residues.random(self.graph, self._prime) if at_random else self._residues()
+        residues = PlanResidues.random(self.graph, self._prime) if at_random else self._residues()
         found = compiled_reductions(
             self.graph, residues, self.inputs, self.outputs, lambda: self.structure, balanced=self._balanced
         )
@@ -244,11 +244,11 @@ class ReducedGraph(ProgramPlan):
         self.reductions = found.reductions
         return True
 
-    def _residues(self) -> Residues:
+    def _residues(self) -> PlanResidues:
         """Return these values, and a random s, modulo the prime."""
-        from dynid.bondgraph.reduction.compiled import Residues
+        from dynid.bondgraph.reduction.compiled import PlanResidues
 
-        return Residues.of(self.graph, self._prime, int(numeric_point({}, self._prime).laplace))
+        return PlanResidues.of(self.graph, self._prime, int(numeric_point({}, self._prime).laplace))
 
     def _vanishing(self) -> bool:
         if type(self.program) is Program:

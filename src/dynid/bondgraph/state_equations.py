@@ -12,7 +12,7 @@ from dynid.bondgraph.formulas.printers import TEXT, Printed
 from dynid.bondgraph.formulas.transfer import symbol_names, symbol_value
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.plan import ReducedGraph
-from dynid.bondgraph.program.modular import numeric_point, prime_for, random_point
+from dynid.bondgraph.program.factored import numeric_point, prime_for, random_point
 from dynid.bondgraph.program.program import ModularPoint, Program, Register
 from dynid.errors import UsageError
 

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from dynid.arithmetic.ldl import Column, Indefinite
+from dynid.arithmetic.ldl import Indefinite, Square
 from dynid.arithmetic.numbers import to_fraction
 from dynid.bondgraph.fields import Expansion, FieldType, identifier, symmetric_squares
 from dynid.defaults import STRUCTURES_IN_GRAPHS
@@ -96,7 +96,7 @@ def _places(name: str, model: StructuralModel, ports: Mapping[str, Label]) -> di
     return places
 
 
-def _squares(name: str, model: StructuralModel, letter: str, reading: Reading) -> list[Column]:
+def _squares(name: str, model: StructuralModel, letter: str, reading: Reading) -> list[Square]:
     """Return mass, damping or stiffness, joints included, as squares."""
     if letter == "C" and model.modal is not None:
         raise UsageError(
@@ -198,7 +198,7 @@ def _motion(model: StructuralModel, shapes: Array) -> Array:
     return model.expand(shapes)
 
 
-def _modal(name: str, model: StructuralModel) -> tuple[Array, dict[str, list[Column]]]:
+def _modal(name: str, model: StructuralModel) -> tuple[Array, dict[str, list[Square]]]:
     """Return the modes of a reduced model (r x r), and modal mass, damping and stiffness as squares."""
     M, C, K = model.dense()
     found = modes(M, C, K)
@@ -226,8 +226,8 @@ def _modal(name: str, model: StructuralModel) -> tuple[Array, dict[str, list[Col
             remedy="A bond graph needs matrices of a passive structure.",
             names=(name,),
         ) from None
-    mass = [Column(place, one, {}) for place in range(len(stiffness))]
-    springs = [Column(place, value, {}) for place, value in enumerate(stiffness) if value]
+    mass = [Square(place, one, {}) for place in range(len(stiffness))]
+    springs = [Square(place, value, {}) for place, value in enumerate(stiffness) if value]
     return shapes, {"M": mass, "C": dissipated, "K": springs}
 
 

@@ -1,8 +1,9 @@
-"""Expectations of a scene (`expect:`) checked on its result."""
+"""Expectations of a scene (`expect:`) checked on its result, and their JUnit file."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -72,7 +73,7 @@ def check_expectations(result: Result, expectations: Iterable[Mapping[str, Any]]
         (dimension: label, to select entries by coordinate, or by number from 1 where there is none), and
         one or more of `value` (with `rtol`, default 1e-9, and `atol`, default 0), `min`, `max` and
         `max_abs`. A single value or bound holds for every entry of an array; a complex number is
-        [re, im] or a text such as 1+2j.
+        [re, im] or a text such as 1+2j. With `unit` Hz, frequencies in rad/s are compared in Hz.
 
     Returns
     -------
@@ -84,13 +85,13 @@ def check_expectations(result: Result, expectations: Iterable[Mapping[str, Any]]
 
 def _check(result: Result, expectation: Mapping[str, Any]) -> CheckOutcome:
     path = str(expectation["path"]).strip("/")
-    expected = expected_words(expectation)
-    found = "nothing"
+    expected, found = expected_words(expectation), "nothing"
+    unit = f" {expectation['unit']}" if "unit" in expectation else ""
     try:
         place, axes = _select(result, path, expectation.get("at", {}))
-        picked = _lookup(result, path).data
-        data = np.asarray(picked[place], dtype=picked.dtype)
-        found = words_of(data)
+        picked = _lookup(result, path)
+        data = _in_unit(picked, np.asarray(picked.data[place], dtype=picked.dtype), expectation)
+        found = words_of(data) + unit
         for met, bound, words in _demands(data, data.shape, expectation):
             misses = np.argwhere(~np.asarray(met))
             if not len(misses):
@@ -99,10 +100,19 @@ def _check(result: Result, expectation: Mapping[str, Any]) -> CheckOutcome:
             labels = [f"{axis.dim} {word(axis.labels[at])}" for axis, at in zip(axes, first, strict=True)]
             where = f" at {', '.join(labels)}" if labels else ""
             count = f" ({len(misses)} of {data.size} entries miss)" if data.size > 1 else ""
-            raise _Unmet(f"is {word(data[first])}{where}, {words}{word(bound[first])}{count}")
+            raise _Unmet(f"is {word(data[first])}{unit}{where}, {words}{word(bound[first])}{unit}{count}")
     except _Unmet as unmet:
         return CheckOutcome(False, path, expected, found, f"{path.rpartition('/')[2]} {unmet}")
     return CheckOutcome(True, path, expected, found, f"{path.rpartition('/')[2]} is {found}")
+
+
+def _in_unit(variable: Variable, data: NDArray[Any], expectation: Mapping[str, Any]) -> NDArray[Any]:
+    """Return entries of an array in the unit of the expectation: frequencies in rad/s or Hz."""
+    if "unit" not in expectation:
+        return data
+    if variable.units != "rad/s":
+        raise _Unmet(f"is in {variable.units or 'no unit'}, which is no frequency: leave out 'unit'")
+    return data / (2 * math.pi) if expectation["unit"] == "Hz" else data
 
 
 def expected_words(expectation: Mapping[str, Any]) -> str:
@@ -110,7 +120,8 @@ def expected_words(expectation: Mapping[str, Any]) -> str:
     words = {"value": "=", "min": ">=", "max": "<=", "max_abs": "|.| <="}
     parts = [f"{sign} {word(expectation[key])}" for key, sign in words.items() if key in expectation]
     where = ", ".join(f"{dim} {_label(label)}" for dim, label in expectation.get("at", {}).items())
-    return f"{'at ' + where + ' ' if where else ''}{' and '.join(parts)}"
+    unit = f" {expectation['unit']}" if "unit" in expectation else ""
+    return f"{'at ' + where + ' ' if where else ''}{' and '.join(parts)}{unit}"
 
 
 def _label(label: object) -> object:
@@ -166,7 +177,7 @@ def _met(
         return met
     try:
         place, _ = _select(first, path, expectation.get("at", {}))
-        data = samples[path].data[(slice(None), *place)]
+        data = _in_unit(samples[path], samples[path].data[(slice(None), *place)], expectation)
         for found, *_ in _demands(data, data.shape[1:], expectation):
             met &= found.reshape(count, -1).all(axis=1)
     except _Unmet:
@@ -279,3 +290,44 @@ def _number(value: Any) -> complex | None:
         return complex(value.replace(" ", "") if isinstance(value, str) else value)
     except (ValueError, TypeError, OverflowError):
         return None
+
+
+_NOT_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
+
+
+def junit_xml(outcomes: Iterable[CheckOutcome], name: str) -> str:
+    """Write outcomes as a JUnit XML document, one test case each.
+
+    Parameters
+    ----------
+    outcomes
+        The outcomes.
+    name
+        The test suite's name, such as the scene's.
+    """
+    from xml.etree import ElementTree
+
+    cases = list(outcomes)
+    failures = sum(not case.passed for case in cases)
+    totals = {
+        "name": _xml(name),
+        "tests": str(len(cases)),
+        "failures": str(failures),
+        "errors": "0",
+        "time": "0",
+    }
+    root = ElementTree.Element("testsuites", totals)
+    suite = ElementTree.SubElement(root, "testsuite", totals | {"skipped": "0"})
+    for case in cases:
+        label = f"{case.path} {case.expected}"
+        item = {"classname": _xml(name), "name": _xml(label), "time": "0"}
+        element = ElementTree.SubElement(suite, "testcase", item)
+        if not case.passed:
+            failure = {"message": _xml(case.message), "type": "expectation"}
+            ElementTree.SubElement(element, "failure", failure).text = _xml(case.message)
+    ElementTree.indent(root)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
+
+
+def _xml(text: str) -> str:
+    return _NOT_XML.sub("�", text)

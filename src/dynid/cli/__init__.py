@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import atexit
+import gc
 import os
 import sys
 from importlib import import_module
@@ -12,7 +14,7 @@ from typing import Any
 import click
 
 from dynid._version import __version__
-from dynid.cli.output import guarded
+from dynid.cli.arguments import guarded
 
 #: The commands: function and one line of `dynid --help`, which imports none of them.
 COMMANDS = {
@@ -24,19 +26,19 @@ COMMANDS = {
         "dynid.cli.study:study_worst",
         "Write the sample with the most extreme result as a scene.",
     ),
-    "plan": ("dynid.cli.plan:plan", "Rank sensors and excitation by Cramér–Rao bounds."),
+    "plan": ("dynid.cli.run:plan", "Rank sensors and excitation by Cramér–Rao bounds."),
     "show": ("dynid.cli.results:show", "Print a summary of a result."),
     "report": ("dynid.cli.results:report", "Write an HTML report of a result."),
     "plot": ("dynid.cli.results:plot", "Write the figures of a result as SVG, PNG or PDF."),
     "watch": ("dynid.cli.watch:watch", "Rerun a scene on every change, with a live report."),
-    "export": ("dynid.cli.export:export", "Export a result as CSV, Parquet, JSON, .mat or .mtx."),
+    "export": ("dynid.cli.results:export", "Export a result as CSV, Parquet, JSON, .mat or .mtx."),
     "compare": ("dynid.cli.results:compare", "List the differences between two results."),
-    "new": ("dynid.cli.new:new", "Write a commented template scene."),
+    "new": ("dynid.cli.start:new", "Write a commented template scene."),
     "library": ("dynid.cli.help:library", "List the models of machines and components, or print one."),
     "schema": ("dynid.cli.help:schema", "Print the JSON Schema of scenes."),
     "bench": ("dynid.cli.bench:bench", "Measure the speed and the error of the algorithms."),
-    "demo": ("dynid.cli.demo:demo", "Run a tour of the commands in a temporary folder."),
-    "doctor": ("dynid.cli.doctor:doctor", "Report versions, optional packages and folders."),
+    "demo": ("dynid.cli.start:demo", "Run a tour of the commands in a temporary folder."),
+    "doctor": ("dynid.cli.start:doctor", "Report versions, optional packages and folders."),
     "help": ("dynid.cli.help:help_", "Print the manual of a topic."),
 }
 
@@ -140,18 +142,6 @@ def _unknown_command(name: str) -> str:
     return f"no command '{name}'{did_you_mean(name, COMMANDS) or '; they are ' + ', '.join(COMMANDS)}"
 
 
-def _unknown_option(error: click.NoSuchOption, args: list[str]) -> click.UsageError:
-    """Return the error with the long option that was written with one hyphen, or --version for -v."""
-    context, name = error.ctx, error.option_name
-    known = (
-        [each for option in context.command.get_params(context) for each in option.opts] if context else []
-    )
-    wanted = [f"-{word.partition('=')[0]}" for word in args if word.startswith(name)]
-    wanted += ["--version"] if name in ("-v", "-V") else []
-    meant = next((each for each in wanted if each in known), None)
-    return click.UsageError(f"{error.message} Did you mean '{meant}'?", context) if meant else error
-
-
 def citation() -> str:
     """Return BibTeX entries of this version and of the papers that it implements."""
     return _CITATION.format(version=__version__)
@@ -190,6 +180,9 @@ def main(args: list[str] | None = None) -> None:
             stream.reconfigure(errors="replace")  # for terminals that cannot print ω
     # The search of pydantic for plugins in all installed packages takes as long as checking a scene.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    # Modules and schemas live to the end: searching them for garbage takes a fifth of a short run.
+    gc.set_threshold(10_000, 50)
+    atexit.register(gc.freeze)
     with guarded():
         sys.exit(_exit_code(args))
 
@@ -206,7 +199,20 @@ def _exit_code(args: list[str] | None) -> int:
         return leave.exit_code
     except click.ClickException as error:
         if isinstance(error, click.NoSuchOption):
-            error = _unknown_option(error, sys.argv[1:] if args is None else args)
+            context, name = error.ctx, error.option_name
+            known = (
+                [each for option in context.command.get_params(context) for each in option.opts]
+                if context
+                else []
+            )
+            wanted = [
+                f"-{word.partition('=')[0]}"
+                for word in (sys.argv[1:] if args is None else args)
+                if word.startswith(name)
+            ]
+            wanted += ["--version"] if name in ("-v", "-V") else []
+            meant = next((each for each in wanted if each in known), None)
+            error = click.UsageError(f"{error.message} Did you mean '{meant}'?", context) if meant else error
         error.show()
         return 2
     except (KeyboardInterrupt, click.Abort):

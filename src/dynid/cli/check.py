@@ -155,8 +155,8 @@ def explanation_lines(explained: Explanation, loading: float = 0.0) -> Iterator[
 
     `loading`: seconds in which a scene is read, a part of every run.
     """
-    from dynid.cli.summary.derivations import causality_lines
     from dynid.cli.summary.identification import identifiability_lines
+    from dynid.cli.summary.transfer_functions import causality_lines
 
     parts = [
         [line for fact in explained.facts for line in _hanging(fact.topic, fact.text)],

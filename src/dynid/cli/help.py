@@ -35,6 +35,9 @@ def help_(topic: str | None) -> int:
     from dynid.cli import cli
 
     topics = _topics()
+    if topic is not None and topic not in _names():  # perhaps a paragraph of a topic: modes
+        begun = f"**{topic.capitalize()}.**"
+        topic = next((name for name, text in topics.items() if begun in text.read_text("utf-8")), topic)
     if topic is None:
         width = max(map(len, topics))
         click.echo("dynid help TOPIC, where TOPIC is a command, or\n")

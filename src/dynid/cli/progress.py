@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dynid.cli.output import terminal
+from dynid.cli.arguments import terminal
 from dynid.number_format import counted
 from dynid.progress import Listener, progress_to
 from dynid.suggestions import printable

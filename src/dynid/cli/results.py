@@ -1,4 +1,4 @@
-"""Commands that read a result: `dynid show`, `report`, `plot` and `compare`."""
+"""Commands on results: show, report, plot, compare and export."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from dynid.errors import FileError, UsageError
 
 if TYPE_CHECKING:
     from dynid.result import Result
+    from dynid.store.tables import ExportTable
 
 
 @click.command()
@@ -26,11 +27,11 @@ def show(file: str, everything: bool, trace: bool, as_json: bool) -> int:
     For an interrupted study, the finished samples are summarized.
     """
     from dynid.cli.summary import contents, summary
-    from dynid.store import open_stored, read_result
+    from dynid.store import loaded, open_stored
 
     # Of a study only what the screen needs is read; it may be one that was interrupted.
     with open_stored(file, partial=True) as stored:
-        result = stored if stored.kind == "study" else read_result(file)
+        result = stored if stored.kind == "study" else loaded(stored)
         if as_json:
             from dynid.report.content import warnings
             from dynid.store.export import answer_json
@@ -158,7 +159,7 @@ def compare(first: str, second: str, rtol: float, atol: float, quiet: bool) -> i
     record, the likelihood ratio and the BIC are printed, too: which model the record prefers, by how much.
     """
     from dynid.checks import compare as differences_between
-    from dynid.checks.likelihoods import compare_identifications
+    from dynid.checks.comparison import compare_identifications
     from dynid.number_format import counted
     from dynid.store import open_stored
 
@@ -172,3 +173,166 @@ def compare(first: str, second: str, rtol: float, atol: float, quiet: bool) -> i
         if compared:
             click.echo("\n".join(["", *compared]))
     return 1 if differences else 0
+
+
+#: Formats of systems (transfer functions, matrices) instead of tables.
+_SYSTEMS = ("json", "mat", "mtx")
+
+
+@click.command()
+@click.argument("file", type=click.Path())
+@click.option("--csv", "form", flag_value="csv", help="Write CSV: units in the header, missing values empty.")
+@click.option("--parquet", "form", flag_value="parquet", help="Write Parquet, with units in the metadata.")
+@click.option("--json", "form", flag_value="json", help="Write the transfer functions as JSON.")
+@click.option("--mat", "form", flag_value="mat", help="Write state equations and reduced models for MATLAB.")
+@click.option("--mtx", "form", flag_value="mtx", help="Write the matrices of reduced models, one file each.")
+@click.option(
+    "--scene",
+    "form",
+    flag_value="scene",
+    help="Write the identified or designed scene, with its values, or the bond graph of a synthesis.",
+)
+@click.option(
+    "--form", "realisation", metavar="FORM", help="The form of a synthesis to write; default, its first."
+)
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(),
+    help="The file to write, or the folder for several tables; default ./<FILE> with the new suffix.",
+)
+@click.option(
+    "--long", "long", is_flag=True, help="For a study, too: one table per group, one row per entry."
+)
+@click.option("--table", "name", metavar="GROUP", help="Write only the table of this group.")
+@reads_results("file")
+def export(
+    file: str, form: str | None, realisation: str | None, output: str | None, long: bool, name: str | None
+) -> int:
+    """Write a result in a format of other tools: as tables, as systems, or as a scene.
+
+    A study gives one table with one row per sample. Any other result gives one table per group, with one row
+    per entry of its arrays; complex numbers take two columns, .re and .im. Of an identification, --scene
+    writes the scene with the estimates in place of the unknowns; of a design, the scene with the designed
+    values; of a synthesis, the bond graph of a form. One of the formats --csv, --parquet, --json, --mat,
+    --mtx and --scene is required.
+
+    \b
+    Examples:
+      dynid export tolerances.h5 --csv
+      dynid export isolator.h5 --csv --table bond_graph/frequency_response
+      dynid export isolator.h5 --json
+      dynid export joints.h5 --scene -o identified.yaml
+      dynid export impedance.h5 --scene --form foster
+    """  # noqa: D301 - click's mark against wrapping
+    if form is None:
+        raise UsageError(
+            "no format to export is given", remedy="Pass --csv, --parquet, --json, --mat, --mtx or --scene."
+        )
+    if realisation is not None and form != "scene":
+        raise UsageError("--form names the form of a scene", remedy="Pass --scene, too.")
+    if form in _SYSTEMS:
+        _export_systems(file, form, output)
+        return 0
+    if form == "scene":
+        _export_scene(file, output, realisation)
+        return 0
+    from dynid.store import open_stored
+    from dynid.store.tables import tables_of, write_csv, write_parquet
+
+    write = write_csv if form == "csv" else write_parquet
+    stem = Path(file).stem
+    with open_stored(file, partial=True) as result:
+        if name is not None:
+            table = _table_named(tables_of(result), name)
+            target = output or f"{table.name}.{form}"
+        elif result.kind == "study" and not long:
+            from dynid.study.analysis.table import StudyTable, flat_table
+
+            table = flat_table(StudyTable(result), stem)
+            target = output or f"{stem}.{form}"
+        else:
+            folder = _made(Path(output or stem))
+            for table in tables_of(result):
+                write(table, str(folder / f"{table.name}.{form}"))
+                click.echo(f"wrote {folder / f'{table.name}.{form}'}")
+            return 0
+        _refuse_overwriting(target, file)
+        write(table, target)
+        click.echo(f"wrote {target}")
+    return 0
+
+
+def _export_scene(file: str, output: str | None, realisation: str | None) -> None:
+    from dynid.file_access import replace_file
+    from dynid.scene.identified import designed_scene_text, holds_design, identified_scene
+    from dynid.store import read_result
+
+    result, stem = read_result(file), Path(file).stem
+    if result.kind == "synthesis":
+        from dynid.scene.kinds.synthesis import exported_scene
+
+        form, text = exported_scene(result, realisation)
+        target, note = output or f"{stem}.{form}.yaml", f"the {form} form"
+    elif realisation is not None:
+        raise UsageError(f"{file} is no synthesis, which alone has forms", remedy="Leave --form out.")
+    elif holds_design(result):
+        text = designed_scene_text(result, file)
+        target, note = output or f"{stem}.designed.yaml", "names of files in it are relative to its folder"
+    else:
+        text = identified_scene(result, file)
+        target, note = output or f"{stem}.identified.yaml", "names of files in it are relative to its folder"
+    _refuse_overwriting(target, file)
+    replace_file(target, text.encode())
+    click.echo(f"wrote {target}; {note}")
+
+
+def _export_systems(file: str, form: str, output: str | None) -> None:
+    from dynid.file_access import replace_file
+    from dynid.store import export, read_result
+
+    result, stem = read_result(file), Path(file).stem
+    if form == "mtx":
+        folder = _made(Path(output or stem))
+        contents = {folder / name: content for name, content in export.matrix_market_files(result).items()}
+    else:
+        target = output or f"{stem}.{form}"
+        _refuse_overwriting(target, file)
+        write = {"json": export.transfer_functions_json, "mat": export.matlab_file}[form]
+        contents = {Path(target): write(result)}
+    for path, content in contents.items():
+        replace_file(path, content)
+        click.echo(f"wrote {path}")
+
+
+def _table_named(tables: list[ExportTable], name: str) -> ExportTable:
+    """Return the table of a name, or the only one of a group."""
+    from dynid.suggestions import did_you_mean
+
+    wanted = name.strip("/").replace("/", ".")
+    found = [table for table in tables if table.name == wanted]
+    found = found or [table for table in tables if table.attrs["group"].replace("/", ".") == wanted]
+    if len(found) == 1:
+        return found[0]
+    names = [table.name for table in found or tables]
+    if found:
+        raise UsageError(f"{name} has several tables", remedy=f"Name one of them: {', '.join(names)}.")
+    raise UsageError(
+        f"there is no table '{name}'{did_you_mean(wanted, names)}", remedy=f"There are: {', '.join(names)}."
+    )
+
+
+def _refuse_overwriting(output: str, file: str) -> None:
+    if is_same(output, file):
+        raise UsageError(f"the export would overwrite the result {file}", remedy="Name another file with -o.")
+    refuse_missing_folders(output)
+
+
+def _made(folder: Path) -> Path:
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise FileError(
+            f"{folder} cannot be made a folder: {error.strerror or error}", names=[str(folder)]
+        ) from None
+    return folder

@@ -14,7 +14,9 @@ from dynid.cli.arguments import is_same, reads_results, refuse_missing_folders, 
 from dynid.errors import UsageError
 
 if TYPE_CHECKING:
+    from dynid.result import Result
     from dynid.study.analysis.sample_statistics import Direction
+    from dynid.study.scheduler import Notice
 
 _LONGEST = 1e6  # longest time limit of a sample, s: more than a week
 
@@ -137,7 +139,7 @@ def study(
     from dynid.cli.progress import noticing, showing_study
     from dynid.cli.run import checked_expectations, report_expectations
     from dynid.store import open_stored
-    from dynid.store.interrupts import Terminated, terminations
+    from dynid.store.files import Terminated, terminations
     from dynid.study.executors import make_executor
     from dynid.study.run import run_study
 
@@ -145,14 +147,16 @@ def study(
     pool = make_executor(executor, workers, scheduler, scheduler_file, sample_timeout)
     try:
         with terminations(), showing_study(quiet) as listener:
+            notice = noticing(plan.study.source.file, listener)
             run_study(
                 plan, target, pool, shard=shard, max_failures=max_failures, retry_failed=retry_failed,
-                force=force, report=listener, notice=noticing(plan.study.source.file, listener),
+                force=force, report=listener, notice=notice,
             )  # fmt: skip
     except KeyboardInterrupt as end:
         click.echo(f"interrupted; finished samples are stored. Resume with: {_same_command()}", err=True)
         return 143 if isinstance(end, Terminated) else 130
     with open_stored(target) as result:
+        _warn_of_failure(result, notice, target)
         if report:
             from dynid.cli.results import write_page
 
@@ -168,6 +172,24 @@ def study(
         if part:
             return 0
         return report_expectations(loaded, checked_expectations(loaded, result, junit), quiet)
+
+
+def _warn_of_failure(result: Result, notice: Notice, target: str) -> None:
+    """Warn of a study whose samples all failed, which leaves the exit code at 0."""
+    from dynid.number_format import counted
+    from dynid.study.analysis.table import StudyTable, failures
+
+    table = StudyTable(result)
+    count = len(table.failed)
+    if not count or table.done.any() or len(table.pending):
+        return
+    found = failures(table)
+    most = "" if len(found) == 1 else f", {len(found[0].samples)} of them"
+    notice(
+        f"{'all ' * (count > 1)}{counted(count, 'sample')} failed{most}: {found[0].error.rstrip('.')}. "
+        f"All reasons: dynid show {target}. Correct it and run the study again; with --max-failures 0, a "
+        "failure is exit code 3."
+    )
 
 
 def _same_command() -> str:

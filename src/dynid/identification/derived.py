@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from dynid.errors import DynidError
 from dynid.identification.linear_system import LinearSystem
 from dynid.lti.exponential import balance
-from dynid.lti.parametric import Matrices, System, single
 from dynid.lti.root_slopes import Roots, poles, poles_of_all, zeros, zeros_of_all
+from dynid.lti.state_space import Matrices, ParametricSystem, single
 from dynid.number_format import counted
 from dynid.parameters import Parameter, named, rates
 
@@ -45,7 +45,7 @@ _BLOCK = 1 << 17
 DELTA, LOGARITHM, SAMPLED = "delta", "delta of the logarithm", "samples"
 
 
-class Band(NamedTuple):
+class ConfidenceBand(NamedTuple):
     """Values with the ends of their 95 % bands, and the method of each (arrays of one shape)."""
 
     value: Array
@@ -53,9 +53,9 @@ class Band(NamedTuple):
     high: Array
     method: NDArray[np.object_]
 
-    def part(self, places: Any) -> Band:
+    def part(self, places: Any) -> ConfidenceBand:
         """Return the bands at some places."""
-        return Band(self.value[places], self.low[places], self.high[places], self.method[places])
+        return ConfidenceBand(self.value[places], self.low[places], self.high[places], self.method[places])
 
 
 class Pair(NamedTuple):
@@ -133,7 +133,7 @@ class GaussianPosterior:
 
     def bands(
         self, value: Array, slopes: Array, at: Callable[[Array, NDArray[np.intp] | slice], Array]
-    ) -> Band:
+    ) -> ConfidenceBand:
         """Return the bands of quantities.
 
         Parameters
@@ -175,7 +175,7 @@ class GaussianPosterior:
                 ends_of = np.quantile(found, [_TAIL, 1 - _TAIL]) if len(found) else [-np.inf, np.inf]
                 low[place], high[place] = ends_of
                 method[place] = SAMPLED
-        return Band(value, np.minimum(low, value), np.maximum(high, value), method)
+        return ConfidenceBand(value, np.minimum(low, value), np.maximum(high, value), method)
 
 
 def _bend(value: Array, up: Array, down: Array, linear: Array) -> Array:
@@ -265,7 +265,7 @@ class RootFamily:
         tracked[usable] = np.take_along_axis(values[:, 0], nearest, axis=1)
         return tracked
 
-    def parts(self) -> tuple[Band, Band]:
+    def parts(self) -> tuple[ConfidenceBand, ConfidenceBand]:
         """Return real and imaginary parts of the shown roots with their bands."""
         shown, reference = self.shown, self.reference
         values, slopes = reference.values[shown], reference.slopes[shown]
@@ -285,7 +285,7 @@ class RootFamily:
         """Places of the roots above the real axis, which are pairs."""
         return np.flatnonzero(self.reference.values.imag > 0)
 
-    def frequencies(self) -> tuple[Band, Band]:
+    def frequencies(self) -> tuple[ConfidenceBand, ConfidenceBand]:
         """Return natural frequencies and damping ratios of the pairs with their bands.
 
         Of a pair a, b these are sqrt(a b) and -(a + b) / 2 sqrt(a b), also where it becomes real.
@@ -363,7 +363,7 @@ def _paired(cost: Array) -> NDArray[np.intp]:
     return column
 
 
-def _halves(band: Band) -> tuple[Band, Band]:
+def _halves(band: ConfidenceBand) -> tuple[ConfidenceBand, ConfidenceBand]:
     half = len(band.value) // 2
     return band.part(slice(half)), band.part(slice(half, None))
 
@@ -448,7 +448,7 @@ class DerivedQuantities:
             slopes=np.where(finite, np.where(finite, found.slopes, 0.0) * self._rates, np.inf)
         )
 
-    def response(self, omega: Array, pair: Pair) -> tuple[Band, Band]:
+    def response(self, omega: Array, pair: Pair) -> tuple[ConfidenceBand, ConfidenceBand]:
         """Return magnitude and phase (rad) of a frequency response at lines (L) with their bands.
 
         Raises
@@ -483,10 +483,10 @@ class DerivedQuantities:
 
         return _halves(self.posterior.bands(np.concatenate([size, phase]), moved, at))
 
-    def gains(self, pair: Pair) -> dict[str, Band]:
+    def gains(self, pair: Pair) -> dict[str, ConfidenceBand]:
         """Return the gains of a pair at rest and at high frequencies, as far as they are finite."""
         eta = self.posterior.eta
-        made: dict[str, Callable[[System], tuple[float, Array] | None]] = {"dc": _dc_gain}
+        made: dict[str, Callable[[ParametricSystem], tuple[float, Array] | None]] = {"dc": _dc_gain}
         here = self._at(eta)
         if len(here.D) == 1 or not here.D[1:, pair.channel, pair.load].any():
             made["high_frequency"] = lambda one: (one.d, one.d_slopes)
@@ -505,7 +505,7 @@ class DerivedQuantities:
         return bands
 
 
-def _dc_gain(one: System) -> tuple[float, Array] | None:
+def _dc_gain(one: ParametricSystem) -> tuple[float, Array] | None:
     """Return d - c A^-1 b with its derivatives; None where a pole at the origin is in the way."""
     if poles(one.A).origin:
         return None

@@ -14,11 +14,6 @@ from numpy.typing import NDArray
 
 from dynid.defaults import DENSE_STRUCTURES, SEARCH_WORK
 from dynid.identification.band_limited_system import band_limited
-from dynid.identification.calibration import (
-    DELAY,
-    GAIN_CHANGE,
-    CalibrationDerivatives,
-)
 from dynid.identification.frf_measurement import (
     Frf,
     FrfMeasurement,
@@ -26,6 +21,11 @@ from dynid.identification.frf_measurement import (
     check_cost,
     stacked,
     unstacked,
+)
+from dynid.identification.instruments import (
+    DELAY,
+    GAIN_CHANGE,
+    CalibrationDerivatives,
 )
 from dynid.identification.likelihood import Likelihood
 from dynid.identification.linear_system import LinearSystem

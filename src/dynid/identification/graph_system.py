@@ -16,15 +16,13 @@ from numpy.typing import NDArray
 
 from dynid.arithmetic.dependent import Real
 from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, GraphUnits, Port, port_fault
-from dynid.bondgraph.parametric_equations import ParametricEquations
-from dynid.bondgraph.parametric_response import ParametricResponse
+from dynid.bondgraph.parametric_equations import ParametricEquations, ParametricResponse
 from dynid.bondgraph.plan import ReducedGraph
 from dynid.errors import Singular, UsageError
 from dynid.identification.linear_system import ComplexArray, LinearSystem, StateVariable
 from dynid.identification.simulation import Simulation
-from dynid.lti.parametric import Matrices
 from dynid.lti.signals import Impulse, Signal
-from dynid.lti.state_space import StateSpace
+from dynid.lti.state_space import Matrices, StateSpace
 from dynid.lti.time_response import TimeResponse, propagate
 from dynid.parameters import Parameter, true_values
 from dynid.suggestions import did_you_mean
@@ -94,7 +92,7 @@ class GraphChannel(NamedTuple):
         return SourceLoad(source, Impulse(1.0))
 
 
-class GraphModel:
+class IdentifiedGraph:
     """A bond graph with unknown parameters: a `SystemModel`.
 
     Parameters
@@ -137,9 +135,9 @@ class GraphModel:
         """The unknown parameters (p)."""
         return tuple(one for one in self.parameters if one.std is None)
 
-    def with_parameters(self, parameters: Sequence[Parameter]) -> GraphModel:
+    def with_parameters(self, parameters: Sequence[Parameter]) -> IdentifiedGraph:
         """Return the model with other unknown and considered parameters."""
-        return GraphModel(self.graph, parameters, self.initial, self.variables)
+        return IdentifiedGraph(self.graph, parameters, self.initial, self.variables)
 
     def load(self, source: str, signal: Signal, gain: Real = 1.0, delay: Real = 0.0) -> SourceLoad:
         """Return the load of a source, with its unit.
@@ -233,7 +231,7 @@ class GraphSystem(LinearSystem):
     """
 
     def __init__(
-        self, model: GraphModel, loads: Sequence[SourceLoad], channels: Sequence[GraphChannel]
+        self, model: IdentifiedGraph, loads: Sequence[SourceLoad], channels: Sequence[GraphChannel]
     ) -> None:
         self.unknowns, self._loads, self._channels = model.unknowns, loads, channels
         self.signals = [load.signal for load in loads]

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.calibration import add_calibration_slopes, calibration_slopes
 from dynid.identification.frf_measurement import FrfMeasurement, frf_data
 from dynid.identification.frf_record import frf_likelihood
 from dynid.identification.identify_modes import ModalProblem
 from dynid.identification.information import Information
+from dynid.identification.instruments import add_calibration_slopes, calibration_slopes
 from dynid.identification.lack_of_fit import compare_models
 from dynid.identification.least_squares import thin_svd
 from dynid.identification.likelihood import Fit, Likelihood
@@ -28,7 +28,7 @@ from dynid.lti.floating import guarded
 from dynid.parameters import coordinates, named, rates, starts, truths, values
 from dynid.result import Result
 from dynid.structure.model import StructuralModel
-from dynid.structure.modes.sensitivity import PoleSensitivities, pole_sensitivities
+from dynid.structure.modes.poles import PoleSensitivities, pole_sensitivities
 from dynid.structure.response import common_unit
 
 Array = NDArray[np.float64]

@@ -20,7 +20,6 @@ from dynid.errors import Diverged, DynidError, NotIdentifiable, UsageError
 from dynid.identification.estimators.auto import Auto, FrfAuto
 from dynid.identification.estimators.estimate import Estimate, Estimator, Sweep
 from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
-from dynid.identification.estimators.modal_search import ModalSearch
 from dynid.identification.filter import ASTRAY
 from dynid.identification.frf_measurement import FrfMeasurement, frf_data
 from dynid.identification.frf_record import FrfLikelihood, frf_likelihood
@@ -36,7 +35,6 @@ from dynid.identification.measurement import (
     simulated,
     true_states,
 )
-from dynid.identification.model_error import model_error
 from dynid.identification.parametric_model import Model, ParametricModel, parametric_model, unknowns_of
 from dynid.identification.posterior import Posterior
 from dynid.identification.simulation import Simulation
@@ -341,6 +339,8 @@ def posterior_of(
     posterior = _checked(posterior, starts(model.unknowns), suggest)
     full = isinstance(truth, StructuralModel) and truth.basis is None
     if full and isinstance(model, StructuralModel) and model.basis is not None:
+        from dynid.identification.model_error import model_error
+
         own = [record.data for record in posterior.likelihood.records]
         found = model_error(
             model,
@@ -385,8 +385,7 @@ def _with(estimator: Any, **options: bool) -> Any:
     """Return an estimator with these options of an automatic one; any other stays as it is."""
     if isinstance(estimator, Huber):
         return replace(estimator, inner=_with(estimator.inner, **options))
-    kinds = Auto | FrfAuto | ModalSearch
-    return replace(estimator, **options) if isinstance(estimator, kinds) else estimator  # type: ignore[arg-type]
+    return replace(estimator, **options) if estimator.name == "auto" else estimator
 
 
 def _with_spreads(model: Model, experiments: Sequence[Experiment], values: Sequence[RecordData]) -> Model:

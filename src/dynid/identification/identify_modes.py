@@ -23,11 +23,9 @@ from dynid.identification.modal_measurement import ModalMeasurement
 from dynid.identification.modal_record import (
     ModalLikelihood,
     ModalRecord,
-    is_large,
-    modal_model,
-    modes_needed,
     start_values,
 )
+from dynid.identification.paired_modes import is_large, modal_model, modes_needed
 from dynid.identification.parametric_model import unknowns_of
 from dynid.identification.record_likelihood import RecordLikelihood
 from dynid.identification.time_record import TimeRecord

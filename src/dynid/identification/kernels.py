@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from dynid.defaults import FORCING_TABLE
 from dynid.identification.linear_system import Affine
 from dynid.identification.parametric_model import ParametricModel, Transition
+from dynid.lti.floating import finite
 from dynid.native import call, structure
 from dynid.parameters import logarithmic
 
@@ -46,7 +47,11 @@ class Linear(NamedTuple):
     members: Any
 
 
+# Of models, and outputs of affine ones.
 _TABLES: WeakKeyDictionary[ParametricModel, Any] = WeakKeyDictionary()
+_OUTPUTS: WeakKeyDictionary[ParametricModel, Any] = WeakKeyDictionary()
+# What a fit returns where the series does not reach a step, and where derivatives are not finite.
+_UNREACHED, _NOT_FINITE = 1, 2
 
 
 def plain(array: Array) -> Array:
@@ -185,10 +190,12 @@ def outputs(model: ParametricModel, eta: Array) -> Any:
     Of an affine model C is that without the parameters, and the slopes are by their values; of any other both
     are at the coordinates.
     """
+    if (made := _OUTPUTS.get(model)) is not None:
+        return made
     direct, affine = model.direct(eta), model.affine
     C, C_slopes = model.output(eta) if affine is None else (affine.C, affine.C_slopes)
     samples, channels = direct.value.shape
-    return structure(
+    made = structure(
         affine=int(affine is not None),
         channels=channels,
         samples=samples,
@@ -197,6 +204,9 @@ def outputs(model: ParametricModel, eta: Array) -> Any:
         direct=plain(direct.value),
         direct_slopes=None if direct.slopes is None else plain(direct.slopes),
     )
+    if affine is not None:
+        _OUTPUTS[model] = made
+    return made
 
 
 def record(measured: Array, weights: Array, origin: Array, limits: tuple[float, Array, Array]) -> Any:
@@ -245,46 +255,73 @@ def sensitive(
     return found, states, by_parameter
 
 
-def fitted(model: ParametricModel, eta: Array, values: Array, rms: Array) -> Any:
-    """Return a record as a fit at coordinates (p) reads it; of values (times x channels) and their RMS."""
-    (C, C_slopes), direct = model.output(eta), model.direct(eta)
-    return structure(
-        channels=len(C),
-        samples=len(values),
-        C=plain(C),
-        C_slopes=plain(C_slopes) if C_slopes.any() else None,
-        direct=plain(direct.value),
-        direct_slopes=None if direct.slopes is None else plain(direct.slopes),
-        rms=plain(rms),
-        initial=plain(model.initial),
-        values=plain(values),
-    )
+class Fitted(NamedTuple):
+    """The fit of a record: the first state (n), what `sensitive` and `triangles` return, and residuals.
 
-
-def begin_fit(model: ParametricModel, at: Linear, record: Any) -> tuple[Array, Array]:
-    """Return derivatives by the first state (times x channels x n), and triangles of these and the values.
-
-    The latter (channels x n + 1 x n + 1) are over the channels' RMS, and of what the prescribed part of the
-    first state leaves of the values.
+    `by_state` (times x channels x n) are the derivatives by the first state.
     """
-    n = model.states
-    by_state = np.empty((record.samples, record.channels, n))
-    factors = np.zeros((record.channels, n + 1, n + 1))
-    call("dynid_begin_fit", tables(model), at.members, record, by_state, factors)
-    return by_state, factors
+
+    start: Array
+    outputs: Array
+    residual: Array
+    states: Array
+    by_state: Array
+    by_parameter: Array
+    factors: Array
+    counts: NDArray[np.int64]
 
 
-def end_fit(
-    model: ParametricModel, at: Linear, record: Any, start: Array, by_state: Array
-) -> tuple[tuple[Array, Array, Array], Array, Array, NDArray[np.int64]]:
-    """Return what `sensitive` does from a first state (n), residuals, and the `triangles` of both."""
-    shape, n, p = (record.samples, record.channels), model.states, model.parameters
-    found, states, by_parameter = np.empty(shape), np.empty((shape[0], n)), np.empty((*shape, p))
-    residual, counts = np.empty(shape), np.zeros(shape[1], dtype=np.int64)
-    factors = np.zeros((shape[1], n + p + 1, n + p + 1))
-    read = tables(model), at.members, record, plain(start), by_state
-    call("dynid_end_fit", *read, found, states, by_parameter, residual, factors, counts)
-    return (found, states, by_parameter), residual, factors, counts
+def fitted(
+    model: ParametricModel, eta: Array, values: Array, rms: Array, weights: Array, root: Array, rank: float
+) -> Fitted:
+    """Return the fit of a record at coordinates (p).
+
+    Parameters
+    ----------
+    model, eta
+        Model and coordinates.
+    values
+        Values of the record (times x channels), NaN where missing.
+    rms, weights
+        What each channel is divided by, and then multiplied with for the first state (channels).
+    root
+        Root of the prior covariance of the first state (n x n).
+    rank
+        Singular values of the derivatives by the first state below this part of the largest are none.
+
+    Raises
+    ------
+    NumericalError
+        If the derivatives by the first state leave the range of double precision.
+    """
+    (samples, channels), n, p = values.shape, model.states, model.parameters
+    made = Fitted(
+        np.empty(n),
+        np.empty((samples, channels)),
+        np.empty((samples, channels)),
+        np.empty((samples, n)),
+        np.empty((samples, channels, n)),
+        np.empty((samples, channels, p)),
+        np.zeros((channels, n + p + 1, n + p + 1)),
+        np.zeros(channels, dtype=np.int64),
+    )
+    read = structure(
+        values=plain(values),
+        rms=plain(rms),
+        weights=plain(weights),
+        initial=plain(model.initial),
+        root=plain(root),
+        rank=rank,
+    )
+    given = outputs(model, eta), read, structure(**made._asdict())
+    missed = model.affine is None
+    if not missed:
+        missed = (done := call("dynid_fit", tables(model), None, plain(eta), *given)) == _UNREACHED
+    if missed:
+        done = call("dynid_fit", tables(model), steps_at(model, eta).members, plain(eta), *given)
+    if done == _NOT_FINITE:
+        finite("the sensitivity of the record", np.array(np.nan))
+    return made
 
 
 def triangles(

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.defaults import EXPLAINED, LACK_OF_FIT, RESOLVED, SIGNAL
-from dynid.identification.least_squares import thin_svd
+from dynid.identification.least_squares import basis
 from dynid.identification.likelihood import Fit, Likelihood
 from dynid.identification.record_likelihood import ScatterTest
 from dynid.identification.saturated_model import RegressorKind, SaturatedCoordinates
@@ -290,8 +290,7 @@ def _off_states(record: Sequence[SaturatedCoordinates], noise: Array) -> tuple[A
 def _range(matrix: Array) -> Array:
     """Return an orthonormal basis of the range of the columns, scaled to one length."""
     size = np.linalg.norm(matrix, axis=0)
-    U, s, _ = thin_svd(matrix[:, size > 0] / size[size > 0])
-    return np.asarray(U[:, : len(s)][:, s > _RANK * s.max(initial=0.0)])
+    return basis(matrix[:, size > 0] / size[size > 0], _RANK)
 
 
 def _without(U: Array, columns: Array) -> Array:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.lti.floating import finite
+from dynid.native import call, compiled
 
 Array = NDArray[np.float64]
 
@@ -14,15 +15,27 @@ Array = NDArray[np.float64]
 STATE_RANK = 1e-10
 # Height over width of the blocks that a tall matrix is factorised by.
 _BLOCK = 8
+# Most columns of matrices that the library factorises; LAPACK takes larger ones, whose calls cost it little.
+_SMALL = 32
 
 
 def without_state(columns: Array, by_state: Array) -> tuple[Array, int]:
     """Return columns (rows x any) projected off those by the state (rows x n), and how many these count."""
-    U, s, _ = thin_svd(by_state)
-    U = U[:, : len(s)][:, s > STATE_RANK * s.max(initial=0.0)]
+    U = basis(by_state, STATE_RANK)
     projected = columns - U @ (U.T @ columns)
     projected -= U @ (U.T @ projected)  # once more: what rounding left
     return projected, U.shape[1]
+
+
+def basis(matrix: Array, rank: float) -> Array:
+    """Return an orthonormal basis of the range, singular values below `rank` of the largest left out."""
+    rows, columns = matrix.shape
+    if columns <= min(rows, _SMALL) and compiled():
+        finite("the sensitivity of the record", matrix)
+        found = np.empty((columns, rows))
+        return found[: call("dynid_range", rows, columns, np.require(matrix, float, "C"), rank, found)].T
+    U, s, _ = thin_svd(matrix)
+    return U[:, : len(s)][:, s > rank * s.max(initial=0.0)]
 
 
 def thin_svd(matrix: Array) -> tuple[Array, Array, Array]:
@@ -81,7 +94,12 @@ def least_squares(matrix: Array, right: Array, rank: float) -> Array:
     """Return the shortest least-squares solution, singular values below `rank` of the largest left out."""
     finite("the sensitivity of the record", matrix)
     finite("the record", right)
-    if len(matrix) > _BLOCK * matrix.shape[1]:
+    rows, columns = matrix.shape
+    if columns <= _SMALL and compiled():
+        x = np.empty(columns)
+        call("dynid_least_squares", rows, columns, np.column_stack([matrix, right]), float(rank), x)
+        return x
+    if rows > _BLOCK * columns:
         both = _triangle(np.column_stack([matrix, right]))
         matrix, right = both[:, :-1], both[:, -1]
     return np.asarray(np.linalg.lstsq(matrix, right, rank)[0])

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from dynid.identification.simulation import Simulation
 from dynid.lti.frequency_response import on_a_pole
-from dynid.lti.parametric import Matrices
 from dynid.lti.signals import Signal
-from dynid.lti.state_space import StateSpace
+from dynid.lti.state_space import Matrices, StateSpace
 from dynid.lti.time_response import TimeResponse
 from dynid.parameters import Parameter
 

@@ -1,8 +1,6 @@
 """Likelihood of measured modes: frequencies, damping ratios, and shapes of a free scale, Gaussian each.
 
-Every evaluation pairs measured modes with those of the model anew, by MAC and frequency. Modes of the model
-that are nearly equal have no shapes of their own: the measured shape is compared with the best one of their
-span. The scale of a shape is solved for (variable projection), and derivatives are exact.
+Every evaluation pairs measured modes with those of the model anew (`paired_modes`).
 
 Values are in units of their deviations. Where the model's form is in error, that error adds to the scatter:
 ``sigma^2 = scatter^2 + (e size)^2``. Of each quantity e solves ``sum r^2 / sigma^2 = nu - 2``, nu being the
@@ -23,11 +21,12 @@ from numpy.typing import NDArray
 
 from dynid.defaults import LACK_OF_FIT
 from dynid.errors import UsageError
-from dynid.identification.calibration import CalibrationDerivatives
+from dynid.identification.instruments import CalibrationDerivatives
 from dynid.identification.likelihood import Likelihood
 from dynid.identification.linear_system import LinearSystem
 from dynid.identification.measurement import RecordData
 from dynid.identification.modal_measurement import ModalChannel, ModalMeasurement, channels_of
+from dynid.identification.paired_modes import paired_modes, real_parts
 from dynid.identification.parametric_model import system_of
 from dynid.identification.prediction import Trajectory
 from dynid.identification.priors import Priors
@@ -35,25 +34,15 @@ from dynid.identification.record_likelihood import RecordFit, RecordLikelihood, 
 from dynid.identification.saturated_model import SaturatedCoordinates
 from dynid.identification.statistics import chi_squared_tail, root_mean_square
 from dynid.parameters import Parameter, named, rates, starts
-from dynid.structure.correlation import mac, paired
 from dynid.structure.model import StructuralModel
-from dynid.structure.modes.derivatives import ModalSolution, has_damping, lowest_modes, modal_basis
+from dynid.structure.modes.derivatives import ModalSolution, has_damping, lowest_modes
 
 Array = NDArray[np.float64]
 
-# Modes beside the measured ones that are computed, so that crossings are seen; up to which part of the
-# highest measured frequency; and the most of them.
-_SPARE, _BEYOND, _MOST = 4, 1.5, 200
-# Part of the highest measured frequency up to which the derivatives of modes are in a basis.
-_WITH_SLOPES = 1.25
 # Errors of the form, known to a fifth at best, are settled where estimates change by this part of their bars.
 _SETTLED = 0.03
 #: Frequencies nearer to each other, relative, have one span of shapes.
 CLOSE = 1e-4
-# Shapes at the sensors, of equal frequencies, are dependent below this part of the largest singular value.
-_DEPENDENT = 1e-6
-# More DOFs than this are reduced to the lowest modes and their derivatives.
-_MOST_DOFS = 250
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +138,11 @@ class ModalRecord(RecordLikelihood):
     # Description.
 
     @property
+    def modal(self) -> bool:
+        """True: these are measured modes."""
+        return True
+
+    @property
     def noun(self) -> str:
         """Noun for a set of measured modes."""
         return "modal survey"
@@ -217,7 +211,7 @@ class ModalRecord(RecordLikelihood):
             assert self.measurement.damping is not None
             found.append(self.measurement.damping)
         if len(self.measurement.dofs):
-            found.append(_real(self.measurement.shapes))
+            found.append(real_parts(self.measurement.shapes))
         return found
 
     @cached_property
@@ -233,7 +227,7 @@ class ModalRecord(RecordLikelihood):
         if len(self.measurement.dofs):
             # Of a complex component half of the variance in each part.
             each = shape / np.sqrt(2) if self.measurement.complex_shapes else shape
-            flat = _real(each + 1j * each) if self.measurement.complex_shapes else each.ravel()
+            flat = real_parts(each + 1j * each) if self.measurement.complex_shapes else each.ravel()
             found.append((flat, np.full(len(flat), 1 / np.sqrt(len(flat) // shape.size or 1))))
         return found
 
@@ -268,7 +262,9 @@ class ModalRecord(RecordLikelihood):
         """Predict the modes at coordinates of the parameters, and compare them with `values`."""
         at = named(self.unknowns, eta)
         solution = self.solution(at)
-        found = self._predicted(solution, self.model.slopes(at))
+        found = paired_modes(
+            self.measurement, self.rows, solution, self.model.slopes(at), self.error, self.close
+        )
         rate = rates(self.unknowns, eta)
         spread = self.spread
         outputs = _side_by_side([a / b for a, b in zip(found.columns, spread, strict=True)])
@@ -291,75 +287,6 @@ class ModalRecord(RecordLikelihood):
             mac=found.mac,
             own_mac=found.own_mac,
         )
-
-    def _predicted(self, solution: ModalSolution, slopes: Any) -> _Predicted:
-        """Return the modes that are paired with the measured ones, and their derivatives."""
-        measured, r, s = self.measurement, self.measurement.modes, len(self.measurement.dofs)
-        target, omega = measured.shapes, solution.omega
-        if len(omega) < r:
-            raise UsageError(
-                f"{r} modes are measured, but the model has {len(omega)}",
-                remedy="Refine the model, or leave modes out.",
-                names=("measurement.modes",),
-            )
-        at_sensors = self.rows @ solution.shapes
-        table = np.array([_mac_of(target[:, k], at_sensors) for k in range(r)])
-        pairs = paired(table, measured.omega, omega)
-        wide = bool(self.measurement.complex_shapes)
-        p = len(slopes)
-        poles, zeta = np.zeros(r, dtype=complex), np.zeros(r)
-        by_pole, shapes = np.zeros((r, p), dtype=complex), np.full((s, r), np.nan, dtype=target.dtype)
-        by_shape, own = np.full((s, r, p), np.nan, dtype=target.dtype), np.full(r, np.nan)
-        known: dict[int, Any] = {}
-        shape_scatter = measured.deviations()[2]
-        error = self.error[-1] if s else 0.0
-        for k, place in enumerate(pairs.tolist()):
-            span = np.flatnonzero(np.abs(omega - omega[place]) <= self.close * omega[place])
-            span = np.array([place, *[j for j in span.tolist() if j != place]])
-            psi = solution.shapes[:, span]
-            there = ~np.isnan(target[:, k])
-            if not there.any():  # of equal modes without a shape the mean
-                poles[k] = solution.poles[place]
-                each = [solution.pole_slopes(solution.poles[j], solution.shapes[:, j], slopes) for j in span]
-                by_pole[k] = np.mean(each, axis=0)
-                continue
-            for j in span.tolist():
-                if j not in known:
-                    moved = solution.shape_slopes(j, span.tolist(), slopes)
-                    known[j] = _turned(at_sensors[:, j], self.rows @ moved, wide=wide)
-            own_shapes = np.column_stack([known[j][0] for j in span.tolist()])
-            moves = np.stack([known[j][1] for j in span.tolist()], axis=1)
-            weight = 1 / np.hypot(shape_scatter[:, k], error)[there]
-            columns = weight[:, None] * own_shapes[there]
-            Q, size, Vh = np.linalg.svd(columns, full_matrices=False)
-            rank = np.count_nonzero(size > _DEPENDENT * size[0])
-            Q = Q[:, :rank]
-            part = Vh[:rank].conj().T @ (Q.conj().T @ (weight * target[there, k]) / size[:rank])
-            shapes[there, k] = own_shapes[there] @ part
-            change = weight[:, None] * np.tensordot(moves[there], part, axes=([1], [0]))
-            change = change - Q @ (Q.conj().T @ change)
-            by_shape[there, k] = change / weight[:, None]
-            own[k] = _mac_of(target[:, k], shapes[:, [k]])[0]
-            if len(span) == 1 or not part.any():
-                poles[k], shape = solution.poles[place], psi[:, 0]
-            else:
-                # Without damping all of a shape has one phase.
-                part = part if solution.damped else _turned(part, part[:, None], wide=False)[0]
-                shape = psi @ part
-                share = np.abs(part) ** 2
-                poles[k] = share @ solution.poles[span] / share.sum()
-            by_pole[k] = solution.pole_slopes(complex(poles[k]), shape, slopes)
-        size = np.abs(poles)
-        by_omega = np.real(poles.conj()[:, None] * by_pole) / size[:, None]
-        zeta = -poles.real / size
-        columns_found, slopes_found = [size], [by_omega]
-        if measured.has_damping:
-            columns_found.append(zeta)
-            slopes_found.append((-by_pole.real - zeta[:, None] * by_omega) / size[:, None])
-        if s:
-            columns_found.append(_real(shapes))
-            slopes_found.append(np.stack([_real(by_shape[..., j]) for j in range(p)], axis=1))
-        return _Predicted(columns_found, slopes_found, pairs, zeta, shapes, table, own)
 
     # Residuals and information.
 
@@ -483,47 +410,6 @@ class ModalRecord(RecordLikelihood):
         return replace(self, close=close)
 
 
-@dataclass(frozen=True, eq=False)
-class _Predicted:
-    """Predicted values of each quantity, their slopes (values x p), and what they are of."""
-
-    columns: list[Array]
-    slopes: list[Array]
-    pairs: NDArray[np.int_]
-    damping: Array
-    shapes: NDArray[Any]
-    mac: Array
-    own_mac: Array
-
-
-def _mac_of(measured: NDArray[Any], shapes: NDArray[Any]) -> Array:
-    """Return the MAC of a measured shape (s, NaN where missing) with others (s x m); 0 without a shape."""
-    there = ~np.isnan(measured)
-    return np.asarray(mac(measured[there, None], shapes[there])[0])
-
-
-def _turned(shape: NDArray[Any], moved: NDArray[Any], *, wide: bool) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return a shape at the sensors (s) and its slopes (s x p), turned to be as real as can be.
-
-    One that all phases make as real is not turned. Shapes are complex only where damping makes them so;
-    `wide`: the measured ones are complex, too.
-    """
-    if wide or not np.iscomplexobj(shape):
-        return shape, moved
-    square = shape @ shape
-    if square == 0:
-        return shape.real, moved.real
-    turn = np.exp(-0.5j * np.angle(square))
-    rate = -np.imag((shape @ moved) / square)
-    return (turn * shape).real, (turn * (moved + 1j * rate * shape[:, None])).real
-
-
-def _real(shapes: NDArray[Any]) -> Array:
-    """Return components of shapes (s x r) as real numbers one below the other, imaginary ones last."""
-    flat = shapes.ravel()
-    return np.concatenate([flat.real, flat.imag]) if np.iscomplexobj(flat) else flat
-
-
 def _filled(values: Array, rows: int) -> Array:
     """Return values with rows of NaN below them."""
     return np.concatenate([values, np.full((rows - len(values), *values.shape[1:]), np.nan)])
@@ -580,37 +466,6 @@ class ModalGuide(ModalLikelihood):
         spread = np.array([one.first_spread for one in self.unknowns])
         means = np.where(own.given, own.means, self.at)
         return replace(own, means=means, deviations=np.where(own.given, own.deviations, spread))
-
-
-def modes_needed(model: StructuralModel, measurement: ModalMeasurement, at: Mapping[str, float]) -> int:
-    """Return how many modes of the model are computed.
-
-    A few more than are measured, and all up to 1.5 times the highest measured frequency at these values.
-    """
-    near, highest = float(measurement.omega.min()), _BEYOND * float(measurement.omega.max())
-    count = measurement.modes + _SPARE
-    while count < min(model.size, _MOST):
-        omega = lowest_modes(model, at, count, near, damped=False).omega
-        if len(omega) < count or omega[-1] > highest:
-            return max(measurement.modes + _SPARE, int(np.count_nonzero(omega <= highest)) + 1)
-        count *= 2
-    return min(count, model.size, _MOST)
-
-
-def is_large(model: StructuralModel) -> bool:
-    """Return True if modes of a structure are better computed in a basis of its lowest ones."""
-    return model.is_sparse or model.size > _MOST_DOFS
-
-
-def modal_model(
-    model: StructuralModel, measurement: ModalMeasurement, at: Mapping[str, float], count: int
-) -> StructuralModel:
-    """Return the model that modes are computed with: the structure, or of a large one a basis there."""
-    if not is_large(model):
-        return model
-    damped = (measurement.has_damping or measurement.complex_shapes) and has_damping(model)
-    near, highest = float(measurement.omega.min()), _WITH_SLOPES * float(measurement.omega.max())
-    return modal_basis(model, at, count, near, highest, damped=damped)
 
 
 def start_values(model: StructuralModel) -> dict[str, float]:

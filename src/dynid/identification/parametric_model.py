@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
-from dynid.identification.instruments import Instruments, Sampling
+from dynid.identification.instruments import Instruments, RecordSampling
 from dynid.identification.linear_system import Affine, LinearSystem, SystemModel
 from dynid.identification.structure_system import StructureSystem
 from dynid.lti.exponential import balance, exponential, exponential_with_derivatives, rescaled
-from dynid.lti.parametric import Matrices
 from dynid.lti.signals import Signal
+from dynid.lti.state_space import Matrices
 from dynid.lti.time_response import check_phase, drive_scale, joint_generator
 from dynid.lti.timeline import Timeline, timeline
 from dynid.parameters import Parameter, named, rates, values
@@ -118,7 +118,7 @@ class ParametricModel:
     affine: Affine | None
     acting: NDArray[np.bool_]
     instruments: Instruments
-    sampling: Sampling | None = None
+    sampling: RecordSampling | None = None
     considered: tuple[Parameter, ...] = ()
     freed: ParametricModel | None = None
     _last: dict[bytes, Matrices] = field(default_factory=dict, repr=False)
@@ -377,9 +377,9 @@ def freed_coordinates(freed: Sequence[Parameter], unknowns: Sequence[Parameter],
 
 def _timeline(
     system: LinearSystem, instruments: Instruments, times: Array, values: Mapping[str, float]
-) -> tuple[Timeline, Sampling | None]:
+) -> tuple[Timeline, RecordSampling | None]:
     """Return the timeline of signals and channels that are delayed as at values of the parameters."""
-    sampling = Sampling.of(times, instruments.numbers(instruments.delays, values).value)
+    sampling = RecordSampling.of(times, instruments.numbers(instruments.delays, values).value)
     wanted = times if sampling is None else sampling.times
     return timeline(instruments.acting(system.signals, values), wanted, float(wanted[0])), sampling
 

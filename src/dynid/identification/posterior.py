@@ -9,20 +9,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.defaults import NOISE_CONTRADICTED, NOISE_MATTERS, OUTLIER
 from dynid.errors import Diverged, DynidError, NotIdentifiable
-from dynid.identification.calibration import CalibrationSlopes, calibration_slopes
 from dynid.identification.estimators.estimate import Estimate
 from dynid.identification.information import Information, below_noise, vanished
+from dynid.identification.instruments import CalibrationSlopes, calibration_slopes
 from dynid.identification.lack_of_fit import ModelComparison, compare_models
 from dynid.identification.likelihood import Fit, Likelihood
-from dynid.identification.modal_record import ModalRecord
-from dynid.identification.model_error import ModelError
 from dynid.identification.record_likelihood import RecordLikelihood
 from dynid.identification.residual_tests import (
     Consistency,
@@ -38,6 +36,9 @@ from dynid.identification.residual_tests import (
 )
 from dynid.identification.statistics import root_mean_square
 from dynid.parameters import logarithmic, rates, truths, values
+
+if TYPE_CHECKING:
+    from dynid.identification.model_error import ModelError
 
 Array = NDArray[np.float64]
 
@@ -71,10 +72,10 @@ class ChannelOfRecord(NamedTuple):
 
 def channels_of_records(records: Sequence[RecordLikelihood]) -> list[ChannelOfRecord]:
     """Return all channels, record by record; of several records and of modes the names have a prefix."""
-    several = sum(not isinstance(record, ModalRecord) for record in records) > 1
+    several = sum(not record.modal for record in records) > 1
     found = []
     for k, record in enumerate(records):
-        prefix = "modes." if isinstance(record, ModalRecord) else f"record_{k + 1}." if several else ""
+        prefix = "modes." if record.modal else f"record_{k + 1}." if several else ""
         found += [
             ChannelOfRecord(k, column, f"{prefix}{one.name}", one.unit)
             for column, one in enumerate(record.channels)
@@ -114,7 +115,7 @@ class Posterior:
     @property
     def several(self) -> bool:
         """True if there is more than one record."""
-        return sum(not isinstance(record, ModalRecord) for record in self.likelihood.records) > 1
+        return sum(not record.modal for record in self.likelihood.records) > 1
 
     @property
     def noun(self) -> str:

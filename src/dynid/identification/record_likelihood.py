@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.defaults import HUBER
-from dynid.identification.calibration import CalibrationDerivatives
 from dynid.identification.information import Information, information
+from dynid.identification.instruments import CalibrationDerivatives
 from dynid.identification.linear_system import LinearSystem
 from dynid.identification.measurement import RecordData
 from dynid.identification.prediction import Trajectory
@@ -116,6 +116,11 @@ class RecordLikelihood(ABC):
     sharing: int
 
     # Description, for messages and results.
+
+    @property
+    def modal(self) -> bool:
+        """True for measured modes."""
+        return False
 
     @property
     def notes(self) -> tuple[str, ...]:

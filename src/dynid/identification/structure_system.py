@@ -17,7 +17,7 @@ from dynid.identification.linear_system import Affine, LinearSystem, StateVariab
 from dynid.lti.exponential import balance, rescaled
 from dynid.lti.floating import finite
 from dynid.lti.frequency_response import second_order_response
-from dynid.lti.parametric import Matrices
+from dynid.lti.state_space import Matrices
 from dynid.number_format import frequency_text
 from dynid.structure.dynamic_condensation import ActiveCoordinates, CondensedLines, condensed_lines
 from dynid.structure.excitation import Excitation, base_slopes, drive, prescribed_state, signals_of

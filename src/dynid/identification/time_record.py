@@ -11,9 +11,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.calibration import DELAY, GAIN_CHANGE, CalibrationDerivatives
 from dynid.identification.filter import InitialState, stored_rows
 from dynid.identification.information import Information, information
+from dynid.identification.instruments import DELAY, GAIN_CHANGE, CalibrationDerivatives
 from dynid.identification.least_squares import (
     STATE_RANK,
     least_squares,
@@ -180,11 +180,10 @@ class TimeRecord(RecordLikelihood):
         if self.colour is None and model.sampling is None and kernels_used(model):
             from dynid.identification import kernels
 
-            at, record = kernels.steps_at(model, eta), kernels.fitted(model, eta, values, self.data.rms)
-            by_state, rows = kernels.begin_fit(model, at, record)
-            x0 = self._start(rows, noise)
-            ended, residual, found, counts = kernels.end_fit(model, at, record, x0, by_state)
-            predicted = Prediction(*ended, by_state)
+            weights = np.ones(len(self.data.rms)) if noise is None else self.data.rms / noise
+            made = kernels.fitted(model, eta, values, self.data.rms, weights, self.root, STATE_RANK)
+            x0, residual, found, counts = made.start, made.residual, made.factors, made.counts
+            predicted = Prediction(made.outputs, made.states, made.by_parameter, made.by_state)
         else:
             free, steps = free_prediction(model, eta)
             x0 = self._start(self._rows(free, values), noise)
@@ -380,7 +379,7 @@ class TimeRecord(RecordLikelihood):
             if not there.all():
                 outputs, residual = np.where(there, outputs, 0.0), np.where(there, residual, 0.0)
                 by_state, by_parameter = by_state * there[:, None], by_parameter * there[:, None]
-            faults = fault_columns(outputs) * there[:, None]
+            faults = fault_columns(outputs) if there.all() else fault_columns(outputs) * there[:, None]
             if self.colour is not None:  # channel by channel, whether they are correlated or not
                 parts = (shared.values, outputs, residual, by_state, by_parameter, faults)
                 regressors, outputs, residual, by_state, by_parameter, faults = self.colour.of_channel(
@@ -388,7 +387,8 @@ class TimeRecord(RecordLikelihood):
                 )
                 own = shared.replaced(regressors)
             # A preparation filter correlates residuals that were white.
-            before = (delayed_residuals(residual) if white else np.zeros((len(there), 0))) * there[:, None]
+            before = delayed_residuals(residual) if white else np.zeros((len(there), 0))
+            before = before if there.all() else before * there[:, None]
             columns = ChannelColumns(outputs, residual, by_state, by_parameter, faults, before)
             found.append(
                 saturated_coordinates(

@@ -60,21 +60,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.defaults import HUBER
-from dynid.identification.calibration import GROUP as CONSIDERED
-from dynid.identification.calibration import add_calibration_slopes
 from dynid.identification.filter import Pass, stored_rows
 from dynid.identification.frf_record import FrfRecord
 from dynid.identification.importance import DRAWS, PosteriorCheck, likelihood_size, posterior_check
+from dynid.identification.instruments import GROUP as CONSIDERED
+from dynid.identification.instruments import add_calibration_slopes
 from dynid.identification.measurement import Measurement
-from dynid.identification.modal_record import ModalRecord
-from dynid.identification.noise_result import add_noise
 from dynid.identification.parametric_model import ParametricModel
 from dynid.identification.posterior import Posterior
 from dynid.identification.record_likelihood import RecordFit
 from dynid.identification.residual_tests import autocorrelation, consistency, is_coloured, spectrum
 from dynid.identification.time_record import TimeRecord, state_deviations
 from dynid.identification.verdict import CONTRADICTED, verdict, warnings
-from dynid.identification.write_derived import DERIVED, DerivedRequest, add_derived
+from dynid.identification.write_derived import DERIVED, DerivedRequest, add_derived, add_noise
 from dynid.parameters import rates, starts, values
 from dynid.result import Result
 from dynid.structure.correlation import frac
@@ -157,7 +155,7 @@ def add_identification(
     result.add(f"{_STAGES}/iterations", [stage.iterations for stage in stages], ("stage",))
     chosen = [stage.eta is posterior.fit.eta for stage in stages].index(True) + 1
     result.add(f"{_STAGES}/chosen", chosen)
-    if any(one.modelled for one in posterior.likelihood.records if not isinstance(one, ModalRecord)):
+    if any(one.modelled for one in posterior.likelihood.records if not one.modal):
         add_noise(result, posterior)
     check = posterior_check(posterior) if further.check else None
     if check is not None:

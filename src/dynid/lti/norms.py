@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.lti.exponential import balance, rescaled
-from dynid.lti.parametric import System
+from dynid.lti.state_space import ParametricSystem
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -32,7 +32,7 @@ _NEAR = np.array([-4.0, -2.0, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 2.0, 4.0])
 _STEPS, _SETTLED = 80, 1e-12
 
 
-class Modes(NamedTuple):
+class SystemModes(NamedTuple):
     """Eigenvalues of A (n), and True for each that the response does not show."""
 
     values: ComplexArray
@@ -62,11 +62,11 @@ class Maxima(NamedTuple):
     slopes: Array
 
 
-def modes(system: System) -> Modes:
+def modes(system: ParametricSystem) -> SystemModes:
     """Return the eigenvalues of a system and which of them are hidden."""
     scaled = _balanced(system)
     values, right, left = _eigenvectors(scaled.A)
-    return Modes(values, _is_hidden(scaled, right, left))
+    return SystemModes(values, _is_hidden(scaled, right, left))
 
 
 def on_axis(values: ComplexArray, size: float) -> NDArray[np.bool_]:
@@ -74,7 +74,7 @@ def on_axis(values: ComplexArray, size: float) -> NDArray[np.bool_]:
     return np.asarray(np.abs(values.real) <= np.maximum(_ON_AXIS * np.abs(values), _ROUNDING * size))
 
 
-def without_hidden(system: System) -> tuple[System, ComplexArray]:
+def without_hidden(system: ParametricSystem) -> tuple[ParametricSystem, ComplexArray]:
     """Return a system with hidden modes that are not stable moved to the left, and its poles.
 
     The response and its derivatives stay the same where these modes are hidden for all values.
@@ -95,7 +95,7 @@ def without_hidden(system: System) -> tuple[System, ComplexArray]:
     return scaled, np.asarray(values[~hidden])
 
 
-def h2_norm(system: System) -> tuple[float, Array]:
+def h2_norm(system: ParametricSystem) -> tuple[float, Array]:
     """Return the H2 norm of a stable system without direct term, and its derivatives by the parameters (p).
 
     The norm is the root of the mean square of the response to white noise of intensity 1, and the root of the
@@ -121,7 +121,7 @@ def h2_norm(system: System) -> tuple[float, Array]:
     return norm, moved / (2 * norm) if norm else np.zeros(len(moved))
 
 
-def maxima(system: System, poles: ComplexArray, low: float = 0.0, high: float = math.inf) -> Maxima:
+def maxima(system: ParametricSystem, poles: ComplexArray, low: float = 0.0, high: float = math.inf) -> Maxima:
     """Return the local maxima of the magnitude of a response over a band, with their derivatives.
 
     Between the points of a grid that is dense around every pole, each change of sign of the derivative by the
@@ -152,7 +152,7 @@ def maxima(system: System, poles: ComplexArray, low: float = 0.0, high: float = 
     return Maxima(omega, magnitude, slopes)
 
 
-def followed(system: System, known: Maxima, low: float = 0.0, high: float = math.inf) -> Maxima:
+def followed(system: ParametricSystem, known: Maxima, low: float = 0.0, high: float = math.inf) -> Maxima:
     """Return the same maxima of a system with slightly other parameters."""
     omega = known.omega.copy()
     free = np.isfinite(omega) & (omega > low) & (omega < high)
@@ -169,7 +169,7 @@ def followed(system: System, known: Maxima, low: float = 0.0, high: float = math
     return Maxima(omega, magnitude, slopes)
 
 
-def at_frequencies(system: System, omega: Array) -> tuple[Array, Array]:
+def at_frequencies(system: ParametricSystem, omega: Array) -> tuple[Array, Array]:
     """Return the magnitudes of a response at frequencies (m), and their derivatives at these (m x p)."""
     T, x, y = _response(system, omega)
     moved = (
@@ -183,12 +183,12 @@ def at_frequencies(system: System, omega: Array) -> tuple[Array, Array]:
     return size, np.real(turned[:, None] * moved)
 
 
-def response(system: System, omega: Array) -> ComplexArray:
+def response(system: ParametricSystem, omega: Array) -> ComplexArray:
     """Return the response at frequencies (m)."""
     return _response(system, omega)[0]
 
 
-def _response(system: System, omega: Array) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+def _response(system: ParametricSystem, omega: Array) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     """Return T (m), (j omega - A)^-1 b and (j omega - A)^-T c (m x n)."""
     n = len(system.A)
     matrix = 1j * omega[:, None, None] * np.eye(n) - system.A
@@ -199,7 +199,7 @@ def _response(system: System, omega: Array) -> tuple[ComplexArray, ComplexArray,
     return x[:, :, 0] @ system.c + system.d, np.asarray(x[:, :, 0]), np.asarray(y[:, :, 0])
 
 
-def _slope(system: System, omega: Array) -> tuple[Array, Array]:
+def _slope(system: ParametricSystem, omega: Array) -> tuple[Array, Array]:
     """Return first and second derivative of |T|^2 / 2 by the frequency (m)."""
     matrix = 1j * omega[:, None, None] * np.eye(len(system.A)) - system.A
     x = np.linalg.solve(
@@ -212,7 +212,7 @@ def _slope(system: System, omega: Array) -> tuple[Array, Array]:
     return np.real(T.conj() * first), np.abs(first) ** 2 + np.real(T.conj() * second)
 
 
-def _refined(system: System, left: Array, right: Array) -> Array:
+def _refined(system: ParametricSystem, left: Array, right: Array) -> Array:
     """Return the zero of a falling derivative in each bracket, by Newton steps within bisection."""
     left, right = left.copy(), right.copy()
     omega = (left + right) / 2
@@ -246,9 +246,9 @@ def _grid(poles: ComplexArray, low: float, high: float) -> Array:
     return np.unique(np.concatenate([spread, near, ends]))
 
 
-def _balanced(system: System) -> System:
+def _balanced(system: ParametricSystem) -> ParametricSystem:
     d = balance(system.A)
-    return System(
+    return ParametricSystem(
         rescaled(system.A, d),
         system.b / d,
         system.c * d,
@@ -268,7 +268,7 @@ def _eigenvectors(A: Array) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     return values.astype(complex), right.astype(complex), left.astype(complex)
 
 
-def _is_hidden(system: System, right: ComplexArray, left: ComplexArray) -> NDArray[np.bool_]:
+def _is_hidden(system: ParametricSystem, right: ComplexArray, left: ComplexArray) -> NDArray[np.bool_]:
     scale = float(np.linalg.norm(system.c)) * float(np.linalg.norm(system.b))
     seen = np.abs(system.c @ right) * np.abs(system.b @ left)
     return np.asarray(seen <= _HIDDEN * scale)

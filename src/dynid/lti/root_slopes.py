@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.lti.exponential import balance, rescaled
-from dynid.lti.parametric import System
+from dynid.lti.state_space import ParametricSystem
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -65,7 +65,7 @@ def poles_of_all(matrices: Sequence[Array], scale: Array) -> list[Roots]:
     return _all_ordered(np.linalg.eigvals(A).astype(np.complex128), _at_origin(A))
 
 
-def zeros(system: System, *, slopes: bool = True, scale: Array | None = None) -> Roots | None:
+def zeros(system: ParametricSystem, *, slopes: bool = True, scale: Array | None = None) -> Roots | None:
     """Return the finite zeros of a system, with their derivatives unless `slopes` is False.
 
     None where the input does not affect the output. `scale` (n) balances A, as that of a system nearby does;
@@ -104,7 +104,7 @@ def zeros(system: System, *, slopes: bool = True, scale: Array | None = None) ->
     return _ordered(np.asarray(values * speed), _divided(moved * speed, strength), origin)
 
 
-def zeros_of_all(systems: Sequence[System], scale: Array) -> list[Roots | None]:
+def zeros_of_all(systems: Sequence[ParametricSystem], scale: Array) -> list[Roots | None]:
     """Return the finite zeros of systems that one `scale` (n) balances, without derivatives, as `zeros`."""
     if not systems:
         return []

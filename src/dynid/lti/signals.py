@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from dynid.lti.generator import Array, RecordTimes, Signal, require
-from dynid.lti.noise import Random, WhiteNoise
-from dynid.lti.sampled import Sampled
+from dynid.lti.noise import Random, Sampled, WhiteNoise
 from dynid.lti.waveforms import Chirp, Impact, Impulse, Multisine, Sine, Step
 
 __all__ = [

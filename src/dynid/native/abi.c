@@ -1,10 +1,13 @@
 #include "products.h"
+#if defined(__GLIBC__)
+#include <malloc.h>
+#endif
 #if defined(__x86_64__)
 #include <cpuid.h>
 #endif
 
 /* The version of the functions' arguments, as in `__init__.py`. */
-ENTRY int64_t dynid_abi(void) { return 5; }
+ENTRY int64_t dynid_abi(void) { return 6; }
 
 /* Return 1 if this machine has registers of 256 bits and fused multiply-adds, and its system keeps them; 2 if it
  * has them of 512 bits as well. */
@@ -19,4 +22,14 @@ ENTRY int64_t dynid_wide(void) {
 #else
   return 0;
 #endif
+}
+
+/* Keep so many bytes that were freed for later arrays of this process. Otherwise the C library of Linux returns
+ * them to the system, which clears every page again for the next array: a tenth of the time of small samples. */
+ENTRY int64_t dynid_keep_memory(int64_t bytes) {
+#if defined(__GLIBC__)
+  mallopt(M_MMAP_THRESHOLD, (int)(bytes / 2));
+  mallopt(M_TRIM_THRESHOLD, (int)bytes);
+#endif
+  return bytes;
 }

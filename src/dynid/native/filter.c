@@ -5,13 +5,6 @@
 #define SMALL 1e-280
 #define LARGE 1e280
 
-/* C (channels x n) and its slopes, and the direct term (samples x channels) with its slopes. Of an affine
- * model C is that without the parameters, and the slopes are by their values. */
-typedef struct {
-  int64_t affine, channels, samples;
-  const double *C, *C_slopes, *direct, *direct_slopes; /* slopes: absent where they vanish */
-} Outputs;
-
 typedef struct {
   const double *measured, *weights; /* samples x channels */
   const double *origin, *most, *runaway; /* p */

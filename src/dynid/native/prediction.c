@@ -1,5 +1,6 @@
 /* Prediction of a record, its sensitivities and their triangular factors; see
  * `dynid.identification.prediction` and `dynid.identification.least_squares.triangular_factors`. */
+#include "orthogonal.h"
 #include "steps.h"
 
 /* Make the steps of all lengths ready; 1 of those that the series does not reach. */
@@ -69,7 +70,7 @@ ENTRY int64_t dynid_sensitive(const Tables *t, const Linear *at, int64_t channel
       for (int64_t i = 0; i < n; i++) {
         driven[i] = moved[i * (1 + p)];
         slopes[i * width] = 0.0;
-        memcpy(ahead + i * width, moved + i * (1 + p), (1 + p) * sizeof(double));
+        for (int64_t j = 1; j <= p; j++) ahead[i * width + j] = moved[i * (1 + p) + j]; /* few: no call */
       }
       accumulate(n, n, width, at->phis + length * (1 + p) * tall, pitch, slopes, width, ahead, width);
       double *swapped = slopes;
@@ -92,27 +93,6 @@ ENTRY int64_t dynid_sensitive(const Tables *t, const Linear *at, int64_t channel
   }
   free(all);
   return 0;
-}
-
-#define ROWS 64 /* rows that are reflected at once */
-
-/* Reflect the rows of a block (w x ROWS) into a triangle (w x w; Householder). */
-INLINE void reflect(double *R, double *block, double *products, int64_t w) {
-  for (int64_t j = 0; j < w; j++) {
-    const double *pivot = block + j * ROWS;
-    for (int64_t k = j; k < w; k++) products[k] = dot(ROWS, block + k * ROWS, pivot);
-    const double square = products[j];
-    if (square < 1e-280) continue; /* of columns near one: rounding of rounding, whose reciprocal overflows */
-    const double diagonal = R[j * w + j], length = copysign(sqrt(diagonal * diagonal + square), diagonal);
-    const double head = diagonal + length, share = 1.0 / (length * head);
-    R[j * w + j] = -length;
-    for (int64_t k = j + 1; k < w; k++) {
-      const double scaled = -(head * R[j * w + k] + products[k]) * share;
-      R[j * w + k] += scaled * head;
-      for (int64_t c = 0; c < ROWS; c += WIDE)
-        store(block + k * ROWS + c, load(block + k * ROWS + c) + scaled * load(pivot + c));
-    }
-  }
 }
 
 /* Set powers of two (columns) that bring the largest number of each column of rows near to one. */
@@ -166,47 +146,125 @@ ENTRY int64_t dynid_triangles(int64_t samples, int64_t channels, int64_t n, int6
   return 0;
 }
 
-/* A record as a fit reads it: n states, p parameters. */
+#define UNREACHED 1
+#define NOT_FINITE 2
+
+/* A record as a fit reads it: n states. */
 typedef struct {
-  int64_t channels, samples;
-  const double *C, *C_slopes;           /* channels x n; p x channels x n, absent where they vanish */
-  const double *direct, *direct_slopes; /* samples x channels; p x samples x channels, or absent */
-  const double *rms, *initial;          /* channels; n */
-  const double *values;                 /* samples x channels; NaN: missing */
+  const double *values;        /* samples x channels; NaN: missing */
+  const double *rms, *weights; /* channels: what rows are divided by, and multiplied with for the first state */
+  const double *initial;       /* n: the given part of the first state */
+  const double *root;          /* n x n: root of its prior covariance */
+  double rank;                 /* singular values below this part of the largest are none */
 } Fitted;
 
-/* Fill the derivatives by the first state (samples x channels x n), and the triangular factors (channels x
- * n + 1 x n + 1) of these and of what is left of the values by the given part of the first state. */
-ENTRY int64_t dynid_begin_fit(const Tables *t, const Linear *at, const Fitted *r, double *by_state,
-                              double *factors) {
-  const int64_t n = t->n, count = r->samples * r->channels;
-  double *residual = malloc((count + r->channels) * sizeof(double));
-  if (!residual) return NO_MEMORY;
-  int64_t done = dynid_free(t, at, r->channels, r->C, r->direct, residual, by_state);
+/* What a fit fills: first state (n), outputs and residuals (samples x channels), states (samples x n), derivatives
+ * by the first state and by the coordinates (samples x channels x n, p), the triangular factors (channels x w x w, w
+ * = n + p + 1) of derivatives and residuals, and the number of values of each channel. */
+typedef struct {
+  double *start, *outputs, *residual, *states, *by_state, *by_parameter, *factors;
+  int64_t *counts;
+} Fit;
+
+/* Set the first state by the triangular factors (channels x n + 1 x n + 1) of derivatives by it and of values. */
+INLINE int start_by(int64_t n, int64_t channels, const double *factors, const Fitted *r, double *start) {
+  const int64_t w = n + 1, rows = channels * w;
+  double *scaled = calloc(rows * w + n + 1, sizeof(double)), *shift = scaled + rows * w;
+  if (!scaled) return 0;
+  for (int64_t k = 0; k < rows; k++) {
+    const double *row = factors + k * w, weight = r->weights[k / w];
+    for (int64_t i = 0; i < n; i++)
+      for (int64_t c = 0; c < n; c++) scaled[k * w + c] += weight * row[i] * r->root[i * n + c];
+    scaled[k * w + n] = weight * row[n];
+  }
+  if (!least_squares(rows, n, scaled, r->rank, shift)) {
+    free(scaled);
+    return 0;
+  }
+  for (int64_t i = 0; i < n; i++) {
+    start[i] = r->initial[i];
+    for (int64_t c = 0; c < n; c++) start[i] += r->root[i * n + c] * shift[c];
+  }
+  free(scaled);
+  return 1;
+}
+
+/* Fill the derivatives by the first state (samples x channels x n) and that state. */
+INLINE int64_t begin(const Tables *t, const Linear *at, const Outputs *out, const double *C, const Fitted *r,
+                     const Fit *fit) {
+  const int64_t n = t->n, channels = out->channels, count = out->samples * channels, w = n + 1;
+  double *factors = calloc(channels * w * w, sizeof(double));
+  if (!factors) return NO_MEMORY;
+  int64_t done = dynid_free(t, at, channels, C, out->direct, fit->residual, fit->by_state);
   for (int64_t k = 0; k < count; k++) {
     double given = 0.0;
-    for (int64_t i = 0; i < n; i++) given += by_state[k * n + i] * r->initial[i];
-    residual[k] = r->values[k] - (residual[k] + given);
+    for (int64_t i = 0; i < n; i++) given += fit->by_state[k * n + i] * r->initial[i];
+    fit->residual[k] = r->values[k] - (fit->residual[k] + given);
   }
   if (!done)
-    done = dynid_triangles(r->samples, r->channels, n, 0, by_state, by_state, residual, r->rms, factors,
-                           (int64_t *)(residual + count));
-  free(residual);
+    done = dynid_triangles(out->samples, channels, n, 0, fit->by_state, fit->by_state, fit->residual, r->rms, factors,
+                           fit->counts);
+  int finite = 1;
+  for (int64_t k = 0; k < channels * w * w; k++) finite &= isfinite(factors[k]) != 0;
+  if (!done && !finite) done = NOT_FINITE;
+  if (!done && !start_by(n, channels, factors, r, fit->start)) done = NO_MEMORY;
+  free(factors);
   return done;
 }
 
-/* Fill outputs from a first state, states, derivatives by the coordinates, residuals, the triangular factors
- * (channels x w x w, w = n + p + 1) of derivatives and residuals, and the number of values of each channel. */
-ENTRY int64_t dynid_end_fit(const Tables *t, const Linear *at, const Fitted *r, const double *start,
-                            const double *by_state, double *outputs, double *states, double *by_parameter,
-                            double *residual, double *factors, int64_t *counts) {
-  const int64_t n = t->n, p = t->p, count = r->samples * r->channels;
-  if (dynid_sensitive(t, at, r->channels, r->C, r->C_slopes, r->direct, start, outputs, states, by_parameter))
-    return NO_MEMORY;
-  for (int64_t k = 0; k < count; k++) residual[k] = r->values[k] - outputs[k];
-  if (r->direct_slopes)
+/* Fill the fit of a record with the steps `at` the coordinates, C and its slopes (absent: zero) there. */
+INLINE int64_t fit_at(const Tables *t, const Linear *at, const Outputs *out, const double *C,
+                      const double *C_slopes, const Fitted *r, const Fit *fit) {
+  const int64_t p = t->p, channels = out->channels, count = out->samples * channels;
+  int64_t done = begin(t, at, out, C, r, fit);
+  if (done) return done;
+  done = dynid_sensitive(t, at, channels, C, C_slopes, out->direct, fit->start, fit->outputs, fit->states,
+                         fit->by_parameter);
+  if (done) return done;
+  for (int64_t k = 0; k < count; k++) fit->residual[k] = r->values[k] - fit->outputs[k];
+  if (out->direct_slopes)
     for (int64_t j = 0; j < p; j++)
-      for (int64_t k = 0; k < count; k++) by_parameter[k * p + j] += r->direct_slopes[j * count + k];
-  return dynid_triangles(r->samples, r->channels, n, p, by_state, by_parameter, residual, r->rms, factors,
-                         counts);
+      for (int64_t k = 0; k < count; k++) fit->by_parameter[k * p + j] += out->direct_slopes[j * count + k];
+  return dynid_triangles(out->samples, channels, t->n, p, fit->by_state, fit->by_parameter, fit->residual, r->rms,
+                         fit->factors, fit->counts);
+}
+
+/* Fill the fit of a record at coordinates. Steps that are not given are made. Returns UNREACHED where the series
+ * does not reach one, NOT_FINITE where derivatives by the first state are not finite. */
+ENTRY int64_t dynid_fit(const Tables *t, const Linear *given, const double *eta, const Outputs *out, const Fitted *r,
+                        const Fit *fit) {
+  const int64_t n = t->n, p = t->p, size = out->channels * n, wide = padded(n * (1 + p)), tall = n * padded(n + p);
+  const int64_t forward = given ? 0 : t->lengths * (n + t->q) * wide;
+  const int64_t phis = given ? 0 : t->lengths * (1 + p) * tall;
+  double *all = calloc(padded(forward) + padded(phis) + padded(p) + padded(t->lengths) + (1 + p) * padded(size) + 1,
+                       sizeof(double)), *arena = all;
+  if (!all) return NO_MEMORY;
+  Linear own = {.wide = wide, .tall = tall};
+  own.forward = taken(&arena, forward);
+  own.phis = taken(&arena, phis);
+  own.eta = taken(&arena, p);
+  own.ready = (uint8_t *)taken(&arena, t->lengths);
+  memcpy(own.eta, eta, p * sizeof(double));
+  int64_t done = 0;
+  if (!given) {
+    Work series = {0};
+    if (!work(t, &series)) done = NO_MEMORY;
+    for (int64_t length = 0; !done && length < t->lengths; length++) done = linearise(t, length, &own, &series) ? 0 : UNREACHED;
+    free(series.all);
+  }
+  const double *C = out->C, *C_slopes = out->C_slopes;
+  if (out->affine && C_slopes) {
+    double *sum = taken(&arena, size), *slopes = arena;
+    memcpy(sum, C, size * sizeof(double));
+    for (int64_t j = 0; j < p; j++)
+      for (int64_t k = 0; k < size; k++) {
+        slopes[j * size + k] = exp(eta[j]) * C_slopes[j * size + k];
+        sum[k] += slopes[j * size + k];
+      }
+    C = sum;
+    C_slopes = slopes;
+  }
+  if (!done) done = fit_at(t, given ? given : &own, out, C, C_slopes, r, fit);
+  free(all);
+  return done;
 }

@@ -86,6 +86,14 @@ INLINE void row_product(ptrdiff_t count, ptrdiff_t width, const double *A, const
   const ptrdiff_t i = 0, lda = 0, ldo = 0;
   ptrdiff_t j = 0;
   for (; j + 4 * LANES <= width; j += 4 * LANES) PANEL(1, 4 * LANES / WIDE);
+  if (j + 3 * LANES <= width) {
+    PANEL(1, 3 * LANES / WIDE);
+    j += 3 * LANES;
+  }
+  if (j + 2 * LANES <= width) {
+    PANEL(1, 2 * LANES / WIDE);
+    j += 2 * LANES;
+  }
   for (; j < width; j += LANES) PANEL(1, LANES / WIDE);
 }
 

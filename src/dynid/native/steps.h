@@ -33,6 +33,13 @@ typedef struct {
   double *phis;    /* lengths x 1 + p x tall */
 } Linear;
 
+/* C (channels x n) and its slopes, and the direct term (samples x channels) with its slopes. Of an affine
+ * model C is that without the parameters, and the slopes are by their values. */
+typedef struct {
+  int64_t affine, channels, samples;
+  const double *C, *C_slopes, *direct, *direct_slopes; /* slopes: absent where they vanish */
+} Outputs;
+
 /* Room to sum a series in. */
 typedef struct {
   int64_t block;

@@ -15,7 +15,7 @@ from dynid.report.svg import TITLE, Svg, number, plain, text_width
 
 if TYPE_CHECKING:
     from dynid.result import Result
-    from dynid.scene.frequency_unit import FrequencyUnit
+    from dynid.scene.schema.raw import FrequencyUnit
 
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

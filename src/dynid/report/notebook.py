@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from dynid.checks.comparison import word
 from dynid.checks.expectations import axis_of
 from dynid.errors import UsageError
+from dynid.report.figure import figures
 from dynid.report.plot.chart import Subplot, declared
 from dynid.report.plot.heatmap import Heatmap
-from dynid.report.plot.layers import Annotation, Band, Bars, Curve, Layer, Markers, ReferenceLine
-from dynid.report.registry import figures
-from dynid.suggestions import did_you_mean, shortened
+from dynid.report.plot.layers import Annotation, BandLayer, Bars, Curve, Layer, Markers, ReferenceLine
+from dynid.suggestions import did_you_mean, did_you_mean_path, shortened
 
 if TYPE_CHECKING:
     import pandas
@@ -31,6 +31,8 @@ _ROWS = 12
 #: Markers of matplotlib by the symbols of figures; hollow ones are not filled.
 _SYMBOLS = {"o": "o", "ring": "o", "x": "x", "+": "+", "square": "s", "diamond": "D", "kite": "D"}
 _HOLLOW = ("ring", "kite")
+#: Columns that stand first in a table.
+_FIRST = ("omega", "frequency", "frequencies")
 #: Share of rcParams["figure.figsize"] that each of several subplots has.
 _SHARE = 0.55
 
@@ -101,8 +103,10 @@ def axes(result: Result, name: str) -> Any:
 
     every = {figure.name: figure for figure in figures(result)}
     if name not in every:
-        close = did_you_mean(name, every)
-        raise UsageError(f"the result has no figure '{name}'{close}", remedy=f"It has {shortened([*every])}.")
+        raise UsageError(
+            f"the result has no figure '{name}'{_near_figure(name, every)}",
+            remedy=f"It has {shortened([*every])}.",
+        )
     charts: list[Sequence[Sequence[Subplot]]] = []
     token = declared.set(charts)
     try:
@@ -138,6 +142,19 @@ def axes(result: Result, name: str) -> Any:
     return grid[0, 0] if grid.size == 1 else grid
 
 
+def _near_figure(name: str, every: Collection[str]) -> str:
+    """Return a suggestion for a name of figures, also for a path or a beginning: poles of poles-m.f-F."""
+    beginnings: dict[str, str] = {}
+    for figure in every:
+        parts = figure.split("-")
+        for length in range(len(parts), 0, -1):
+            beginnings.setdefault("-".join(parts[:length]), figure)
+    word = {"frequency-response": "bode"}.get(short := _last(name).replace("_", "-"), short)
+    if word not in beginnings:
+        return did_you_mean(word, every) or did_you_mean(word, beginnings)
+    return f"; did you mean '{beginnings[word]}'?"
+
+
 def _draw(plot: Subplot, ax: Axes) -> None:
     """Draw a subplot: its layers, scales and labels."""
     for layer in plot.layers:
@@ -164,14 +181,18 @@ def _draw_layer(layer: Layer, ax: Axes) -> None:
     from matplotlib.lines import Line2D
 
     cls = getattr(layer, "cls", "")
-    style: dict[str, Any] = {"color": _colour(cls), "label": getattr(layer, "label", "") or None}
+    series = re.search(r"\bs(\d)\b", cls)
+    style: dict[str, Any] = {
+        "color": (f"C{int(series[1]) - 1}" if series else "gray"),
+        "label": getattr(layer, "label", "") or None,
+    }
     line = "--" if "dash" in cls else "-"
     match layer:
         case Curve() if not layer.spans:  # part of the grid, which the axes need not contain
             ax.add_artist(Line2D(np.asarray(layer.x), np.asarray(layer.y), color="lightgray", linewidth=0.6))
         case Curve():
             ax.plot(np.asarray(layer.x), np.asarray(layer.y), linestyle=line, **style)
-        case Band():
+        case BandLayer():
             ax.fill_between(
                 np.asarray(layer.x), np.asarray(layer.low), np.asarray(layer.high), alpha=0.25, **style
             )
@@ -212,12 +233,6 @@ def _draw_heatmap(layer: Heatmap, ax: Axes) -> None:
             red, green, blue, _ = cells.to_rgba(layer.values[row, column])
             shade = "black" if 0.3 * red + 0.6 * green + 0.1 * blue > 0.5 else "white"
             ax.text(float(x[column]), float(y[row]), text, color=shade, ha="center", va="center")
-
-
-def _colour(cls: str) -> str:
-    """Return the colour of a class: that of a series in matplotlib's cycle, else gray."""
-    series = re.search(r"\bs(\d)\b", cls)
-    return f"C{int(series[1]) - 1}" if series else "gray"
 
 
 def frame(result: Result, name: str) -> pandas.DataFrame:
@@ -281,7 +296,7 @@ def _path_of(result: Result, name: str) -> str:
     if len(ends) > 1:
         raise UsageError(f"several tables are called '{name}'", remedy=f"Name one: {shortened(ends)}.")
     if not ends:
-        close = did_you_mean(wanted, [*groups, *map(_last, groups), *arrays])
+        close = did_you_mean_path(wanted, arrays)
         raise UsageError(f"the result has no table '{name}'{close}", remedy=f"It has {shortened([*groups])}.")
     return ends[0]
 
@@ -290,7 +305,7 @@ def _table_at(result: Result, path: str) -> tuple[str, dict[str, Variable]]:
     """Return the axis of a table and its arrays by path; no axis for the single numbers of a group.
 
     The path is that of an array, of an axis in a group (all arrays along it), or of a group: the arrays along
-    the only axis that does not label columns of others, else its single numbers.
+    its modes, or along the only axis that does not label columns of others, else its single numbers.
     """
     along = {
         key: variable
@@ -303,6 +318,8 @@ def _table_at(result: Result, path: str) -> tuple[str, dict[str, Variable]]:
         return next(iter(result[path].dims), ""), {path: result[path]}
     below = {key: variable for key, variable in result.items() if _group(key) == path}
     arrays = {key: variable for key, variable in below.items() if variable.dims not in ((), (_last(key),))}
+    if any(variable.dims == ("mode",) for variable in arrays.values()):  # not the shapes, a row for each DOF
+        return "mode", {key: variable for key, variable in arrays.items() if variable.dims[0] == "mode"}
     labels = {dim for variable in arrays.values() for dim in variable.dims[1:]}
     axes = dict.fromkeys(variable.dims[0] for variable in arrays.values() if variable.dims[0] not in labels)
     if len(axes) == 1:
@@ -310,7 +327,8 @@ def _table_at(result: Result, path: str) -> tuple[str, dict[str, Variable]]:
         return axis, {key: variable for key, variable in arrays.items() if variable.dims[0] == axis}
     numbers = {key: variable for key, variable in below.items() if not variable.dims}
     if not numbers:
-        names = [f"{path}/{axis}" for axis in axes] or [*below]
+        inner = dict.fromkeys(_group(key) for key in result if _group(key).startswith(f"{path}/"))
+        names = [f"{path}/{axis}" for axis in axes] or [*inner] or [*below]
         raise UsageError(f"'{path}' has several tables", remedy=f"Name one: {shortened(names)}.")
     return "", numbers
 
@@ -326,7 +344,7 @@ def _columns(
 
     columns: dict[str, NDArray[Any]] = {}
     units: dict[str, str] = {}
-    for path, variable in sorted(arrays.items()):
+    for path, variable in sorted(arrays.items(), key=lambda item: (_last(item[0]) not in _FIRST, item[0])):
         name, data = _last(path), variable.data
         if data.dtype.names:
             columns |= {field: data[field] for field in data.dtype.names}

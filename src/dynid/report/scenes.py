@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import DynidError, UsageError
-from dynid.scene.frequency_unit import HERTZ, RADIANS, FrequencyUnit, unit_of_frequencies
+from dynid.scene.schema.raw import HERTZ, RADIANS, FrequencyUnit, unit_of_frequencies
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 from dynid.arithmetic.expression import name_problem, renamed
 from dynid.errors import Fault, SceneError
 from dynid.scene.model_files import is_instance, library_names, with_models
-from dynid.scene.schema.raw import chain_ends, listing, mapping, mapping_of, own_variable
+from dynid.scene.schema.raw import chain_ends, chain_fault, listing, mapping, mapping_of, own_variable
 from dynid.scene.yaml.parser import Path as KeyPath
 from dynid.scene.yaml.parser import Positions
 from dynid.scene.yaml.source import Source
@@ -121,13 +121,27 @@ class _Flattening:
         if not mapping(data, "graph"):
             message = "models are for a 'graph'; there is none"
             raise SceneError([self.source.fault(("models",), message, key=True)])
-        kept = {path: mark for path, mark in self.source.marks.items() if not _is_replaced(path)}
+        kept = {
+            path: mark
+            for path, mark in self.source.marks.items()
+            if not (
+                path[:1] in (("models",), ("use",))
+                or (path[:1] == ("graph",) and path[1:2] in (("nodes",), ("bonds",)) and len(path) > 2)
+            )
+        }
         self.marks |= kept
         for model in self.models.values():
             self._check_model(model)
         self._place("", mapping(data, "graph"), ("graph",), {}, ())
         self._raise()
-        self._check_ports()
+        for port, (mark, ends) in self.ports.items():
+            holder, _, name = port.rpartition(".")
+            if not ends:
+                message = f"port '{name}' of '{holder}' has no bond; connect it"
+                self.faults.append(Fault(mark.file, *mark.key, message))
+            elif len(ends) > 1:
+                message = f"port '{name}' of '{holder}' has {len(ends)} bonds; put a junction between"
+                self.faults += [Fault(end.place.file, *end.place.value, message) for end in ends[1:]]
         self._raise()
         bonds = self._connected()
         self._raise()
@@ -220,10 +234,10 @@ class _Flattening:
     def _bond(self, prefix: str, text: Any, path: KeyPath, nodes: Mapping[Any, Any]) -> None:
         """Add a bond, or a chain of bonds."""
         mark = self._mark(path)
-        ends = chain_ends(text) if isinstance(text, str) else []
-        if not ends:
-            message = f"'{text}' is not a bond; write 'a -> b', or a chain 'a -> b -> c'"
-            self.faults.append(self.source.fault(path, message))
+        if problem := chain_fault(str(text)):
+            self.faults.append(self.source.fault(path, problem))
+            return
+        ends = chain_ends(text)
         flat = []
         for end in ends:
             name = self.aliases.get(f"{prefix}{end}", f"{prefix}{end}")
@@ -350,17 +364,6 @@ class _Flattening:
 
     # Ports
 
-    def _check_ports(self) -> None:
-        """Note the ports of instances that have no bond from outside, or several."""
-        for port, (mark, ends) in self.ports.items():
-            holder, _, name = port.rpartition(".")
-            if not ends:
-                message = f"port '{name}' of '{holder}' has no bond; connect it"
-                self.faults.append(Fault(mark.file, *mark.key, message))
-            elif len(ends) > 1:
-                message = f"port '{name}' of '{holder}' has {len(ends)} bonds; put a junction between"
-                self.faults += [Fault(end.place.file, *end.place.value, message) for end in ends[1:]]
-
     def _connected(self) -> list[tuple[str, str, Positions]]:
         """Return the bonds, those that meet at an open port as one."""
         at: dict[str, list[int]] = {}
@@ -390,13 +393,6 @@ class _Flattening:
 
 def _is_name(text: str) -> bool:
     return bool(text) and all(letter.isalnum() or letter in "_-" for letter in text)
-
-
-def _is_replaced(path: KeyPath) -> bool:
-    """Return True for the paths of nodes, bonds and models, which are marked anew."""
-    return path[:1] in (("models",), ("use",)) or (
-        path[:1] == ("graph",) and path[1:2] in (("nodes",), ("bonds",)) and len(path) > 2
-    )
 
 
 class _Scope(dict[str, str]):

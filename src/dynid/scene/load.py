@@ -180,9 +180,9 @@ def check_source(source: Source) -> Scene:
     """
     from pydantic import ValidationError
 
-    from dynid.scene.schema.accuracy import accuracy_faults
+    from dynid.scene.schema.base import accuracy_faults
     from dynid.scene.schema.faults import located_faults, without_unknown_keys
-    from dynid.scene.schema.names import read_names
+    from dynid.scene.schema.raw import read_names
 
     source = composed(as_current(source))
     model = _model_of(source)

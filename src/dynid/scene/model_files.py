@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +18,16 @@ _DEEPEST = 50
 
 def library_names() -> list[str]:
     """Return the names of the models that come with dynid."""
+    from importlib.resources import files
+
     entries = (entry.name for entry in files("dynid.library").iterdir())
     return sorted(name.removesuffix(".yaml") for name in entries if name.endswith(".yaml"))
 
 
 def library_text(name: str) -> str:
     """Return the file of a model that comes with dynid."""
+    from importlib.resources import files
+
     return files("dynid.library").joinpath(f"{name}.yaml").read_text(encoding="utf-8")
 
 

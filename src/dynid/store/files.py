@@ -1,8 +1,10 @@
-"""Results to and from HDF5 files, whole or not at all."""
+"""Results to and from HDF5 files, whole or not at all, with interrupts deferred."""
 
 from __future__ import annotations
 
 import os
+import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from datetime import UTC, datetime
@@ -15,12 +17,10 @@ from numpy.typing import DTypeLike, NDArray
 from dynid._version import __version__
 from dynid.errors import FileError, UsageError
 from dynid.file_access import replace_file, replacing
-from dynid.hdf5 import open_hdf5
+from dynid.hdf5 import CHECKED, checksum, open_hdf5
 from dynid.result import Result, Scalar, Variable
-from dynid.store.interrupts import deferred_interrupts
 from dynid.store.reader import CURRENT, INTERRUPTED, StoredVariable, read_root, reading
-from dynid.store.sink import Sink
-from dynid.store.writer import ArrayWriter, write_attrs
+from dynid.store.writer import ArrayWriter, Sink, write_attrs
 
 _PACKAGES = ("numpy", "scipy", "h5py", "pydantic", "pyyaml", "python-flint", "sympy", "control")
 #: Environment variable of reproducible builds: the time in place of the clock, seconds since 1970.
@@ -58,7 +58,7 @@ def write_result(result: Result, path: str | os.PathLike[str], scene_text: str |
             content = bytes(file.id.get_file_image())
     except (OSError, RuntimeError, ValueError, TypeError, OverflowError) as error:
         raise FileError(f"{name} cannot be written: {error}", names=[name]) from error
-    replace_file(name, content)
+    replace_file(name, content + (checksum([content]) if len(content) <= CHECKED else b""))
 
 
 #: Rows of an array: its path, the number of the first row, the rows.
@@ -113,6 +113,9 @@ def write_blocks(
                     for place, values in finish(read_root(file, name, stored=True, partial=True)):
                         file[place][...] = values
                         check()
+            if sink.seek(0, os.SEEK_END) <= CHECKED:
+                sink.seek(0)
+                sink.write(checksum(iter(lambda: sink.read(2**20), b"")))
         except (OSError, RuntimeError, ValueError, TypeError) as error:
             sink.check()
             raise FileError(f"{name} cannot be written: {error}", names=[name]) from error
@@ -229,3 +232,54 @@ def _write_root(file: Any, result: Result, scene_text: str, complete: bool = Tru
         raise ValueError(f"the attribute '{clash[0]}' is set by the store")
     write_attrs(file, stamps | given | fixed)
     file.create_dataset("scene", data=scene_text, dtype=h5py.string_dtype())
+
+
+@contextmanager
+def deferred_interrupts() -> Iterator[Callable[[], None]]:
+    """Defer interrupts until the end, or until the yielded function is called.
+
+    HDF5 does not survive an interrupt during writing.
+    """
+    came: list[int] = []
+    before: dict[int, Any] = {}
+
+    def check() -> None:
+        if came:
+            number = came.pop()
+            came.clear()
+            before[number](number, None)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield check  # only the main thread receives interrupts
+        return
+    for number in (int(signal.SIGINT), int(signal.SIGTERM)):
+        if callable(handler := signal.getsignal(number)):  # the default action ends the process at once
+            before[number] = handler
+            signal.signal(number, lambda came_now, _: came.append(came_now))
+    try:
+        yield check
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    check()
+
+
+class Terminated(KeyboardInterrupt):
+    """The system asked this process to end (SIGTERM)."""
+
+
+@contextmanager
+def terminations() -> Iterator[None]:
+    """Let SIGTERM interrupt like Ctrl-C, as `Terminated`."""
+
+    def end(*_: Any) -> None:
+        raise Terminated
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

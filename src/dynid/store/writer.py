@@ -7,11 +7,13 @@ named coordinates.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
+from dynid.file_access import descriptor_of, read_at, write_at
 from dynid.result import Result, Scalar, Variable
 from dynid.store.reader import OWN_ATTRS, SCALE_ATTRS
 
@@ -28,10 +30,12 @@ class ArrayWriter:
     """Writes the arrays of one result, with a scale for each dimension."""
 
     def __init__(self, file: Any, result: Result, hollow: Collection[str] = ()) -> None:
-        self.file = file
         self.result = result
         self.hollow = hollow  # arrays whose values come later
         self._attached: dict[str, int] = {}  # scale: arrays that use it
+        # What is open already: looking a path up takes longer than writing an array.
+        self._groups: dict[str, Any] = {"": file}
+        self._datasets: dict[str, Any] = {}
         self._taken: set[str] = set()  # paths of arrays and groups
         for path in (*result, *result.group_attrs):
             self._taken |= {path, *_groups_above(path)}
@@ -47,10 +51,31 @@ class ArrayWriter:
             _check_name(group)
             if reserved := sorted(attrs.keys() & OWN_ATTRS):
                 raise ValueError(f"{group}: the attribute '{reserved[0]}' is set by the store")
-            write_attrs(self.file.require_group(group), attrs)
+            write_attrs(self._group(group), attrs)
         for path in paths:
             if not _is_coordinate(path, self.result[path]):
-                self._attach(path, self.result[path])
+                variable = self.result[path]
+                dataset = self._datasets[path]
+                used: list[str] = []
+                for axis, dim in enumerate(variable.dims):
+                    scale = self._scale(path, dim, variable.data.shape[axis], used)
+                    used.append(scale)
+                    self._attached[scale] = self._attached.get(scale, 0) + 1
+                    dataset.dims[axis].attach_scale(self._datasets[scale])
+                if tuple(scale.rsplit("/", 1)[-1] for scale in used) != variable.dims:
+                    dataset.attrs["dynid_dims"] = "\n".join(variable.dims)
+
+    def _group(self, path: str) -> Any:
+        if path not in self._groups:
+            holder, _, name = path.rpartition("/")
+            self._groups[path] = self._group(holder).require_group(name)
+        return self._groups[path]
+
+    def _dataset(self, path: str, shape: tuple[int, ...], **options: Any) -> Any:
+        holder, _, name = path.rpartition("/")
+        dataset = self._group(holder).create_dataset(name, shape, track_times=False, **options)
+        self._datasets[path] = dataset
+        return dataset
 
     def _write_array(self, path: str, variable: Variable) -> None:
         _check_name(path)
@@ -58,23 +83,10 @@ class ArrayWriter:
             raise ValueError(f"{path}: the attribute '{reserved[0]}' is set by the store")
         dtype = _stored_type(variable.data.dtype)
         data = None if path in self.hollow else variable.data.astype(dtype)
-        dataset = self.file.create_dataset(
-            path, variable.data.shape, data=data, dtype=dtype, track_times=False
-        )
+        dataset = self._dataset(path, variable.data.shape, data=data, dtype=dtype)
         if _is_coordinate(path, variable):
             dataset.make_scale(path.rsplit("/", 1)[-1])
         write_attrs(dataset, {**variable.attrs, **({"units": variable.units} if variable.units else {})})
-
-    def _attach(self, path: str, variable: Variable) -> None:
-        dataset = self.file[path]
-        used: list[str] = []
-        for axis, dim in enumerate(variable.dims):
-            scale = self._scale(path, dim, variable.data.shape[axis], used)
-            used.append(scale)
-            self._attached[scale] = self._attached.get(scale, 0) + 1
-            dataset.dims[axis].attach_scale(self.file[scale])
-        if tuple(scale.rsplit("/", 1)[-1] for scale in used) != variable.dims:
-            dataset.attrs["dynid_dims"] = "\n".join(variable.dims)
 
     def _scale(self, path: str, dim: str, length: int, used: list[str]) -> str:
         """Return the coordinate of a dimension in the nearest group, else a scale of entry numbers."""
@@ -86,27 +98,29 @@ class ArrayWriter:
                 if variable.data.size == length and self._is_free(coordinate, used):
                     return coordinate
                 break
-        return self._index_scale(_join(group, dim), length, used)
-
-    def _is_free(self, scale: str, used: list[str]) -> bool:
-        return scale not in used and self._attached.get(scale, 0) < _MAX_ATTACHED
-
-    def _index_scale(self, wanted: str, length: int, used: list[str]) -> str:
+        wanted = _join(group, dim)
         _check_name(wanted)
         name, count = wanted, 1
         while name in self._taken:
             # An array of the same group may have brought it; a result's own names are not in `file` as index.
-            existing = self.file.get(name)
-            is_index = existing is not None and "dynid_index" in existing.attrs
-            if is_index and existing.shape == (length,) and self._is_free(name, used):
+            existing = self._datasets.get(name)
+            if (
+                existing is not None
+                and "dynid_index" in existing.attrs
+                and existing.shape == (length,)
+                and self._is_free(name, used)
+            ):
                 return name
             count += 1
             name = f"{wanted}_{count}"
-        dataset = self.file.create_dataset(name, data=np.arange(1, length + 1), track_times=False)
+        dataset = self._dataset(name, (length,), data=np.arange(1, length + 1))
         dataset.make_scale(name.rsplit("/", 1)[-1])
         dataset.attrs["dynid_index"] = True
         self._taken.add(name)
         return name
+
+    def _is_free(self, scale: str, used: list[str]) -> bool:
+        return scale not in used and self._attached.get(scale, 0) < _MAX_ATTACHED
 
 
 def _is_coordinate(path: str, variable: Variable) -> bool:
@@ -135,3 +149,85 @@ def _stored_type(dtype: np.dtype[Any]) -> np.dtype[Any]:
     if dtype.names:
         return np.dtype([(name, _stored_type(dtype[name])) for name in dtype.names])
     return h5py.string_dtype() if dtype.kind == "O" else dtype
+
+
+class Sink:
+    """A file open for reading and writing, as h5py takes it.
+
+    Parameters
+    ----------
+    path
+        The file, which exists.
+    """
+
+    def __init__(self, path: str) -> None:
+        self._descriptor = descriptor_of(path, links=True)
+        self._place = 0
+        self._end = os.fstat(self._descriptor).st_size
+        self._kept: list[tuple[int, bytes]] = []  # content that the disk did not take, in order
+        self.error: OSError | None = None
+
+    def check(self) -> None:
+        """Raise the first error, if any."""
+        if self.error is not None:
+            raise self.error
+
+    def close(self) -> None:
+        """Close the file."""
+        os.close(self._descriptor)
+
+    def write(self, content: Any) -> int:
+        """Write at the current place."""
+        view = memoryview(content).cast("B")
+        done = 0
+        try:
+            while self.error is None and done < len(view):
+                done += write_at(self._descriptor, view[done:], self._place + done)
+        except OSError as error:
+            self.error = error
+        if done < len(view):
+            self._kept.append((self._place + done, bytes(view[done:])))
+        self._place += len(view)
+        self._end = max(self._end, self._place)
+        return len(view)
+
+    def readinto(self, buffer: Any) -> int:
+        """Read from the current place."""
+        view = memoryview(buffer).cast("B")
+        count = max(0, min(len(view), self._end - self._place))
+        content = read_at(self._descriptor, count, self._place)
+        view[:count] = content.ljust(count, b"\0")
+        for place, kept in self._kept:
+            begin, end = max(place, self._place), min(place + len(kept), self._place + count)
+            if begin < end:
+                view[begin - self._place : end - self._place] = kept[begin - place : end - place]
+        self._place += count
+        return count
+
+    def read(self, size: int) -> bytes:
+        """Read from the current place."""
+        content = bytearray(size)
+        return bytes(content[: self.readinto(content)])
+
+    def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
+        """Move the current place."""
+        base = {os.SEEK_SET: 0, os.SEEK_CUR: self._place, os.SEEK_END: self._end}[whence]
+        self._place = base + offset
+        return self._place
+
+    def tell(self) -> int:
+        """Return the current place."""
+        return self._place
+
+    def truncate(self, size: int | None = None) -> int:
+        """Set the length."""
+        self._end = self._place if size is None else size
+        try:
+            if self.error is None:
+                os.ftruncate(self._descriptor, self._end)
+        except OSError as error:
+            self.error = error
+        return self._end
+
+    def flush(self) -> None:
+        """Do nothing: writes are not buffered."""

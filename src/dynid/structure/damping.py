@@ -23,8 +23,7 @@ import numpy as np
 from dynid.arithmetic.dependent import Dependent, Real, evaluated
 from dynid.errors import NumericalError, UsageError
 from dynid.number_format import counted
-from dynid.structure.dependent_matrix import DependentMatrix
-from dynid.structure.matrices import Array, Matrix, as_array, combined
+from dynid.structure.matrices import Array, DependentMatrix, Matrix, as_array, combined
 from dynid.structure.modes.modes import modes
 
 _MOST_MODAL = 3000
@@ -70,11 +69,6 @@ class ModalDamping:
             raise UsageError("damping ratios must be finite and not negative")
 
     @property
-    def _common(self) -> bool:
-        """True of one ratio for all modes."""
-        return not isinstance(self.ratio, Sequence | np.ndarray)
-
-    @property
     def _listed(self) -> list[Real]:
         return list(self.ratio) if isinstance(self.ratio, Sequence | np.ndarray) else [self.ratio]
 
@@ -115,7 +109,7 @@ class ModalDamping:
 
     def _of_modes(self, count: int) -> list[tuple[slice, Real]]:
         """Return the ratios with the modes, of `count`, that have them."""
-        if self._common:
+        if not isinstance(self.ratio, Sequence | np.ndarray):  # one for all
             return [(slice(None), self._listed[0])]
         if len(self._listed) > count:
             raise UsageError(f"{counted(len(self._listed), 'damping ratio')} for {counted(count, 'mode')}")

@@ -22,13 +22,22 @@ from dynid.number_format import counted
 from dynid.parameters import Parameter
 from dynid.structure.assembly import damped_structure
 from dynid.structure.damping import ModalDamping, ProportionalDamping
-from dynid.structure.dependent_matrix import DependentMatrix
 from dynid.structure.joints import Joint
-from dynid.structure.matrices import NAMES, Array, Label, Matrix, as_array, as_matrix, nothing, triplets
+from dynid.structure.labels import Nodes
+from dynid.structure.matrices import (
+    NAMES,
+    Array,
+    DependentMatrix,
+    Label,
+    Matrix,
+    as_array,
+    as_matrix,
+    nothing,
+    triplets,
+)
 from dynid.structure.model import StructuralModel
-from dynid.structure.nodes import Nodes
-from dynid.structure.readers.dof_order import assigned
 from dynid.structure.readers.imported_matrix import ImportedMatrix
+from dynid.structure.readers.node_file import assigned
 from dynid.structure.readers.read import MatrixFile, read_matrix, read_state_space
 from dynid.structure.readers.read_nodes import read_nodes
 

@@ -15,8 +15,7 @@ import numpy as np
 from dynid.arithmetic.dependent import Dependent, Real
 from dynid.errors import UsageError
 from dynid.parameters import ParameterPrior
-from dynid.structure.dependent_matrix import DependentMatrix, entries
-from dynid.structure.matrices import Array, Label, as_array
+from dynid.structure.matrices import Array, DependentMatrix, Label, as_array, entries
 
 Block: TypeAlias = Sequence[Sequence[Real]] | Array
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dynid.errors import UsageError
-from dynid.structure.labels import DIRECTIONS, Node, node_direction
+from dynid.structure.labels import DIRECTIONS, Node, Nodes, node_direction
 from dynid.structure.matrices import Array, Label
-from dynid.structure.model import Motion, StructuralModel
-from dynid.structure.nodes import Nodes
+from dynid.structure.model import StructuralModel
+from dynid.structure.named_dofs import Motion
 from dynid.suggestions import shortened
 
 #: Components of a direction below this are those of rounded axes: data sets 18 have six digits.
@@ -111,7 +111,8 @@ def matched_dofs(
         elif turned:
             parts = _components(model.nodes, node, measured, bare, how, test)
         if not parts.keys() <= here.keys():
-            is_along = f", which is {_sum(parts)} of the model" if turned else ""
+            meant = " ".join(f"{weight:+.3g} {name}" for name, weight in parts.items())
+            is_along = f", which is {meant} of the model" if turned else ""
             raise UsageError(
                 f"{measured}:{along} of the test{is_along}: node {node} of the model has {', '.join(here)}",
                 remedy="Leave the channel out, or turn the axes of the test: match: {axes: …}.",
@@ -302,10 +303,6 @@ def _components(
     weights /= np.linalg.norm(weights)
     names = DIRECTIONS[:3] if place < 3 else DIRECTIONS[3:]
     return {name: float(weight) for name, weight in zip(names, weights, strict=True) if weight}
-
-
-def _sum(parts: Mapping[str, float]) -> str:
-    return " ".join(f"{weight:+.3g} {name}" for name, weight in parts.items())
 
 
 def _listed(texts: Sequence[str]) -> str:

@@ -17,7 +17,7 @@ from dynid.errors import UsageError
 from dynid.structure.joints import Block, Joint, JointParameter
 from dynid.structure.labels import DIRECTIONS
 from dynid.structure.matrices import Array, Label
-from dynid.structure.model import Motion
+from dynid.structure.named_dofs import Motion
 from dynid.structure.points import PlacedPoint
 
 Component: TypeAlias = JointParameter | Real

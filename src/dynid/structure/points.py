@@ -16,10 +16,10 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from dynid.errors import UsageError
-from dynid.structure.labels import DIRECTIONS, Node, node_direction
+from dynid.structure.labels import DIRECTIONS, Node, Nodes, node_direction
 from dynid.structure.matrices import Array, Label, congruent
-from dynid.structure.model import Motion, StructuralModel
-from dynid.structure.nodes import Nodes
+from dynid.structure.model import StructuralModel
+from dynid.structure.named_dofs import Motion
 
 Spread: TypeAlias = Literal["rigid", "distributed"]
 
@@ -181,7 +181,9 @@ def with_points(
         else:
             each = len(dofs) // len(point.nodes)
             root = np.repeat(np.sqrt(point.weights or np.ones(len(point.nodes))), each)
-            placed[point.name] = _averaging(point.name, xyz, dofs, R, length, root)
+            scale = _lengths(length)
+            weights = np.linalg.pinv(root[:, None] * R / scale, rcond=_UNSEEN) * root / scale[:, None]
+            placed[point.name] = PlacedPoint(point.name, xyz, dofs, weights, _unseen(R, length), length)
     nodes = _with_nodes(model.nodes, points, placed)
     if not rigid:
         motions = {name: motion for one in placed.values() for name, motion in one.motions.items()}
@@ -257,15 +259,6 @@ def _unseen(R: Array, length: float) -> Array:
     _, s, Vt = np.linalg.svd(R / scale)
     rank = int(np.count_nonzero(s > _UNSEEN * s.max(initial=0.0)))
     return np.asarray(Vt[rank:].T / scale[:, None])
-
-
-def _averaging(
-    name: str, xyz: Array, dofs: tuple[Label, ...], R: Array, length: float, root: Array
-) -> PlacedPoint:
-    """Return a point that follows its nodes in the mean, the roots of the weights of its DOFs given (m)."""
-    scale = _lengths(length)
-    weights = np.linalg.pinv(root[:, None] * R / scale, rcond=_UNSEEN) * root / scale[:, None]
-    return PlacedPoint(name, xyz, dofs, weights, _unseen(R, length), length)
 
 
 def _condensing(point: Point, xyz: Array, R: Array, length: float) -> tuple[Array, PlacedPoint]:

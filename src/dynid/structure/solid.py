@@ -17,12 +17,10 @@ from dynid.lti.floating import guarded
 from dynid.parameters import Parameter
 from dynid.structure.assembly import damped_structure, not_negative
 from dynid.structure.damping import ModalDamping, ProportionalDamping
-from dynid.structure.dependent_matrix import DependentMatrix
 from dynid.structure.joints import Joint
-from dynid.structure.labels import DIRECTIONS
-from dynid.structure.matrices import Array, Matrix, nothing
+from dynid.structure.labels import DIRECTIONS, Nodes
+from dynid.structure.matrices import Array, DependentMatrix, Matrix, nothing
 from dynid.structure.model import StructuralModel
-from dynid.structure.nodes import Nodes
 from dynid.structure.readers.mesh import Block, SolidMesh
 from dynid.structure.solid_elements import ELEMENTS, Places, integrated, stiffness
 from dynid.structure.solid_mesh import check_elements, doubled_nodes, surface

@@ -19,14 +19,12 @@ from dynid.errors import UsageError
 from dynid.lti.floating import guarded
 from dynid.parameters import Parameter
 from dynid.structure.assembly import Assembly, Spring, Support, check_nodes, not_negative
-from dynid.structure.beam import bending, stretching
 from dynid.structure.damping import ModalDamping, ProportionalDamping
-from dynid.structure.dependent_matrix import DependentMatrix
+from dynid.structure.frame import bending, stretching
 from dynid.structure.joints import Joint
-from dynid.structure.labels import DIRECTIONS
-from dynid.structure.matrices import as_array
+from dynid.structure.labels import DIRECTIONS, Nodes
+from dynid.structure.matrices import DependentMatrix, as_array
 from dynid.structure.model import StructuralModel
-from dynid.structure.nodes import Nodes
 
 Vector: TypeAlias = tuple[Real, Real, Real]
 # Of a node's rotational stiffness and inertia without releases: what is rounding beside it.
@@ -86,7 +84,7 @@ class RigidMass:
     offset: Vector = (0.0, 0.0, 0.0)
 
 
-class _Piece(NamedTuple):
+class _SpaceElement(NamedTuple):
     """An element: its nodes, stiffness and mass (12 x 12), and those of its rotations without releases."""
 
     nodes: tuple[int, int]
@@ -136,7 +134,7 @@ def space_frame(
         If a number, a node or a direction makes no sense, a node belongs to no member, or rotates freely.
     """
     points: list[Vector] = list(nodes)
-    pieces: list[_Piece] = []
+    pieces: list[_SpaceElement] = []
     for place, member in enumerate(members):
         try:
             pieces += _pieces(member, len(nodes), points)
@@ -175,7 +173,7 @@ def space_frame(
     return whole.model(damping, joints, parameters, numbered)
 
 
-def _pieces(member: SpaceMember, given: int, points: list[Vector]) -> Iterable[_Piece]:
+def _pieces(member: SpaceMember, given: int, points: list[Vector]) -> Iterable[_SpaceElement]:
     """Yield a member's elements, appending their inner nodes to `points`."""
     for node in member.nodes:
         if not 1 <= node <= given:
@@ -207,7 +205,7 @@ def _pieces(member: SpaceMember, given: int, points: list[Vector]) -> Iterable[_
         ends = (at == 0, at == count - 1)
         if ends not in blocks:
             blocks[ends] = _element(member, rhoJ, each, axes, ends)
-        yield _Piece(pair, *blocks[ends], rotational)
+        yield _SpaceElement(pair, *blocks[ends], rotational)
 
 
 # The DOFs of an element that stretch, twist, and bend it in its x-y and x-z planes: selected from the twelve,
@@ -329,7 +327,7 @@ def _nothing(n: int) -> DependentMatrix:
 
 
 def _uncarried(
-    pieces: Sequence[_Piece],
+    pieces: Sequence[_SpaceElement],
     blocks: Sequence[_Block],
     fixed: set[tuple[int, str]],
     count: int,

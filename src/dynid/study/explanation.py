@@ -9,10 +9,9 @@ from dynid.progress import report_progress
 from dynid.scene.batch import why_alone
 from dynid.scene.explanations.explanation import CostEstimate, Explanation, Fact, explain, file_kilobytes
 from dynid.study.executors.base import cores
-from dynid.study.packing import unpacked
 from dynid.study.plan import Plan
 from dynid.study.run import valid_samples
-from dynid.study.work import Job, run_chunk
+from dynid.study.work import Job, run_chunk, unpacked
 
 #: Estimated time of a sample above which no sample is tried, s.
 _PROBE = 2.0

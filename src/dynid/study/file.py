@@ -173,7 +173,7 @@ _STATUS = np.array(["pending", "done", "failed"], dtype=object)
 
 
 @dataclass(frozen=True)
-class Heading:
+class StudyHeading:
     """Content of the file of a study except the outcomes.
 
     Parameters
@@ -217,7 +217,7 @@ class Rows(Protocol):
 
 
 def write_study(
-    path: str | os.PathLike[str], heading: Heading, outcomes: Rows, complete: bool = True
+    path: str | os.PathLike[str], heading: StudyHeading, outcomes: Rows, complete: bool = True
 ) -> None:
     """Write the file of a study, completely or not at all.
 
@@ -258,7 +258,7 @@ def write_study(
     write_blocks(result, path, _blocks(heading, layout, outcomes), complete, computed)
 
 
-def _blocks(heading: Heading, layout: Layout, outcomes: Rows) -> Iterator[tuple[str, int, NDArray[Any]]]:
+def _blocks(heading: StudyHeading, layout: Layout, outcomes: Rows) -> Iterator[tuple[str, int, NDArray[Any]]]:
     """Yield the rows of all arrays, a limited amount of memory at a time."""
     size = max(1, min(_BLOCK_ROWS, _BLOCK_BYTES // layout.row_bytes))
     for start in range(0, len(heading.numbers), size):

@@ -2,7 +2,7 @@
 
 The journal begins with a magic line. Each record holds samples that were finished together: its length (8
 bytes, little-endian) and its CRC-32 (4 bytes); then the number of samples (4 bytes), their keys, their exit
-codes (one byte each), and their outcomes (`dynid.study.packing`). Every record with a correct CRC is kept,
+codes (one byte each), and their outcomes (`dynid.study.work`). Every record with a correct CRC is kept,
 even after damaged ones: the next record is found by the beginning of its outcomes.
 """
 
@@ -26,7 +26,7 @@ from dynid.file_access import descriptor_of, read_at, replacing, sync_folder, wr
 from dynid.number_format import counted
 from dynid.scene.outcomes import Indices, SampleBlock, SampleOutcomes
 from dynid.study.keys import SIZE, Keys, found_in
-from dynid.study.packing import START, Packed, unpacked
+from dynid.study.work import START, Packed, unpacked
 
 MAGIC = b"dynid journal 2\n"
 _ANY_MAGIC = b"dynid journal "

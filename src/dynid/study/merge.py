@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dynid.errors import UsageError
 from dynid.number_format import counted
 from dynid.scene.outcomes import SampleBlock
-from dynid.study.file import Heading, locked, write_study
+from dynid.study.file import StudyHeading, locked, write_study
 from dynid.study.keys import found_in
 from dynid.study.run import finished_keys
 from dynid.study.stored import StudyFile, open_study
@@ -117,11 +117,11 @@ class _Rows:
                     if len(places):
                         yield block.taken(places, own[wanted])
 
-    def heading(self) -> Heading:
+    def heading(self) -> StudyHeading:
         """Return the content of the files except the outcomes."""
         first = self.studies[0].result
         columns = [study.columns() for study in self.studies]
-        return Heading(
+        return StudyHeading(
             title=first.title,
             text=str(first.attrs["scene"]),
             base=str(first.value("study/scene")),

@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 from dynid.errors import FileError, NumericalError, UsageError
 from dynid.number_format import counted
 from dynid.scene.outcomes import SampleBlock, SampleOutcomes
-from dynid.study.file import Heading, locked, write_study
+from dynid.study.file import StudyHeading, locked, write_study
 from dynid.study.journal import Journal
 from dynid.study.keys import SIZE, Keys, as_texts, found_in, sample_keys
-from dynid.study.packing import packed
 from dynid.study.scheduler import Chunk, Notice, Scheduler
 from dynid.study.stored import open_study
-from dynid.study.work import Job
+from dynid.study.work import Job, packed
 
 if TYPE_CHECKING:
     from dynid.study.executors import StudyExecutor
@@ -79,7 +78,7 @@ class Run:
         self,
         plan: Plan,
         numbers: range,
-        heading: Heading,
+        heading: StudyHeading,
         journal: Journal,
         max_failures: int | None,
         report: Report | None,
@@ -251,7 +250,7 @@ def run_study(
         return run.progress
 
 
-def _write(name: str, heading: Heading, run: Run, complete: bool = True) -> None:
+def _write(name: str, heading: StudyHeading, run: Run, complete: bool = True) -> None:
     """Write the file; an error of it mentions the journal that holds the finished samples."""
     try:
         write_study(name, heading, run, complete)
@@ -264,8 +263,11 @@ def _write(name: str, heading: Heading, run: Run, complete: bool = True) -> None
 
 
 def foreign_samples(name: str, keys: Keys) -> int:
-    """Return the number of finished samples of a file and its journal that have none of these keys."""
-    known = [finished_keys(name)] if Path(name).exists() else []
+    """Return the number of finished samples of a file and its journal that have none of these keys.
+
+    Failed samples of the file hold nothing that would be lost, and are not counted.
+    """
+    known = [finished_keys(name, failed=False)] if Path(name).exists() else []
     if Path(journal_name(name)).exists():
         known.append(Journal.read_keys(journal_name(name)))
     known = [some for some in known if len(some)]
@@ -275,12 +277,12 @@ def foreign_samples(name: str, keys: Keys) -> int:
     return int(np.sum(found_in(keys, every) < 0))
 
 
-def finished_keys(name: str) -> Keys:
-    """Return the keys of the finished samples of a file."""
+def finished_keys(name: str, *, failed: bool = True) -> Keys:
+    """Return the keys of the finished samples of a file, with or without the failed ones."""
     with open_study(name) as study:
         if study.keys.shape[1] != SIZE:
             raise ValueError("keys of another length")
-        return study.keys[study.exit_codes >= 0]
+        return study.keys[(study.exit_codes >= 0) if failed else (study.exit_codes == 0)]
 
 
 def journal_name(target: str) -> str:
@@ -288,12 +290,12 @@ def journal_name(target: str) -> str:
     return f"{target}.journal"
 
 
-def heading_of(plan: Plan, numbers: range, keys: Keys) -> Heading:
+def heading_of(plan: Plan, numbers: range, keys: Keys) -> StudyHeading:
     """Return the heading of the file of a plan, or of a shard of it."""
     digest = hashlib.sha256(plan.base.source.resolved_text().encode())  # equal for all shards of a study
     digest.update(plan.study.source.resolved_text().encode())
     rows = np.arange(plan.size)[numbers.start :: numbers.step]
-    return Heading(
+    return StudyHeading(
         title=plan.study.title,
         text=plan.study.source.resolved_text(),
         base=plan.base.source.resolved_text(),
@@ -306,7 +308,7 @@ def heading_of(plan: Plan, numbers: range, keys: Keys) -> Heading:
     )
 
 
-def _finished_file(name: str, heading: Heading) -> Progress | None:
+def _finished_file(name: str, heading: StudyHeading) -> Progress | None:
     """Return the progress of a file that holds the whole study; None if anything is missing."""
     if not Path(name).exists():
         return None

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from dynid.errors import NumericalError
 from dynid.scene.outcomes import SampleOutcome, SampleOutcomes
 from dynid.study.executors.timed import TimeLimitExceeded
-from dynid.study.packing import Packed, packed
-from dynid.study.work import Done, Job, run_chunk
+from dynid.study.work import Done, Job, Packed, packed, run_chunk
 
 if TYPE_CHECKING:
     from dynid.study.executors import StudyExecutor

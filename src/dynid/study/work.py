@@ -1,8 +1,10 @@
-"""Task of an executor: a chunk of samples of one scene, run together."""
+"""Work of a study: chunks of samples as they are run, and their outcomes packed as bytes."""
 
 from __future__ import annotations
 
+import json
 import socket
+import struct
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,20 +12,19 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dynid._version import __version__
 from dynid.checks import check_expectations, samples_meet
 from dynid.errors import FileError
-from dynid.result import Result
+from dynid.result import Result, Variable
 from dynid.scene.batch import Expected, run_batch
 from dynid.scene.load import check_source
-from dynid.scene.outcomes import SampleBlock
+from dynid.scene.outcomes import SampleBlock, SampleOutcomes, is_shared
 from dynid.scene.yaml.source import parse_source
-from dynid.study.packing import Packed, packed
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from dynid.scene.load import Scene
 
 
@@ -92,3 +93,105 @@ class _Judge:
 
 
 JUDGE = _Judge()
+
+
+_LENGTH = struct.Struct("<I")
+#: The beginning of every heading; the number of samples follows, and a comma.
+START = b'{"count":'
+
+
+@dataclass(frozen=True)
+class Packed:
+    """Outcomes as bytes.
+
+    Parameters
+    ----------
+    exit_codes
+        One byte per sample.
+    content
+        Everything else.
+    """
+
+    exit_codes: bytes
+    content: bytes
+
+    def __len__(self) -> int:
+        return len(self.exit_codes)
+
+    @property
+    def failed(self) -> NDArray[np.bool_]:
+        """Mask of the failed samples."""
+        return np.frombuffer(self.exit_codes, np.int8).astype(np.bool_)
+
+
+def packed(outcomes: SampleOutcomes) -> Packed:
+    """Return outcomes, none of them pending, as bytes."""
+    pieces: list[bytes] = []
+    blocks = []
+    for block in outcomes.blocks:
+        pieces += [block.rows.astype("<i4").tobytes(), block.met.tobytes()]
+        arrays = []
+        for path, one in block.values.items():
+            kept = one.data[:1] if _is_one_row(one.data) else one.data
+            arrays.append([path, one.dims[1:], one.units, dict(one.attrs), one.data.dtype.str, kept.shape])
+            if one.data.dtype.kind == "O":
+                arrays[-1].append(kept.ravel().tolist())
+            else:
+                pieces.append(kept.tobytes())
+        about: dict[str, Any] = {"samples": len(block), "met": block.met.shape[1], "arrays": arrays}
+        if block.errors:
+            about |= {"errors": block.errors, "exit_codes": block.exit_codes}
+        blocks.append(about)
+    heading = {"count": len(outcomes), "blocks": blocks}
+    text = json.dumps(heading, separators=(",", ":"), default=lambda value: value.item()).encode()
+    return Packed(outcomes.exit_codes.tobytes(), b"".join([_LENGTH.pack(len(text)), text, *pieces]))
+
+
+def unpacked(content: bytes) -> SampleOutcomes:
+    """Return outcomes from bytes; their arrays are views of these bytes."""
+    (length,) = _LENGTH.unpack_from(content)
+    begin = _LENGTH.size + length
+    heading = json.loads(content[_LENGTH.size : begin])
+    reader = _Reader(content, begin)
+    blocks = []
+    for about in heading["blocks"]:
+        count = about["samples"]
+        rows = reader.take("<i4", count).astype(np.intp)
+        met = reader.take("?", count, about["met"])
+        values = {}
+        for path, dims, units, attrs, kind, shape, *texts in about["arrays"]:
+            data: NDArray[Any]
+            if texts:
+                data = np.empty(len(texts[0]), dtype=object)
+                data[:] = texts[0]
+                data = data.reshape(shape)
+            else:
+                data = reader.take(kind, *shape)
+            shared = np.broadcast_to(data, (count, *shape[1:]))
+            values[path] = Variable(("sample", *dims), shared, units, attrs)
+        errors, codes = (tuple(about.get(what, ())) for what in ("errors", "exit_codes"))
+        blocks.append(SampleBlock(rows, values, met, errors, codes))
+    return SampleOutcomes(blocks, heading["count"])
+
+
+def _is_one_row(data: NDArray[Any]) -> bool:
+    """Return whether all rows are equal, bit by bit."""
+    if is_shared(data) or len(data) == 1:
+        return True
+    if data.dtype.kind == "O":
+        return bool(np.all(data == data[:1]))
+    rows = np.ascontiguousarray(data).view(np.uint8).reshape(len(data), -1)
+    # Most arrays already differ in their second row.
+    return bool(np.array_equal(rows[0], rows[1]) and np.all(rows == rows[:1]))
+
+
+class _Reader:
+    """Reader of successive arrays from bytes."""
+
+    def __init__(self, content: bytes, begin: int) -> None:
+        self.content, self.place = content, begin
+
+    def take(self, kind: str, *shape: int) -> NDArray[Any]:
+        data = np.frombuffer(self.content, kind, int(np.prod(shape, dtype=np.int64)), self.place)
+        self.place += data.nbytes
+        return data.reshape(shape)

@@ -11,8 +11,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.tables.hdf5 import complex_datasets, present
-from dynid.tables.matlab import complex_columns
+from dynid.tables.binary import complex_columns, complex_datasets, present
 from dynid.tables.read import existing, file_format
 from dynid.tables.table import DataFile, Heading
 from dynid.tables.text import complex_number, read_text

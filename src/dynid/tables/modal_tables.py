@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import UsageError
 from dynid.structure.matrices import Label
-from dynid.tables.matlab import complex_columns, whole_numbers
+from dynid.tables.binary import complex_columns, whole_numbers
 from dynid.tables.read import existing, file_format
 from dynid.tables.table import DataFile, DataTable
 from dynid.tables.text import complex_number, read_text

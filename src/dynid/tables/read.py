@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from dynid.file_access import obstacle
-from dynid.tables.hdf5 import read_datasets
-from dynid.tables.matlab import read_matlab
+from dynid.tables.binary import read_datasets, read_matlab
 from dynid.tables.stamps import Clock
 from dynid.tables.table import DataFile, DataTable, Heading, TableLayout, are_numbers
 from dynid.tables.text import read_text

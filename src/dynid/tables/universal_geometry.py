@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import FileError
-from dynid.structure.labels import DIRECTIONS
-from dynid.structure.nodes import Nodes
+from dynid.structure.labels import DIRECTIONS, Nodes
 from dynid.tables.read import existing
 from dynid.tables.universal_file import UniversalFile
 
@@ -210,19 +209,14 @@ def _lines(source: UniversalFile) -> Iterable[tuple[int, int]]:
         yield from ((a, b) for a, b in pairwise(trace) if a and b)  # 0: the pen is up
     with suppress(FileError):  # pyuff reads no elements of more than eight nodes, and lines are for pictures
         for one in source.sets(2412):
-            yield from _edges(one)
-
-
-def _edges(elements: Mapping[Any, Any]) -> Iterable[tuple[int, int]]:
-    """Yield the edges of the elements of a data set: of two nodes, or shells of three or four."""
-    for element in (
-        element for kind, found in elements.items() if isinstance(kind, int) for element in found
-    ):
-        nodes = element["nodes_nums"]
-        if len(nodes) == 2:
-            yield nodes[0], nodes[1]
-        elif element["fe_descriptor"] in _SHELLS and len(nodes) in (3, 4):
-            yield from zip(nodes, [*nodes[1:], nodes[0]], strict=True)
+            for element in (
+                element for kind, found in one.items() if isinstance(kind, int) for element in found
+            ):
+                nodes = element["nodes_nums"]
+                if len(nodes) == 2:
+                    yield nodes[0], nodes[1]
+                elif element["fe_descriptor"] in _SHELLS and len(nodes) in (3, 4):
+                    yield from zip(nodes, [*nodes[1:], nodes[0]], strict=True)
 
 
 #: Analyses whose results are modes: normal ones, and complex ones of first and second order.

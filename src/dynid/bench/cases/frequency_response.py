@@ -10,9 +10,9 @@ from typing import Any
 
 from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.bench.cases.chain import exact_response, matrices, reduced
-from dynid.bondgraph.chains import distinct
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
 from dynid.bondgraph.plan import ReducedGraph
+from dynid.templates.chain import distinct
 
 POINTS = 1000
 #: Errors of smaller responses, which are next to the least doubles, are relative to this.

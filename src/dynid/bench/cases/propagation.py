@@ -53,7 +53,7 @@ def _force(t: Any) -> Any:
 
 def _by_hold(hold: str) -> Callable[[int], Callable[[], Any]]:
     def prepare(samples: int) -> Callable[[], Any]:
-        from dynid.lti.sampled import Sampled
+        from dynid.lti.noise import Sampled
         from dynid.lti.time_response import propagate
 
         times = _times(samples)

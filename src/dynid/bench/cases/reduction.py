@@ -97,8 +97,8 @@ PLATE = Benchmark(
 def _beam_with_joints(elements: int) -> Any:
     """Return Yang's beam with its two joints, started at half their true values."""
     from dynid.structure.assembly import Support
-    from dynid.structure.beam import beam
     from dynid.structure.damping import ProportionalDamping
+    from dynid.structure.frame import beam
     from dynid.structure.joints import Joint, JointParameter
 
     k, c = JointParameter(start=5e3, true=1e4), JointParameter(start=10.0, true=20.0)

@@ -1,25 +1,25 @@
-"""Samples of the isolator over four parameters: in a batch, as a study, one by one, in a process each."""
+"""Samples of studies: in a batch, as a study, one by one, in a process each.
+
+The isolator over four parameters, reductions of a beam, and identifications of a suspension over seeds.
+"""
 
 from __future__ import annotations
 
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from decimal import Decimal, localcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynid.bench.benchmark import Alternative, Benchmark
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from dynid.scene.outcomes import SampleOutcome
     from dynid.study.plan import Plan
 
-_GROUP = "bond_graph/transfer_function/m_s.f/v_in"
+_POLES = "bond_graph/transfer_function/m_s.f/v_in/poles"
 _SCENE = """\
 dynid: 1
 kind: bond-graph
@@ -58,37 +58,40 @@ collect:
 Work = Callable[[], Any]
 
 
-def _plan(samples: int) -> Plan:
-    """Write the study into a folder of its own, and plan it."""
+def planned(scene: str, study: str, samples: int) -> Plan:
+    """Write a scene and the study of it (a format of `samples`) into a folder of their own, and plan it."""
     from dynid.scene.load import load_scene
     from dynid.study.plan import make_plan
 
     folder = Path(tempfile.mkdtemp())
-    (folder / "isolator.yaml").write_text(_SCENE, encoding="utf-8")
-    (folder / "study.yaml").write_text(_STUDY.format(samples=samples), encoding="utf-8")
+    made = study.format(samples=samples)
+    name = next(line for line in made.splitlines() if line.startswith("scene:")).split()[1]
+    (folder / name).write_text(scene, encoding="utf-8")
+    (folder / "study.yaml").write_text(made, encoding="utf-8")
     return make_plan(load_scene(folder / "study.yaml"))
 
 
-def _poles(outcomes: Sequence[SampleOutcome]) -> NDArray[np.complex128]:
+_plan = partial(planned, _SCENE, _STUDY)
+
+
+def together(plan: Plan, path: str) -> Work:
+    """Return the samples of a study as one batch, of which it collects the array at a path."""
     import numpy as np
 
-    return np.array([outcome.values[f"{_GROUP}/poles"].data for outcome in outcomes])
-
-
-def _together(samples: int) -> Work:
     from dynid.scene.batch import run_batch
 
-    plan = _plan(samples)
-    overrides = plan.overrides(range(samples))
-    return lambda: _poles(run_batch(plan.base, overrides, plan.collect))
+    overrides = plan.overrides(range(plan.size))
+    return lambda: np.array([one.values[path].data for one in run_batch(plan.base, overrides, plan.collect)])
 
 
-def _alone(samples: int) -> Work:
+def alone(plan: Plan, path: str) -> Work:
+    """Return the samples of a study one by one in this process."""
+    import numpy as np
+
     from dynid.scene.batch import run_alone
 
-    plan = _plan(samples)
-    overrides = plan.overrides(range(samples))
-    return lambda: _poles([run_alone(plan.base, one, plan.collect) for one in overrides])
+    overrides = plan.overrides(range(plan.size))
+    return lambda: np.array([run_alone(plan.base, one, plan.collect).values[path].data for one in overrides])
 
 
 def _as_study(executor: str) -> Callable[[int], Work]:
@@ -104,7 +107,7 @@ def _as_study(executor: str) -> Callable[[int], Work]:
         def work() -> Any:
             target = Path(tempfile.mkdtemp()) / "study.h5"
             run_study(plan, target, make_executor(executor))
-            return read_result(target)[f"study/results/{_GROUP}/poles"].data
+            return read_result(target)[f"study/results/{_POLES}"].data
 
         return work
 
@@ -128,11 +131,6 @@ def run_each(plan: Plan, path: str) -> Work:
         return np.array(found)
 
     return work
-
-
-def _processes(samples: int) -> Work:
-    """Return one command for each sample."""
-    return run_each(_plan(samples), f"{_GROUP}/poles")
 
 
 def _error(samples: int, found: Any) -> float:
@@ -161,11 +159,146 @@ BENCHMARK = Benchmark(
     alternatives=(
         Alternative("study-processes", _as_study("processes")),
         Alternative("study-serial", _as_study("serial")),
-        Alternative("together", _together),
-        Alternative("run", _alone, most=100),
-        Alternative("process-each", _processes, most=3),
+        Alternative("together", lambda samples: together(_plan(samples), _POLES)),
+        Alternative("run", lambda samples: alone(_plan(samples), _POLES), most=100),
+        Alternative("process-each", lambda samples: run_each(_plan(samples), _POLES), most=3),
     ),
     error=_error,
     measure="largest relative distance of poles from eq 21 in 50 digits",
     full=(100_000,),
+)
+
+
+# SEREP over stiffness and mass of a beam.
+_FREQUENCIES = "reduction/serep/frequencies"
+_ELEMENTS, _LENGTH = 12, 7.0
+_BEAM = f"""\
+dynid: 1
+kind: reduction
+parameters: {{EI: 1700, rhoA: 0.1}}
+structure:
+  beam:
+    elements: {_ELEMENTS}
+    length: {_LENGTH}
+    EI: EI
+    rhoA: rhoA
+    supports: [{{node: 1, fix: [w]}}, {{node: {_ELEMENTS + 1}, fix: [w, theta]}}]
+reduction: [{{method: serep, masters: [1, 5, 10, 16, 22], modes: [1, 2, 3, 4, 5]}}]
+"""
+_BEAMS = f"""\
+dynid: 1
+kind: study
+scene: beam.yaml
+vary:
+  parameters.EI: {{{{distribution: uniform, low: 1500, high: 2000}}}}
+  parameters.rhoA: {{{{distribution: uniform, low: 0.05, high: 0.2}}}}
+sampling: {{{{method: latin-hypercube, samples: {{samples}}, seed: 1}}}}
+collect: [{_FREQUENCIES}]
+"""
+_beams = partial(planned, _BEAM, _BEAMS)
+
+
+def _off_frequencies(samples: int, found: Any) -> float:
+    """Return the error against the frequencies of one beam, scaled by the root of EI / rhoA."""
+    import numpy as np
+    from scipy.linalg import eigh
+
+    from dynid.structure.assembly import Support
+    from dynid.structure.frame import beam
+    from dynid.structure.matrices import as_array
+
+    ends = [Support(1, ("w",)), Support(_ELEMENTS + 1, ("w", "theta"))]
+    unit = beam(_ELEMENTS, _LENGTH, 1.0, 1.0, supports=ends)
+    omega = np.sqrt(eigh(as_array(unit.K), as_array(unit.M), eigvals_only=True)[: found.shape[1]])
+    plan = _beams(samples)
+    values = np.array([list(plan.override(number).values()) for number in range(samples)], dtype=float)
+    true = np.sqrt(values[:, :1] / values[:, 1:]) * omega
+    return float(np.max(np.abs(found / true - 1)))
+
+
+REDUCTIONS = Benchmark(
+    title="SEREP of samples of a beam of 23 DOFs over its stiffness and mass",
+    size="samples",
+    sizes=(3, 100),
+    full=(10_000,),
+    alternatives=(
+        Alternative("together", lambda samples: together(_beams(samples), _FREQUENCIES)),
+        Alternative("run", lambda samples: alone(_beams(samples), _FREQUENCIES), most=100),
+        Alternative("process-each", lambda samples: run_each(_beams(samples), _FREQUENCIES), most=3),
+    ),
+    default=lambda _: "together",
+    error=_off_frequencies,
+    measure="largest relative error of a frequency",
+)
+
+
+# Yang's Table 2 over seeds of its noise.
+_ESTIMATE = "identification/parameters/estimate"
+_SUSPENSION = """\
+dynid: 1
+kind: identification
+structure:
+  lumped:
+    masses: [2, 2, 1.5, 1, 1]
+    links:
+      - {dofs: [1], k: 2.0e4, c: 20}
+      - {dofs: [1, 2], k: 3.0e4, c: 30}
+      - {dofs: [4, 5], k: 2.0e4, c: 20}
+joints:
+  upper: {dofs: [2, 3], k: {start: 1.0e4, true: 2.0e4}, c: {start: 10, true: 20}}
+  lower: {dofs: [3, 4], k: {start: 1.0e4, true: 2.0e4}, c: {start: 10, true: 20}}
+excitation: [{dof: 5, kind: multisine, amplitude: [100, 100, 100], frequency: [70, 110, 250]}]
+measurement:
+  step: 0.002
+  samples: 800
+  channels: [{dof: 2, quantity: velocity}, {dof: 3, quantity: velocity}]
+  simulate: {noise_ratio: 0.05, seed: 1, settle: 10}
+"""
+_SEEDS = """\
+dynid: 1
+kind: study
+scene: suspension.yaml
+vary: {{measurement.simulate.seed: {{start: 1, stop: {samples}, points: {samples}}}}}
+collect:
+  - identification/parameters/estimate
+  - identification/parameters/standard_error
+  - identification/parameters/cramer_rao
+  - identification/parameters/error_percent
+  - identification/diagnostics/converged
+  - identification/diagnostics/whiteness_p
+"""
+_seeds = partial(planned, _SUSPENSION, _SEEDS)
+
+
+def _off_optimum(samples: int, found: Any) -> float:
+    """Return the distance from the maximum of the likelihood, climbed from the truth, in standard errors."""
+    import numpy as np
+
+    from dynid.scene.batch import run_alone
+
+    plan, most = _seeds(samples), 0.0
+    error = "identification/parameters/standard_error"
+    truth: dict[str, str | float] = {"estimator.method": "output-error"}
+    for joint in ("upper", "lower"):
+        truth |= {f"joints.{joint}.k.start": 2.0e4, f"joints.{joint}.c.start": 20}
+    for number in range(min(samples, 10)):
+        reference = run_alone(plan.base, {**plan.override(number), **truth}, (_ESTIMATE, error)).values
+        off = np.abs(found[number] - reference[_ESTIMATE].data) / reference[error].data
+        most = max(most, float(off.max()))
+    return most
+
+
+IDENTIFICATIONS = Benchmark(
+    title="Identifications of the suspension from noisy records (Yang, Table 2) over their seeds",
+    size="samples",
+    sizes=(3, 100),
+    full=(10_000,),
+    alternatives=(
+        Alternative("together", lambda samples: together(_seeds(samples), _ESTIMATE)),
+        Alternative("run", lambda samples: alone(_seeds(samples), _ESTIMATE), most=100),
+        Alternative("process-each", lambda samples: run_each(_seeds(samples), _ESTIMATE), most=3),
+    ),
+    default=lambda _: "together",
+    error=_off_optimum,
+    measure="largest distance from the maximum of the likelihood, in standard errors",
 )

@@ -1,23 +1,39 @@
-"""Aspects of a scene: a choice of its run with the alternatives to it, by bases, solvers and propagation."""
+"""Aspects of a scene: a choice of its run with the alternatives to it.
+
+Of kind `reduction`: the bases, and the solver of the full structure's modes. Of kind `bond-graph`: the
+engine, and the propagation of the time response.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.bench.benchmark import Alternative
-from dynid.defaults import ALL_MODES, DENSE_MODES, FEW_MODES
+from dynid.bench.cases.zeros_poles import distance, relative_to
+from dynid.bondgraph.analysis import analyse
+from dynid.bondgraph.graph import BondGraph
+from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.request import ENGINES, NUMERIC, Analysis, choose_engine, modelled_storages
+from dynid.defaults import ALL_MODES, BASIS_BAND, DENSE_MODES, FEW_MODES
 from dynid.errors import UsageError
-from dynid.lti.sampled import HOLDS, Sampled
-from dynid.scene.schema.reduction import JointAwareModel, ReductionModel
+from dynid.lti.noise import HOLDS, Sampled
+from dynid.result import Result
+from dynid.scene.kinds.bond_graph import question
+from dynid.scene.kinds.reduction import build_reductor, interest_of, methods_of, read_reduction
+from dynid.scene.kinds.structures import build_structure
+from dynid.scene.load import Scene
+from dynid.scene.schema.reduction import JointAwareModel, ReductionModel, ReductionScene
 from dynid.structure.backends import BACKENDS
+from dynid.structure.comparison import candidate
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes import modes, solver_for
 from dynid.structure.reduction.methods import METHODS as _CLASSES
+from dynid.structure.reduction.methods import Reductor
 
 #: Joint-aware without residual vectors; `joint-aware` has them.
 ALONE = "joint-aware-modes"
@@ -193,3 +209,162 @@ def propagation(work: Work, signals: Sequence[Any], times: NDArray[np.float64]) 
         error=error,
         measure="RMS of the error over that of the exact response",
     )
+
+
+class ReducedFrequencies(NamedTuple):
+    """Natural frequencies, rad/s, and the numbers of the corresponding modes of the full structure."""
+
+    omega: NDArray[np.float64]
+    numbers: NDArray[np.int64]
+
+
+def basis(scene: Scene) -> Aspect:
+    """Return reductions by all methods at several sizes, beside those of the scene."""
+    model, structure = _structure(scene)
+    own, interest = methods_of(model), interest_of(model)
+    made = {name: candidate(structure, method) for name, method in own.items()}
+    sizes = {name: each.reduction.model.size for name, each in made.items()}
+    largest, compared = max(sizes.values()), max(1, min(sizes.values()))
+    asked = max(2 * largest, *(max(each.numbers, default=1) for each in made.values()))
+    ends = len(dict.fromkeys([*(dof for joint in structure.joints for dof in joint.dofs), *interest.dofs]))
+
+    def reduced(name: str) -> Callable[[int], Callable[[], ReducedFrequencies]]:
+        def prepare(size: int) -> Callable[[], ReducedFrequencies]:
+            part = read_reduction(described(name, size, ends))
+            return _reduced(structure, build_reductor(part, interest, "accuracy"))(size)
+
+        return prepare
+
+    def full() -> ReducedFrequencies:  # all modes of a small structure
+        few = None if structure.size <= DENSE_MODES.value else asked
+        omega = modes(*structure.with_joints(), count=few).omega
+        return ReducedFrequencies(omega, np.arange(1, len(omega) + 1))
+
+    def error(found: ReducedFrequencies, reference: ReducedFrequencies) -> float:
+        numbers = found.numbers[:compared]
+        if len(found.omega) < compared or numbers.max() > len(reference.omega):
+            return float("inf")
+        true = reference.omega[numbers - 1]
+        scale = np.where(true > 0, true, reference.omega.max(initial=1.0))
+        return float((np.abs(found.omega[:compared] - true) / scale).max())
+
+    points = [(Alternative("full", lambda _: full), structure.size)]
+    points += [(Alternative(name, _reduced(structure, own[name])), size) for name, size in sizes.items()]
+    points += [
+        (Alternative(name, reduced(name)), size)
+        for name in METHODS
+        for size in sizes_around(largest, structure.size)
+        if sizes.get(name) != size
+    ]
+    return Aspect(
+        title="basis of the model",
+        size="coordinates",
+        points=points,
+        chosen=frozenset(sizes.items()),
+        because=f"as requested; chosen by default: {BASIS_BAND}",
+        error=error,
+        measure=f"largest relative error of the first {compared} natural frequencies with the joints",
+    )
+
+
+def _reduced(
+    structure: StructuralModel, method: Reductor
+) -> Callable[[int], Callable[[], ReducedFrequencies]]:
+    def work() -> ReducedFrequencies:
+        made = candidate(structure, method)
+        return ReducedFrequencies(made.modes.omega, np.array(made.numbers, dtype=np.int64))
+
+    return lambda _: work
+
+
+def solver(scene: Scene) -> Aspect:
+    """Return the solvers of the full structure's modes."""
+    model, structure = _structure(scene)
+    made = (candidate(structure, method) for method in methods_of(model).values())
+    return solvers(structure, max(max(each.numbers, default=1) for each in made))
+
+
+def _structure(scene: Scene) -> tuple[ReductionScene, StructuralModel]:
+    model = cast("ReductionScene", scene.model)
+    return model, build_structure(scene, model.structure, model.joints)
+
+
+REDUCTION_ASPECTS = {"basis": basis, "modes": solver}
+
+
+_TRANSFER_FUNCTIONS = "bond_graph/transfer_function/"
+
+
+def engine(scene: Scene) -> Aspect:
+    """Return the engines, with the chosen one."""
+    graph, analysis = question(scene)
+    reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs, traced=False)
+    size, choice = modelled_storages(reduced), choose_engine(reduced, analysis)
+
+    def with_engine(name: Any) -> Callable[[int], Callable[[], Any]]:
+        def prepare(_: int) -> Callable[[], Any]:
+            asked = analysis.results & (NUMERIC | {"transfer_function"})
+            if name == "symbolic" and "transfer_function" not in asked:
+                raise UsageError("formulas alone: zeros, poles and properties need numbers")
+            wanted = {"transfer_function"} if name == "symbolic" else asked | {"zeros", "poles"}
+            own = replace(analysis, engine=name, results=frozenset(wanted), port=None, times=None, omega=None)
+            return lambda: _roots(analyse(graph, own))
+
+        return prepare
+
+    return Aspect(
+        title="engine of transfer functions, zeros and poles",
+        size="storage elements",
+        points=[(Alternative(name, with_engine(name)), size) for name in ENGINES],
+        chosen=frozenset({(choice.engine, size)}),
+        because=choice.reason,
+        error=_error,
+        measure="largest relative distance of zeros and poles from the reference's; its own: its bound",
+    )
+
+
+def _roots(result: Result) -> dict[str, tuple[Any, Any]]:
+    """Return zeros and poles of every channel, with their error bounds or estimates."""
+    found = {}
+    for path, variable in result.items():
+        group, _, name = path.rpartition("/")
+        if path.startswith(_TRANSFER_FUNCTIONS) and name in ("zeros", "poles"):
+            errors = (f"{group}/{name[:-1]}_error_{kind}" for kind in ("bound", "estimate"))
+            radius = next(result[each].data for each in errors if each in result)
+            found[path] = variable.data, radius
+    return found
+
+
+def _error(found: dict[str, tuple[Any, Any]], reference: dict[str, tuple[Any, Any]]) -> float | None:
+    if not found:
+        return None  # formulas
+    worst = 0.0
+    for path, (true, radius) in reference.items():
+        poles = reference[path.rpartition("/")[0] + "/poles"][0]
+        size = float(np.abs(poles).max(initial=0.0))
+        if found is reference:
+            worst = max(worst, float((radius / relative_to(true, size)).max(initial=0.0)))
+        else:
+            worst = max(worst, distance(found[path][0], true, size))
+    return worst
+
+
+def response(scene: Scene) -> Aspect:
+    """Return the ways to propagate the time response."""
+    return response_of(*question(scene))
+
+
+def response_of(graph: BondGraph, asked: Analysis) -> Aspect:
+    """Return the ways to propagate the time response of a graph."""
+    assert asked.times is not None
+    analysis = replace(asked, results=frozenset({"time_response"}), omega=None, port=None)
+
+    def work(signals: list[Any]) -> Callable[[], Any]:
+        driven = tuple(zip((name for name, _ in analysis.signals), signals, strict=True))
+        own = replace(analysis, signals=driven)
+        return lambda: analyse(graph, own)["bond_graph/time_response/response"].data
+
+    return propagation(work, [signal for _, signal in analysis.signals], asked.times)
+
+
+GRAPH_ASPECTS = {"engine": engine, "propagation": response}

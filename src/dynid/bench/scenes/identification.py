@@ -14,11 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.bench.benchmark import Alternative
-from dynid.bench.scenes.aspects import METHODS, Aspect, described, name_of, propagation, sizes_around, solvers
-from dynid.bench.scenes.bond_graph import response_of
+from dynid.bench.scenes.aspects import (
+    METHODS,
+    Aspect,
+    described,
+    name_of,
+    propagation,
+    response_of,
+    sizes_around,
+    solvers,
+)
 from dynid.defaults import BASIS_BAND, ESTIMATOR, FILTER_PASSES, HOLD, RESIDUALS
 from dynid.identification.parametric_model import Model
-from dynid.lti.sampled import HOLDS
+from dynid.lti.noise import HOLDS
 from dynid.scene.kinds.bond_graph import graph_analysis
 from dynid.scene.kinds.identification import (
     interest_of,
@@ -32,7 +40,7 @@ from dynid.scene.kinds.identification import (
 from dynid.scene.kinds.identified_graphs import identified_graph
 from dynid.scene.load import Scene, check_source
 from dynid.scene.run import run_scene
-from dynid.scene.schema.accuracy import ASPECTS as NAMES
+from dynid.scene.schema.base import ASPECTS as NAMES
 from dynid.scene.schema.identification import IdentificationScene
 from dynid.structure.response import time_response
 

@@ -20,7 +20,7 @@ from dynid.errors import DynidError
 from dynid.result import Result
 from dynid.scene.kind import KINDS
 from dynid.scene.load import Scene, check_source
-from dynid.scene.schema.accuracy import ASPECTS, AccuracyModel, aspects_of
+from dynid.scene.schema.base import ASPECTS, AccuracyModel, aspects_of
 from dynid.scene.yaml.source import Source
 from dynid.structure.comparison import measured
 

@@ -10,14 +10,21 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bondgraph.design.request import Criterion, Design, RootTarget, Target
-from dynid.bondgraph.design.root_targets import Reached, nearest, residual_count
+from dynid.bondgraph.design.request import (
+    Criterion,
+    Design,
+    Reached,
+    RootTarget,
+    Target,
+    nearest,
+    residual_count,
+)
 from dynid.bondgraph.parametric_equations import ParametricEquations
 from dynid.bondgraph.plan import ReducedGraph
 from dynid.errors import NumericalError
 from dynid.lti import norms
-from dynid.lti.parametric import Matrices, System, single
 from dynid.lti.root_slopes import poles, zeros
+from dynid.lti.state_space import Matrices, ParametricSystem, single
 from dynid.number_format import frequency_text
 from dynid.parameters import Parameter
 
@@ -124,7 +131,7 @@ class Norm:
 
     values: Array
     slopes: Array
-    system: System | None = None
+    system: ParametricSystem | None = None
     maxima: norms.Maxima | None = None
     why: str = ""
 
@@ -209,7 +216,7 @@ class DesignFunctions:
         slopes = (np.einsum("p,p...->p...", rates, one) for one in found[4:])
         return Matrices(*found[:4], *slopes)
 
-    def channel(self, found: Matrices, target: Target) -> System:
+    def channel(self, found: Matrices, target: Target) -> ParametricSystem:
         """Return the system of a target's channel."""
         return single(found, self._outputs.index(target.output), self._inputs.index(target.input))
 
@@ -301,7 +308,7 @@ class DesignFunctions:
         return Norm(maxima.magnitude, maxima.slopes, system, maxima)
 
     def _without_norm(
-        self, found: Matrices, one: Criterion, system: System, channel_poles: ComplexArray
+        self, found: Matrices, one: Criterion, system: ParametricSystem, channel_poles: ComplexArray
     ) -> str:
         """Return the reason why a channel has no finite norm; empty where it has."""
         name = f"{one.output}/{one.input}"

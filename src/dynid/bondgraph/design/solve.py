@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.bondgraph.design.functions import DesignFunctions, Evaluation
-from dynid.bondgraph.design.reasons import no_minimum, no_norm, unreachable, without_influence
-from dynid.bondgraph.design.request import Design
+from dynid.bondgraph.design.request import Design, Reached, RootTarget, Target, residual_count
 from dynid.bondgraph.design.search import MET, Solution, meet_roots, minimise
+from dynid.errors import NumericalError, Unreachable
+from dynid.number_format import counted
 from dynid.progress import tracked
 
 Array = NDArray[np.float64]
@@ -137,3 +140,188 @@ def _is_isolated(one: Solution) -> bool:
     jacobian = one.found.jacobian
     used = np.abs(jacobian).max(axis=0) > 0
     return bool(np.linalg.matrix_rank(jacobian, 1e-9 * np.abs(jacobian).max()) == np.count_nonzero(used))
+
+
+#: Derivatives below this part of the largest one are those of something that does not change.
+_NOTHING = 1e-10
+#: A coordinate nearer to its limit than this is at it.
+_AT_LIMIT = 1e-6
+#: A parameter that left its start by more than this factor without a limit ran away.
+_AWAY = 1e3
+
+
+def without_influence(functions: DesignFunctions, evaluations: Sequence[Evaluation]) -> tuple[str, ...]:
+    """Return the free parameters that no target depends on, by derivatives at several points."""
+    free = functions.design.free
+    usable = [one for one in evaluations if one.exists]
+    blocks = [np.concatenate([one.jacobian, *(norm.slopes for norm in one.norms)]) for one in usable]
+    found = []
+    for k, parameter in enumerate(free):
+        still = all(
+            (np.abs(rows[:, k]) <= _NOTHING * np.abs(rows).max(axis=1, initial=0.0)).all() for rows in blocks
+        )
+        if parameter.name not in functions.reached or (len(blocks) > 1 and still):
+            found.append(parameter.name)
+    return tuple(found)
+
+
+def unreachable(functions: DesignFunctions, missed: Sequence[Evaluation], idle: Sequence[str]) -> Unreachable:
+    """Return the error of wanted roots that no start reaches, with the reason."""
+    design = functions.design
+    usable = [one for one in missed if np.isfinite(one.residuals).all()]
+    if not usable:
+        return _missing_roots(functions, missed)
+    best = min(usable, key=lambda one: float(np.linalg.norm(one.residuals)))
+    places = _rows(design)
+    off = [k for k, rows in enumerate(places) if np.abs(best.residuals[rows]).max() > MET]
+    target, reached = design.roots[off[0]], best.reached[off[0]]
+    assert reached is not None
+    there = target.root_text(reached.frequency, reached.damping)
+    nearest = f"the nearest that is reached is {there}"
+    fixed = _fixed_part(functions, target, reached, places[off[0]], usable)
+    if fixed:
+        return _error(design, target, f"{fixed}; {nearest}", "Free another parameter that moves it.")
+    limits = list(_limits(functions, best))
+    values = functions.coordinates.values(best.eta)
+    at = ", ".join(f"{one.name} = {value:.6g}" for one, value in zip(design.free, values, strict=True))
+    if limits:
+        needed = _needed(functions, best)
+        reason = f"{' and '.join(limits)}; there {there} is reached{needed}"
+        return _error(design, target, reason, "Widen the limits, or free another parameter.")
+    conditions = sum(map(residual_count, design.roots))
+    count = len(design.free) - len(idle)
+    if conditions > count:
+        others = [str(design.roots[k]) for k in off[1:]]
+        also = f" (as are the {', the '.join(others)})" if others else ""
+        reason = (
+            f"the targets are {counted(conditions, 'condition')} on {counted(count, 'free parameter')}{also}"
+            f"; {nearest}, with {at} (least squares)"
+        )
+        return _error(design, target, reason, "Free more parameters, or drop a target.")
+    tried = counted(design.starts, "start")
+    reason = f"{nearest}, with {at}: no small change comes nearer, from {tried}"
+    return _error(design, target, reason, "Try more `starts`, or another target.")
+
+
+def no_norm(functions: DesignFunctions, refused: Sequence[Evaluation]) -> Unreachable:
+    """Return the error of norms that are infinite at every start."""
+    design = functions.design
+    place, why = next((k, one.why) for k, one in enumerate(refused[0].norms) if one.why)
+    target = design.criteria[place]
+    everywhere = f" (so at all {len(refused)} starts)" if len(refused) > 1 else ""
+    return Unreachable(
+        f"the {target} cannot be minimised: {why}{everywhere}",
+        remedy="Choose another output, another norm, or a start at which it is finite.",
+        names=(_name(design, target),),
+    )
+
+
+def no_minimum(functions: DesignFunctions, best: Solution) -> Unreachable | None:
+    """Return the error of a norm that falls while a parameter without limit runs away; None if none does."""
+    design, coordinates = functions.design, functions.coordinates
+    if best.conditions is None:
+        return None
+    values = coordinates.values(best.found.eta)
+    for k, one in enumerate(design.free):
+        away = best.found.eta[k] - coordinates.start[k]
+        factor = np.exp(abs(away)) if one.logarithmic else abs(away)
+        limit = one.high if away > 0 else one.low
+        open_end = limit is None or (one.logarithmic and limit <= 0)
+        at_end = min(best.found.eta[k] - functions.low[k], functions.high[k] - best.found.eta[k]) < _AT_LIMIT
+        if open_end and (at_end or (factor > _AWAY and not best.conditions.verified)):
+            way, key = ("grows", "max") if values[k] > one.start else ("falls", "min")
+            target = design.criteria[0]
+            return Unreachable(
+                f"the {target} has no minimum: it still falls, at {best.found.norms[0].value:.6g}, as "
+                f"{one.name} {way} to {values[k]:.3g}",
+                remedy=f"Give {one.name} a limit: `{key}`.",
+                names=(f"design.free.{one.name}", _name(design, target)),
+            )
+    return None
+
+
+def _rows(design: Design) -> list[slice]:
+    """Return the rows of the residuals of each wanted root."""
+    ends = np.cumsum([0, *map(residual_count, design.roots)]).tolist()
+    return [slice(a, b) for a, b in pairwise(ends)]
+
+
+def _name(design: Design, target: Target) -> str:
+    place = next(k for k, one in enumerate(design.targets) if one is target)
+    return f"design.targets.{place}"
+
+
+def _error(design: Design, target: RootTarget, reason: str, remedy: str) -> Unreachable:
+    return Unreachable(
+        f"the {target} cannot be reached: {reason}", remedy=remedy, names=(_name(design, target),)
+    )
+
+
+def _missing_roots(functions: DesignFunctions, missed: Sequence[Evaluation]) -> Unreachable:
+    """Return the error of a target for which the channel has no roots at any start."""
+    design = functions.design
+    reached = missed[0].reached
+    place = next((k for k, one in enumerate(reached) if one is None), 0)
+    target = design.roots[place]
+    try:
+        values, _ = functions.channel_roots(functions.matrices(missed[0].eta), target)
+    except NumericalError:
+        values = np.zeros(0, dtype=complex)
+    if not len(values):
+        return _error(design, target, f"{target.channel} has no {target.kind}s", "Choose another channel.")
+    what = "real" if target.damping is not None and abs(target.damping) == 1 else "oscillating"
+    fewer = sum(one.kind == target.kind and one.channel == target.channel for one in design.roots)
+    text = f"no {what} {target.kind}s" if fewer == 1 else f"fewer {what} {target.kind}s than targets"
+    reason = f"{target.channel} has {text} at any of {counted(len(missed), 'start')}"
+    return _error(design, target, reason, "Start elsewhere, or choose another target.")
+
+
+def _fixed_part(
+    functions: DesignFunctions,
+    target: RootTarget,
+    reached: Reached,
+    rows: slice,
+    evaluations: Sequence[Evaluation],
+) -> str:
+    """Return what of a root does not depend on the free parameters; empty where all that is missed does."""
+    names = ", ".join(one.name for one in functions.design.free)
+    slopes = np.stack([one.jacobian[rows] for one in evaluations])
+    still = np.asarray((np.abs(slopes) <= _NOTHING).all(axis=(0, 2)))
+    if still.all():
+        return f"the {target.kind}s of {target.channel} do not depend on {names}"
+    missed = np.abs(reached.residuals) > MET
+    for part, (fixed, off) in enumerate(zip(still, np.atleast_1d(missed), strict=True)):
+        if fixed and off:
+            what = ("natural frequency", "damping ratio")[part]
+            return f"the {what} of this {target.kind} does not depend on {names}"
+    return ""
+
+
+def _limits(functions: DesignFunctions, best: Evaluation) -> Iterator[str]:
+    """Yield the limits beyond which the residuals would still fall."""
+    coordinates = functions.coordinates
+    gradient = best.jacobian.T @ best.residuals
+    size = np.abs(best.jacobian).max(initial=0.0) * np.linalg.norm(best.residuals)
+    for k, one in enumerate(functions.design.free):
+        for key, limit, edge, way in (
+            ("min", one.low, functions.low[k], 1),
+            ("max", one.high, functions.high[k], -1),
+        ):
+            at = abs(best.eta[k] - edge) <= _AT_LIMIT * (1 + abs(edge))
+            if at and way * gradient[k] > _NOTHING * size:
+                value = coordinates.values(best.eta)[k]
+                runs = f"{'falls' if way > 0 else 'grows'} to"
+                yield f"{one.name} {runs if limit is None else f'is at its {key},'} {value:.6g}"
+
+
+def _needed(functions: DesignFunctions, best: Evaluation) -> str:
+    """Return the values that reach the targets without limits, in words; empty where none do."""
+    design = functions.design
+    open_ended = replace(design, free=tuple(replace(one, low=None, high=None) for one in design.free))
+    free = DesignFunctions(open_ended)
+    found = meet_roots(free, np.clip(best.eta, free.low, free.high))
+    if not np.abs(found.residuals).max() <= MET:
+        return ""
+    values = free.coordinates.values(found.eta)
+    text = ", ".join(f"{one.name} = {value:.6g}" for one, value in zip(design.free, values, strict=True))
+    return f"; without limits it needs {text}"

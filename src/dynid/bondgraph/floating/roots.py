@@ -17,8 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.bondgraph.plan import ReducedGraph
-from dynid.bondgraph.program.factored import RationalFunction, polynomial, rational_functions_modulo
-from dynid.bondgraph.program.modular import numeric_point
+from dynid.bondgraph.program.factored import (
+    RationalFunction,
+    numeric_point,
+    polynomial,
+    rational_functions_modulo,
+)
 from dynid.errors import Undecided
 
 # --- exact counts ---------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from fractions import Fraction
 from typing import Any, NamedTuple
 
 from dynid.bondgraph.plan import ProgramPlan, ReducedGraph
-from dynid.bondgraph.program.modular import axis_point
+from dynid.bondgraph.program.factored import axis_point
 from dynid.errors import NumericalError
 
 #: First and last number of terms that are carried before giving up.

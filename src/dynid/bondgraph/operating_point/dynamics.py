@@ -17,7 +17,7 @@ import numpy as np
 
 from dynid.arithmetic.numbers import OutOfRangeError
 from dynid.bondgraph.graph import Port
-from dynid.bondgraph.operating_point.equations import LawEquations, System
+from dynid.bondgraph.operating_point.equations import LawEquations, LawSystem
 from dynid.bondgraph.operating_point.newton import equilibrated
 from dynid.errors import NumericalError
 
@@ -52,7 +52,7 @@ class LawDynamics:
         self.equations, self.z = equations, z
         self._count = 2 * len(equations.model.graph.bonds)
         linear = [(node, row, _ZERO) for node, row, _ in equations.rows]
-        self._system = System(equations, linear)
+        self._system = LawSystem(equations, linear)
         _, matrix = self._system.residual(z)
         self._rows, scale = equilibrated(matrix)
         self.y_scale, self.x_scale = scale[: self._count], scale[self._count :]

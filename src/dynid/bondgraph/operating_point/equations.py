@@ -234,7 +234,7 @@ class LawEquations:
 
 
 @dataclass
-class System:
+class LawSystem:
     """Equations to solve: linear ones and laws.
 
     Parameters
@@ -332,7 +332,7 @@ class System:
 
 def at_rest(
     equations: LawEquations, inputs: Mapping[str, Fraction], start: Mapping[Port, Fraction]
-) -> System:
+) -> LawSystem:
     """Return the equations of an equilibrium.
 
     Parameters
@@ -369,17 +369,17 @@ def at_rest(
     for state, column in zip(equations.states, equations.rates, strict=True):
         if state not in dropped:
             linear.append((state.node, {column: Fraction(1)}, Fraction(0)))
-    return System(equations, linear)
+    return LawSystem(equations, linear)
 
 
-def at_point(equations: LawEquations, inputs: Mapping[str, Fraction], values: Iterable[Port]) -> System:
+def at_point(equations: LawEquations, inputs: Mapping[str, Fraction], values: Iterable[Port]) -> LawSystem:
     """Return the equations beside given variables: rates are free, and so are sources without a value."""
     linear = [
         (node, row, inputs[source] if source else Fraction(0))
         for node, row, source in equations.rows
         if not source or source in inputs
     ]
-    return System(equations, linear, fixed=tuple(map(equations.column, values)))
+    return LawSystem(equations, linear, fixed=tuple(map(equations.column, values)))
 
 
-__all__ = ["Conserved", "LawEquations", "LawRow", "OutOfRangeError", "System", "at_point", "at_rest"]
+__all__ = ["Conserved", "LawEquations", "LawRow", "LawSystem", "OutOfRangeError", "at_point", "at_rest"]

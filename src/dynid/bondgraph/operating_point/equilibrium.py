@@ -12,9 +12,9 @@ import numpy as np
 from dynid.arithmetic.numbers import OutOfRangeError
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.operating_point.dynamics import LawDynamics
-from dynid.bondgraph.operating_point.equations import LawEquations, System, at_point, at_rest
+from dynid.bondgraph.operating_point.equations import LawEquations, LawSystem, at_point, at_rest
 from dynid.bondgraph.operating_point.laws import LawGraph
-from dynid.bondgraph.operating_point.newton import CONSISTENT, Factor, Solution, iterate, refined
+from dynid.bondgraph.operating_point.newton import CONSISTENT, Factor, NewtonSolution, iterate, refined
 from dynid.defaults import DENSE_EQUILIBRIUM
 from dynid.errors import Diverged, NumericalError, Singular, UsageError
 
@@ -84,8 +84,8 @@ class OperatingPoint:
 
     equations: LawEquations
     request: OperatingPointRequest
-    solution: Solution
-    equilibria: tuple[Solution, ...] = ()
+    solution: NewtonSolution
+    equilibria: tuple[NewtonSolution, ...] = ()
     stable: tuple[int, ...] = ()
     number: int = 0
     drift: Mapping[Port, float] = field(default_factory=dict)
@@ -117,8 +117,8 @@ def find_operating_point(model: LawGraph, request: OperatingPointRequest) -> Ope
 def _solved(equations: LawEquations, request: OperatingPointRequest) -> OperatingPoint:
     system = at_rest(equations, request.inputs, request.start)
     own = _vector(equations, request.start)
-    found: list[Solution] = []
-    worst: Solution | None = None
+    found: list[NewtonSolution] = []
+    worst: NewtonSolution | None = None
     for z in _first_starts(system, own):
         solution = _solution(system, z)
         if solution is not None and solution.residual <= CONSISTENT:
@@ -178,7 +178,7 @@ def _chosen(choose: Choice, stable: tuple[int, ...]) -> int:
 
 
 def _warnings(
-    equations: LawEquations, request: OperatingPointRequest, chosen: Solution, count: int, number: int
+    equations: LawEquations, request: OperatingPointRequest, chosen: NewtonSolution, count: int, number: int
 ) -> Iterator[str]:
     if count > 1:
         yield (
@@ -193,7 +193,7 @@ def _warnings(
         )
 
 
-def _no_equilibrium(equations: LawEquations, worst: Solution | None) -> NumericalError:
+def _no_equilibrium(equations: LawEquations, worst: NewtonSolution | None) -> NumericalError:
     if worst is not None:
         return Singular(
             f"there is no equilibrium: the balance at '{worst.worst}' cannot be met, "
@@ -211,7 +211,7 @@ def _no_equilibrium(equations: LawEquations, worst: Solution | None) -> Numerica
     )
 
 
-def _solution(system: System, z: NDArray[np.float64]) -> Solution | None:
+def _solution(system: LawSystem, z: NDArray[np.float64]) -> NewtonSolution | None:
     """Return the solution that a start leads to; None where it leads to none, or out of a law's domain."""
     found = iterate(system, z)
     if found is None:
@@ -229,7 +229,7 @@ def _vector(equations: LawEquations, given: Mapping[Port, Fraction]) -> NDArray[
     return z
 
 
-def _first_starts(system: System, own: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+def _first_starts(system: LawSystem, own: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
     """Yield the start, and solutions of linear graphs: every law replaced by a line through the origin."""
     yield own
     equations, laws = system.equations, system.equations.model.laws
@@ -242,7 +242,7 @@ def _first_starts(system: System, own: NDArray[np.float64]) -> Iterator[NDArray[
             steep = Fraction(slope) if laws[row.node].gives == "e" else 1 / Fraction(slope)
             factor = Fraction(1) if laws[row.node].gives == "value" else steep
             linear.append((row.node, {row.out: Fraction(1), right: -row.sign * factor}, Fraction(0)))
-        residual, matrix = System(equations, linear, lines=True, fixed=system.fixed).residual(own)
+        residual, matrix = LawSystem(equations, linear, lines=True, fixed=system.fixed).residual(own)
         try:
             factors = Factor(matrix, system.fixed)
         except (OutOfRangeError, np.linalg.LinAlgError):
@@ -268,14 +268,14 @@ def _random_starts(
         yield z
 
 
-def _equal(one: Solution, other: Solution) -> bool:
+def _equal(one: NewtonSolution, other: NewtonSolution) -> bool:
     size = np.maximum(np.abs(one.z), np.abs(other.z))
     scaled = size / one.scale
     floor = _SAME * float(scaled.max(initial=0.0)) * one.scale
     return bool((np.abs(one.z - other.z) <= np.maximum(_SAME * size, 1e-5 * floor)).all())
 
 
-def _stability(equations: LawEquations, inputs: Mapping[str, Fraction], solution: Solution) -> int:
+def _stability(equations: LawEquations, inputs: Mapping[str, Fraction], solution: NewtonSolution) -> int:
     """Return 1 where all natural modes at an equilibrium decay, -1 where one grows, else 0."""
     if equations.size > DENSE_EQUILIBRIUM.value:
         return 0
@@ -351,7 +351,9 @@ def _check_values(equations: LawEquations, values: Mapping[Port, Fraction]) -> N
             )
 
 
-def _with_values(equations: LawEquations, solution: Solution, values: Mapping[Port, Fraction]) -> Solution:
+def _with_values(
+    equations: LawEquations, solution: NewtonSolution, values: Mapping[Port, Fraction]
+) -> NewtonSolution:
     """Return a solution with the given values as they are given."""
     from flint import arb, fmpq
 

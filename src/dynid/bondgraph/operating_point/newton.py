@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from scipy.sparse import csr_array
 
-    from dynid.bondgraph.operating_point.equations import System
+    from dynid.bondgraph.operating_point.equations import LawSystem
 
 _MOST_STEPS, _SHORTEST = 200, 2.0**-20
 _TOLERANCE = 1e-11  # of a correction, beside the largest scaled variable
@@ -127,7 +127,7 @@ def equilibrated(matrix: csr_array) -> tuple[NDArray[np.float64], NDArray[np.flo
 
 
 @dataclass(frozen=True)
-class Solution:
+class NewtonSolution:
     """A solution of equations.
 
     Parameters
@@ -157,7 +157,7 @@ class Solution:
     scale: NDArray[np.float64]
 
 
-def iterate(system: System, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], Factor] | None:
+def iterate(system: LawSystem, z: NDArray[np.float64]) -> tuple[NDArray[np.float64], Factor] | None:
     """Return the limit of the damped iteration from a start with its factorised matrix; None without one."""
     try:
         residual, matrix = system.residual(z)
@@ -189,7 +189,7 @@ def iterate(system: System, z: NDArray[np.float64]) -> tuple[NDArray[np.float64]
     return None
 
 
-def refined(system: System, z: NDArray[np.float64], factor: Factor) -> Solution | None:
+def refined(system: LawSystem, z: NDArray[np.float64], factor: Factor) -> NewtonSolution | None:
     """Return a solution with its variables at high precision; None where a law has no value there."""
     from flint import arb, ctx
 
@@ -221,7 +221,7 @@ def refined(system: System, z: NDArray[np.float64], factor: Factor) -> Solution 
     except OutOfRangeError:
         final = factor
     open_columns = tuple(int(k) for k in np.flatnonzero(np.abs(final.free).max(axis=1, initial=0.0) > 1e-8))
-    return Solution(
+    return NewtonSolution(
         rounded,
         exact,
         shares[largest_share] if shares else 0.0,

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from dynid.bondgraph.graph import BondGraph, Port
 from dynid.bondgraph.program.program import ModularPoint, Operation, Program, Register
 from dynid.bondgraph.reduction.junctions import Junction, JunctionStructure, NameRegistry
-from dynid.bondgraph.reduction.network import STORED, Balance, Immittance, NodalNetwork
+from dynid.bondgraph.reduction.network import STORED, Immittance, NodalNetwork, NodeRow
 from dynid.bondgraph.reduction.reducer import JunctionElimination, Reduction, reduction_at_root
 from dynid.bondgraph.reduction.trace import NoTrace
 from dynid.native import call
@@ -28,7 +28,7 @@ from dynid.native import call
 Integers = NDArray[np.int64]
 
 
-class Residues(NamedTuple):
+class PlanResidues(NamedTuple):
     """The values of all nodes, as quotients modulo a prime, and s there.
 
     Parameters
@@ -50,7 +50,7 @@ class Residues(NamedTuple):
     general: bool
 
     @classmethod
-    def of(cls, graph: BondGraph, prime: int, laplace: int) -> Residues:
+    def of(cls, graph: BondGraph, prime: int, laplace: int) -> PlanResidues:
         """Return the values of a graph, at a given s."""
         values = [node.value for node in graph.nodes.values()]
         parts = [(1, 1) if value is None else value.as_integer_ratio() for value in values]
@@ -58,7 +58,7 @@ class Residues(NamedTuple):
         return cls(prime, above, below, laplace, general=False)
 
     @classmethod
-    def random(cls, graph: BondGraph, prime: int) -> Residues:
+    def random(cls, graph: BondGraph, prime: int) -> PlanResidues:
         """Return a fixed random point."""
         x = np.arange(1, len(graph.nodes) + 2, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
         for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):  # splitmix64
@@ -89,7 +89,9 @@ class CompiledProgram(Program):
         Where registers are evaluated.
     """
 
-    def __init__(self, handle: int, names: list[str], numbers: dict[str, int], residues: Residues) -> None:
+    def __init__(
+        self, handle: int, names: list[str], numbers: dict[str, int], residues: PlanResidues
+    ) -> None:
         from flint import nmod
 
         self.handle, self.names, self._numbers = handle, names, numbers
@@ -159,7 +161,7 @@ class CompiledProgram(Program):
     def are_opposite(self, a: Register, b: Register) -> bool:  # noqa: D102
         return not self.image(a) + self.image(b)
 
-    def divides_by_zero(self, divisors: Iterable[Register], at: Residues) -> bool:
+    def divides_by_zero(self, divisors: Iterable[Register], at: PlanResidues) -> bool:
         """Test whether any of these registers, or anything that is divided by, is zero at another point."""
         wanted = np.fromiter(divisors, np.int64)
         return bool(
@@ -187,7 +189,7 @@ class CompiledReductions(NamedTuple):
 
 def compiled_reductions(
     graph: BondGraph,
-    residues: Residues,
+    residues: PlanResidues,
     inputs: Sequence[str],
     outputs: Sequence[Port],
     structure: Callable[[], JunctionStructure],
@@ -257,7 +259,7 @@ def compiled_reductions(
             term = Immittance(names[name] if name >= 0 else junctions[-2 - name], register)
             net.root.terms.append(term)
             if origin >= 0:
-                work.origins[net.root, term] = Balance(Junction(junctions[origin], ""), 0)
+                work.origins[net.root, term] = NodeRow(Junction(junctions[origin], ""), 0)
         net.root.sources = {inputs[source]: register for source, register in drives.tolist()}
         driven = frozenset(inputs[k] for k in np.flatnonzero(driving).tolist())
         found[port] = reduction_at_root(net, work, NoTrace(), port, driven)
@@ -287,7 +289,7 @@ class _RootAlone(NodalNetwork):
     ) -> None:
         self.program, self.inputs, self.graph, self.elements = program, tuple(inputs), graph, elements
         self._kept = frozenset(inputs)
-        self.root = Balance(root, 0)
+        self.root = NodeRow(root, 0)
         self.junctions = tuple(junctions)
         self._made = structure
 

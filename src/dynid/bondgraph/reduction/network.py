@@ -41,7 +41,7 @@ class Tie(NamedTuple):
 BOND = Tie(None, False)
 
 
-class Balance:
+class NodeRow:
     """The balance of a junction, as far as it is reduced.
 
     Parameters
@@ -73,7 +73,7 @@ class Balance:
         self.name, self.kind, self.fixing = junction.name, junction.kind, junction.fixing
         self.depth = depth
         self.terms: list[Immittance] = []
-        self.entries: dict[Balance, Register] = {}
+        self.entries: dict[NodeRow, Register] = {}
         self.sources: dict[str, Register] = {}
         self.rank = self.round = 0
         self.gone = False
@@ -116,9 +116,9 @@ class NodalNetwork:
         self.inputs = tuple(inputs)
         self._kept = frozenset(self.inputs)
         junctions = structure.junctions
-        self.rows = {name: Balance(junctions[name], depth) for name, depth in reach(structure, root).items()}
+        self.rows = {name: NodeRow(junctions[name], depth) for name, depth in reach(structure, root).items()}
         self.root, self.junctions, self.elements = self.rows[root], tuple(self.rows), junctions[root].elements
-        self._ties: dict[frozenset[Balance], Tie | None] = {}  # of pairs that are tied by other than one bond
+        self._ties: dict[frozenset[NodeRow], Tie | None] = {}  # of pairs that are tied by other than one bond
         for name, row in self.rows.items():
             junction = junctions[name]
             row.terms = [Immittance(element, self.immittance(element, row)) for element in junction.elements]
@@ -132,11 +132,11 @@ class NodalNetwork:
             self._couple(coupling)
 
     @property
-    def left(self) -> list[Balance]:
+    def left(self) -> list[NodeRow]:
         """The rows that are not eliminated."""
         return [row for row in self.rows.values() if not row.gone]
 
-    def immittance(self, name: str, row: Balance) -> Register:
+    def immittance(self, name: str, row: NodeRow) -> Register:
         """Write the impedance of an element on a 1-junction, its admittance on a 0-junction."""
         program, node = self.program, self.graph.nodes[name]
         value = program.parameter(name)
@@ -144,7 +144,7 @@ class NodalNetwork:
         own = "0" if node.type == "C" else "1"  # where the law itself is the immittance
         return law if row.kind == own else program.inv(law)
 
-    def feed(self, row: Balance, source: str, amount: Register) -> None:
+    def feed(self, row: NodeRow, source: str, amount: Register) -> None:
         """Add the contribution of an input to a balance; contributions that cancel disappear."""
         total = self.program.add(row.sources.get(source, self.program.zero), amount)
         if self.program.is_zero(total):
@@ -152,11 +152,11 @@ class NodalNetwork:
         else:
             row.sources[source] = total
 
-    def _feed(self, row: Balance, source: str | None, amount: Register) -> None:
+    def _feed(self, row: NodeRow, source: str | None, amount: Register) -> None:
         if source in self._kept:
             self.feed(row, source, amount)
 
-    def stored(self, name: str, row: Balance) -> Register:
+    def stored(self, name: str, row: NodeRow) -> Register:
         """Write the equivalent source of a storage's energy at t = 0 (Park & Kim 1997, eqs 13 to 16).
 
         An element that answers with a rate has e = I (s f - f(0)): the momentum p(0) = I f(0) drives. One
@@ -195,7 +195,12 @@ class NodalNetwork:
                 self.retie(one, other, Tie(two_port, inverse))
 
     def _activate(
-        self, one: Balance | None, other: Balance | None, coupling: Coupling, size: Register, minus: Register
+        self,
+        one: NodeRow | None,
+        other: NodeRow | None,
+        coupling: Coupling,
+        size: Register,
+        minus: Register,
     ) -> None:
         """Write the only entry of an activated bond."""
         if one is not None and other is not None:
@@ -207,15 +212,15 @@ class NodalNetwork:
     def _minus_one(self) -> Register:
         return self.program.neg(self.program.one)
 
-    def retie(self, a: Balance, b: Balance, tie: Tie) -> None:
+    def retie(self, a: NodeRow, b: NodeRow, tie: Tie) -> None:
         """Note the only tie of two junctions."""
         self._ties[frozenset((a, b))] = tie
 
-    def tie(self, a: Balance, b: Balance) -> Tie | None:
+    def tie(self, a: NodeRow, b: NodeRow) -> Tie | None:
         """Return what ties two junctions, where it is one bond or two-port."""
         return self._ties.get(frozenset((a, b)), BOND) if self._ties else BOND
 
-    def add_entry(self, row: Balance, column: Balance, entry: Register) -> None:
+    def add_entry(self, row: NodeRow, column: NodeRow, entry: Register) -> None:
         """Add to a matrix entry off the diagonal; more than a bond or two-port ties the two from now on.
 
         One that is zero both ways ties them no more.
@@ -227,15 +232,15 @@ class NodalNetwork:
         if program.is_zero(total) and program.is_zero(back):
             del own[column], other[row]
 
-    def entry(self, row: Balance, column: Balance) -> Register:
+    def entry(self, row: NodeRow, column: NodeRow) -> Register:
         """Return a matrix entry off the diagonal."""
         return row.entries.get(column, self.program.zero)
 
-    def diagonal(self, row: Balance) -> Register:
+    def diagonal(self, row: NodeRow) -> Register:
         """Return the sum of the immittances on a junction."""
         return self.program.sum([term.register for term in row.terms])
 
-    def remove(self, row: Balance) -> None:
+    def remove(self, row: NodeRow) -> None:
         """Remove an eliminated junction."""
         for other in row.entries:
             del other.entries[row]

@@ -20,9 +20,9 @@ from dynid.bondgraph.program.program import Program, Register
 from dynid.bondgraph.reduction.junctions import JunctionStructure, NameRegistry
 from dynid.bondgraph.reduction.network import (
     BOND,
-    Balance,
     Immittance,
     NodalNetwork,
+    NodeRow,
     Tie,
     channel,
     port_form,
@@ -63,9 +63,9 @@ class JunctionElimination:
         self.pivots: list[Register] = []
         self.held: dict[str, Register] | None = None
         self.holding: Register | None = None
-        self.origins: dict[tuple[Balance, Immittance], Balance] = {}
+        self.origins: dict[tuple[NodeRow, Immittance], NodeRow] = {}
 
-    def eliminate(self, row: Balance, own: Register) -> list[Balance]:
+    def eliminate(self, row: NodeRow, own: Register) -> list[NodeRow]:
         """Eliminate a junction on which something stands, in all `own`; return its former neighbours."""
         neighbours = list(row.entries)
         self.trace.superposed(row, row.terms, own)
@@ -84,17 +84,17 @@ class JunctionElimination:
             self._remove(row)
         return neighbours
 
-    def _stand(self, row: Balance, term: Immittance, origin: Balance) -> None:
+    def _stand(self, row: NodeRow, term: Immittance, origin: NodeRow) -> None:
         """Add an immittance that an elimination leaves to a junction."""
         row.terms.append(term)
         self.origins[row, term] = origin
 
-    def _remove(self, row: Balance) -> None:
+    def _remove(self, row: NodeRow) -> None:
         """Remove an eliminated junction, after which the network is whole."""
         self.net.remove(row)
         self.trace.done()
 
-    def _reflect(self, leaf: Balance, into: Balance, own: Register, tie: Tie) -> None:
+    def _reflect(self, leaf: NodeRow, into: NodeRow, own: Register, tie: Tie) -> None:
         """Reflect a leaf through a TF or GY, Z1 = n^2 Z2 or Z1 = r^2 / Z2; then transform its sources."""
         net, program = self.net, self.program
         modulus = program.parameter(str(tie.two_port))
@@ -117,7 +117,7 @@ class JunctionElimination:
             self._remove(leaf)
 
     def _transform_source(
-        self, leaf: Balance, into: Balance, seen: Immittance, two_port: str | None = None
+        self, leaf: NodeRow, into: NodeRow, seen: Immittance, two_port: str | None = None
     ) -> None:
         """Transform the source on a leaf (PK 16): from Norton there to Thévenin on its neighbour, or back."""
         net, program = self.net, self.program
@@ -130,7 +130,7 @@ class JunctionElimination:
         if two_port is None:
             self.trace.merged(leaf, into)
 
-    def _eliminate_on_loop(self, row: Balance, neighbours: list[Balance], own: Register) -> None:
+    def _eliminate_on_loop(self, row: NodeRow, neighbours: list[NodeRow], own: Register) -> None:
         """Eliminate a junction by its multiport equivalent: the Schur complement of the nodal form."""
         net, program = self.net, self.program
         inverse = program.inv(own)
@@ -148,7 +148,7 @@ class JunctionElimination:
         self.trace.eliminated(row, factors, changes)
         self._remove(row)
 
-    def _add(self, row: Balance, column: Balance, change: Register, origin: Balance) -> None:
+    def _add(self, row: NodeRow, column: NodeRow, change: Register, origin: NodeRow) -> None:
         if self.program.is_zero(change):
             return
         if row is not column:
@@ -168,12 +168,12 @@ class JunctionElimination:
         """True where a source, or a bare junction beside it, fixes the root's unknown."""
         return self.held is not None or self.root.fixing is not None
 
-    def paired(self, a: Balance, b: Balance) -> bool:
+    def paired(self, a: NodeRow, b: NodeRow) -> bool:
         """Test whether two junctions appear in each other's balance, so that they can be one pivot."""
         zero = self.program.is_zero
         return not zero(self.net.entry(a, b)) and not zero(self.net.entry(b, a))
 
-    def hold_root(self, bare: Balance) -> None:
+    def hold_root(self, bare: NodeRow) -> None:
         """Take the root's unknown from the balance of a bare neighbour."""
         program, root = self.program, self.root
         entry = bare.entries[root]
@@ -182,7 +182,7 @@ class JunctionElimination:
         self.trace.constrained(bare, root, {})
         self._remove(bare)
 
-    def eliminate_pair(self, partner: Balance, bare: Balance) -> list[Balance]:
+    def eliminate_pair(self, partner: NodeRow, bare: NodeRow) -> list[NodeRow]:
         """Eliminate a bare junction with a neighbour, a 2 x 2 pivot [[d, a], [b, 0]]; return those around."""
         net, program = self.net, self.program
         a, b = partner.entries[bare], bare.entries[partner]
@@ -200,7 +200,7 @@ class JunctionElimination:
             source: solve(one.get(source, program.zero), other.get(source, program.zero))
             for source in {**one, **other}
         }
-        changes: dict[tuple[Balance, Balance], Register] = {}
+        changes: dict[tuple[NodeRow, NodeRow], Register] = {}
         for row in around:
             left = (net.entry(row, partner), net.entry(row, bare))
             for column, solved in columns.items():
@@ -377,7 +377,7 @@ class Reducer:
         self._eliminate_bare([row for row in nearest_first if not row.gone and row is not self.root])
         return reduction_at_root(self.net, self.work, self.trace, port, self._driving)
 
-    def _eliminate_in_turn(self, rows: list[Balance], most: int) -> None:
+    def _eliminate_in_turn(self, rows: list[NodeRow], most: int) -> None:
         """Eliminate by (round, number of neighbours, distance from the root), up to so many neighbours."""
         paired = self.work.paired
         turns = [_turn(row) for row in rows]
@@ -400,7 +400,7 @@ class Reducer:
                 if other is not self.root and len(other.entries) <= most:
                     heapq.heappush(turns, _turn(other))
 
-    def _eliminate_bare(self, rows: list[Balance]) -> None:
+    def _eliminate_bare(self, rows: list[NodeRow]) -> None:
         """Eliminate junctions on which nothing stands, each with a neighbour that its balance fixes."""
         for row in rows:
             if row.gone:
@@ -496,7 +496,7 @@ def reduction_at_root(
     )
 
 
-def _turn(row: Balance) -> tuple[int, int, int, Balance]:
+def _turn(row: NodeRow) -> tuple[int, int, int, NodeRow]:
     """Return when a junction is eliminated: leaves first, fill low, the farthest from the root first."""
     degree = len(row.entries)
     return (row.round if degree > 1 else 0, degree, row.rank, row)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.program.program import Program, Register
 from dynid.bondgraph.reduction.junctions import JunctionStructure
-from dynid.bondgraph.reduction.network import Balance, Immittance, NodalNetwork, PortForm, port_form
+from dynid.bondgraph.reduction.network import Immittance, NodalNetwork, NodeRow, PortForm, port_form
 from dynid.bondgraph.reduction.reducer import JunctionElimination, Reducer
 from dynid.bondgraph.reduction.trace import ReductionStep, TraceRecorder
 
@@ -164,7 +164,7 @@ class _SnapshotTaker:
             for row in self.net.left
         }
         links: list[SnapshotCoupling] = []
-        met: set[Balance] = set()
+        met: set[NodeRow] = set()
         for tail in self.net.left:
             met.add(tail)
             for head in tail.entries:

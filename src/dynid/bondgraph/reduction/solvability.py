@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from itertools import islice
 
 from dynid.bondgraph.graph import SOURCES, Port
-from dynid.bondgraph.program.modular import primes_for
+from dynid.bondgraph.program.factored import primes_for
 from dynid.bondgraph.reduction.junctions import UNDETERMINED, JunctionStructure
 from dynid.errors import Singular
 

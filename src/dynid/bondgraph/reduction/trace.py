@@ -12,7 +12,7 @@ from dynid.bondgraph.formulas.printers import FormulaPrinter, Printed
 from dynid.bondgraph.graph import BondGraph, Port
 from dynid.bondgraph.program.program import Operation, Register
 from dynid.bondgraph.reduction.junctions import NameRegistry
-from dynid.bondgraph.reduction.network import Balance, Immittance, NodalNetwork, PortForm
+from dynid.bondgraph.reduction.network import Immittance, NodalNetwork, NodeRow, PortForm
 from dynid.bondgraph.reduction.prototypes import SYSTEMS, DrivenRelation, Prototype
 
 # --- steps ----------------------------------------------------------------------------------------
@@ -60,7 +60,7 @@ COMMON = {"0": "e", "1": "f"}
 
 
 #: What entries of the nodal form gain, by row and column.
-Changes = Mapping[tuple[Balance, Balance], Register]
+Changes = Mapping[tuple[NodeRow, NodeRow], Register]
 
 
 class NoTrace:
@@ -87,28 +87,28 @@ class NoTrace:
     def done(self) -> None:
         """Note that the network is whole again."""
 
-    def superposed(self, row: Balance, terms: list[Immittance], total: Register, label: str = "") -> None:
+    def superposed(self, row: NodeRow, terms: list[Immittance], total: Register, label: str = "") -> None:
         """Record, and note on the junction, that immittances add up: in series or parallel (eqs 1, 2)."""
 
-    def reflected(self, leaf: Balance, into: Balance, seen: Immittance) -> None:
+    def reflected(self, leaf: NodeRow, into: NodeRow, seen: Immittance) -> None:
         """Record the reflection of an immittance through a TF or GY: Z1 = n^2 Z2, Z1 = r^2 / Z2."""
 
-    def moved(self, leaf: Balance, size: Register) -> None:
+    def moved(self, leaf: NodeRow, size: Register) -> None:
         """Convert the drives of a leaf to the units of its neighbour, through a coupling of this size."""
 
-    def swapped(self, leaf: Balance, into: Balance, factor: Register, two_port: str | None) -> None:
+    def swapped(self, leaf: NodeRow, into: NodeRow, factor: Register, two_port: str | None) -> None:
         """Record the swap of a Norton form on a leaf for a Thévenin form on its neighbour, or the reverse."""
 
-    def merged(self, leaf: Balance, into: Balance) -> None:
+    def merged(self, leaf: NodeRow, into: NodeRow) -> None:
         """Record the merge of a swapped junction with its neighbour, where both are drawn."""
 
-    def eliminated(self, row: Balance, factors: dict[Balance, Register], changes: Changes) -> None:
+    def eliminated(self, row: NodeRow, factors: dict[NodeRow, Register], changes: Changes) -> None:
         """Record a multiport equivalent: the gains of the neighbours' entries, and the sources."""
 
-    def constrained(self, bare: Balance, fixed: Balance, changes: Changes) -> None:
+    def constrained(self, bare: NodeRow, fixed: NodeRow, changes: Changes) -> None:
         """Record the constraint that a bare junction puts on a neighbour, and the gains of entries."""
 
-    def driven(self, row: Balance) -> None:
+    def driven(self, row: NodeRow) -> None:
         """Note that a balance is described by its own sources from here on."""
 
     def reached(self, prototype: Prototype, port: Port, form: PortForm) -> None:
@@ -152,7 +152,7 @@ class TraceRecorder(NoTrace):
         self._names, self.suffix = names, suffix
         self._variables: dict[tuple[str, str], str] = {}
         self._meant: dict[str, dict[str, Register]] = {}  # what a drive is in terms of the inputs
-        self._titles: dict[tuple[Balance, Immittance], str] = {}
+        self._titles: dict[tuple[NodeRow, Immittance], str] = {}
         self._under_way: ReductionStep | None = None
         self._held_by: WeightedSum | None = None  # what fixes the root's unknown, where a bare neighbour does
 
@@ -168,12 +168,12 @@ class TraceRecorder(NoTrace):
         """Note the step that is under way."""
         self._under_way = ReductionStep(rule, nodes, tuple(definitions), meaning)
 
-    def nodes(self, row: Balance) -> tuple[str, ...]:
+    def nodes(self, row: NodeRow) -> tuple[str, ...]:
         """Return the user's junctions in a junction, or its made-up name."""
         members = self.net.structure.junctions[row.name].members
         return tuple(members) if members else (row.name,)
 
-    def superposed(self, row: Balance, terms: list[Immittance], total: Register, label: str = "") -> None:  # noqa: D102
+    def superposed(self, row: NodeRow, terms: list[Immittance], total: Register, label: str = "") -> None:  # noqa: D102
         if len(terms) < 2:
             return
         series = row.kind == "1"
@@ -193,7 +193,7 @@ class TraceRecorder(NoTrace):
         self.record("series" if series else "parallel", nodes, [(label, parts)], meaning)
         self.done()
 
-    def reflected(self, leaf: Balance, into: Balance, seen: Immittance) -> None:  # noqa: D102
+    def reflected(self, leaf: NodeRow, into: NodeRow, seen: Immittance) -> None:  # noqa: D102
         two_port = seen.name
         impedance = seen.register if into.kind == "1" else self.program.inv(seen.register)
         label = self._names.fresh(f"Z_{two_port}")
@@ -206,11 +206,11 @@ class TraceRecorder(NoTrace):
         self._name(impedance, label)
         self.record("reflection", (*self.nodes(leaf), two_port), [(label, ((impedance, ""),))], meaning)
 
-    def moved(self, leaf: Balance, size: Register) -> None:  # noqa: D102
+    def moved(self, leaf: NodeRow, size: Register) -> None:  # noqa: D102
         for source, amount in self.drives[leaf].items():
             self.drives[leaf][source] = self.program.div(amount, size)
 
-    def swapped(self, leaf: Balance, into: Balance, factor: Register, two_port: str | None) -> None:  # noqa: D102
+    def swapped(self, leaf: NodeRow, into: NodeRow, factor: Register, two_port: str | None) -> None:  # noqa: D102
         letter = "e" if into.kind == "1" else "f"  # what a source feeds into a junction's balance
         label = self._names.fresh(f"{letter}_eq_{leaf.name}")
         sources, parts = tuple(self.drives[leaf]), self._passed_on(leaf, into, factor, label)
@@ -227,7 +227,7 @@ class TraceRecorder(NoTrace):
             meaning += f"; the {leaf.kind}-junction becomes a {into.kind}-junction"
         self.record("source swap", (*sources, *self.nodes(leaf)), [(label, parts)], meaning)
 
-    def merged(self, leaf: Balance, into: Balance) -> None:  # noqa: D102
+    def merged(self, leaf: NodeRow, into: NodeRow) -> None:  # noqa: D102
         junctions = self.net.structure.junctions
         if not (junctions[leaf.name].members and junctions[into.name].members):
             return
@@ -237,7 +237,7 @@ class TraceRecorder(NoTrace):
         self.record("merge", (*self.nodes(leaf), *self.nodes(into)), [definition], meaning)
         self.done()
 
-    def eliminated(self, row: Balance, factors: dict[Balance, Register], changes: Changes) -> None:  # noqa: D102
+    def eliminated(self, row: NodeRow, factors: dict[NodeRow, Register], changes: Changes) -> None:  # noqa: D102
         definitions = self._gained(row, changes)
         for other, factor in factors.items():
             if self.drives[row]:
@@ -254,7 +254,7 @@ class TraceRecorder(NoTrace):
         meaning += " equivalent (Schur complement of the nodal form, as star to mesh)"
         self.record("junction elimination", self.nodes(row), definitions, meaning)
 
-    def _gained(self, origin: Balance, changes: Changes) -> list[Definition]:
+    def _gained(self, origin: NodeRow, changes: Changes) -> list[Definition]:
         """Name what entries gain by the elimination of a junction, and define it."""
         definitions: list[Definition] = []
         for (row, column), change in changes.items():
@@ -267,7 +267,7 @@ class TraceRecorder(NoTrace):
                 self._titles[row, Immittance(origin.name, change)] = label
         return definitions
 
-    def title(self, row: Balance, term: Immittance) -> str:
+    def title(self, row: NodeRow, term: Immittance) -> str:
         """Return the name of an immittance on a junction: its own, or one after the node it comes from."""
         given = self._titles.get((row, term)) or self.labels.get(term.register)
         if given is None:
@@ -282,10 +282,10 @@ class TraceRecorder(NoTrace):
             self._variables[key] = self._names.fresh(f"{letter}_{node}")
         return self._variables[key]
 
-    def _common_of(self, row: Balance) -> str:
+    def _common_of(self, row: NodeRow) -> str:
         return self.variable(COMMON[row.kind], row.name)
 
-    def constrained(self, bare: Balance, fixed: Balance, changes: Changes) -> None:  # noqa: D102
+    def constrained(self, bare: NodeRow, fixed: NodeRow, changes: Changes) -> None:  # noqa: D102
         net, program = self.net, self.program
         own = net.entry(bare, fixed)
         parts = [(program.div(amount, own), by) for by, amount in self.drives[bare].items()]
@@ -304,7 +304,7 @@ class TraceRecorder(NoTrace):
         if fixed is net.root:
             self._held_by = tuple(parts)
 
-    def driven(self, row: Balance) -> None:  # noqa: D102
+    def driven(self, row: NodeRow) -> None:  # noqa: D102
         self.drives[row] = dict(row.sources)
 
     def reached(self, prototype: Prototype, port: Port, form: PortForm) -> None:  # noqa: D102
@@ -328,7 +328,7 @@ class TraceRecorder(NoTrace):
         self.record("prototype", self.nodes(root), definitions, prototype.describe(root.name))
         self.done()
 
-    def _passed_on(self, row: Balance, to: Balance, factor: Register, label: str) -> WeightedSum:
+    def _passed_on(self, row: NodeRow, to: NodeRow, factor: Register, label: str) -> WeightedSum:
         """Add the drives of a row, times a factor, to another row under a label; return the sum they form."""
         parts = tuple((self.program.mul(factor, amount), by) for by, amount in self.drives[row].items())
         program = self.program

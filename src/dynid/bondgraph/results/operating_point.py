@@ -1,17 +1,37 @@
-"""The operating point of a graph with laws: its variables, all equilibria found, the slopes of the laws."""
+"""The operating point of a graph with laws: its variables, all equilibria found, the slopes of the laws.
+
+Its nonlinear response starts from an equilibrium and is given as deviations from it. The state equations are
+integrated by LSODA (`scipy.integrate`; Petzold 1983: backward differences where they are stiff, else Adams'
+methods), twice at different tolerances: their difference estimates the error.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dynid.arithmetic.numbers import OutOfRangeError
 from dynid.bondgraph.graph import ONE_PORTS, GraphUnits, Port, unit_quotient
+from dynid.bondgraph.operating_point.dynamics import LawDynamics
+from dynid.bondgraph.operating_point.equations import LawEquations
 from dynid.bondgraph.operating_point.equilibrium import OperatingPoint
 from dynid.bondgraph.operating_point.linearisation import Linearisation
 from dynid.bondgraph.request import Analysis
 from dynid.errors import NumericalError
 from dynid.result import Result
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from dynid.lti.generator import Signal
+
+    Array = NDArray[np.float64]
+
 
 GROUP = "bond_graph/operating_point"
 _TIME = "bond_graph/time_response"
@@ -128,8 +148,6 @@ def add_nonlinear_response(result: Result, analysis: Analysis) -> None:
     analysis
         What was asked for.
     """
-    from dynid.bondgraph.operating_point.response import TOLERANCE, nonlinear_response
-
     assert analysis.linearisation is not None
     assert analysis.times is not None
     if analysis.loops:
@@ -160,3 +178,192 @@ def add_nonlinear_response(result: Result, analysis: Analysis) -> None:
 def _at_rest(point: OperatingPoint, port: Port) -> float:
     """Return the value of an integral; zero where it counts from t = 0."""
     return point.value(port) if Port(port.node, port.quantity) in point.equations.states else 0.0
+
+
+#: Relative tolerance of the response, and that of the one it is compared with.
+TOLERANCE, COARSE = 1e-8, 1e-6
+#: Largest number of variables of a graph whose nonlinear response is computed.
+_MOST = 600
+#: Most evaluations of the equations for a response, and as many more for every sample.
+_MOST_EVALUATIONS, _MOST_BY_SAMPLE = 20_000, 20
+
+
+@dataclass(frozen=True)
+class NonlinearResponse:
+    """A nonlinear response.
+
+    Parameters
+    ----------
+    outputs
+        Deviations of the outputs from the operating point (times x outputs).
+    error
+        Estimate of the error, beside the largest deviation of each output.
+    """
+
+    outputs: Array
+    error: float
+
+
+def nonlinear_response(
+    point: OperatingPoint,
+    outputs: Sequence[Port],
+    times: Array,
+    signals: Sequence[tuple[str, Signal]],
+    initial: Mapping[str, float | Fraction],
+) -> NonlinearResponse:
+    """Return the response to deviations of inputs and stored energy from an equilibrium.
+
+    Parameters
+    ----------
+    point
+        The equilibrium.
+    outputs
+        The variables.
+    times
+        Instants, s, from 0.
+    signals
+        Pairs of an input and its deviation.
+    initial
+        Deviation of the flow of an I or the effort of a C at t = 0, by name.
+
+    Raises
+    ------
+    NumericalError
+        Where there is none: from a point that is no equilibrium, to an impulse, to a source that drives a
+        storage element directly.
+    """
+    if not point.equilibria:
+        raise NumericalError("the point is given, and not solved for as an equilibrium")
+    if any(signal.jump for _, signal in signals):
+        raise NumericalError("an impulse has no nonlinear response; give an impact")
+    run = _Run(point, outputs, times, signals, initial)
+    fine, coarse = run.integrated(TOLERANCE), run.integrated(COARSE)
+    size = np.abs(fine).max(axis=0)
+    size[size == 0] = 1.0
+    return NonlinearResponse(fine, float((np.abs(fine - coarse) / size).max(initial=0.0)))
+
+
+class _Run:
+    """The integration of one response."""
+
+    def __init__(
+        self,
+        point: OperatingPoint,
+        outputs: Sequence[Port],
+        times: Array,
+        signals: Sequence[tuple[str, Signal]],
+        initial: Mapping[str, float | Fraction],
+    ) -> None:
+        self._times, self._signals = times, signals
+        model, request = point.equations.model, point.request
+        self._equations = equations = LawEquations(
+            model, [*outputs, *(port for port in request.start if port.quantity in "qp")]
+        )
+        if equations.size > _MOST:
+            raise NumericalError(f"the graph has {equations.size} variables, more than {_MOST}")
+        z = self._point(point)
+        self._sources = tuple(dict.fromkeys([*request.inputs, *(name for name, _ in signals)]))
+        self._rest = np.array([float(request.inputs.get(name, 0)) for name in self._sources])
+        self._first = 2 * len(model.graph.bonds)
+        self._dynamics = LawDynamics(equations, z, self._sources)
+        self._c = self._dynamics.at_point(self._rest)
+        self._columns = [equations.column(port) for port in outputs]
+        self._z, self._x = z, self._with_energy(z, initial)
+        self._check_causality()
+
+    def _point(self, point: OperatingPoint) -> Array:
+        """Return the variables at the equilibrium; integrals that only outputs need start at zero."""
+        z = np.zeros(self._equations.size)
+        shared = 2 * len(self._equations.model.graph.bonds)
+        z[:shared] = point.solution.z[:shared]
+        for state in self._equations.states:
+            if state in point.equations.states:
+                z[self._equations.column(state)] = point.value(state)
+        return z
+
+    def _with_energy(self, z: Array, initial: Mapping[str, float | Fraction]) -> Array:
+        """Return the states at t = 0, with the stored energy added."""
+        x = z[self._first :].copy()
+        for name, value in initial.items():
+            kind = self._equations.model.graph.nodes[name].type
+            state = Port(name, "p" if kind == "I" else "q")
+            out = self._equations.column(Port(name, "f" if kind == "I" else "e"))
+            place = self._equations.states.index(state)
+            x[place] = self._dynamics.state_with(out, self._first + place, z, float(value))
+        return x
+
+    def _check_causality(self) -> None:
+        """Raise where sources or stored energy meet storages in derivative causality."""
+        N, driven = self._dynamics.constraints(self._c, self._z[self._first :], self._rest)
+        if not N.shape[1]:
+            return
+        moving = {name for name, _ in self._signals}
+        columns = [k for k, name in enumerate(self._sources) if name in moving]
+        if np.abs(driven[:, columns]).max(initial=0.0) > 1e-9:
+            raise NumericalError(
+                "a source drives a storage element in derivative causality, whose response needs the rate of "
+                "the source; put a resistance or a storage element between"
+            )
+        if (self._x != self._z[self._first :]).any():
+            raise NumericalError("stored energy is given to storage elements in derivative causality")
+
+    def integrated(self, tolerance: float) -> Array:
+        """Return the deviations of the outputs (times x outputs)."""
+        from scipy.integrate import solve_ivp
+
+        dynamics, x = self._dynamics, self._x.copy()
+        left = _MOST_EVALUATIONS + _MOST_BY_SAMPLE * len(self._times)
+        found = np.zeros((len(self._times), len(self._columns)))
+        found[0] = self._outputs(float(self._times[0]), x, float(self._times[0]))
+        size = np.maximum(np.abs(x - self._z[self._first :]), 1e-6 * dynamics.state_sizes())
+        for start, stop in self._pieces():
+            middle = 0.5 * (start + stop)
+            inside = (self._times > start) & (self._times <= stop)
+            end = bool(inside.any()) and self._times[inside][-1] == stop
+            at = self._times[inside] if end else np.append(self._times[inside], stop)
+
+            def rates(t: float, x: Array, middle: float = middle) -> Array:
+                nonlocal left
+                left -= 1
+                if left < 0:
+                    raise NumericalError(
+                        f"the nonlinear response grows without bound at {t:.4g} s, or has too few samples"
+                    )
+                u = self._inputs(t, middle)
+                try:
+                    self._c = dynamics.unknowns(self._c, x, u)
+                except (OutOfRangeError, np.linalg.LinAlgError) as error:
+                    raise NumericalError(
+                        f"the nonlinear response leaves the range of a law: {error}"
+                    ) from None
+                return dynamics.rates(self._c, u)
+
+            solved = solve_ivp(rates, (start, stop), x, "LSODA", at, rtol=tolerance, atol=tolerance * size)
+            if not solved.success:
+                raise NumericalError(f"the nonlinear response was integrated to {solved.t[-1]:.4g} s only")
+            size = np.maximum(size, np.abs(solved.y - self._z[self._first :, None]).max(axis=1))
+            for row, t, state in zip(np.flatnonzero(inside), solved.t, solved.y.T, strict=False):
+                found[row] = self._outputs(float(t), state, middle)
+            x = solved.y[:, -1]
+        return found
+
+    def _pieces(self) -> list[tuple[float, float]]:
+        """Return the intervals between the jumps and kinks of the inputs."""
+        first, last = float(self._times[0]), float(self._times[-1])
+        inner = [signal.breakpoints(first, last) for _, signal in self._signals]
+        ends = np.unique(np.concatenate([[first, last], *inner]))
+        ends = ends[(ends >= first) & (ends <= last)]
+        return [(float(a), float(b)) for a, b in pairwise(ends)]
+
+    def _inputs(self, t: float, middle: float) -> Array:
+        u = self._rest.copy()
+        for name, signal in self._signals:
+            states = signal.states(np.array([t]), np.array([middle]))
+            u[self._sources.index(name)] += float(states[0] @ signal.generator()[1])
+        return u
+
+    def _outputs(self, t: float, x: Array, middle: float) -> Array:
+        u = self._inputs(t, middle)
+        self._c = self._dynamics.unknowns(self._c, x, u)
+        now = np.concatenate([self._dynamics.efforts_and_flows(self._c, u), x])
+        return np.asarray((now - self._z)[self._columns])

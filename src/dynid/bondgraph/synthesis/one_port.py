@@ -119,10 +119,10 @@ def bond_graph(port: OnePort, driven_by: Literal["Se", "Sf"] = "Sf", domain: str
     domain
         The physical domain of source and elements; absent: none.
     """
-    return _Drawing(driven_by, domain).drawn(port)
+    return _ElementGraph(driven_by, domain).drawn(port)
 
 
-class _Drawing:
+class _ElementGraph:
     """A bond graph in the making."""
 
     def __init__(self, driven_by: Literal["Se", "Sf"], domain: str) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from dynid.cli.summary.common import columns, folded, paragraph, wrapped
-from dynid.cli.summary.derivations import derivation_lines
+from dynid.cli.summary.transfer_functions import derivation_lines
 from dynid.report.content import doubts, method, part_name
 from dynid.scene.kind import KINDS, resolve
 

@@ -7,8 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from dynid.cli.summary.common import aligned, paragraph, response_lines, wrapped
-from dynid.cli.summary.derivations import derivation_lines, equation_lines
-from dynid.cli.summary.transfer_functions import channel_lines
+from dynid.cli.summary.transfer_functions import channel_lines, derivation_lines, equation_lines
 from dynid.number_format import MOST_ROOTS, counted, roots_text
 from dynid.report.content.bond_graph import (
     POINT,

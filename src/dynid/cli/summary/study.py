@@ -23,7 +23,7 @@ from dynid.report.content.study import (
     variance_sources,
 )
 from dynid.result import Result
-from dynid.study.analysis.table import Column, StudyTable, failures
+from dynid.study.analysis.table import StudyColumn, StudyTable, failures
 from dynid.suggestions import short_paths
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def lines(result: Result) -> list[str]:
     return [line for block in blocks if block for line in (*block, "")][:-1]
 
 
-def _statistics(table: StudyTable, shown: list[tuple[str, Column]], hidden: list[str]) -> Iterator[str]:
+def _statistics(table: StudyTable, shown: list[tuple[str, StudyColumn]], hidden: list[str]) -> Iterator[str]:
     """Yield the statistics of the outputs, one row each, by group."""
     if not table.paths and table.done.any():
         yield "  nothing was collected; name the outputs in the study's 'collect'"

@@ -17,8 +17,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.calibration import CalibrationDerivatives
 from dynid.identification.information import Information, information
+from dynid.identification.instruments import CalibrationDerivatives
 from dynid.identification.likelihood import Likelihood
 from dynid.identification.linear_system import LinearSystem
 from dynid.identification.measurement import RecordData

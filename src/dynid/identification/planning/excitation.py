@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Singular, UsageError
-from dynid.identification.graph_system import GraphModel
+from dynid.identification.graph_system import IdentifiedGraph
 from dynid.identification.identifiability import ExpectedTimeRecords, coordinate_bounds
 from dynid.identification.information import information
 from dynid.identification.linear_system import LinearSystem
@@ -73,7 +73,7 @@ class CandidateSines:
     @property
     def of_graph(self) -> bool:
         """True for the sources of a graph."""
-        return isinstance(self.model, GraphModel)
+        return isinstance(self.model, IdentifiedGraph)
 
     def candidates(self, count: int) -> Candidates:
         """Return the candidates, frequency by frequency, for a design of so many lines."""
@@ -182,7 +182,7 @@ def load_at(model: Model, place: Label, signal: Signal) -> Any:
     """Return a force at a DOF of a structure, or a signal of a source of a graph."""
     if isinstance(model, StructuralModel):
         return Load(place, signal)
-    assert isinstance(model, GraphModel)
+    assert isinstance(model, IdentifiedGraph)
     return model.load(str(place), signal)
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, Port
 from dynid.errors import UsageError
-from dynid.identification.graph_system import GraphModel
+from dynid.identification.graph_system import IdentifiedGraph
 from dynid.identification.identifiability import (
     ExpectedTimeRecords,
     add_expected_slopes,
@@ -164,7 +164,7 @@ def every_place(model: Model) -> tuple[Label, ...]:
     """Return where an excitation may act: DOFs that are no rotations, or the sources of a graph."""
     if isinstance(model, StructuralModel):
         return tuple(dof for dof in every_dof(model) if labels.kind(dof) != "rotation")
-    assert isinstance(model, GraphModel)
+    assert isinstance(model, IdentifiedGraph)
     return tuple(name for name, node in model.graph.nodes.items() if node.type in SOURCES)
 
 
@@ -172,7 +172,7 @@ def every_channel(model: Model, quantities: Sequence[str] = tuple(UNITS)) -> lis
     """Return these quantities of every DOF, or the efforts and flows of a graph."""
     if isinstance(model, StructuralModel):
         return [Channel(dof, quantity) for quantity in quantities for dof in every_dof(model)]
-    assert isinstance(model, GraphModel)
+    assert isinstance(model, IdentifiedGraph)
     return [model.channel(port) for port in every_variable(model.graph)]
 
 

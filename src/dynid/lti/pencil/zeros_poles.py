@@ -163,7 +163,7 @@ def zeros_poles(
     from dynid.lti.pencil.rational_matrices import one_of
 
     one_of("engine", engine, ("exact", "float"))
-    system = _System.read((A, B, C, D, E), reading)
+    system = _GivenSystem.read((A, B, C, D, E), reading)
     if engine == "float":
         if system.state.rank() < system.state.shape[0]:
             raise _singular()
@@ -207,7 +207,7 @@ def zeros_poles(
 
 
 @dataclass(frozen=True)
-class _System:
+class _GivenSystem:
     """A system over the rationals.
 
     Parameters
@@ -229,7 +229,7 @@ class _System:
     reading: Reading
 
     @classmethod
-    def read(cls, matrices: tuple[Any, ...], reading: Reading) -> _System:
+    def read(cls, matrices: tuple[Any, ...], reading: Reading) -> _GivenSystem:
         """Read A, B, C, D, E; the numbers of inputs and outputs are those of D if B and C have none."""
         from dynid.lti.pencil.exact import IntegerPencil
         from dynid.lti.pencil.rational_matrices import exact_rows, shape_of

@@ -54,7 +54,9 @@ def sections(result: Result) -> Iterator[ReportSection]:
     yield from design_sections(result)
     yield from channel_sections(result)
     yield from _loops(result)
-    yield from _energy_and_sources(result)
+    for title, rows in (("Energy of the modes", energy_lines(result)), ("Sources", source_lines(result))):
+        if named := [(name, (text,)) for name, text in rows]:
+            yield ReportSection(title, (definitions(*named),))
     if items := list(port_items(result, _LONGEST)):
         answer = [item for item in items if item[0] in ("prototype", "source", "load", "natural modes")]
         title = f"Port {result.group_attrs[PORT]['bond']}"
@@ -188,12 +190,6 @@ def _loops(result: Result) -> Iterator[ReportSection]:
         yield ReportSection(
             "Poles with delays", (definitions(("poles", text), ("", str(poles.attrs["note"]))),)
         )
-
-
-def _energy_and_sources(result: Result) -> Iterator[ReportSection]:
-    for title, rows in (("Energy of the modes", energy_lines(result)), ("Sources", source_lines(result))):
-        if named := [(name, (text,)) for name, text in rows]:
-            yield ReportSection(title, (definitions(*named),))
 
 
 def _formulas(lines: list[str]) -> NumberedList:

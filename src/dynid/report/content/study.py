@@ -16,13 +16,14 @@ from dynid.report.scenes import plain_data
 from dynid.result import Result
 from dynid.study.analysis.influence import Influences
 from dynid.study.analysis.sample_statistics import statistics, worst
-from dynid.study.analysis.table import Column, Failure, StudyTable, failures
+from dynid.study.analysis.table import Failure, StudyColumn, StudyTable, failures
 from dynid.suggestions import short_paths
 
 #: The statistics of a number.
 COLUMNS = ("mean", "std", "p05", "median", "p95", "max")
 #: Most entries of an array that are shown one by one; of longer arrays, only the size is shown.
 _ENTRIES = 12
+_FEW = 6  # lines of constants, verdicts and texts beside the answer
 _ROWS = 40  # numbers in the table
 _FACTORS = 4  # inputs shown of each
 _LEVELS = 20  # different texts, of which the most frequent are shown
@@ -64,10 +65,18 @@ def sections(result: Result) -> Iterator[ReportSection]:
             items.append((name, row[0]))
         else:
             numbers.append((f"{name} [{column.units}]" if column.units else name, *row))
-    items += [*text_shares(table), *((path, f"{table.size(path):,} values per sample") for path in hidden)]
+    items += [
+        *((re.sub(r"^bond_graph/\w+/", "", path), shares) for path, shares in text_shares(table)),
+        *((path, f"{table.size(path):,} values per sample") for path in hidden),
+    ]
+    few = not numbers or len(items) <= _FEW  # else they would push the figures down
     if numbers or items:
         blocks = [TextTable(("", *COLUMNS, "at sample"), tuple(numbers))] if numbers else []
-        yield ReportSection("Statistics", (*blocks, *([definitions(*items)] if items else [])), "answer")
+        yield ReportSection(
+            "Statistics", (*blocks, *([definitions(*items)] if items and few else [])), "answer"
+        )
+    if not few:
+        yield ReportSection("Constants, verdicts and texts", (definitions(*items),))
     if met := tuple(met_expectations(table)):
         always = sum(share == "all" for _, share in met)
         text, share = min(met, key=lambda one: math.inf if one[1] == "all" else float(one[1].split()[0]))
@@ -107,7 +116,7 @@ def met_expectations(table: StudyTable) -> Iterator[tuple[str, str]]:
 
 
 def variance_sources(
-    table: StudyTable, shown: list[tuple[str, Column]], most: int
+    table: StudyTable, shown: list[tuple[str, StudyColumn]], most: int
 ) -> tuple[list[tuple[str, str]], list[str]]:
     """Return the inputs that contribute to the variance of each number, and remarks on the estimates.
 
@@ -180,9 +189,9 @@ def range_text(column: np.ndarray) -> str:
     return ", ".join(levels[:4]) + (f", … ({len(levels)})" if len(levels) > 4 else "")
 
 
-def shown_numbers(table: StudyTable) -> tuple[list[tuple[str, Column]], list[str]]:
+def shown_numbers(table: StudyTable) -> tuple[list[tuple[str, StudyColumn]], list[str]]:
     """Return the numbers that are shown one by one with their paths, and the paths of all others."""
-    shown: list[tuple[str, Column]] = []
+    shown: list[tuple[str, StudyColumn]] = []
     hidden = []
     for path in sorted(filter(table.is_number, table.paths)):
         size = table.size(path)
@@ -193,7 +202,7 @@ def shown_numbers(table: StudyTable) -> tuple[list[tuple[str, Column]], list[str
     return shown, hidden
 
 
-def display_name(table: StudyTable, path: str, column: Column) -> str:
+def display_name(table: StudyTable, path: str, column: StudyColumn) -> str:
     """Return the name of a number, between bars if it is a magnitude."""
     if table.variable(path).dtype.kind != "c":
         return column.name
@@ -208,7 +217,7 @@ def split_name(name: str) -> tuple[str, str]:
     return group, last + bracket + labels
 
 
-def statistics_row(table: StudyTable, path: str, column: Column) -> list[str]:
+def statistics_row(table: StudyTable, path: str, column: StudyColumn) -> list[str]:
     """Return the statistics of a number in the order of `COLUMNS` with its worst sample, or a sentence."""
     known = column.values[~np.isnan(column.values)]
     if not len(known):

@@ -13,7 +13,7 @@ from dynid.report.diagrams.responses import degrees, frequencies
 from dynid.report.figure import Figure, FigureTable, Picture, table_of
 from dynid.report.notation import labelled, labels_with_units, short, texts
 from dynid.report.plot import (
-    Band,
+    BandLayer,
     Bars,
     Curve,
     Layer,
@@ -167,7 +167,7 @@ def _history(result: Result, group: str, name: str, title: str) -> Picture:
         own, half = estimate[:, place], deviation[:, place]
         columns |= {label: own} | ({f"± {label}": half} if barred else {})
         if place < PANELS:
-            bands = [Band(time, *_visible_band(own, 1.96 * half), "95 % band", "s1")] if barred else []
+            bands = [BandLayer(time, *_visible_band(own, 1.96 * half), "95 % band", "s1")] if barred else []
             layers: list[Layer] = [*bands, Curve(time, own, "estimate", "s1")]
             if true is not None:
                 layers.append(ReferenceLine(float(true[place]), "true", "s2 dashed"))
@@ -206,7 +206,7 @@ def _state_errors(
         if half is not None:
             low, high = _visible_band(error[:, place], half[:, place])
             near = np.clip(half[:, place], 0, max(float(np.abs(low).max()), float(np.abs(high).max())))
-            layers.append(Band(time, -near, near, "95 % band", "s1"))
+            layers.append(BandLayer(time, -near, near, "95 % band", "s1"))
         layers.append(Curve(time, error[:, place], "estimate − true", "s1 fine"))
         layers.append(ReferenceLine(0.0, "", "hair"))
         subplots.append(Subplot(PlotAxis("time (s)"), PlotAxis(names[place]), layers, height=135.0))

@@ -15,13 +15,13 @@ from dynid.report.content.design import DESIGN
 from dynid.report.content.modes import DERIVED, is_requested
 from dynid.report.figure import Figure, Picture, table_of
 from dynid.report.notation import frequency_label, in_decibels, labelled, short
-from dynid.report.plot import Band, Curve, Layer, Markers, PlotAxis, Subplot, chart, series_class
+from dynid.report.plot import BandLayer, Curve, Layer, Markers, PlotAxis, Subplot, chart, series_class
 from dynid.report.scenes import frequency_unit, peak_responses
 from dynid.result import common_unit
 
 if TYPE_CHECKING:
     from dynid.result import Result
-    from dynid.scene.frequency_unit import FrequencyUnit
+    from dynid.scene.schema.raw import FrequencyUnit
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -290,7 +290,7 @@ def _identified(result: Result, group: str, pair: str) -> Picture:
         logarithmic = name == "magnitude" and bool(np.all(low > 0))
         axis = PlotAxis(labelled(name, unit), log=logarithmic)
         layers: list[Layer] = [
-            Band(at.shown, low, high, "95 % band", "s1"),
+            BandLayer(at.shown, low, high, "95 % band", "s1"),
             Curve(at.shown, value, "identified", "s1"),
         ]
         rows.append([Subplot(at.axis, axis, layers, height=220.0)])

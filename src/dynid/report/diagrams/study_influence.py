@@ -12,8 +12,8 @@ from dynid.report.diagrams.study_samples import StudyNumbers
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture
 from dynid.report.notation import short
 from dynid.report.plot import Bars, Layer, PlotAxis, ReferenceLine, Subplot, chart, series_class
+from dynid.study.analysis.design import tornado
 from dynid.study.analysis.influence import Influences
-from dynid.study.analysis.tornado import tornado
 
 if TYPE_CHECKING:
     from dynid.result import Result

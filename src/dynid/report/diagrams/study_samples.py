@@ -240,8 +240,8 @@ def _distributions(outputs: Sequence[StudyVariable], title: str) -> Picture:
     if len(subplots) < len(outputs):
         left = f" {len(subplots)} of {len(outputs)} numbers; the table has all."
     about = f"Histograms with median and 5 % and 95 % quantiles.{left}"
-    grid = [subplots[start : start + 3] for start in range(0, len(subplots), 3)]
-    svg = chart("distributions", title, grid, about, width=900.0 if len(subplots) > 1 else 480.0)
+    grid = [subplots[start : start + 2] for start in range(0, len(subplots), 2)]
+    svg = chart("distributions", title, grid, about, width=760.0 if len(subplots) > 1 else 480.0)
     rows: list[tuple[CellValue, ...]] = []
     for number in outputs:
         found = statistics(number.values)
@@ -274,10 +274,13 @@ def _maps(
             ]
             for q, line in zip(b, part, strict=True)
         ]
-        texts = [[short(float(value), 2) for value in line] for line in part] if part.size <= 120 else ()
+        # As many digits as tell neighbouring values apart.
+        size, span = max(abs(low), abs(high)), high - low
+        digits = int(np.clip(np.ceil(np.log10(size / span)) + 2 if span > 0 else 2, 2, 5))
+        texts = [[short(float(value), digits) for value in line] for line in part] if part.size <= 120 else ()
         edges = (_edges(a, across.log), _edges(b, up.log))
         cells = Heatmap(part, low - 0.05 * (high - low), high, texts, tips, edges)
-        heading = f"{number.label}: {short(low, 3)} … {short(high, 3)}"
+        heading = f"{number.label}\n{short(low, max(3, digits))} … {short(high, max(3, digits))}"
         subplots.append(Subplot(across, up, [cells], heading, height=260.0))
     wide = 1 if len(subplots) == 1 else 2
     cut = f" {len(subplots)} of {len(outputs)} numbers." if len(subplots) < len(outputs) else ""
@@ -315,8 +318,8 @@ def _course(parameter: StudyVariable, outputs: Sequence[StudyVariable]) -> Pictu
         layers: list[Layer] = [Curve(x, y, "", "s1")] if joined else []
         if len(x) <= POINTS:
             layers.append(Markers(x, y, "", "s1", "o", 2.2))
-        across, up = PlotAxis(parameter.label, log=log), PlotAxis(number.label, log=wide)
-        subplots.append(Subplot(across, up, layers, height=150.0))
+        across, up = PlotAxis(parameter.label, log=log), PlotAxis(number.units, log=wide)
+        subplots.append(Subplot(across, up, layers, number.label, height=150.0))
     about = f"Results over {parameter.path}, the only input that varies."
     grid = [subplots[start : start + 2] for start in range(0, len(subplots), 2)]
     svg = chart("course", f"Results over {parameter.name}", grid, about, width=760.0, shared=True)

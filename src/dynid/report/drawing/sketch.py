@@ -237,7 +237,7 @@ def folded(sketch: Sketch, within: str = "") -> Sketch:
         for bond in sketch.bonds
         if places[bond.tail] != places[bond.head]
     )
-    own = {place for place in places.values() if _inside(place, within)}
+    own = {place for place in places.values() if not within or place.startswith(f"{within}.")}
     shown = own.union(*({bond.tail, bond.head} for bond in bonds if bond.tail in own or bond.head in own))
     sizes = Counter(places.values())
     nodes: dict[str, SketchNode] = {}
@@ -270,10 +270,6 @@ def _shown(name: list[str], above: list[str]) -> str:
         (k for k, (one, other) in enumerate(zip(name, above, strict=False)) if one != other), len(above)
     )
     return ".".join(name[: common + 1])
-
-
-def _inside(name: str, within: str) -> bool:
-    return not within or name.startswith(f"{within}.")
 
 
 def _both(one: str, other: str) -> str:

@@ -140,10 +140,10 @@ def figures(result: Result) -> Iterator[Figure]:
     """Yield the picture of the geometry in a result, where no schematic is drawn."""
     if plane_geometry(result) is None:
         space = Space(result)
-        yield Figure("structure", "Structure", lambda: _Drawing(space, result.title).picture())
+        yield Figure("structure", "Structure", lambda: _SpaceDrawing(space, result.title).picture())
 
 
-class _Drawing:
+class _SpaceDrawing:
     """The structure with what is attached to it; y downwards, px."""
 
     def __init__(self, space: Space, title: str) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from dynid.report.notation import short
 from dynid.report.scenes import listed, readable
 from dynid.report.svg import Point
-from dynid.scene.schema.dof_labels import beam_labels, frame_labels
+from dynid.scene.schema.references import beam_labels, frame_labels
 from dynid.structure.labels import DofNames
 
 if TYPE_CHECKING:

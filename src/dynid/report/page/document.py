@@ -21,10 +21,9 @@ from dynid.number_format import counted
 from dynid.progress import tracked
 from dynid.report.content import array_rows, content
 from dynid.report.content.blocks import Block, DefinitionList, NumberedList, ReportSection, Statement
-from dynid.report.figure import Figure
+from dynid.report.figure import Figure, figures, leading
 from dynid.report.page.html import Markup, figure_table, formula, grid, join, scrolling, tag, text
 from dynid.report.plot.chart import embedded
-from dynid.report.registry import figures, leading
 from dynid.report.svg import css
 from dynid.result import Result
 

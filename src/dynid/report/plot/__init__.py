@@ -11,7 +11,7 @@ from dynid.report.plot.chart import Subplot, chart, parallel_coordinates
 from dynid.report.plot.heatmap import Heatmap, Matrix, matrix_picture
 from dynid.report.plot.layers import (
     Annotation,
-    Band,
+    BandLayer,
     Bars,
     Curve,
     Layer,
@@ -23,7 +23,7 @@ from dynid.report.plot.layers import (
 
 __all__ = [
     "Annotation",
-    "Band",
+    "BandLayer",
     "Bars",
     "Curve",
     "Heatmap",

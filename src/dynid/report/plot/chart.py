@@ -24,7 +24,7 @@ BELOW, LABEL, GAP = 18.0, 18.0, 7.0
 _BESIDE = 24.0
 #: Width of a figure and height of a plot area, px.
 WIDTH, HEIGHT = 760.0, 250.0
-_PAD, _BETWEEN, _KEY, _ROW = 12.0, 16.0, 26.0, 20.0
+_PAD, _BETWEEN, _KEY, _ROW, _TITLE_LINE = 12.0, 16.0, 26.0, 20.0, 15.0
 #: Width of a chart on a page, and least width and mean height of a subplot there, px.
 NARROW, _LEAST, _LOWEST = 420.0, 190.0, 64.0
 
@@ -53,7 +53,7 @@ class Subplot:
     layers
         The layers, the lowest first.
     title
-        The text above it.
+        The text above it, in one or two lines.
     height
         Height of the plot area, px; absent: that of the chart.
     square
@@ -149,9 +149,10 @@ class Subplot:
             text, cls = fitted_label(beside, area.height + 6)
             x, y = area.left - margin + LABEL - 4, area.top + area.height / 2
             svg.text(x, y, text, cls, transform=f"rotate(-90 {x:.6g} {y:.6g})")
-        if self.title:
-            title = fitted(self.title, (area.width + _BETWEEN) / 1.12)
-            svg.text(area.left + area.width / 2, area.top - 7, title, "strong")
+        for line, whole in enumerate(reversed(self.title.splitlines())):
+            cls = "strong" if line == self.title.count("\n") else "small"
+            text = fitted(whole, (area.width + _BETWEEN) / 1.12)
+            svg.text(area.left + area.width / 2, area.top - 7 - line * _TITLE_LINE, text, cls)
         svg.close()
 
 
@@ -295,7 +296,8 @@ def _draw_rows(
         columns.append(_ColumnPlace(x, free * weight / sum(weights), margin))
         x += columns[-1].width + _BETWEEN
     for number, row in enumerate(rows):
-        y += (24 if any(plot.title for plot in row) else 10) + (8 if number and not shared else 0)
+        titles = max(len(plot.title.splitlines()) for plot in row)
+        y += (9 + _TITLE_LINE * titles if titles else 10) + (8 if number and not shared else 0)
         above = len(rows[number + 1]) if shared and number + 1 < len(rows) else 0
         beneath = 0.0
         for place, (plot, column) in enumerate(zip(row, columns, strict=False)):

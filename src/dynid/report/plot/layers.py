@@ -157,7 +157,7 @@ class Curve(_GriddedLayer):
 
 
 @dataclass(frozen=True)
-class Band(_GriddedLayer):
+class BandLayer(_GriddedLayer):
     """The area between two curves."""
 
     x: ArrayLike

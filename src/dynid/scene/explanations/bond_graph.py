@@ -1,8 +1,9 @@
-"""Explanation of a bond graph: nodes left out, causality, the engine, and the cost of the results."""
+"""Explanations of bond graphs and syntheses: causality, engine, forms, and cost."""
 
 from __future__ import annotations
 
 import time
+from typing import cast
 
 from dynid.bondgraph.causality.report import join_nodes
 from dynid.bondgraph.fields import field_warnings
@@ -12,6 +13,7 @@ from dynid.bondgraph.reduction.junctions import JunctionStructure
 from dynid.bondgraph.reduction.solvability import hold
 from dynid.bondgraph.request import NUMERIC, RESULTS, Analysis, EngineChoice, choose_engine, modelled_storages
 from dynid.bondgraph.results.causality import add_causality
+from dynid.bondgraph.synthesis.forms import kind_of, realisations
 from dynid.defaults import COMPILED_RESPONSES, EXACT_ROOTS, EXACT_ROOTS_ON_LOOPS, MANY_LOOPS
 from dynid.errors import NumericalError
 from dynid.number_format import counted
@@ -26,7 +28,9 @@ from dynid.scene.explanations.explanation import (
     speed,
 )
 from dynid.scene.kinds.bond_graph import question
+from dynid.scene.kinds.synthesis import wanted
 from dynid.scene.load import Scene
+from dynid.scene.schema.synthesis import SynthesisScene
 
 
 def explain(scene: Scene) -> Explanation:
@@ -141,3 +145,24 @@ def _cost(
     if "state_space" in analysis.results:
         values += storages**2
     return CostEstimate(parts, megabytes, file_kilobytes(20 + 25 * channels, values))
+
+
+def explain_synthesis(scene: Scene) -> Explanation:
+    """Return the explanation of a scene of kind `synthesis`, whose forms are made: that takes no time."""
+    model = cast("SynthesisScene", scene.model)
+    began = time.thread_time()
+    function = wanted(scene)
+    what = "admittance" if function.admittance else "impedance"
+    degree = max(function.numerator.degree(), function.denominator.degree())
+    facts = [Fact("function", f"a positive real {what} of degree {degree}: {kind_of(*function.impedance)}")]
+    found, missing = realisations(function, None if model.forms is None else tuple(model.forms))
+    for place, one in enumerate(found):
+        text = f"{one.form}: {counted(len(one.graph.nodes), 'node')}, {counted(len(one.graph.bonds), 'bond')}"
+        facts.append(Fact("forms" if place == 0 else "", text))
+    facts += [Fact("", f"no {form}: {why}") for form, why in missing.items()]
+    parts = {"synthesis": time.thread_time() - began}
+    values = sum(3 * len(one.graph.nodes) for one in found)
+    kilobytes = file_kilobytes(8 + 14 * len(found), values)
+    return Explanation(
+        Result("synthesis", scene.title), facts, CostEstimate(parts, peak_megabytes(), kilobytes)
+    )

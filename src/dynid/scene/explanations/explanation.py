@@ -15,7 +15,7 @@ from dynid.number_format import counted
 from dynid.progress import progress_to
 from dynid.result import Result
 from dynid.scene.kind import KINDS
-from dynid.scene.schema.accuracy import aspects_of
+from dynid.scene.schema.base import aspects_of
 
 if TYPE_CHECKING:
     from dynid.scene.load import Scene

@@ -25,7 +25,6 @@ from dynid.scene.explanations.explanation import (
     peak_megabytes,
     speed,
 )
-from dynid.scene.frequency_unit import unit_of_frequencies
 from dynid.scene.kinds.identification import (
     expected_values,
     interest_of,
@@ -38,6 +37,7 @@ from dynid.scene.kinds.identified_graphs import identified_graph
 from dynid.scene.kinds.planning import Prospect, prospect
 from dynid.scene.kinds.signals import angular_frequencies, record_of
 from dynid.scene.load import Scene
+from dynid.scene.schema.raw import unit_of_frequencies
 from dynid.structure.model import StructuralModel
 
 if TYPE_CHECKING:
@@ -286,12 +286,6 @@ def _of_estimator(given: EstimatorModel, *, frf: bool) -> Iterator[Fact]:
     yield Fact("estimator", f"{said[given.method]}{loss}")
 
 
-def _sizes(record: Any) -> tuple[int, int, int]:
-    """Return the numbers of steps, of states with those of the signals, and of parameters of a record."""
-    model = record.model
-    return len(model.line.nodes), model.states + len(model.line.G), model.parameters
-
-
 def _estimated(
     given: EstimatorModel, likelihood: Likelihood, rounds: int, *, states: int
 ) -> tuple[dict[str, float], float]:
@@ -314,7 +308,9 @@ def _estimated(
     timed = [
         record for record in likelihood.records if hasattr(record, "model") and hasattr(record.model, "line")
     ]
-    one_pass = sum(pass_seconds(*_sizes(record)) for record in timed) / speed()
+    models = [record.model for record in timed]
+    sizes = ((len(one.line.nodes), one.states + len(one.line.G), one.parameters) for one in models)
+    one_pass = sum(pass_seconds(*size) for size in sizes) / speed()
     passes = {"auto": 1, "filter": given.passes or FILTER_PASSES.value, "invariant-imbedding": 30}
     swept = passes.get(given.method, 0) if timed else 0
     fits = _AFTER + (_FITS if given.method in ("auto", "output-error") or not timed else 0)

@@ -12,8 +12,7 @@ from dynid.bondgraph.request import Analysis, FormulaRequest, SensitivityParamet
 from dynid.defaults import TRACED_PARTS
 from dynid.errors import Singular, UsageError
 from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph, has_law, with_gains
-from dynid.scene.kinds.recorded_units import DrivenSource
-from dynid.scene.kinds.signals import angular_frequencies, build_signals, record_of
+from dynid.scene.kinds.signals import DrivenSource, angular_frequencies, build_signals, record_of
 from dynid.scene.load import Scene
 from dynid.scene.schema.base import DefinedParameter
 from dynid.scene.schema.bond_graph import AnalysisModel, BondGraphScene
@@ -23,7 +22,7 @@ from dynid.scene.schema.signals import SignalPart, StepSignal
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from dynid.arithmetic.derivatives import Dual
+    from dynid.arithmetic.dependent import Dual
     from dynid.bondgraph.control import Loop
     from dynid.lti.generator import Signal
     from dynid.result import Result
@@ -116,7 +115,14 @@ def question(scene: Scene) -> tuple[BondGraph, Analysis]:
     if "sensitivities" not in model.analysis.asked() or linearised:  # those are by slopes
         built = built_graph(scene)
         return built.graph, graph_analysis(scene, model.analysis, built)
-    known = _known_parameters(model)
+    from dynid.arithmetic.dependent import independent_parameters
+
+    known = independent_parameters(
+        {
+            name: given.reference if isinstance(given, DefinedParameter) else given
+            for name, given in model.parameters.items()
+        }
+    )
     values = {name: dual.value for name, dual in known.items()}
     built = built_graph(scene, with_gains(model.control, values) if model.control else None)
     variables = _parameters(model, built.graph, known)
@@ -212,18 +218,6 @@ def built_graph(scene: Scene, control: ControlModel | None = None) -> BuiltGraph
     )
 
 
-def _known_parameters(model: BondGraphScene) -> dict[str, Dual]:
-    """Return the parameters with their derivatives by those that are plain numbers."""
-    from dynid.arithmetic.derivatives import independent_parameters
-
-    return independent_parameters(
-        {
-            name: given.reference if isinstance(given, DefinedParameter) else given
-            for name, given in model.parameters.items()
-        }
-    )
-
-
 def _parameters(
     model: BondGraphScene, graph: BondGraph, known: dict[str, Dual]
 ) -> tuple[SensitivityParameter, ...]:
@@ -231,7 +225,7 @@ def _parameters(
 
     Those of controllers are called by their paths in the scene.
     """
-    from dynid.arithmetic.derivatives import differentiate
+    from dynid.arithmetic.dependent import differentiate
     from dynid.arithmetic.numbers import to_fraction
 
     rates: dict[str, dict[str, Fraction]] = {name: {} for name, dual in known.items() if name in dual.slopes}

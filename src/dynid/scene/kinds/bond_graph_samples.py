@@ -7,7 +7,6 @@ a text where the others have numbers, coinciding roots, a fault) is run alone.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, cast
@@ -17,38 +16,28 @@ from dynid.arithmetic.numbers import Number, to_fraction
 from dynid.bondgraph.sampling.analysis import SampledAnalysis, shared
 from dynid.errors import DynidError
 from dynid.result import Variable
-from dynid.scene.collect import gather
-from dynid.scene.kinds.bond_graph import named_in, question
-from dynid.scene.kinds.graph_parts import has_law
-from dynid.scene.kinds.varied_values import (
+from dynid.scene.batch import (
+    BatchKey,
+    NotShared,
     SampleColumn,
     dependent_parameters,
     evaluate,
     numbers,
     varied_parameter,
 )
+from dynid.scene.kinds.bond_graph import named_in, question
+from dynid.scene.kinds.graph_parts import has_law
 from dynid.scene.load import Scene
-from dynid.scene.outcomes import SampleOutcome
+from dynid.scene.outcomes import SampleOutcome, gather
 from dynid.scene.run import run_scene
-from dynid.scene.schema.names import read_names
 from dynid.scene.schema.quantities import Quantity
+from dynid.scene.schema.raw import read_names
 
 if TYPE_CHECKING:
     from dynid.scene.schema.bond_graph import BondGraphScene
 
 Overrides = Sequence[Mapping[str, Any]]
 Path = tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class _BatchKey:
-    """Key of a prepared batch: scenes of equal text are equal."""
-
-    text: str
-    file: str
-    paths: tuple[str, ...]
-    collect: tuple[str, ...]
-    scene: Scene = field(compare=False)
 
 
 def batched(
@@ -67,9 +56,7 @@ def batched(
     paths = tuple(overrides[0]) if overrides else ()
     if not paths or any(tuple(one) != paths for one in overrides):
         return None
-    plan = _planned(
-        _BatchKey(template.source.resolved_text(), template.source.file, paths, collect, template)
-    )
+    plan = _planned(BatchKey.of(template, paths, collect))
     if plan is None:
         return None
     return [None if result is None else SampleOutcome(result) for result in plan.run(overrides)]
@@ -84,12 +71,12 @@ def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...]) -
             return f"{path} is no parameter, no value of an element and no stored energy"
     if cast("BondGraphScene", template.model).design is not None:
         return "every sample is designed by itself"
-    family = _BatchKey(template.source.resolved_text(), template.source.file, tuple(paths), collect, template)
+    family = BatchKey.of(template, paths, collect)
     return "" if _planned(family) else "what is collected is more than numbers of the channels and responses"
 
 
 @lru_cache(maxsize=4)
-def _planned(family: _BatchKey) -> _GraphBatch | None:
+def _planned(family: BatchKey) -> _GraphBatch | None:
     """Return the plan of a batch, made once a process; None where it cannot be run together."""
     places = [_place(family.scene, path) for path in family.paths]
     if None in places or cast("BondGraphScene", family.scene.model).design is not None:
@@ -102,17 +89,13 @@ def _planned(family: _BatchKey) -> _GraphBatch | None:
         return _GraphBatch(
             family.scene, dict(zip(family.paths, cast("list[Path]", places), strict=True)), wanted
         )
-    except (_NotShared, DynidError, ArithmeticError):
+    except (NotShared, DynidError, ArithmeticError):
         return None
 
 
 def _has_operating_point(scene: Scene) -> bool:
     model = cast("BondGraphScene", scene.model)
     return model.operating_point is not None or any(map(has_law, model.graph.nodes.values()))
-
-
-class _NotShared(Exception):
-    """The samples share too little."""
 
 
 def _place(scene: Scene, path: str) -> Path | None:
@@ -153,7 +136,7 @@ class _GraphBatch:
         if not shared(wanted, analysis) or any(
             varied & names for names in map(named_in, [*grids, *parts, model.control])
         ):
-            raise _NotShared
+            raise NotShared
         self._places, self._binary = places, analysis.reading == "binary"
         self._fixed = read_names(scene.source)[0].parameters
         self._values = _slots({name: node.value for name, node in model.graph.nodes.items()}, varied)

@@ -19,14 +19,13 @@ from dynid.scene.schema.bond_graph import BondGraphScene, GraphModel
 from dynid.scene.schema.control import ControlModel
 from dynid.scene.schema.design import design_faults
 from dynid.scene.schema.faults import located_faults
-from dynid.scene.schema.names import read_names
-from dynid.scene.schema.raw import mapping, written_key
+from dynid.scene.schema.raw import mapping, read_names, written_key
 from dynid.units import angular_factor
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from dynid.bondgraph.graph import BondGraph, Port
+    from dynid.bondgraph.graph import Port
     from dynid.parameters import Parameter
     from dynid.scene.schema.design import DesignModel, DesignTarget
     from dynid.scene.schema.quantities import Quantity
@@ -58,7 +57,8 @@ def design_of(scene: Scene) -> Design:
     )
     built = build_graph(scene, parts.graph, asked, model.analysis.reading, control=parts.control)
     variables = dict(zip(asked, built.outputs, strict=True))
-    inputs = list(model.analysis.inputs or _sources(built.graph))
+    sources = (name for name, node in built.graph.nodes.items() if node.type in ("Se", "Sf"))
+    inputs = list(model.analysis.inputs or sources)
     outputs = [variables[one] for one in model.analysis.outputs]
 
     def channel(target: DesignTarget) -> tuple[Port, str]:
@@ -73,7 +73,7 @@ def design_of(scene: Scene) -> Design:
     }
     return Design(
         built.graph,
-        _free_parameters(model, wanted),
+        tuple(_free_parameter(model, wanted, name) for name in wanted.free),
         tuple(_target(one, *channel(one), band) for one in wanted.targets),
         wanted.starts,
         wanted.seed,
@@ -150,10 +150,6 @@ def _start(model: BondGraphScene, name: str) -> float:
     return float(resolve_parameters({name: given})[0][name])
 
 
-def _free_parameters(model: BondGraphScene, wanted: DesignModel) -> tuple[Parameter, ...]:
-    return tuple(_free_parameter(model, wanted, name) for name in wanted.free)
-
-
 def _free_parameter(model: BondGraphScene, wanted: DesignModel, name: str) -> Parameter:
     """Return a free parameter: by its logarithm if it is positive, and a limit is not negative or zero."""
     from dynid.parameters import Parameter
@@ -169,10 +165,6 @@ def _free_parameter(model: BondGraphScene, wanted: DesignModel, name: str) -> Pa
 
 def _number(given: Quantity | None) -> float | None:
     return None if given is None else float(given)
-
-
-def _sources(graph: BondGraph) -> list[str]:
-    return [name for name, node in graph.nodes.items() if node.type in ("Se", "Sf")]
 
 
 def _target(target: DesignTarget, output: Port, source: str, band: tuple[float, float]) -> Target:

@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 from dynid.errors import FileError, UsageError
 from dynid.number_format import counted
 from dynid.scene.schema.measurement import AllOfFile
-from dynid.scene.schema.modes import MatchModel
 from dynid.suggestions import shortened
-from dynid.tables.universal_units import function_units
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -20,12 +18,13 @@ if TYPE_CHECKING:
     from dynid.scene.load import Scene
     from dynid.scene.schema.identification import IdentificationScene
     from dynid.scene.schema.measurement import MeasurementModel, RecordModel
-    from dynid.scene.schema.modes import MeasuredModesModel
+    from dynid.scene.schema.modes import MatchModel, MeasuredModesModel
     from dynid.scene.yaml.source import Source
+    from dynid.structure.labels import Nodes
     from dynid.structure.matching import Matching
     from dynid.structure.matrices import Label
-    from dynid.structure.model import Motion, StructuralModel
-    from dynid.structure.nodes import Nodes
+    from dynid.structure.model import StructuralModel
+    from dynid.structure.named_dofs import Motion
     from dynid.tables.universal_file import UniversalFile, UniversalFunction
 
 _MOTIONS = ("displacement", "velocity", "acceleration")
@@ -127,6 +126,7 @@ def _shapes(
     scene: Scene, given: MeasuredModesModel, written: Mapping[str, Any], model: _Model
 ) -> dict[str, Any]:
     """Return the keys of measured modes with the DOFs of their shapes; `written` are those in the scene."""
+    from dynid.scene.schema.modes import MatchModel
     from dynid.structure.labels import node_direction
     from dynid.tables.modal_tables import read_modes
     from dynid.tables.read import existing
@@ -149,6 +149,7 @@ def _written_out(
 
     `given` is the record with what it shares with others, `written` its own keys in the scene.
     """
+    from dynid.scene.schema.modes import MatchModel
     from dynid.tables.read import existing, file_format
     from dynid.tables.universal_file import UniversalFile
 
@@ -225,6 +226,8 @@ class _Test:
         """Return `unit` where the scene decides it, or the quantity; else it is read with the values."""
         units = function.units
         if not function.quantity:
+            from dynid.tables.universal_file import function_units
+
             ends = function.response[1], function.over, function.reference[1]
             units = function_units(self.quantity(function), *ends, function.labels, self.source.units())
         if self.match.units is not None:

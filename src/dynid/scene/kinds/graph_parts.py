@@ -21,9 +21,8 @@ from dynid.bondgraph.operating_point.linearisation import Linearisation, lineari
 from dynid.errors import DynidError
 from dynid.model_scope import ScopePart
 from dynid.scene.schema.laws import OperatingPointModel, variables_of
-from dynid.scene.schema.names import read_names
 from dynid.scene.schema.quantities import Quantity
-from dynid.scene.schema.raw import STRUCTURE, own_variable
+from dynid.scene.schema.raw import STRUCTURE, own_variable, read_names
 
 if TYPE_CHECKING:
     from dynid.bondgraph.control import Loop

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from dynid.progress import report_progress
 from dynid.result import Result
-from dynid.scene.kinds.estimators import estimator_of, frf_estimator_of, further_of, modal_estimator_of
-from dynid.scene.kinds.geometry import add_geometry
 from dynid.scene.kinds.measurements import (
     channel_of,
     experiments,
@@ -17,9 +15,15 @@ from dynid.scene.kinds.measurements import (
     loads_of,
     shown,
 )
-from dynid.scene.kinds.parameters import at_starts
+from dynid.scene.kinds.parameters import (
+    at_starts,
+    estimator_of,
+    frf_estimator_of,
+    further_of,
+    modal_estimator_of,
+)
 from dynid.scene.kinds.parts import build_assembly
-from dynid.scene.kinds.scope import add_identification_scope
+from dynid.scene.kinds.scope import add_geometry, add_identification_scope
 from dynid.scene.kinds.signals import angular_frequencies, highest_frequency, record_of
 from dynid.scene.kinds.structures import add_doubts
 from dynid.scene.load import Scene

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -18,28 +18,17 @@ from dynid.identification.identify import SharedRecords
 from dynid.identification.measurement import Experiment
 from dynid.identification.simulation import Simulation
 from dynid.result import Variable
-from dynid.scene.batch import run_alone
-from dynid.scene.collect import CollectedResult, gather
+from dynid.scene.batch import BatchKey, run_alone
 from dynid.scene.kinds.identification import identified, setting, structure_of
 from dynid.scene.kinds.measurements import experiments
 from dynid.scene.load import Scene
-from dynid.scene.outcomes import SampleOutcome
+from dynid.scene.outcomes import CollectedResult, SampleOutcome, gather
 from dynid.scene.schema.quantities import Quantity
 
 if TYPE_CHECKING:
     from dynid.scene.schema.identification import IdentificationScene
 
 Overrides = Sequence[Mapping[str, Any]]
-
-
-@dataclass(frozen=True)
-class _RecordKey:
-    """Key of a prepared batch: scenes of equal text are equal."""
-
-    text: str
-    file: str
-    paths: tuple[str, ...]
-    scene: Scene = field(compare=False)
 
 
 def batched(
@@ -62,7 +51,7 @@ def batched(
     paths = tuple(overrides[0]) if overrides else ()
     if not paths or any(tuple(one) != paths for one in overrides):
         return None
-    family = _RecordKey(template.source.resolved_text(), template.source.file, paths, template)
+    family = BatchKey.of(template, paths)
     plan = _planned(family)
     if plan is None:
         return None
@@ -90,12 +79,12 @@ def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...]) -
         or model.identifiability
     ):
         return "more than an identification from records is asked for"
-    family = _RecordKey(template.source.resolved_text(), template.source.file, tuple(paths), template)
+    family = BatchKey.of(template, paths)
     return "" if _planned(family) else "the scene as it stands cannot be run"
 
 
 @lru_cache(maxsize=4)
-def _planned(family: _RecordKey) -> _RecordBatch | None:
+def _planned(family: BatchKey) -> _RecordBatch | None:
     """Return the plan of a batch, made once a process; None where it cannot be run together."""
     model = cast("IdentificationScene", family.scene.model)
     places = [_place(model, path) for path in family.paths]

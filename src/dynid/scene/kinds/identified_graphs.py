@@ -6,14 +6,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 from dynid.bondgraph.graph import BondGraph
-from dynid.identification.graph_system import GraphModel
+from dynid.identification.graph_system import IdentifiedGraph
 from dynid.model_scope import ScopePart, add_model_scope, divided, scope_parts
 from dynid.result import Result
 from dynid.scene.kinds.bond_graph import graph_analysis
-from dynid.scene.kinds.estimators import estimator_of, frf_estimator_of, further_of
 from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph
 from dynid.scene.kinds.measurements import experiments, frf_measurement
-from dynid.scene.kinds.parameters import all_parameters, at_starts
+from dynid.scene.kinds.parameters import all_parameters, at_starts, estimator_of, frf_estimator_of, further_of
 from dynid.scene.kinds.scope import engines_part
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import IdentificationScene
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
 _ANALYSIS = {"engines": "engines of the analysis"}
 
 
-def identified_graph(scene: Scene) -> tuple[GraphModel, BuiltGraph]:
+def identified_graph(scene: Scene) -> tuple[IdentifiedGraph, BuiltGraph]:
     """Return the graph of an identification with its unknown parameters, and with the analysis' outputs.
 
     Raises
@@ -49,12 +48,12 @@ def identified_graph(scene: Scene) -> tuple[GraphModel, BuiltGraph]:
         str(name): float(given.f if given.f is not None else given.e or 0)
         for name, given in model.initial.items()
     }
-    graph = GraphModel(built.graph, all_parameters(model), initial, variables)
+    graph = IdentifiedGraph(built.graph, all_parameters(model), initial, variables)
     outputs = tuple(variables[output] for output in (wanted.outputs if wanted else ()))
     return graph, built._replace(outputs=outputs)
 
 
-def started_graph(scene: Scene) -> tuple[GraphModel, BuiltGraph]:
+def started_graph(scene: Scene) -> tuple[IdentifiedGraph, BuiltGraph]:
     """Return the graph that an estimator has: bases of structures are made at the starts, not at the truth.
 
     Raises as `identified_graph`.
@@ -125,7 +124,7 @@ def graph_preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
         yield lambda: graph_analysis(scene, wanted, identified_graph(scene)[1])
 
 
-def _identified(scene: Scene, graph: GraphModel) -> Result:
+def _identified(scene: Scene, graph: IdentifiedGraph) -> Result:
     """Identify the parameters of a graph from records, simulated ones of the graph at the true values."""
     from dynid.identification.identify import identify_all, identify_frf
 
@@ -152,7 +151,7 @@ def _identified(scene: Scene, graph: GraphModel) -> Result:
 def _add_scope(
     result: Result,
     model: IdentificationScene,
-    graph: GraphModel,
+    graph: IdentifiedGraph,
     built: BuiltGraph,
     analysis: Sequence[ScopePart],
 ) -> None:

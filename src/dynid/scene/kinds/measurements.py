@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from dynid.errors import FileError, UsageError
-from dynid.scene.kinds.recorded_units import products, recorded_factor
-from dynid.scene.kinds.signals import angular_frequencies, build_signals, layout_of
+from dynid.scene.kinds.signals import angular_frequencies, build_signals, layout_of, products, recorded_factor
 from dynid.scene.kinds.structures import number
 from dynid.scene.schema.signals import FileSignal
 from dynid.structure.response import Channel, Load
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 
     from dynid.arithmetic.dependent import Real
     from dynid.identification.frf_measurement import Frf, FrfMeasurement
-    from dynid.identification.graph_system import GraphModel
+    from dynid.identification.graph_system import IdentifiedGraph
     from dynid.identification.measurement import Experiment, Measurement
     from dynid.identification.noise import ColouredNoise
     from dynid.identification.preparation import Preparation
@@ -49,7 +48,7 @@ def experiments(
     scene: Scene,
     excitation: Sequence[SignalPart],
     given: MeasurementModel,
-    model: GraphModel | StructuralModel | None = None,
+    model: IdentifiedGraph | StructuralModel | None = None,
 ) -> list[Experiment]:
     """Return the records of a scene, prepared, with the loads of each.
 
@@ -88,7 +87,7 @@ def experiments(
 
 
 def _measurement(
-    scene: Scene, given: RecordModel, place: str, model: GraphModel | StructuralModel | None
+    scene: Scene, given: RecordModel, place: str, model: IdentifiedGraph | StructuralModel | None
 ) -> Measurement:
     """Return the channels and the samples of a record, or the noise of a simulated one."""
     from dynid.identification.measurement import Measurement
@@ -174,10 +173,10 @@ def initial_motion(
     }
 
 
-def channel_of(given: ChannelModel, model: GraphModel | StructuralModel | None = None) -> Any:
+def channel_of(given: ChannelModel, model: IdentifiedGraph | StructuralModel | None = None) -> Any:
     """Return a sensor of a structure, named by its DOFs' own labels where it is known; or of a graph."""
     if given.output is not None:
-        return cast("GraphModel", model).channel(given.output, *instrument_of(given))
+        return cast("IdentifiedGraph", model).channel(given.output, *instrument_of(given))
     assert given.quantity is not None
     structure = cast("StructuralModel | None", model)
     dof, *others = (shown(structure, dof) for dof in given.ends)
@@ -200,7 +199,7 @@ def _own_label(structure: StructuralModel | None, dof: Dof) -> tuple[float, Dof]
     return (1.0, dof) if structure is None else structure.dof_names.find_signed(dof)
 
 
-def _with_own_labels(one: Any, model: GraphModel | StructuralModel | None) -> Any:
+def _with_own_labels(one: Any, model: IdentifiedGraph | StructuralModel | None) -> Any:
     """Return a channel or response function with the own labels of its DOFs."""
     structure = cast("StructuralModel | None", model)
     if isinstance(one, Channel):
@@ -212,7 +211,9 @@ def _with_own_labels(one: Any, model: GraphModel | StructuralModel | None) -> An
     return one
 
 
-def _check_different(channels: Sequence[Any], place: str, model: GraphModel | StructuralModel | None) -> None:
+def _check_different(
+    channels: Sequence[Any], place: str, model: IdentifiedGraph | StructuralModel | None
+) -> None:
     """Refuse a channel that stands twice, by two names of its DOF."""
     plain = [_with_own_labels(one, model) for one in channels]
     twice = next((one for at, one in enumerate(channels) if plain[at] in plain[:at]), None)
@@ -261,13 +262,13 @@ def loads_of(
     where: str,
     parts: Sequence[SignalPart],
     record: RecordTimes,
-    model: GraphModel | StructuralModel | None = None,
+    model: IdentifiedGraph | StructuralModel | None = None,
 ) -> list[Any]:
     """Return the loads at a place of a scene."""
 
     def acting(part: SignalPart, signal: Any) -> Any:
         if part.source is not None:
-            return cast("GraphModel", model).load(part.source, signal, *actuator_of(part))
+            return cast("IdentifiedGraph", model).load(part.source, signal, *actuator_of(part))
         dof = None if part.dof is None else shown(cast("StructuralModel | None", model), part.dof)
         return Load(dof, signal, part.base or part.motion, *actuator_of(part))
 
@@ -285,7 +286,7 @@ def actuator_of(part: SignalPart) -> tuple[Real, Real]:
     return (1.0 / gain, -delay) if isinstance(part, FileSignal) else (gain, delay)
 
 
-def _referred(model: GraphModel | StructuralModel | None, given: ReferenceModel) -> Dof:
+def _referred(model: IdentifiedGraph | StructuralModel | None, given: ReferenceModel) -> Dof:
     """Return the DOF, by its name in results, or the source that a frequency response is referred to."""
     return (
         given.place if given.source is not None else shown(cast("StructuralModel | None", model), given.place)
@@ -296,7 +297,7 @@ _PLACE = "measurement.frf.file"
 
 
 def frf_measurement(
-    scene: Scene, given: MeasurementModel, model: GraphModel | StructuralModel | None = None
+    scene: Scene, given: MeasurementModel, model: IdentifiedGraph | StructuralModel | None = None
 ) -> FrfMeasurement:
     """Return the frequency response functions of a scene; `model`: its graph or structure, if known.
 

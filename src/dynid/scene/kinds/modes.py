@@ -121,7 +121,7 @@ def _sensors(scene: Scene, given: MeasuredModesModel) -> list[Label]:
 
     if not isinstance(given.sensors, SensorFileModel):
         return []
-    from dynid.tables.matlab import whole_numbers
+    from dynid.tables.binary import whole_numbers
     from dynid.tables.read import existing
 
     file = existing(scene.folder / given.sensors.path, f"{_PLACE}.sensors")

@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from dynid.scene.schema.joints import Axes, AxesModel, JointModel
     from dynid.scene.schema.parts import PointModel
     from dynid.structure.joints import Joint
+    from dynid.structure.labels import Nodes
     from dynid.structure.matrices import Array, Label
-    from dynid.structure.model import Motion
-    from dynid.structure.nodes import Nodes
+    from dynid.structure.named_dofs import Motion
     from dynid.structure.points import Point
 
 
@@ -58,7 +58,9 @@ def build_assembly(scene: Scene, model: IdentificationScene) -> StructuralModel:
             continue
         from dynid.structure.point_joints import components
 
-        own, made = components(_joint(name, joint), placed, _size(whole))
+        xyz = np.zeros((1, 3)) if whole.nodes is None else whole.nodes.xyz
+        size = float(np.linalg.norm(np.ptp(xyz, axis=0)))
+        own, made = components(_joint(name, joint), placed, size)
         joints += made
         motions |= own
     whole = whole.with_motions(motions)
@@ -96,7 +98,7 @@ def _bare(scene: Scene, model: IdentificationScene) -> StructuralModel:
         assert model.structure is not None
         parameters = with_units(all_parameters(scene.model), [model.structure], model.joints)
         return bare_structure(scene.folder, model.structure, parameters, "structure")
-    from dynid.structure.parts import assembled_parts
+    from dynid.structure.assembly import assembled_parts
 
     parameters = with_units(all_parameters(scene.model), [*model.structures.values()], model.joints)
     parts = {
@@ -108,7 +110,7 @@ def _bare(scene: Scene, model: IdentificationScene) -> StructuralModel:
 
 def _point(name: str, point: PointModel, model: IdentificationScene, nodes: Nodes | None) -> Point:
     """Return a point with its nodes by their names in the assembly."""
-    from dynid.structure.parts import part_name
+    from dynid.structure.assembly import part_name
     from dynid.structure.points import Point
 
     place = f"points.{name}"
@@ -189,9 +191,3 @@ def _axes(name: str, given: Axes | AxesModel) -> Array:
 def _vector(given: Any) -> tuple[float, float, float]:
     x, y, z = (float(value) for value in given)
     return x, y, z
-
-
-def _size(model: StructuralModel) -> float:
-    """Return the diagonal of the box that the nodes fill, m."""
-    xyz = np.zeros((1, 3)) if model.nodes is None else model.nodes.xyz
-    return float(np.linalg.norm(np.ptp(xyz, axis=0)))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple, cast
 
 from dynid.errors import UsageError
-from dynid.identification.graph_system import GraphModel
+from dynid.identification.graph_system import IdentifiedGraph
 from dynid.identification.measurement import Experiment
 from dynid.identification.parametric_model import Model
 from dynid.identification.planning.plan import PlanRequest, plan
@@ -83,7 +83,7 @@ def run_plan(scene: Scene, sensors: int | None = None, lines: int | None = None)
             names=("measurement.frf",),
         )
     reduced, records, truth = prospect(scene)
-    known = reduced if isinstance(reduced, GraphModel | StructuralModel) else None
+    known = reduced if isinstance(reduced, IdentifiedGraph | StructuralModel) else None
     structure = known if isinstance(known, StructuralModel) else None
     given, force = model.plan, model.plan.excitation
     factor = angular_factor(force.unit)

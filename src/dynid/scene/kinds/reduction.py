@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any, cast
 from dynid.defaults import RESIDUALS
 from dynid.errors import NumericalError, UsageError
 from dynid.result import Result
-from dynid.scene.kinds.geometry import add_geometry
 from dynid.scene.kinds.measurements import channel_of, shown
-from dynid.scene.kinds.scope import add_reduction_scope
+from dynid.scene.kinds.scope import add_geometry, add_reduction_scope
 from dynid.scene.kinds.signals import angular_frequencies
 from dynid.scene.kinds.structures import add_doubts, build_structure
 from dynid.scene.load import Scene
@@ -24,9 +23,14 @@ from dynid.scene.schema.reduction import (
     result_names,
 )
 from dynid.structure.comparison import RequestedResponses, compare
-from dynid.structure.reduction.by_parts import PartReduction, ReductionByParts, reduced_with_motions
 from dynid.structure.reduction.masters import Masters
-from dynid.structure.reduction.methods import METHODS, Reductor
+from dynid.structure.reduction.methods import (
+    METHODS,
+    PartReduction,
+    ReductionByParts,
+    Reductor,
+    reduced_with_motions,
+)
 from dynid.structure.reduction.mode_selection import Interest, ModeRange
 from dynid.structure.reduction.serep import JointAware
 from dynid.structure.response import Channel

@@ -12,7 +12,6 @@ against the scene as it stands.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from typing import Any, NamedTuple, cast
 
@@ -25,21 +24,22 @@ from dynid.arithmetic.numbers import Number
 from dynid.defaults import DENSE_MODES
 from dynid.errors import DynidError, SceneError
 from dynid.result import Variable
-from dynid.scene.collect import gather
-from dynid.scene.kinds.parameters import with_quantities
-from dynid.scene.kinds.reduction import interest_of, responses_of, run
-from dynid.scene.kinds.structures import build_structure
-from dynid.scene.kinds.varied_values import (
+from dynid.scene.batch import (
+    BatchKey,
+    NotShared,
     SampleColumn,
     dependent_parameters,
     evaluate,
     numbers,
     varied_parameter,
 )
+from dynid.scene.kinds.parameters import with_quantities
+from dynid.scene.kinds.reduction import interest_of, responses_of, run
+from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene, with_text_keys
-from dynid.scene.outcomes import SampleBlock, SampleOutcomes
-from dynid.scene.schema.names import read_names
+from dynid.scene.outcomes import SampleBlock, SampleOutcomes, gather
 from dynid.scene.schema.quantities import Quantity
+from dynid.scene.schema.raw import read_names
 from dynid.scene.schema.reduction import (
     CraigBamptonModel,
     DynamicModel,
@@ -77,21 +77,6 @@ _BESIDE = 1 / 64
 _AGREEMENT = 1e-9
 
 
-@dataclass(frozen=True)
-class _BatchKey:
-    """Key of a prepared batch: scenes of equal text are equal."""
-
-    text: str
-    file: str
-    paths: tuple[str, ...]
-    collect: tuple[str, ...]
-    scene: Scene = field(compare=False)
-
-
-class _NotShared(Exception):
-    """The samples share too little; the text says why."""
-
-
 def batched(template: Scene, overrides: Overrides, collect: tuple[str, ...]) -> SampleOutcomes | None:
     """Run samples together where they differ in numbers of the structure and its joints alone.
 
@@ -103,9 +88,7 @@ def batched(template: Scene, overrides: Overrides, collect: tuple[str, ...]) -> 
     paths = tuple(overrides[0]) if overrides else ()
     if not paths or any(tuple(one) != paths for one in overrides):
         return None
-    plan = _planned(
-        _BatchKey(template.source.resolved_text(), template.source.file, paths, collect, template)
-    )
+    plan = _planned(BatchKey.of(template, paths, collect))
     if isinstance(plan, str):
         return None
     step = max(1, _TOGETHER // plan.size**2)
@@ -116,14 +99,12 @@ def batched(template: Scene, overrides: Overrides, collect: tuple[str, ...]) -> 
 
 def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...]) -> str:
     """Return why samples that differ at these paths are not run together; empty where they are."""
-    plan = _planned(
-        _BatchKey(template.source.resolved_text(), template.source.file, tuple(paths), collect, template)
-    )
+    plan = _planned(BatchKey.of(template, paths, collect))
     return plan if isinstance(plan, str) else ""
 
 
 @lru_cache(maxsize=4)
-def _planned(family: _BatchKey) -> _ReductionBatch | str:
+def _planned(family: BatchKey) -> _ReductionBatch | str:
     """Return the plan of a batch, made once a process; or why there is none."""
     from pydantic import ValidationError
 
@@ -132,7 +113,7 @@ def _planned(family: _BatchKey) -> _ReductionBatch | str:
         plan = _ReductionBatch(family.scene, family.paths, gather(exemplar, family.collect))
         plan.check()
         return plan
-    except _NotShared as why:
+    except NotShared as why:
         return str(why)
     except ValidationError:
         return "what varies is more than numbers of the structure and its joints"
@@ -192,7 +173,7 @@ def _operated(node: Dependent, operands: list[Any]) -> Any:
             return -a
         case "sqrt":
             return np.sqrt(a)
-    raise _NotShared(f"the matrices take the function {node.operation} of what varies")
+    raise NotShared(f"the matrices take the function {node.operation} of what varies")
 
 
 class _ReductionBatch:
@@ -214,10 +195,20 @@ class _ReductionBatch:
         self._structure = build_structure(Scene(scene.source, model), model.structure, model.joints)
         self.size = self._structure.size
         if self._structure.is_sparse or self.size > _MOST_DOFS:
-            raise _NotShared(f"structures of more than {_MOST_DOFS} DOFs are reduced one by one")
+            raise NotShared(f"structures of more than {_MOST_DOFS} DOFs are reduced one by one")
         if self._structure.modal is not None:
-            raise _NotShared("modal damping is computed sample by sample")
-        self._bare, self._joints = _varying_matrices(self._structure)
+            raise NotShared("modal damping is computed sample by sample")
+        bare: list[_VaryingMatrix] = []
+        joints: list[_VaryingMatrix] = []
+        for letter, joined in zip("MCK", self._structure.with_joints(), strict=True):
+            own = as_array(getattr(self._structure, letter))
+            for found, whole, terms in (
+                (bare, own, self._structure.terms),
+                (joints, as_array(joined) - own, self._structure.joint_terms),
+            ):
+                parts = [(one.coefficient, as_array(one.matrix)) for one in terms if one.letter == letter]
+                found.append(_VaryingMatrix.of(whole, parts))
+        self._bare, self._joints = bare, joints
         names = result_names([part.method for part in model.reduction])
         self._methods = {
             name: _method(part, self._structure, interest_of(model))
@@ -231,7 +222,7 @@ class _ReductionBatch:
         """Return the model of the scene, each quantity that varies a parameter of its own."""
         source = scene.source
         if source.written is not None:
-            raise _NotShared("the scene is composed of files")
+            raise NotShared("the scene is composed of files")
         self._parameters: dict[str, str] = {}  # by path
         for place, path in enumerate(paths):
             name = varied_parameter(scene.model.parameters, path.split("."))
@@ -240,13 +231,13 @@ class _ReductionBatch:
                 for key in path_of(source, path):
                     value = value.get(key) if isinstance(value, dict) else value[key]
                 if isinstance(value, bool) or not isinstance(value, int | float | str):
-                    raise _NotShared(f"{path} is no number of the structure or its joints")
+                    raise NotShared(f"{path} is no number of the structure or its joints")
                 name = f"varied_value_{place}"
                 source = set_values(source, {f"parameters.{name}": value, path: name})
             self._parameters[path] = name
         self._fixed = read_names(source)[0].parameters
         if odd := next((path for path, name in self._parameters.items() if name not in self._fixed), ""):
-            raise _NotShared(f"{odd} is no number of the structure or its joints")
+            raise NotShared(f"{odd} is no number of the structure or its joints")
         self.reference = {path: float(self._fixed[name]) for path, name in self._parameters.items()}
         free = {name: float(self._fixed[name]) for name in self._parameters.values()}
         self._dependent = dependent_parameters(source.data.get("parameters") or {}, free)
@@ -268,7 +259,7 @@ class _ReductionBatch:
         """Compare the scene as it stands with its run alone."""
         found = self.run([self.reference], 0)
         if not len(found):
-            raise _NotShared(
+            raise NotShared(
                 "the scene as it stands is no usual case: rigid-body motions or massless DOFs, soft springs, "
                 "or masters that barely see a mode"
             )
@@ -282,7 +273,7 @@ class _ReductionBatch:
             else:
                 agrees = np.array_equal(data, other)
             if not agrees:
-                raise _NotShared(f"rounding moves {path} of the scene as it stands")
+                raise NotShared(f"rounding moves {path} of the scene as it stands")
 
     def run(self, overrides: Overrides, first: int) -> SampleBlock:
         """Return the samples of the usual case, their rows counted from `first`."""
@@ -391,7 +382,7 @@ class _ReductionBatch:
             return "frf", name
         if of in self._methods and (name in stacks.NAMES or (name == "condition" and self._methods[of].sees)):
             return of, name
-        raise _NotShared(f"{path} is computed sample by sample")
+        raise NotShared(f"{path} is computed sample by sample")
 
 
 #: Arrays of reductions that do not depend on numbers, where masters and modes are given.
@@ -403,23 +394,6 @@ def _float(value: Number | None) -> float:
         return np.nan if value is None else float(value)
     except OverflowError:
         return np.nan
-
-
-def _varying_matrices(
-    structure: StructuralModel,
-) -> tuple[list[_VaryingMatrix], list[_VaryingMatrix]]:
-    """Return M, C and K without the joints, and what the joints add."""
-    bare: list[_VaryingMatrix] = []
-    joints: list[_VaryingMatrix] = []
-    for letter, joined in zip("MCK", structure.with_joints(), strict=True):
-        own = as_array(getattr(structure, letter))
-        for found, whole, terms in (
-            (bare, own, structure.terms),
-            (joints, as_array(joined) - own, structure.joint_terms),
-        ):
-            parts = [(one.coefficient, as_array(one.matrix)) for one in terms if one.letter == letter]
-            found.append(_VaryingMatrix.of(whole, parts))
-    return bare, joints
 
 
 class _Method(NamedTuple):
@@ -436,7 +410,7 @@ class _Method(NamedTuple):
 def _method(part: Any, structure: StructuralModel, interest: Interest) -> _Method:
     """Return a method of the scene for stacks."""
     if isinstance(masters := getattr(part, "masters", None), MastersModel):
-        raise _NotShared("masters are chosen sample by sample")
+        raise NotShared("masters are chosen sample by sample")
     given = indices_of(structure, masters) if masters else interesting(structure, interest)
     match part:
         case JointAwareModel() if part.residuals not in (None, [], "none"):
@@ -446,7 +420,7 @@ def _method(part: Any, structure: StructuralModel, interest: Interest) -> _Metho
         case SerepModel() | JointAwareModel():
             modes = _numbers_of(part.modes, len(given) if masters else None)
             if len(modes) != len(given):
-                raise _NotShared("coordinates are chosen where masters are not as many as modes")
+                raise NotShared("coordinates are chosen where masters are not as many as modes")
             given = given if masters else np.sort(given)
             aware = isinstance(part, JointAwareModel)
             retained = aware or not structure.joints
@@ -466,7 +440,7 @@ def _method(part: Any, structure: StructuralModel, interest: Interest) -> _Metho
             return _Method(partial(stacks.condensed, masters=given, omega=omega or 0.0))
         case CraigBamptonModel():
             return _Method(partial(stacks.condensed, masters=given, fixed=_numbers_of(part.modes, None)))
-    raise _NotShared(f"the method {part.method} chooses sample by sample")
+    raise NotShared(f"the method {part.method} chooses sample by sample")
 
 
 def _on_modal_coordinates(
@@ -487,5 +461,5 @@ def _numbers_of(given: Any, masters: int | None) -> list[int]:
         return given
     count = given.count if isinstance(given, ModesModel) else masters
     if count is None:
-        raise _NotShared("how many modes are kept depends on their frequencies")
+        raise NotShared("how many modes are kept depends on their frequencies")
     return list(range(1, count + 1))

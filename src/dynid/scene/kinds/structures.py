@@ -39,7 +39,6 @@ if TYPE_CHECKING:
         SpaceFrameModel,
     )
     from dynid.structure.damping import ModalDamping, ProportionalDamping
-    from dynid.structure.matrices import Label
     from dynid.structure.model import StructuralModel
 
 
@@ -187,8 +186,12 @@ def _of_joints(
     structures: Sequence[StructureModel], joints: Mapping[str, JointModel]
 ) -> Iterator[tuple[Quantity | None, str]]:
     """Yield the values of joints with their units."""
+    # DOFs that are named by number have labels where the scene determines these.
+    labels = structures[0].labels() or [] if len(structures) == 1 else []
     for joint in joints.values():
-        ends = _labelled(joint.dofs, structures)
+        ends = [
+            labels[dof - 1] if isinstance(dof, int) and 1 <= dof <= len(labels) else dof for dof in joint.dofs
+        ]
         for letter in "kcm":
             own: ParameterModel | MassModel | dict[str, ParameterModel] | None = getattr(joint, letter)
             if isinstance(own, dict):
@@ -196,12 +199,6 @@ def _of_joints(
                     yield one.value, unit_of(letter, [kind(f"1:{along}")])
             elif own is not None and own.matrix is None:
                 yield own.value, unit_of(letter, [kind(end) for end in ends])
-
-
-def _labelled(dofs: Sequence[Label], structures: Sequence[StructureModel]) -> Sequence[Label]:
-    """Return DOFs that are named by number as labels, where the scene determines these."""
-    every = structures[0].labels() or [] if len(structures) == 1 else []
-    return [every[dof - 1] if isinstance(dof, int) and 1 <= dof <= len(every) else dof for dof in dofs]
 
 
 def _springs(structure: StructureModel) -> Iterator[tuple[Any, list[str]]]:
@@ -219,7 +216,7 @@ def _lumped(part: LumpedModel, parameters: Sequence[Parameter]) -> StructuralMod
 
 
 def _beam(part: BeamModel, parameters: Sequence[Parameter]) -> StructuralModel:
-    from dynid.structure.beam import beam
+    from dynid.structure.frame import beam
 
     return beam(
         part.elements,
@@ -327,8 +324,8 @@ def _attached(part: BeamModel | FrameModel) -> dict[str, Any]:
 
 def _matrices(folder: Path, part: MatricesModel, parameters: Sequence[Parameter]) -> StructuralModel:
     from dynid.structure.imported import MatrixPart, from_state_space, imported
-    from dynid.structure.readers.model_file import model_files
     from dynid.structure.readers.read import matrix_file, read_labels
+    from dynid.structure.readers.read_nodes import model_files
 
     try:
         labels = read_labels(folder / part.labels) if isinstance(part.labels, str) else part.labels or ()
@@ -406,12 +403,10 @@ def _parameter(given: ParameterModel | MassModel | None) -> JointParameter | Non
     value = None if given.value is None else given.value.real
     if not isinstance(given, ParameterModel):
         return JointParameter(value, matrix=matrix)
-    start, true, low, high = (_optional(part) for part in (given.start, given.true, given.min, given.max))
+    start, true, low, high = (
+        (None if part is None else float(part)) for part in (given.start, given.true, given.min, given.max)
+    )
     prior = None
     if given.prior is not None:
         prior = ParameterPrior(float(given.prior.value), float(given.prior.relative_deviation))
     return JointParameter(value, start, true, matrix, low, high, prior)
-
-
-def _optional(quantity: Quantity | None) -> float | None:
-    return None if quantity is None else float(quantity)

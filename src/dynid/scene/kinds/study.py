@@ -141,8 +141,7 @@ def _group_faults(model: StudyScene) -> Iterator[Located]:  # noqa: C901 - one c
     for number, group in enumerate(model.zip):
         for place, key in enumerate(group):
             if key not in model.vary:
-                hint = did_you_mean(key, model.vary)
-                yield ("zip", number, place), f"'{key}' is not in 'vary'{hint}"
+                yield ("zip", number, place), _not_varied(key, model)
             elif key in seen:
                 yield ("zip", number, place), f"'{key}' is in 'zip' twice"
             seen.add(key)
@@ -167,6 +166,13 @@ def _group_faults(model: StudyScene) -> Iterator[Located]:  # noqa: C901 - one c
             yield ("vary",), f"{count:.3g} samples are too many for one study; at most {MAX_SAMPLES:.0e}"
 
 
+def _not_varied(key: str, model: StudyScene) -> str:
+    """Return the message for a key that `vary` lacks, also for the end of one: b of parameters.b."""
+    whole = next((other for other in model.vary if other.endswith(f".{key}")), "")
+    hint = f"; did you mean '{whole}'?" if whole else did_you_mean(key, model.vary)
+    return f"'{key}' is not in 'vary'{hint}"
+
+
 def _sampling_faults(model: StudyScene) -> Iterator[Located]:
     sampling = model.sampling
     drawn = sampling.method in ("random", "latin-hypercube", "sobol")
@@ -186,7 +192,7 @@ def _sampling_faults(model: StudyScene) -> Iterator[Located]:
         for place, key in enumerate(one.between):
             where = ("sampling", "correlation", number, "between", place)
             if key not in model.vary:
-                yield where, f"'{key}' is not in 'vary'{did_you_mean(key, model.vary)}"
+                yield where, _not_varied(key, model)
             elif isinstance(model.vary[key], Listed):
                 yield where, f"'{key}' is a choice of values, which has no correlation"
         if one.between[0] == one.between[1]:

@@ -6,9 +6,14 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any, cast
 
 from dynid.bondgraph.exact_engine import TransferFunction
-from dynid.bondgraph.synthesis.forms import Driving, Realisation, realisations
+from dynid.bondgraph.synthesis.forms import (
+    Driving,
+    Realisation,
+    add_synthesis,
+    integer_quotient,
+    realisations,
+)
 from dynid.bondgraph.synthesis.one_port import SOURCE
-from dynid.bondgraph.synthesis.write_result import add_synthesis, integer_quotient
 from dynid.errors import UsageError
 from dynid.lti.positive_real import NotPositiveReal, find_violation
 from dynid.result import Result

@@ -35,20 +35,20 @@ from dynid.bondgraph.graph import (
 from dynid.bondgraph.request import NUMERIC, USUAL, Engine, FormulaForm, Reading, ResultName
 from dynid.errors import Fault
 from dynid.scene.composition import MOST_COPIES
-from dynid.scene.schema.accuracy import AccuracyModel
 from dynid.scene.schema.base import (
+    AccuracyModel,
+    ComposedScene,
     Dof,
-    FilePath,
     FrequencyGrid,
     ParameterEntry,
-    SceneModel,
     Section,
     once,
 )
-from dynid.scene.schema.control import ControlModel, control_faults
+from dynid.scene.schema.control import control_faults
 from dynid.scene.schema.design import DesignModel, design_faults
 from dynid.scene.schema.graph_variables import TEXT, Output, SourceName, unknown_node
 from dynid.scene.schema.joints import JointModel, ParameterModel
+from dynid.scene.schema.later import Later
 from dynid.scene.schema.laws import (
     LawModel,
     NodeValue,
@@ -64,6 +64,7 @@ from dynid.scene.schema.raw import (
     PORT,
     STRUCTURE,
     chain_ends,
+    chain_fault,
     listing,
     mapping,
     node_types,
@@ -162,12 +163,12 @@ class NodeModel(Section):
 
     type: _NodeType
     value: NodeValue | None = None
-    law: LawModel | None = None
+    law: Annotated[LawModel, Later()] | None = None
     domain: Domain | None = None
     matrix: PortMatrix | None = None
-    structure: StructureModel | None = None
+    structure: Annotated[StructureModel, Later()] | None = None
     reduction: ReductionModel | None = None
-    joints: dict[str, JointModel] = {}
+    joints: dict[str, Annotated[JointModel, Later()]] = {}
     ports: (
         Annotated[
             Annotated[list[_PortName], Field(min_length=1), once("the port"), Tag("list")]
@@ -182,7 +183,18 @@ class NodeModel(Section):
         if self.type == STRUCTURE:
             return self._is_a_structure()
         if self.law is not None:
-            return self._has_a_law()
+            if self.type in TWO_PORTS:
+                raise fault(
+                    f"a {self.type} has a modulus, and no law; write it as 'value', such as \"r*cos(arm.q)\""
+                )
+            if self.type not in FIELDS:
+                raise fault(f"only R, I and C have a law, not {self.type}")
+            given = [
+                name for name in ("value", "matrix", "ports", "structure", "joints") if getattr(self, name)
+            ]
+            if given:
+                raise fault(f"{self.type} has a 'law' or a '{given[0]}', not both")
+            return self
         given = [name for name in ("structure", "reduction", "joints") if getattr(self, name)]
         if given:
             raise fault(f"'{given[0]}' belongs to a node of type structure, not {self.type}")
@@ -197,18 +209,6 @@ class NodeModel(Section):
             raise fault(f"the modulus of a {self.type} cannot be zero")
         if self.type in TWO_PORTS and self.domain is not None:
             raise fault(f"a {self.type} joins two domains; give 'domain' to the nodes on its sides")
-        return self
-
-    def _has_a_law(self) -> Self:
-        if self.type in TWO_PORTS:
-            raise fault(
-                f"a {self.type} has a modulus, and no law; write it as 'value', such as \"r*cos(arm.q)\""
-            )
-        if self.type not in FIELDS:
-            raise fault(f"only R, I and C have a law, not {self.type}")
-        given = [name for name in ("value", "matrix", "ports", "structure", "joints") if getattr(self, name)]
-        if given:
-            raise fault(f"{self.type} has a 'law' or a '{given[0]}', not both")
         return self
 
     def _is_a_multiport(self) -> Self:
@@ -254,9 +254,9 @@ def _bonds(raw: Any, info: ValidationInfo) -> tuple[Bond, ...]:
     """Read a bond or a chain of bonds: a -> b -> c."""
     if not isinstance(raw, str):
         raise fault("a bond is a text such as 'a -> b'")
+    if problem := chain_fault(raw):
+        raise fault(problem)
     ends = chain_ends(raw)
-    if not ends:
-        raise fault(f"'{raw}' is not a bond; write 'a -> b', or a chain 'a -> b -> c'")
     nodes = names_of(info).nodes
     unknown = [problem for end in ends if nodes and (problem := _end_fault(nodes, end))]
     if unknown:
@@ -317,14 +317,6 @@ class SubModel(Section):
     bonds: list[str] = []
 
 
-class ComposedScene(SceneModel):
-    """Keys of scenes with a graph: its models, which are gone once it is flat, and feedback around it."""
-
-    models: dict[str, SubModel] = {}
-    use: FilePath | list[FilePath] = []
-    control: ControlModel | None = None
-
-
 class SymbolicModel(Section):
     """Formulas of the transfer function: nested, or also with expanded numerator and denominator."""
 
@@ -340,7 +332,7 @@ class AnalysisModel(Section):
     results: list[ResultName] | None = None
     port: Annotated[Bond, PlainValidator(_link), TEXT] | None = None
     frequency: FrequencyGrid | None = None
-    time: TimeGrid | None = None
+    time: Annotated[TimeGrid, Later()] | None = None
     engine: Engine = "auto"
     reading: Reading = "decimal"
     symbolic: SymbolicModel | None = None
@@ -376,12 +368,12 @@ class BondGraphScene(ComposedScene):
     """A bond graph and its requested results."""
 
     kind: Literal["bond-graph"]
-    accuracy: AccuracyModel | None = None
+    accuracy: Annotated[AccuracyModel, Later()] | None = None
     graph: GraphModel
     analysis: AnalysisModel
-    operating_point: OperatingPointModel | None = None
+    operating_point: Annotated[OperatingPointModel, Later()] | None = None
     initial: dict[str, InitialModel] = {}
-    design: DesignModel | None = None
+    design: Annotated[DesignModel, Later()] | None = None
 
 
 def bond_graph_faults(source: Source, names: SceneNames) -> list[Fault]:

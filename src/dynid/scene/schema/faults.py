@@ -10,8 +10,9 @@ from typing import Any, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from dynid.errors import Fault
-from dynid.scene.yaml.source import Source
-from dynid.suggestions import did_you_mean
+from dynid.scene.schema.later import Later
+from dynid.scene.yaml.source import Source, path_of
+from dynid.suggestions import did_you_mean, nearest_values, shortened
 
 # Models with more keys than these have them in the manual, not in the message.
 _FEW_KEYS = 8
@@ -32,6 +33,7 @@ _WANTED = {
 _BOUNDS = {"greater_than_equal": "at least {ge:g}", "less_than_equal": "at most {le:,.12g}"}
 #: Tags that distinguish the members of a union that are not models.
 _FORMS = ("list", "mapping", "whole", "components")
+_AS_PATH = "; write the whole path of a value, such as parameters.NAME or graph.nodes.NAME.value"
 _ENDS = {"too_short": "least", "too_long": "most"}
 
 
@@ -94,14 +96,16 @@ def _fault(source: Source, model: type[BaseModel], error: dict[str, Any]) -> Fau
         name = _dotted(path[:-1]) or "a scene"
         holder = _model_at(model, loc[:-1])
         known = list(holder.model_fields) if holder else []
-        hint = did_you_mean(str(loc[-1]), known)
+        hint = _misplaced(model, path) or did_you_mean(str(loc[-1]), known) or _elsewhere(source, path)
         if not hint and 0 < len(known) <= _FEW_KEYS:
             hint = f"; its keys are {', '.join(known)}"
         message = f"'{loc[-1]}' is not a key of {name}{hint}"
         return source.fault(path, message, key=True)
     if kind == "missing":
         example = ": write dynid: 1" if (*path, loc[-1]) == ("dynid",) else ""
-        message = f"{_dotted(path) or 'a scene'} needs the key '{loc[-1]}'{example}"
+        named = path[:-1] in (("graph", "nodes"), ("joints",))
+        hint = _elsewhere(source, path) if named else ""
+        message = f"{_dotted(path) or 'a scene'} needs the key '{loc[-1]}'{example}{hint}"
         return source.fault((*path, loc[-1]), message, key=True)
     if kind == "union_tag_not_found":
         tag = _tag(error)
@@ -112,6 +116,38 @@ def _fault(source: Source, model: type[BaseModel], error: dict[str, Any]) -> Fau
     message = _message(kind, error, path)
     place = (*path, _tag(error)) if kind == "union_tag_invalid" else path
     return source.fault(place, message, key=loc[-1:] == ("[key]",))
+
+
+def _elsewhere(source: Source, path: Sequence[Any]) -> str:
+    """Return the whole path that `--set` or a study may mean by a wrong one; '' for keys of the file."""
+    origin = source.fault(path, "").file
+    given = origin.removeprefix("--set ")
+    if origin == source.file:
+        return ""
+    value: Any = (source.written or source).data
+    whole = nearest_values(given, value)
+    for key in path_of(source, given):
+        value = value[key]
+    shown = "…" if isinstance(value, dict | list) else value
+    written = [f"--set {one}={shown}" if given != origin else f"'{one}'" for one in whole]
+    return f"; did you mean {shortened(written, 3, ' or ')}?" if whole else _AS_PATH
+
+
+def _misplaced(model: type[BaseModel], path: Sequence[Any]) -> str:
+    """Return the place of a key at the top level of a scene that belongs into its analysis."""
+    if len(path) != 1:
+        return ""
+    if path[0] == "modes" and "reduction" in get_args(model.model_fields["kind"].annotation):
+        return (
+            "; a scene of kind 'identification' lists modes, by analysis: {modes: {count: 10}}: "
+            "dynid new structure"
+        )
+    field = model.model_fields.get("analysis")
+    options = _unwrapped(field.annotation) if field else ()
+    if not any(_is_model(option) and path[0] in option.model_fields for option in options):
+        return ""
+    example = ": analysis: {modes: {count: 10}}" if path[0] == "modes" else ""
+    return f"; write it under 'analysis'{example}"
 
 
 def _message(kind: str, error: dict[str, Any], path: Sequence[Any]) -> str:
@@ -198,7 +234,11 @@ def _model_at(model: Any, loc: Sequence[Any]) -> type[BaseModel] | None:
             if chosen is None and any(part in tag for tag in tags):
                 chosen = option
         if len(models) == 1 and part in models[0].model_fields:
-            current = models[0].model_fields[part].annotation
+            field = models[0].model_fields[part]
+            later = next(
+                (one.model() for one in field.metadata if isinstance(one, Later) and one.reference), None
+            )
+            current = later or field.annotation
         elif chosen is not None:
             current = chosen
         elif part in _FORMS:
@@ -215,7 +255,9 @@ def _unwrapped(annotation: Any) -> Iterable[Any]:
         for member in get_args(annotation):
             yield from _unwrapped(member)
     elif hasattr(annotation, "__metadata__"):
-        yield from _unwrapped(get_args(annotation)[0])
+        later = next((one for one in annotation.__metadata__ if isinstance(one, Later)), None)
+        plain = get_args(annotation)[0]
+        yield from _unwrapped(plain if later is None else later.model(plain))
     else:
         yield annotation
 

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import PlainValidator, ValidationInfo, WithJsonSchema
 
-from dynid.bondgraph.graph import NODE_TYPES, QUANTITIES, SOURCES, Port, port_fault
 from dynid.scene.schema.quantities import fault, names_of
 from dynid.scene.schema.raw import MULTIPORTS, PORT, ports_of
 from dynid.suggestions import did_you_mean, shortened
+
+if TYPE_CHECKING:
+    from dynid.bondgraph.graph import Port
+else:
+    Port = Any  # a scene without a graph does not load its modules
 
 
 def unknown_node(nodes: Mapping[str, str], name: str) -> str:
@@ -26,6 +30,8 @@ def unknown_node(nodes: Mapping[str, str], name: str) -> str:
 
 
 def _port(raw: Any, info: ValidationInfo) -> Port:
+    from dynid.bondgraph.graph import NODE_TYPES, QUANTITIES, Port, port_fault
+
     nodes = names_of(info).nodes
     name, dot, quantity = raw.rpartition(".") if isinstance(raw, str) else ("", "", "")
     if not dot:
@@ -52,6 +58,8 @@ Output = Annotated[Port, PlainValidator(_port), TEXT]
 
 
 def _source_name(raw: Any, info: ValidationInfo) -> str:
+    from dynid.bondgraph.graph import NODE_TYPES, SOURCES
+
     if isinstance(raw, bool) or not isinstance(raw, str | int):
         raise fault("an input is the name of a source")
     name, nodes = str(raw), names_of(info).nodes

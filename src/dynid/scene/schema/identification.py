@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from dynid.bondgraph.graph import SOURCES
 from dynid.defaults import ESTIMATOR
 from dynid.errors import Fault
-from dynid.scene.schema.accuracy import AccuracyModel
-from dynid.scene.schema.base import Dof, FrequencyGrid, MotionQuantity, Section, SignedDof
-from dynid.scene.schema.bond_graph import (
-    AnalysisModel,
+from dynid.scene.schema.base import (
+    AccuracyModel,
     ComposedScene,
-    GraphModel,
-    calibration_faults,
-    graph_scene_faults,
+    Dof,
+    FrequencyGrid,
+    MotionQuantity,
+    Section,
+    SignedDof,
 )
 from dynid.scene.schema.joints import JointModel, by_direction
+from dynid.scene.schema.later import Later
 from dynid.scene.schema.measurement import ChannelModel, MeasurementModel, OutputModel, RecordModel
 from dynid.scene.schema.parts import PartModel, PartName, PointModel
 from dynid.scene.schema.quantities import NotNegative, Positive, SceneNames, Value, fault
@@ -36,6 +36,9 @@ from dynid.scene.schema.signals import SignalPart, Signals, TimeGrid
 from dynid.scene.schema.structure import StructureModel
 from dynid.scene.yaml.source import Source
 from dynid.suggestions import did_you_mean
+
+if TYPE_CHECKING:
+    from dynid.scene.schema.bond_graph import AnalysisModel
 
 #: The method that an option belongs to.
 _OPTIONS = {
@@ -115,7 +118,8 @@ def _analysis_of(raw: Any) -> str:
 
 
 IdentifiedAnalysis = Annotated[
-    Annotated[ResponseModel, Tag("structure")] | Annotated[AnalysisModel, Tag("graph")],
+    Annotated[ResponseModel, Later(), Tag("structure")]
+    | Annotated[Any, Later("dynid.scene.schema.bond_graph:AnalysisModel"), Tag("graph")],
     Discriminator(_analysis_of),
 ]
 
@@ -152,7 +156,7 @@ class PlanModel(Section):
     candidates: list[ChannelModel] | None = Field(default=None, min_length=1)
     quantities: list[MotionQuantity] | None = Field(default=None, min_length=1)
     noise: dict[MotionQuantity, Positive] = {}
-    excitation: ForceModel = ForceModel()
+    excitation: Annotated[ForceModel, Later()] = ForceModel.model_construct()
 
     @model_validator(mode="after")
     def _one_list(self) -> Self:
@@ -165,23 +169,23 @@ class IdentificationScene(ComposedScene):
     """A structure with joints, or a graph; a record to identify them from, responses, or both."""
 
     kind: Literal["identification"]
-    accuracy: AccuracyModel | None = None
+    accuracy: Annotated[AccuracyModel, Later()] | None = None
     structure: StructureModel | None = None
-    structures: dict[PartName, PartModel] | None = Field(default=None, min_length=1)
-    graph: GraphModel | None = None
-    points: dict[PartName, PointModel] = {}
+    structures: dict[PartName, Annotated[PartModel, Later()]] | None = Field(default=None, min_length=1)
+    graph: Annotated[Any, Later("dynid.scene.schema.bond_graph:GraphModel")] | None = None
+    points: dict[PartName, Annotated[PointModel, Later()]] = {}
     motions: dict[str, Annotated[dict[Dof, Value], Field(min_length=1)]] = {}
     joints: dict[str, JointModel] = {}
     reduction: ReductionModel | None = None
     excitation: Signals = []
     measurement: MeasurementModel | None = None
-    estimator: EstimatorModel = EstimatorModel()
+    estimator: Annotated[EstimatorModel, Later()] = EstimatorModel.model_construct()
     identifiability: bool = False
     derived: list[Literal["poles", "zeros", "modes", "frequency_response"]] | None = None
     posterior_check: bool = False
-    plan: PlanModel = PlanModel()
+    plan: Annotated[PlanModel, Later()] = PlanModel.model_construct()
     analysis: IdentifiedAnalysis | None = None
-    initial: dict[Dof, InitialMotion] = {}
+    initial: dict[Dof, Annotated[InitialMotion, Later()]] = {}
 
     @property
     def is_reduced(self) -> bool:
@@ -207,7 +211,7 @@ class IdentificationScene(ComposedScene):
     @property
     def graph_analysis(self) -> AnalysisModel | None:
         """The analysis of a graph."""
-        return self.analysis if isinstance(self.analysis, AnalysisModel) else None
+        return None if isinstance(self.analysis, ResponseModel) else self.analysis
 
     @model_validator(mode="after")
     def _follows_from_an_estimate(self) -> Self:
@@ -268,6 +272,8 @@ def identification_faults(source: Source, names: SceneNames) -> list[Fault]:
     data, model = source.data, IdentificationScene
     of_graph = "graph" in data and not {"structure", "structures"} & data.keys()
     if of_graph:
+        from dynid.scene.schema.bond_graph import graph_scene_faults
+
         faults = [
             *graph_scene_faults(source, names),
             *_only_structures(source),
@@ -277,6 +283,8 @@ def identification_faults(source: Source, names: SceneNames) -> list[Fault]:
         faults = [*structure_faults(source, model, names), *_load_faults(source)]
     for path, signal in sections(model, data, SignalPart):
         if path[0] == "analysis":
+            from dynid.scene.schema.bond_graph import calibration_faults
+
             faults += calibration_faults(source, path, signal)
     records = list(sections(model, data, RecordModel))
     faults += [
@@ -337,6 +345,8 @@ def _only_structures(source: Source) -> list[Fault]:
 
 def _graph_channel_faults(source: Source) -> list[Fault]:
     """Return the faults of signals and channels of a graph: its sources and outputs."""
+    from dynid.bondgraph.graph import SOURCES
+
     types, faults = node_types(source.data) | references(source.data), []
     sources = [name for name, kind in types.items() if kind in SOURCES]
     for path, signal in sections(IdentificationScene, source.data, SignalPart):

@@ -8,8 +8,26 @@ from functools import cache
 from importlib import resources
 from typing import Any
 
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import core_schema
+
 from dynid.scene.schema.base import Section
 from dynid.scene.schema.quantities import Quantity
+
+
+class _OfScenes(GenerateJsonSchema):
+    """Generator that describes sections which a scene makes ready later like any others."""
+
+    def function_plain_schema(self, schema: core_schema.PlainValidatorFunctionSchema) -> JsonSchemaValue:
+        if "model" not in schema.get("metadata", {}):
+            return super().function_plain_schema(schema)
+        model = schema["metadata"]["model"]()
+        model.model_rebuild()
+        return self.generate_inner(model.__pydantic_core_schema__)
+
+    def field_title_should_be_set(self, schema: Any) -> bool:
+        later = schema["type"] == "function-plain" and "model" in schema.get("metadata", {})
+        return not later and super().field_title_should_be_set(schema)
 
 
 def scene_schema(model: type[Section]) -> dict[str, Any]:
@@ -20,7 +38,7 @@ def scene_schema(model: type[Section]) -> dict[str, Any]:
     model
         The class of the kind's scenes.
     """
-    schema = model.model_json_schema()
+    schema = model.model_json_schema(schema_generator=_OfScenes)
     quantity = {part.name for part in fields(Quantity)}
     classes = {part.__name__: part for part in _parts(Section)}
     for name, part in {**schema.get("$defs", {}), model.__name__: schema}.items():

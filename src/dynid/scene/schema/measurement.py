@@ -17,13 +17,20 @@ from pydantic import (
 
 from dynid.defaults import NOISE_VALUES
 from dynid.errors import UsageError
-from dynid.scene.schema.base import FilePath, FrequencyGrid, MotionQuantity, Section, SignedDof
+from dynid.scene.schema.base import (
+    FilePath,
+    FrequencyGrid,
+    MotionQuantity,
+    Section,
+    SensitivityModel,
+    SignedDof,
+    UnitName,
+)
 from dynid.scene.schema.graph_variables import Output
-from dynid.scene.schema.modes import MatchModel, MeasuredModesModel
+from dynid.scene.schema.later import Later
 from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Uncertain, Value, fault
 from dynid.scene.schema.signals import Signals, TablePlace
 from dynid.scene.schema.structure import PerElement, PerElementOrZero
-from dynid.scene.schema.units import SensitivityModel, UnitName
 from dynid.units import si_factor
 
 ColumnName = str | Annotated[int, Field(ge=1, strict=True)]
@@ -283,8 +290,8 @@ class FrfModel(Section):
     `unit` is that of the band, and of the frequencies in the file; those of a Universal File are in Hz.
     """
 
-    simulate: SimulateFrfModel | None = None
-    file: FrfFileModel | None = None
+    simulate: Annotated[SimulateFrfModel, Later()] | None = None
+    file: Annotated[FrfFileModel, Later()] | None = None
     band: list[NotNegative] | None = Field(default=None, min_length=2, max_length=2)
     unit: Literal["rad/s", "Hz"] | None = None
 
@@ -331,13 +338,13 @@ class RecordModel(Section):
     step: Positive | None = None
     samples: int | None = Field(default=None, ge=1, le=100_000_000, strict=True)
     channels: Channels | None = None
-    match: MatchModel | None = None
+    match: Annotated[Any, Later("dynid.scene.schema.modes:MatchModel")] | None = None
     noise: Noise | None = None
-    simulate: SimulateModel | None = None
-    file: MeasuredFileModel | None = None
-    prepare: list[PrepareModel] | None = Field(default=None, max_length=20)
+    simulate: Annotated[SimulateModel, Later()] | None = None
+    file: Annotated[MeasuredFileModel, Later()] | None = None
+    prepare: list[Annotated[PrepareModel, Later()]] | None = Field(default=None, max_length=20)
     excitation: Signals | None = None
-    frf: FrfModel | None = None
+    frf: Annotated[FrfModel, Later()] | None = None
 
     def completed(self, shared: RecordModel, number: int) -> RecordModel:
         """Return this record with what it shares; a shared seed counts up from record to record."""
@@ -454,8 +461,8 @@ class RecordModel(Section):
 class MeasurementModel(RecordModel):
     """A record with sampling, channels and source; several records and their common keys; measured modes."""
 
-    records: list[RecordModel] = Field(default=[], max_length=1000)
-    modes: MeasuredModesModel | None = None
+    records: list[Annotated[RecordModel, Later()]] = Field(default=[], max_length=1000)
+    modes: Annotated[Any, Later("dynid.scene.schema.modes:MeasuredModesModel")] | None = None
 
     @model_validator(mode="after")
     def _is_whole(self) -> Self:

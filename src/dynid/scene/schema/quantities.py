@@ -178,19 +178,18 @@ def _where(
         if not condition(quantity.value) and names_of(info).signed.isdisjoint(depends):
             raise fault(f"{float(quantity):g} {message}")
         if quantity.dependent is not None and not uncertain:
-            raise fault(_needs_a_number(quantity.dependent) + remedy)
+            names = sorted(quantity.dependent.names)
+            shown = ", ".join(f"'{name}'" for name in names[:3]) + ", …" * (len(names) > 3)
+            raise fault(
+                (
+                    f"this depends on {shown}, unknown or known with uncertainty; "
+                    "here a number belongs, or an expression of known parameters"
+                )
+                + remedy
+            )
         return quantity
 
     return check
-
-
-def _needs_a_number(dependent: Dependent) -> str:
-    names = sorted(dependent.names)
-    shown = ", ".join(f"'{name}'" for name in names[:3]) + ", …" * (len(names) > 3)
-    return (
-        f"this depends on {shown}, unknown or known with uncertainty; "
-        "here a number belongs, or an expression of known parameters"
-    )
 
 
 class _By:

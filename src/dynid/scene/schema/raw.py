@@ -1,9 +1,19 @@
-"""Access to plain data before they are validated: a value of the wrong type counts as missing."""
+"""Plain data before they are validated: values of any type, names, the unit of the frequencies."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+import math
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from dynid.arithmetic.expression import ExpressionError, Number, parse, resolve_parameters
+from dynid.errors import Fault
+from dynid.scene.yaml.source import Source
+
+if TYPE_CHECKING:
+    from dynid.arithmetic.dependent import Dependent
+    from dynid.scene.schema.quantities import SceneNames
 
 
 def signals(path: tuple[Any, ...], given: Any) -> Iterable[tuple[tuple[Any, ...], dict[Any, Any]]]:
@@ -64,6 +74,19 @@ def chain_ends(text: str) -> list[str]:
     return ends if len(ends) > 1 and all(ends) else []
 
 
+def chain_fault(text: str) -> str:
+    """Return why a text is no chain of bonds, or an empty text; several chains in it are shown as entries."""
+    first, *others = (part.strip() for part in re.split("[,;\n]", text))
+    if "->" not in first or not (others or chain_ends(text)):
+        return f"'{text}' is not a bond; write 'a -> b', or a chain 'a -> b -> c'"
+    if not others:
+        return ""
+    tail = first.rpartition("->")[0].rpartition("->")[2].strip()  # of what is short for a -> b, a -> c
+    chains = [first, *(part if "->" in part else f"{tail} -> {part}" for part in others if part)]
+    entries = " and ".join(f"- {chain}" for chain in chains)
+    return f"bond '{text}': an entry holds one chain; write an entry for each: {entries}"
+
+
 #: Types of the nodes that bonds attach to at named ports, and of these ports, in `node_types`.
 FIELD, COUPLING, STRUCTURE, PORT = "field", "multiport", "structure", "port"
 MULTIPORTS = (FIELD, COUPLING, STRUCTURE)
@@ -104,3 +127,151 @@ def ports_of(types: Mapping[str, str], name: str) -> list[str]:
 def own_variable(kind: str, gives: str) -> str:
     """Return the variable that the law of an element is a function of; empty where it has no such law."""
     return {("R", "e"): "f", ("R", "f"): "e", ("I", "f"): "p", ("C", "e"): "q"}.get((kind, gives), "")
+
+
+def read_names(source: Source, free: Mapping[str, float] | None = None) -> tuple[SceneNames, list[Fault]]:
+    """Return the values of the parameters and the types of the nodes of a scene.
+
+    Parameters
+    ----------
+    source
+        The scene.
+    free
+        Parameters of a design that quantities depend on, with their reference values; absent: of an
+        identification the unknown and considered ones.
+
+    Returns
+    -------
+    SceneNames, list of Fault
+        The names, and the faults of the parameters.
+    """
+    from dynid.scene.schema.quantities import SceneNames
+
+    given = mapping(source.data, "parameters")
+    raw = {str(name): entry for name, entry in given.items()}
+    written = reference_values(given) | dict(free or {})
+    values, problems = resolve_parameters(written)
+    sought = {name for name, entry in raw.items() if isinstance(entry, dict)} if free is None else free.keys()
+    dependent = _dependent(sought, written, values)
+    located: dict[tuple[str, ...], str] = {}
+    for name, text in problems.items():
+        key = reference_key(raw[name])
+        if key is not None:
+            located[name, key] = text
+        elif not isinstance(raw[name], dict):  # a mapping without any value is reported by its model
+            located[(name,)] = text
+    located |= dict(_circular(raw, dependent))
+    faults = [
+        source.fault(("parameters", written_key(given, name), *keys), text)
+        for (name, *keys), text in located.items()
+    ]
+    names = SceneNames(
+        values,
+        dependent,
+        signed=frozenset(name for name, one in raw.items() if mapping_of(one).get("scale") == "linear"),
+        identifying=free is not None or source.data.get("kind") == "identification",
+        faulty=frozenset(raw.keys() - values.keys()),
+        nodes=node_types(source.data) | references(source.data),
+        complete=isinstance(source.data.get("parameters", {}), dict),
+    )
+    return names, faults
+
+
+def _dependent(
+    sought: Collection[str], written: Mapping[str, Any], values: Mapping[str, Number]
+) -> dict[str, Dependent]:
+    """Return the parameters that are sought or considered, and those that depend on them."""
+    from dynid.arithmetic.dependent import Dependent, substituted
+
+    found: dict[str, Dependent] = {}
+    if not sought:
+        return found
+    for name, value in values.items():  # in an order in which each needs only earlier ones
+        if name in sought:
+            found[name] = Dependent.parameter(name, value)
+        elif isinstance(written[name], str):
+            expression = parse(written[name])
+            if not expression.names.isdisjoint(found):
+                known = {used: found.get(used, values[used]) for used in expression.names}
+                found[name] = substituted(expression, known)
+    return found
+
+
+def _circular(
+    raw: Mapping[str, Any], dependent: Mapping[str, Dependent]
+) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Yield the numbers of unknown and considered parameters that depend on such themselves."""
+    for name, entry in raw.items():
+        for keys, text in _texts(entry):
+            try:
+                used = sorted(parse(text).names & dependent.keys())
+            except ExpressionError:
+                continue  # reported where it is validated
+            if used:
+                message = (
+                    f"'{keys[-1]}' of '{name}' depends on '{used[0]}', which is not known itself; "
+                    f"write a number here, or an expression of '{used[0]}' in place of the whole mapping"
+                )
+                if used == [name]:
+                    message = f"'{keys[-1]}' of '{name}' depends on '{name}' itself; write a number"
+                yield (name, *keys), message
+
+
+def _texts(entry: Any) -> Iterator[tuple[tuple[str, ...], str]]:
+    """Yield the numbers of a parameter that are written as expressions."""
+    for key, value in mapping_of(entry).items():
+        if isinstance(value, str) and key != "scale":
+            yield (str(key),), value
+        if key == "prior":
+            yield from (
+                ((str(key), str(own)), text)
+                for own, text in mapping_of(value).items()
+                if isinstance(text, str)
+            )
+
+
+#: Blocks that describe a frequency axis: where there is one, its unit is that of the scene.
+_AXES = frozenset({"frequency", "lines", "frf"})
+
+
+class FrequencyUnit(NamedTuple):
+    """A unit of frequencies, the symbol of a frequency in it, and the factor to it from rad/s."""
+
+    name: str
+    symbol: str
+    factor: float
+
+    def text(self, omega: float, digits: int = 4) -> str:
+        """Write an angular frequency (rad/s) in this unit."""
+        return f"{self.factor * omega:.{digits}g} {self.name}"
+
+
+RADIANS = FrequencyUnit("rad/s", "ω", 1.0)
+HERTZ = FrequencyUnit("Hz", "f", 1 / (2 * math.pi))
+
+
+def unit_of_frequencies(data: Any) -> FrequencyUnit:
+    """Return the unit of the frequency axes of a scene; without any, Hz where anything is given in Hz.
+
+    Parameters
+    ----------
+    data
+        The scene as plain data.
+    """
+    found = list(_units(data, ""))
+    axes = [unit for block, unit in found if block in _AXES] or [unit for _, unit in found]
+    return HERTZ if "Hz" in axes else RADIANS
+
+
+def _units(data: Any, block: str) -> Iterator[tuple[str, str]]:
+    """Yield the blocks that have a unit of frequencies, or are axes, with it."""
+    if isinstance(data, dict):
+        unit = data.get("unit")
+        holds_axes = "simulate" in data or "file" in data  # or a file that says its unit itself
+        if unit in ("Hz", "rad/s") or (block in _AXES and not holds_axes):
+            yield block, unit or "rad/s"
+        for key, value in data.items():
+            yield from _units(value, str(key))
+    elif isinstance(data, list):
+        for item in data:
+            yield from _units(item, block)

@@ -9,8 +9,7 @@ from pydantic import BaseModel, Discriminator, Field, Tag, ValidationError, mode
 
 from dynid.defaults import MASTERS
 from dynid.errors import Fault
-from dynid.scene.schema.accuracy import AccuracyModel
-from dynid.scene.schema.base import Dof, FrequencyGrid, SceneModel, Section, SignedDof, once
+from dynid.scene.schema.base import AccuracyModel, Dof, FrequencyGrid, SceneModel, Section, SignedDof, once
 from dynid.scene.schema.joints import JointModel, ParameterModel
 from dynid.scene.schema.measurement import ChannelModel, OutputModel
 from dynid.scene.schema.quantities import NotNegative, Positive, SceneNames, fault

@@ -7,19 +7,21 @@ scene's model finds all references in the plain data of a scene, also where othe
 from __future__ import annotations
 
 import types
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
-from functools import cache
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel
 
 from dynid.errors import Fault
+from dynid.scene.schema.later import Later
 from dynid.scene.yaml.source import Source
 from dynid.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from dynid.structure.labels import DofNames
+
 
 Path = tuple[Any, ...]
 
@@ -54,8 +56,7 @@ class _Shape:
     """A type reduced to its references, its models, and the shapes within, as the walk needs them."""
 
     references: frozenset[Reference] = frozenset()
-    models: frozenset[type[BaseModel]] = frozenset()
-    fields: Mapping[str, _Shape] = field(default_factory=dict)
+    unloaded: frozenset[type[BaseModel] | Later] = frozenset()
     item: _Shape | None = None
     key: _Shape | None = None
     value: _Shape | None = None
@@ -64,16 +65,27 @@ class _Shape:
         return self != _Shape()
 
     def __or__(self, other: _Shape) -> _Shape:
-        names = dict.fromkeys([*self.fields, *other.fields])
-        fields = {name: _joined(self.fields.get(name), other.fields.get(name)) or _Shape() for name in names}
         return _Shape(
             self.references | other.references,
-            self.models | other.models,
-            fields,
+            self.unloaded | other.unloaded,
             _joined(self.item, other.item),
             _joined(self.key, other.key),
             _joined(self.value, other.value),
         )
+
+    @cached_property
+    def models(self) -> frozenset[type[BaseModel]]:
+        """The models of a mapping, loaded: asked for where a scene has one."""
+        return frozenset(one.model() if isinstance(one, Later) else one for one in self.unloaded)
+
+    @cached_property
+    def fields(self) -> Mapping[str, _Shape]:
+        """The shapes of their keys."""
+        fields: dict[str, _Shape] = {}
+        for model in self.models:
+            for name, one in _fields(model).items():
+                fields[name] = fields[name] | one if name in fields else one
+        return fields
 
 
 def _joined(one: _Shape | None, other: _Shape | None) -> _Shape | None:
@@ -83,7 +95,11 @@ def _joined(one: _Shape | None, other: _Shape | None) -> _Shape | None:
 def _shape(annotation: Any, metadata: Iterable[Any] = ()) -> _Shape:
     """Return the shape of a type; of a union what any member has."""
     origin, arguments = get_origin(annotation), get_args(annotation)
-    shape = _Shape(frozenset(one for one in metadata if isinstance(one, Reference)))
+    metadata = tuple(metadata)
+    shape = _Shape(
+        frozenset(one for one in metadata if isinstance(one, Reference)),
+        frozenset(one for one in metadata if isinstance(one, Later) and one.reference),
+    )
     if origin is Annotated:
         return shape | _shape(arguments[0], arguments[1:])
     if origin in (Union, types.UnionType):
@@ -94,14 +110,15 @@ def _shape(annotation: Any, metadata: Iterable[Any] = ()) -> _Shape:
     elif origin is dict:
         shape |= _Shape(key=_shape(arguments[0]) or None, value=_shape(arguments[1]) or None)
     elif isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        shape |= _model_shape(annotation)
+        shape |= _Shape(unloaded=frozenset([annotation]))
     return shape
 
 
 @cache
-def _model_shape(model: type[BaseModel]) -> _Shape:
+def _fields(model: type[BaseModel]) -> dict[str, _Shape]:
+    """Return the shapes of the keys of a model that hold references or models."""
     fields = {name: _shape(one.annotation, one.metadata) for name, one in model.model_fields.items()}
-    return _Shape(models=frozenset([model]), fields={name: one for name, one in fields.items() if one})
+    return {name: one for name, one in fields.items() if one}
 
 
 def _walk(shape: _Shape, value: Any, path: Path) -> Iterator[tuple[_Shape, Occurrence]]:
@@ -112,7 +129,7 @@ def _walk(shape: _Shape, value: Any, path: Path) -> Iterator[tuple[_Shape, Occur
             yield from _walk(shape.item, entry, (*path, place))
     elif isinstance(value, dict):
         # A single entry may stand without the list.
-        if shape.item and (not shape.models or shape.fields.keys().isdisjoint(value)):
+        if shape.item and (not shape.unloaded or shape.fields.keys().isdisjoint(value)):
             yield from _walk(shape.item, value, path)
         for key, entry in value.items():
             if shape.key and shape.key.references:
@@ -135,14 +152,14 @@ def references(model: type[BaseModel], data: Any, to: Reference) -> Iterator[Occ
     to
         The kind of reference, such as `DOF`.
     """
-    for shape, found in _walk(_model_shape(model), data, ()):
+    for shape, found in _walk(_shape(model), data, ()):
         if to in shape.references and not isinstance(found.value, dict | list):
             yield found
 
 
 def sections(model: type[BaseModel], data: Any, of: type[BaseModel]) -> Iterator[tuple[Path, dict[Any, Any]]]:
     """Yield the mappings in the plain data of a scene that a model, or one derived from it, describes."""
-    for shape, found in _walk(_model_shape(model), data, ()):
+    for shape, found in _walk(_shape(model), data, ()):
         if isinstance(found.value, dict) and any(issubclass(one, of) for one in shape.models):
             yield found.path, found.value
 
@@ -193,3 +210,51 @@ def node_faults(model: type[BaseModel], data: Any, count: int) -> Iterator[tuple
     for path, node, _ in references(model, data, NODE):
         if isinstance(node, int) and node > count:
             yield path, f"there is no node {node}; there are {count}"
+
+
+#: A degree of freedom: its direction and its node.
+Freedom = tuple[str, int]
+
+
+def beam_labels(elements: int, fixed: Iterable[Freedom]) -> list[int | str]:
+    """Return the labels of the free degrees of freedom of a beam.
+
+    Parameters
+    ----------
+    elements
+        The number of its elements, in a row.
+    fixed
+        The degrees of freedom that its supports fix.
+    """
+    return _free(elements + 1, ("w", "theta"), set(fixed))
+
+
+def frame_labels(
+    nodes: int,
+    members: Iterable[tuple[Sequence[int], Sequence[int], int]],
+    fixed: Iterable[Freedom],
+    turning: Iterable[int],
+) -> list[int | str]:
+    """Return the labels of the free degrees of freedom of a frame, those at nodes within members last.
+
+    Parameters
+    ----------
+    nodes
+        The number of given nodes.
+    members
+        Of each: its two nodes, which ends are hinged (1, 2), and its number of elements.
+    fixed
+        The degrees of freedom that the supports fix.
+    turning
+        The nodes with a rotary inertia or a rotational spring, which rotate even between hinges.
+    """
+    carried, inner = set(turning), 0
+    for ends, hinges, elements in members:
+        carried |= {node for end, node in enumerate(ends, 1) if end not in hinges}
+        inner += elements - 1
+    held = set(fixed) | {("theta", node) for node in range(1, nodes + 1) if node not in carried}
+    return _free(nodes + inner, ("u", "w", "theta"), held)
+
+
+def _free(nodes: int, directions: Sequence[str], fixed: Set[Freedom]) -> list[int | str]:
+    return [f"{d}_{node}" for node in range(1, nodes + 1) for d in directions if (d, node) not in fixed]

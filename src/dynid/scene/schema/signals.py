@@ -13,9 +13,8 @@ from pydantic import (
 )
 
 from dynid.defaults import HOLD
-from dynid.scene.schema.base import FilePath, MotionQuantity, Section, SignedDof
+from dynid.scene.schema.base import FilePath, MotionQuantity, Section, SensitivityModel, SignedDof, UnitName
 from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Uncertain, Value, fault
-from dynid.scene.schema.units import SensitivityModel, UnitName
 from dynid.units import angular_factor
 
 Hold = Literal["spline", "linear", "zero"]

@@ -17,8 +17,8 @@ from pydantic import (
 )
 
 from dynid.number_format import counted
-from dynid.scene.schema.base import Dof, DofLabel, FilePath, Section
-from dynid.scene.schema.dof_labels import Freedom, beam_labels, frame_labels
+from dynid.scene.schema.base import Dof, DofLabel, FilePath, Section, UnitName
+from dynid.scene.schema.later import Later
 from dynid.scene.schema.quantities import (
     NotNegative,
     Positive,
@@ -30,8 +30,7 @@ from dynid.scene.schema.quantities import (
     Value,
     fault,
 )
-from dynid.scene.schema.references import FILE, NODE
-from dynid.scene.schema.units import UnitName
+from dynid.scene.schema.references import FILE, NODE, Freedom, beam_labels, frame_labels
 from dynid.units import unit_fits
 
 #: The most elements and nodes that a scene may ask for.
@@ -446,12 +445,12 @@ class MatricesModel(Section):
 class StructureModel(Section):
     """The structure without its joints: one of six kinds."""
 
-    lumped: LumpedModel | None = None
-    beam: BeamModel | None = None
-    frame: FrameModel | None = None
-    space_frame: SpaceFrameModel | None = None
-    solid: SolidModel | None = None
-    matrices: MatricesModel | None = None
+    lumped: Annotated[LumpedModel, Later()] | None = None
+    beam: Annotated[BeamModel, Later()] | None = None
+    frame: Annotated[FrameModel, Later()] | None = None
+    space_frame: Annotated[SpaceFrameModel, Later()] | None = None
+    solid: Annotated[SolidModel, Later()] | None = None
+    matrices: Annotated[MatricesModel, Later()] | None = None
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:

@@ -248,7 +248,14 @@ class _TreeBuilder:
             elif isinstance(event, yaml.CollectionStartEvent):
                 self._open(event, place)
             elif isinstance(event, yaml.CollectionEndEvent):
-                self._close()
+                frame = self._stack.pop()
+                if frame.anchor is not None:
+                    self._anchors[frame.anchor] = (frame.container, self._nodes - frame.start, frame.height)
+                parent = self._stack[-1] if self._stack else None
+                if parent is not None and parent.awaits_key():
+                    parent.key = _DROPPED
+                else:
+                    self._put(frame.container, frame.height)
 
     def _fault(self, place: Place, message: str) -> None:
         self.faults.append(Fault(self.file, *place, message))
@@ -305,16 +312,6 @@ class _TreeBuilder:
         path = None if as_key else self._locate(place)
         self._count(1, place)
         self._stack.append(_OpenCollection([] if sequence else {}, path, event.anchor, self._nodes - 1))
-
-    def _close(self) -> None:
-        frame = self._stack.pop()
-        if frame.anchor is not None:
-            self._anchors[frame.anchor] = (frame.container, self._nodes - frame.start, frame.height)
-        parent = self._stack[-1] if self._stack else None
-        if parent is not None and parent.awaits_key():
-            parent.key = _DROPPED
-        else:
-            self._put(frame.container, frame.height)
 
     def _attach(self, value: Any, place: Place, event: yaml.ScalarEvent | None, height: int = 0) -> None:
         if event is not None and event.anchor is not None:

@@ -139,10 +139,6 @@ def apply_overrides(source: Source, assignments: Iterable[str]) -> Source:
             continue
         value, marks, found = parse_yaml(text, origin)
         faults += found
-        if whole := _whole_path(source, path):
-            message = f"'{path}' is not a key of the scene; did you mean --set {whole}={text}?"
-            faults.append(Fault(origin, 1, 1, message))
-            continue
         try:
             source = _set(source, path, value, marks, origin)
         except SceneError as error:
@@ -150,19 +146,6 @@ def apply_overrides(source: Source, assignments: Iterable[str]) -> Source:
     if faults:
         raise SceneError(faults)
     return source
-
-
-def _whole_path(source: Source, name: str) -> str:
-    """Return the path of a parameter or node that is given by its name alone; '' for others."""
-    if not isinstance(source.data, dict) or name in source.data or "." in name:
-        return ""
-    for place in (f"parameters.{name}", f"graph.nodes.{name}.value"):
-        holder: Any = source.data
-        for key in place.split(".")[:-1]:
-            holder = holder.get(key) if isinstance(holder, dict) else None
-        if isinstance(holder, dict) and place.rpartition(".")[2] in holder:
-            return place
-    return ""
 
 
 def set_values(source: Source, values: Mapping[str, Any]) -> Source:

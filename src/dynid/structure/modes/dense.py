@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Singular, UsageError
-from dynid.structure.modes.pencil import Pencil
-from dynid.structure.modes.strain_energy import StrainEnergy
+from dynid.structure.modes.pencil import Pencil, StrainEnergy
 
 Array = NDArray[np.float64]
 

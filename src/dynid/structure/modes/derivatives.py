@@ -23,9 +23,8 @@ from dynid.errors import NumericalError, Singular
 from dynid.lti.floating import guarded
 from dynid.structure.matrices import Array, Matrix, as_array, is_sparse
 from dynid.structure.model import StructuralModel
-from dynid.structure.modes.lowest_poles import EQUAL, STILL, lowest_oscillating
 from dynid.structure.modes.modes import modes
-from dynid.structure.modes.sensitivity import second_order_poles
+from dynid.structure.modes.poles import EQUAL, STILL, lowest_oscillating, second_order_poles
 
 ComplexArray = NDArray[np.complex128]
 Vectors = NDArray[Any]

@@ -20,8 +20,7 @@ from dynid.defaults import ALL_MODES, DENSE_MODES, FEW_MODES
 from dynid.errors import NumericalError, Singular, UsageError
 from dynid.lti.floating import guarded
 from dynid.structure.matrices import Array, Matrix, as_array, is_sparse
-from dynid.structure.modes.pencil import Pencil, absolute, scaled, times, too_many
-from dynid.structure.modes.strain_energy import StrainEnergy
+from dynid.structure.modes.pencil import Pencil, StrainEnergy, absolute, scaled, times, too_many
 
 # Strain energy of a rigid-body motion, relative to that of its parts: rounding of the stiffness.
 _ROUNDING = 16 * float(np.finfo(float).eps)

@@ -1,8 +1,15 @@
-"""Scaled pencil of stiffness and mass: translations and rotations, stiff and soft parts compare."""
+"""Scaled pencil of stiffness and mass, and strain energies of soft motions by compensated summation.
+
+In the scaled pencil, translations and rotations, stiff and soft parts compare. The terms of a strain energy
+of a soft motion of a stiff structure cancel. The same products in twice the working precision project a
+stiffness, and give the residuals of a refinement.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, cast
 
 import numpy as np
@@ -10,7 +17,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import Singular, UsageError
 from dynid.lti.floating import finite
-from dynid.structure.matrices import Array, Matrix, as_array, is_sparse
+from dynid.structure.matrices import Array, Matrix, as_array, is_sparse, triplets
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,3 +117,113 @@ def too_many(count: int, finite: int) -> UsageError:
         remedy="Ask for fewer; massless DOFs add none.",
         names=("modes",),
     )
+
+
+# Dekker's constant: a product with it splits a double into two halves.
+_SPLIT = 2.0**27 + 1
+
+
+class StrainEnergy:
+    """Strain energies ``x^T K x`` with the product ``K x`` summed in twice the working precision.
+
+    Where x is an eigenvector to working precision, the rest of the error is quadratic in x's: what is left
+    is the rounding of the entries of K alone.
+
+    Parameters
+    ----------
+    K
+        Stiffness (n x n), dense or sparse, scaled to where products neither overflow nor underflow.
+    """
+
+    def __init__(self, K: Matrix) -> None:
+        if is_sparse(K):
+            rows = K.tocsr()  # a copy: K is stored by columns
+            rows.sum_duplicates()
+            rows.eliminate_zeros()
+            starts, columns, data = rows.indptr.astype(np.intp), rows.indices.astype(np.intp), rows.data
+        else:
+            places, columns, data = triplets(K)  # row by row
+            starts = np.searchsorted(places, np.arange(K.shape[0] + 1))
+        # The first entries of all rows, then the second ones, and so on; rows of many entries first.
+        count = np.diff(starts)
+        self._rows = np.argsort(-count, kind="stable")
+        have = np.searchsorted(-count[self._rows], -np.arange(int(count.max(initial=0))), side="left")
+        first = starts[self._rows]
+        order = np.concatenate([first[:0], *(first[:n] + place for place, n in enumerate(have))])
+        self._columns, self._entries = columns[order], data[order]
+        self._ends = np.concatenate([[0], np.cumsum(have)]).tolist()
+        self._halves = _halves(self._entries)
+
+    def energy(self, shape: Array) -> float:
+        """Return the strain energy of a shape (n)."""
+        force, lost = (part[:, 0] for part in self._forces(shape[:, None]))
+        moved = shape[self._rows]
+        work, rest = _product(force, _halves(force), moved)
+        return math.fsum([*work.tolist(), *(rest + moved * lost).tolist()])
+
+    def gram(self, left: Array, right: Array) -> Array:
+        """Return ``left^T K right`` (a x b) of shapes (n x a, n x b)."""
+        out, moved = np.zeros((left.shape[1], right.shape[1])), right[self._rows]
+        for column, (force, lost) in enumerate(zip(*(part.T for part in self._forces(left)), strict=True)):
+            high, low = _halves(force)
+            work, rest = _product(force[:, None], (high[:, None], low[:, None]), moved)
+            out[column] = _total(work, rest + moved * lost[:, None])
+        return out
+
+    def residual(self, X: Array, B: Array) -> Array:
+        """Return ``B - K X`` (n x c), rounded once."""
+        out = np.empty_like(B)
+        force, lost = self._forces(X)
+        left, error = _sum(B[self._rows], -force)
+        out[self._rows] = left + (error - lost)
+        return out
+
+    def _forces(self, X: Array) -> tuple[Array, Array]:
+        """Return ``K X`` (n x c) and its rounding error, in the order of `_rows`."""
+        force, lost = np.zeros(X.shape, order="F"), np.zeros(X.shape, order="F")
+        for column in range(X.shape[1]):
+            self._add_force(np.ascontiguousarray(X[:, column]), force[:, column], lost[:, column])
+        return force, lost
+
+    def _add_force(self, x: Array, force: Array, lost: Array) -> None:
+        """Add ``K x`` and its rounding error, one entry of all rows at a time: in fast memory."""
+        (a, b), (c, d) = self._halves, _halves(x)
+        for first, last in pairwise(self._ends):
+            entries, part = slice(first, last), slice(0, last - first)
+            at = self._columns[entries]
+            product, high, low = self._entries[entries] * x[at], c[at], d[at]
+            rest = ((a[entries] * high - product) + a[entries] * low + b[entries] * high) + b[entries] * low
+            force[part], error = _sum(force[part], product)
+            lost[part] += error + rest
+
+
+def _product(a: Array, halves: tuple[Array, Array], b: Array) -> tuple[Array, Array]:
+    """Return rounded products and their errors, of numbers whose halves are known."""
+    product = a * b
+    (c, d), (e, f) = halves, _halves(b)
+    return product, ((c * e - product) + c * f + d * e) + d * f
+
+
+def _sum(a: Array, b: Array) -> tuple[Array, Array]:
+    """Return rounded sums and their errors (D. E. Knuth, The Art of Computer Programming 2, 4.2.2)."""
+    total = a + b
+    of_b = total - a
+    return total, (a - (total - of_b)) + (b - of_b)
+
+
+def _total(values: Array, rest: Array) -> Array:
+    """Return the sums of columns (n x c) and of the errors of their entries, pairwise."""
+    while len(values) > 1:
+        if len(values) % 2:
+            values, rest = (np.concatenate([part, np.zeros_like(part[:1])]) for part in (values, rest))
+        half = len(values) // 2
+        values, error = _sum(values[:half], values[half:])
+        rest = rest[:half] + rest[half:] + error
+    return np.asarray(values[0] + rest[0]) if len(values) else np.zeros(values.shape[1])
+
+
+def _halves(values: Array) -> tuple[Array, Array]:
+    """Split doubles into sums of two numbers of half the digits (T. J. Dekker, Numer. Math. 18, 1971)."""
+    high = _SPLIT * values
+    high = high - (high - values)
+    return high, values - high

@@ -24,8 +24,7 @@ from dynid.structure.factorisation import Factorisation, factorise
 from dynid.structure.matrices import Array, Matrix, combined, is_sparse
 from dynid.structure.modes.dense import by_windows
 from dynid.structure.modes.lanczos import largest
-from dynid.structure.modes.pencil import Pencil, absolute, times, too_many
-from dynid.structure.modes.strain_energy import StrainEnergy
+from dynid.structure.modes.pencil import Pencil, StrainEnergy, absolute, times, too_many
 
 _ATTEMPTS = 6
 # Modes computed above those asked for, to find a gap; and the relative gap wide enough to count in.

@@ -1,14 +1,12 @@
-"""Matrices in binary files that a library reads: NumPy (`.npz`, `.npy`), HDF5 and Nastran OUTPUT4 (`.op4`).
+"""Matrices in binary files that a library reads: NumPy (`.npz`, `.npy`) and HDF5.
 
 HDF5 includes MATLAB 7.3; sparse matrices are read as `scipy.sparse.save_npz`, MATLAB, SciPy or AnnData store
-them. OUTPUT4 is read by pyyeti.
+them.
 """
 
 from __future__ import annotations
 
 import zipfile
-from collections import Counter
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -174,44 +172,3 @@ def _member(group: Any, name: str) -> Any:
 
 def _value(group: Any, name: str, default: Any) -> Any:
     return _member(group, name) if group.get(name, getlink=True) is not None else default
-
-
-def op4_shapes(path: Path) -> dict[str, tuple[int, ...]]:
-    """Return the shapes of the matrices of a file, by name."""
-    with read_errors(path, "Nastran OUTPUT4", claims=True):
-        names, sizes, *_ = nastran_module("op4", path).OP4().dir(str(path), verbose=False)
-        if twice := [name for name, count in Counter(names).items() if count > 1]:
-            raise FileError(
-                f"{path} has several matrices named {twice[0]}", remedy="Give a file with one of them."
-            )
-        return {name: tuple(size) for name, size in zip(names, sizes, strict=True)}
-
-
-def load_op4(path: Path, name: str) -> Matrix:
-    """Return one matrix of a file, sparse where it is stored so."""
-    with read_errors(path, "Nastran OUTPUT4", claims=True):
-        check_claim(path, op4_shapes(path)[name], path.stat().st_size)
-        stored = (
-            nastran_module("op4", path)
-            .OP4()
-            .load(str(path), [name], into="dct", justmatrix=True, sparse=True)[name]
-        )
-        return as_numbers(path, name, stored)
-
-
-def nastran_module(name: str, path: Path) -> Any:
-    """Return a module of pyyeti, an optional package, to read a Nastran file.
-
-    Raises
-    ------
-    FileError
-        If pyyeti is not installed.
-    """
-    try:
-        with np.printoptions():  # which pyyeti changes for all
-            return import_module(f"pyyeti.nastran.{name}")
-    except ImportError:
-        raise FileError(
-            f"{path} is a Nastran file, which needs the package pyyeti",
-            remedy="Install it: pip install 'dynid[formats]'.",
-        ) from None

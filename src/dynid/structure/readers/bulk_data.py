@@ -1,13 +1,15 @@
-"""Nodes in Nastran bulk data (`.bdf`, `.dat`, `.nas`, `.pch`): coordinate systems, orders of DOFs.
+"""Nastran bulk data (`.bdf`, `.dat`, `.nas`, `.pch`): nodes, orders of DOFs, and labelled DMIG matrices.
 
-Constraints (SPC, MPC, rigid elements) are counted, not applied.
-Source: MSC Nastran Quick Reference Guide, "Bulk Data Entries".
+Cards have fields of 8 or 16 columns or separated by commas, continuations in order, `INCLUDE`. Constraints
+(SPC, MPC, rigid elements) are counted, not applied.
+Source: MSC Nastran Quick Reference Guide, "Bulk Data Entries", "DMIG".
 """
 
 from __future__ import annotations
 
+import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
@@ -15,14 +17,10 @@ import numpy as np
 
 from dynid.errors import FileError
 from dynid.number_format import counted
-from dynid.structure.labels import DIRECTIONS, Node
+from dynid.structure.labels import DIRECTIONS, Node, Nodes
 from dynid.structure.matrices import Array, Label
-from dynid.structure.nodes import Nodes
-from dynid.structure.readers.bulk_cards import WHAT, Card, listed_points, read_cards, whole
-from dynid.structure.readers.element_edges import corners, edges
-from dynid.structure.readers.imported_matrix import read_errors
-from dynid.structure.readers.node_file import DofOrder, NodeFile
-from dynid.structure.readers.program_text import real
+from dynid.structure.readers.imported_matrix import ImportedMatrix, opened, read_errors, real
+from dynid.structure.readers.node_file import DofOrder, NodeFile, corners, edges
 
 _CONSTRAINTS = (
     "SPC", "SPC1", "SPCD", "MPC", "RBE1", "RBE2", "RBE3", "RBAR", "RBAR1", "RROD", "RJOINT", "RTRPLT",
@@ -261,3 +259,134 @@ def _frame(number: int, a: Array, b: Array, c: Array) -> Array:
         raise ValueError(f"the points of coordinate system {number} lie on one line")
     x = np.cross(y, z)
     return np.array([v / np.linalg.norm(v) for v in (x, y, z)])
+
+
+WHAT = "Nastran bulk data"
+
+Card = list[str]
+
+
+def read_cards(path: Path, kept: Set[str]) -> dict[str, list[Card]]:
+    """Return the cards of some names in a file, each as its fields, the name first, padded by blanks."""
+    found: dict[str, list[Card]] = {}
+    current: Card | None = None
+    for line in _lines(path, 0, [0]):
+        fields = _fields(line)
+        name = fields[0].rstrip("*").rstrip().upper()
+        if name.startswith("="):
+            raise FileError(f"{path} repeats cards (=), which is not read", remedy="Write them out.")
+        if name and not name.startswith(("+", "*")):
+            current = [name] if name in kept else None
+            if current is not None:
+                found.setdefault(name, []).append(current)
+        if current is not None:
+            current += fields[1:]
+    for cards in found.values():
+        for card in cards:
+            card.extend([""] * (13 - len(card)))
+    return found
+
+
+def _lines(path: Path, depth: int, size: list[int]) -> Iterator[str]:
+    """Yield the lines of bulk data in a file and those that it includes, without comments.
+
+    The commands above ``BEGIN BULK`` are left out; files without it are bulk data from their first line.
+    """
+    with opened(path, depth, size) as stream:
+        above = depth == 0 and any(re.match(r"\s*BEGIN\s+BULK", line, re.IGNORECASE) for line in stream)
+        stream.seek(0)
+        for raw in stream:
+            line = raw.split("$")[0].rstrip()
+            word = line[:9].strip().upper()
+            if word.startswith("BEGIN"):
+                above = False
+            elif word.startswith("ENDDATA"):
+                return
+            elif line and not above:
+                if word.startswith("INCLUDE"):
+                    name = line.strip()[7:].strip().strip("'\"")
+                    yield from _lines(path.parent / name, depth + 1, size)
+                else:
+                    yield line
+
+
+def _fields(line: str) -> list[str]:
+    """Return the fields of a line: its name, then eight small ones or four large ones."""
+    wide = "*" in line[:8]
+    count = 4 if wide else 8
+    if "," in line:
+        fields = [field.strip() for field in line.split(",")][: count + 1]
+    else:
+        line, size = line.expandtabs(8), 16 if wide else 8
+        fields = [line[:8].strip(), *(line[k : k + size].strip() for k in range(8, min(len(line), 72), size))]
+    return fields + [""] * (count + 1 - len(fields))
+
+
+def listed_points(fields: Iterable[str]) -> list[int]:
+    """Return the points of a list of fields behind a name, with ``THRU``."""
+    given = [field.upper() for field in list(fields)[1:] if field and "." not in field]
+    if "THRU" in given:
+        first, last = whole(given[0]), whole(given[-1])
+        if last - first > 10_000_000:
+            raise ValueError(f"{first} THRU {last} are too many points")
+        return list(range(first, last + 1))
+    return [whole(field) for field in given]
+
+
+def whole(field: str) -> int:
+    """Return a whole number; a blank is 0."""
+    return int(field) if field else 0
+
+
+def shapes(path: Path) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of the DMIG matrices of a file, by name."""
+    with read_errors(path, WHAT):
+        found = _dmig(read_cards(path, {"DMIG"}))
+        return {name: matrix.matrix.shape for name, matrix in found.items()}
+
+
+def load(path: Path, name: str) -> ImportedMatrix:
+    """Return one DMIG matrix of a file, with the labels of its DOFs."""
+    with read_errors(path, WHAT):
+        return _dmig(read_cards(path, {"DMIG"}))[name]
+
+
+def _dmig(cards: Mapping[str, Sequence[Card]]) -> dict[str, ImportedMatrix]:
+    """Return the square real matrices of DMIG cards by name.
+
+    A column is ``name, node, component, (blank)``, then ``node, component, A, B`` of each entry; a card of a
+    name with 0 as node says the form and the type.
+    """
+    heads: dict[str, Card] = {}
+    entries: dict[str, list[tuple[int, int, int, int, float]]] = {}
+    for card in cards.get("DMIG", ()):
+        name, column = card[1].upper(), whole(card[2])
+        if column == 0:
+            heads[name] = card
+            continue
+        rows = entries.setdefault(name, [])
+        at = (column, whole(card[3] or "0"))
+        for k in range(5, len(card) - 2, 4):
+            if card[k]:
+                rows.append((*at, whole(card[k]), whole(card[k + 1] or "0"), real(card[k + 2])))
+    found = {}
+    for name, rows in entries.items():
+        form, kind = (whole(heads[name][k] or "1") for k in (3, 4)) if name in heads else (1, 2)
+        if kind in (1, 2) and form in (1, 6) and rows:
+            found[name] = _labelled(rows, symmetric=form == 6)
+    return found
+
+
+def _labelled(rows: Sequence[tuple[int, int, int, int, float]], *, symmetric: bool) -> ImportedMatrix:
+    from scipy.sparse import coo_array  # heavy import, needed here only
+
+    ends = np.array([row[:4] for row in rows])
+    values = np.array([row[4] for row in rows])
+    dofs, inverse = np.unique(np.concatenate([ends[:, 2:], ends[:, :2]]), axis=0, return_inverse=True)
+    i, j = inverse.reshape(2, -1)
+    n = len(dofs)
+    if symmetric:  # one of two mirrored entries is there, or both
+        lone = (i != j) & ~np.isin(j * n + i, i * n + j)
+        i, j, values = (np.concatenate(pair) for pair in ((i, j[lone]), (j, i[lone]), (values, values[lone])))
+    labels = tuple(component_labels(node, str(component))[0] for node, component in dofs.tolist())
+    return ImportedMatrix(coo_array((values, (i, j)), shape=(n, n)).tocsc(), labels)

@@ -15,11 +15,10 @@ import numpy as np
 
 from dynid.errors import FileError
 from dynid.hdf5 import check_stored, open_hdf5
+from dynid.structure.labels import Nodes
 from dynid.structure.matrices import Array
-from dynid.structure.nodes import Nodes
-from dynid.structure.readers.element_edges import edges
 from dynid.structure.readers.imported_matrix import check_claim, read_errors
-from dynid.structure.readers.node_file import ModeShapes, NodeFile
+from dynid.structure.readers.node_file import ModeShapes, NodeFile, edges
 
 _WHAT = "Exodus"
 _SHAPES = {

@@ -15,11 +15,9 @@ import numpy as np
 
 from dynid.errors import FileError
 from dynid.number_format import counted
-from dynid.structure.nodes import Nodes
-from dynid.structure.readers.element_edges import corners, edges
-from dynid.structure.readers.imported_matrix import read_errors
-from dynid.structure.readers.node_file import NodeFile
-from dynid.structure.readers.program_text import opened, real
+from dynid.structure.labels import Nodes
+from dynid.structure.readers.imported_matrix import opened, read_errors, real
+from dynid.structure.readers.node_file import NodeFile, corners, edges
 
 _WHAT = "an input file of Abaqus or CalculiX"
 _MOST_GENERATED = 10_000_000

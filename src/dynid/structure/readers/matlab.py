@@ -1,23 +1,26 @@
-"""MATLAB files of versions 5 to 7.2 (`.mat`): their numeric variables, full and sparse, and nothing else.
+"""MATLAB files of versions 4 to 7.2 (`.mat`): their numeric variables, full and sparse, and nothing else.
 
-SciPy's compiled reader ends the process at some damaged files; here every length is checked before it is
-used, and nothing is unpacked beyond what a variable's sizes allow. Fields of a structure are variables
-``structure/field``. Version 7.3 is HDF5.
-Source: The MathWorks, "MAT-File Format", 2019.
+SciPy's reader ends the process at some damaged files, at others only sometimes. It runs in a separate
+process, which copies what is numbers into a NumPy archive; this process reads nothing but the archive.
+Fields of a structure are variables ``structure/field``. Version 7.3 is HDF5.
 """
 
 from __future__ import annotations
 
-import struct
-import zlib
-from collections.abc import Iterator
+import atexit
+import json
+import os
+import shutil
+import tempfile
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from dynid import trial
 from dynid.errors import FileError
-from dynid.structure.matrices import Array, Matrix
+from dynid.structure.matrices import Array, Matrix, is_sparse
 from dynid.structure.readers.imported_matrix import (
     MOST_NUMBERS,
     as_numbers,
@@ -27,39 +30,58 @@ from dynid.structure.readers.imported_matrix import (
 )
 
 _WHAT = "a MATLAB file"
-_MATRIX, _COMPRESSED = 14, 15
-_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
-_CELL, _STRUCTURE, _SPARSE, _FULL = 1, 2, 5, range(6, 16)
-# How deep structures within structures are read.
-_DEEPEST = 4
-_COMPLEX = 0x800
-# A variable's flags, sizes and name stand in its first bytes.
-_HEAD = 4096
+_REMEDY = "Save it again, with -v7."
+_HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+#: Classes of variables that hold no numbers, and are not read.
+_PASSED_OVER = {"char", "function", "object", "opaque", "unknown"}
+_DEEPEST = 4  # how deep structures within structures are read
+_GROWTH = 1032  # of stored bytes by decompression, at most
+#: Memory of the separate process, bytes: of itself, and at most.
+_LEAST_MEMORY, _MOST_MEMORY = 2**31, 24 * MOST_NUMBERS
+_BYTES_A_SECOND = 10_000_000  # of a file, read at least
+_KEPT = 8  # archives kept at a time
+_archives: dict[tuple[str, int, int], Path] = {}
 
 
-class _MatlabVariable(NamedTuple):
-    """A variable: its name, sizes, class and flags, most entries if sparse, and its bytes as stored."""
+class MatlabVariable(NamedTuple):
+    """A variable: ``full``, ``sparse`` or ``cell``, its shape, and the names of its arrays in the archive.
 
-    name: str
+    Those of a sparse one are data, row indices and column starts; a cell that holds no numbers has ``""``.
+    """
+
+    kind: str
     shape: tuple[int, ...]
-    kind: int
-    is_complex: bool
-    most: int
-    payload: memoryview
-    packed: bool
+    arrays: list[str]
+
+
+def is_hdf5(path: Path) -> bool:
+    """Return True if a `.mat` file is HDF5: of version 7.3."""
+    with read_errors(path, _WHAT), path.open("rb") as stream:
+        start = stream.read(520)
+    return start.startswith(_HDF5_SIGNATURE) or start[512:].startswith(_HDF5_SIGNATURE)
 
 
 def shapes(path: Path) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the numeric variables of a file, by name."""
-    with read_errors(path, _WHAT):
-        return {variable.name: variable.shape for variable in _variables(path)[1] if variable.kind != _CELL}
+    return {name: found.shape for name, found in _variables(path).items() if found.kind != "cell"}
 
 
 def names(path: Path) -> list[str]:
     """Return the names of the full numeric variables and the cell arrays of a file."""
-    with read_errors(path, _WHAT):
-        found = (variable for variable in _variables(path)[1] if variable.kind != _SPARSE)
-        return [variable.name for variable in found if "/" not in variable.name]
+    found = _variables(path).items()
+    return [name for name, variable in found if variable.kind != "sparse" and "/" not in name]
+
+
+def load(path: Path, name: str) -> Matrix:
+    """Return one variable of a file; no objects, functions or structures are read."""
+    variable = _variables(path)[name]
+    check_claim(path, variable.shape, 0 if variable.kind == "sparse" else None)
+    values = _values(path, variable.arrays)
+    if any(part.dtype.kind == "c" for part in values):
+        raise FileError(f"{path}: '{name}' holds complex numbers; a structural matrix is real")
+    if variable.kind == "sparse":
+        return compressed(path, variable.shape, (values[0], values[1], values[2]), "csc")
+    return as_numbers(path, name, values[0])
 
 
 def arrays(path: Path, name: str) -> tuple[tuple[int, ...] | None, list[Array]]:
@@ -67,154 +89,150 @@ def arrays(path: Path, name: str) -> tuple[tuple[int, ...] | None, list[Array]]:
 
     Cells come column by column, as the file holds them. They must hold matrices of real numbers.
     """
-    with read_errors(path, _WHAT):
-        order, variables = _variables(path)
-        variable = next(item for item in variables if item.name == name)
-        if variable.kind != _CELL:
-            return None, [_full(path, variable, order)]
-        content = variable.payload
-        if variable.packed:
-            content = _unpacked(content, 8 * MOST_NUMBERS)[8:]
-        cells = [payload for kind, payload in list(_elements(content, order))[3:] if kind == _MATRIX]
-        found = []
-        for number, payload in enumerate(cells, 1):
-            cell = _described(payload, payload, packed=False, order=order)._replace(
-                name=f"{name}{{{number}}}"
-            )
-            found.append(_full(path, cell, order))
-        if len(found) != np.prod(variable.shape, dtype=object):
-            raise ValueError(f"{name} has {len(found)} cells, not {' x '.join(map(str, variable.shape))}")
-        return variable.shape, found
-
-
-def _full(path: Path, variable: _MatlabVariable, order: str) -> Array:
-    """Return a full matrix of real numbers."""
-    if variable.kind not in _FULL or variable.is_complex:
-        raise FileError(f"{path}: '{variable.name}' is no matrix of real numbers")
+    variable = _variables(path)[name]
     check_claim(path, variable.shape)
-    values = _array(*_parts(variable, order)[0], order)
-    return np.asarray(as_numbers(path, variable.name, values.reshape(variable.shape, order="F")))
+    cells = variable.kind == "cell"
+    found = []
+    for number, values in enumerate(_values(path, variable.arrays), 1):
+        place = f"{name}{{{number}}}" if cells else name
+        if values.dtype.kind not in "iufb":
+            raise FileError(f"{path}: '{place}' is no matrix of real numbers")
+        found.append(np.asarray(as_numbers(path, place, values)))
+    return variable.shape if cells else None, found
 
 
 def complex_matrix(path: Path, name: str) -> np.ndarray[Any, np.dtype[Any]]:
     """Return a full matrix of real or complex numbers."""
+    variable = _variables(path)[name]
+    if variable.kind != "full":
+        raise FileError(f"{path}: '{name}' is no full matrix of numbers")
+    check_claim(path, variable.shape)
+    values = _values(path, variable.arrays)[0]
+    return values.astype(complex if values.dtype.kind == "c" else float)
+
+
+def _variables(path: Path) -> dict[str, MatlabVariable]:
+    """Return the numeric variables of a file by name."""
+    with np.load(_archive(path), allow_pickle=False) as stored:
+        if "problem" in stored:
+            raise FileError(f"{path} cannot be read as {_WHAT}: {stored['problem']}", remedy=_REMEDY)
+        index = json.loads(str(stored["index"]))
+    return {name: MatlabVariable(kind, tuple(shape), parts) for name, (kind, shape, parts) in index.items()}
+
+
+def _values(path: Path, parts: list[str]) -> list[np.ndarray[Any, np.dtype[Any]]]:
+    """Return arrays of the archive of a file; what is no numbers as text."""
+    with np.load(_archive(path), allow_pickle=False) as stored:
+        return [stored[part] if part else np.asarray("") for part in parts]
+
+
+def _archive(path: Path) -> Path:
+    """Return the archive of a file, which is written anew only where the file has changed."""
     with read_errors(path, _WHAT):
-        order, variables = _variables(path)
-        variable = next(item for item in variables if item.name == name)
-        if variable.kind not in _FULL:
-            raise FileError(f"{path}: '{name}' is no full matrix of numbers")
-        check_claim(path, variable.shape)
-        parts = [_array(*part, order).astype(float) for part in _parts(variable, order)]
-        values = parts[0] + 1j * parts[1] if variable.is_complex else parts[0]
-        return values.reshape(variable.shape, order="F")
+        facts = path.stat()
+        if facts.st_size > 8 * MOST_NUMBERS:
+            raise FileError(f"{path} is larger than the {8 * MOST_NUMBERS} bytes that are read")
+        if is_hdf5(path):
+            raise FileError(
+                f"{path} is a MATLAB file of version 7.3, of which only matrices are read", remedy=_REMEDY
+            )
+        key = (os.path.realpath(path), facts.st_mtime_ns, facts.st_size)
+        if key not in _archives or not _archives[key].exists():
+            handle, target = tempfile.mkstemp(".npz", dir=_folder(os.getpid()))
+            os.close(handle)
+            seconds = trial.SECONDS + facts.st_size / _BYTES_A_SECOND
+            memory = min(_LEAST_MEMORY + 2 * _GROWTH * facts.st_size, _MOST_MEMORY)
+            call = (f"{__name__}:archive", str(path), target)
+            ended = trial.survives(*call, seconds=seconds, memory=memory)
+            if ended is None:  # there are no other processes here
+                archive(str(path), target)
+            elif not ended:
+                raise FileError(
+                    f"{path} cannot be read as {_WHAT}: it is damaged, so that SciPy does not survive it",
+                    remedy=_REMEDY,
+                )
+            _archives[key] = Path(target)
+            if len(_archives) > _KEPT:
+                _archives.pop(next(iter(_archives))).unlink(missing_ok=True)
+    return _archives[key]
 
 
-def load(path: Path, name: str) -> Matrix:
-    """Return one variable of a file; no objects, functions or structures are read."""
-    with read_errors(path, _WHAT):
-        order, variables = _variables(path)
-        variable = next(item for item in variables if item.name == name and item.kind != _CELL)
-        if variable.is_complex:
-            raise FileError(f"{path}: '{name}' holds complex numbers; a structural matrix is real")
-        check_claim(path, variable.shape, variable.most if variable.kind == _SPARSE else None)
-        parts = [_array(*part, order) for part in _parts(variable, order)]
-        if variable.kind == _SPARSE:
-            indices, starts, values = parts[:3]
-            count = int(starts[-1]) if len(starts) else 0  # what is allocated beyond holds nothing
-            return compressed(path, variable.shape, (values[:count], indices[:count], starts), "csc")
-        return as_numbers(path, name, parts[0].reshape(variable.shape, order="F"))
+@cache
+def _folder(process: int) -> str:
+    """Return the folder of the archives of a process, which is removed at its end."""
+    folder = tempfile.mkdtemp(prefix="dynid-")
+
+    def remove() -> None:
+        if os.getpid() == process:  # not in a copy of it
+            shutil.rmtree(folder, ignore_errors=True)
+
+    atexit.register(remove)
+    return folder
 
 
-def _variables(path: Path) -> tuple[str, list[_MatlabVariable]]:
-    """Return the byte order of a file, and its numeric variables."""
-    if path.stat().st_size > 8 * MOST_NUMBERS:
-        raise FileError(f"{path} is larger than the {8 * MOST_NUMBERS} bytes that are read")
-    data = memoryview(path.read_bytes())
-    mark = bytes(data[126:128])
-    if len(data) < 128 or mark not in (b"IM", b"MI"):
-        raise FileError(f"{path} is no MATLAB file of version 5 or later", remedy="Save it with -v7.")
-    order = "<" if mark == b"IM" else ">"
-    found = []
-    for outer, payload in _elements(data[128:], order):
-        packed = outer == _COMPRESSED
-        head = _unpacked(payload, _HEAD) if packed else payload
-        kind = struct.unpack_from(f"{order}I", head)[0] if packed else outer
-        head = head[8:] if packed else head
-        if kind == _MATRIX:
-            variable = _described(head, payload, packed, order)
-            if variable.kind in (_CELL, _SPARSE) or variable.kind in _FULL:
-                found.append(variable)
-            elif variable.kind == _STRUCTURE:
-                found += _fields(variable, order, 1)
-    return order, found
+def archive(path: str, target: str) -> None:
+    """Write the numeric variables of a MATLAB file, or why there are none, into a NumPy archive."""
+    import warnings
+
+    from scipy.io.matlab import loadmat, whosmat
+
+    index: dict[str, MatlabVariable] = {}
+    members: dict[str, Any] = {}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of two variables of one name the first is read
+            bytes_held = _GROWTH * Path(path).stat().st_size
+            for name, shape, kind in whosmat(path):
+                if kind in _PASSED_OVER or name.startswith("__"):
+                    continue
+                count = int(np.prod(shape, dtype=object))
+                if kind != "sparse" and count * (8 if kind in ("cell", "struct") else 1) > bytes_held:
+                    raise ValueError(f"'{name}' claims {count} entries, more than its bytes")
+                # What is too large is refused where it is asked for.
+                index.setdefault(
+                    name,
+                    MatlabVariable("full" if count > MOST_NUMBERS and kind != "sparse" else "", shape, []),
+                )
+            wanted = [name for name, variable in index.items() if not variable.kind]
+            stored = loadmat(path, variable_names=wanted)
+            found = {name: variable for name, variable in index.items() if variable.kind}
+            for name in wanted:
+                _add(name, stored[name], 0, found, members)
+        np.savez(target, index=json.dumps(found), **members)
+    except Exception as error:  # whatever SciPy raises on a damaged file
+        said = " ".join(str(error).split())[:200] or type(error).__name__
+        lack = "it claims more than the memory"
+        np.savez(target, problem=lack if isinstance(error, MemoryError) else said)
 
 
-def _fields(variable: _MatlabVariable, order: str, depth: int) -> Iterator[_MatlabVariable]:
-    """Yield the numeric fields of a structure, and of those within it; none of an array of structures."""
-    if variable.shape != (1, 1) or depth > _DEEPEST:
+def _add(
+    name: str, value: Any, depth: int, index: dict[str, MatlabVariable], members: dict[str, Any]
+) -> None:
+    """Add a variable as SciPy returns it, with the fields of a structure, and of those within it."""
+    from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque
+
+    def kept(*parts: Any) -> list[str]:
+        places = [f"a{len(members) + k}" for k in range(len(parts))]
+        members.update(zip(places, parts, strict=True))
+        return places
+
+    if is_sparse(value):
+        value = value.tocsc()
+        index[name] = MatlabVariable("sparse", value.shape, kept(value.data, value.indices, value.indptr))
+    elif isinstance(value, MatlabFunction | MatlabObject | MatlabOpaque) or not isinstance(value, np.ndarray):
         return
-    content = variable.payload
-    if variable.packed:
-        content = _unpacked(content, 8 * MOST_NUMBERS)[8:]
-    _, _, _, width, names, *payloads = _elements(content, order)
-    size = int(_array(*width, order)[0])
-    text = bytes(names[1])
-    if size < 1 or len(text) != size * len(payloads):
-        raise ValueError(f"the structure {variable.name} has other fields than names")
-    for place, (kind, payload) in enumerate(payloads):
-        name = text[place * size : (place + 1) * size].partition(b"\0")[0].decode("latin-1")
-        if kind != _MATRIX or not len(payload):
-            continue
-        field = _described(payload, payload, packed=False, order=order)
-        field = field._replace(name=f"{variable.name}/{name}")
-        if field.kind == _SPARSE or field.kind in _FULL:
-            yield field
-        elif field.kind == _STRUCTURE:
-            yield from _fields(field, order, depth + 1)
+    elif value.dtype.names:
+        if value.shape == (1, 1) and depth < _DEEPEST:  # an array of structures holds no matrices
+            for field in value.dtype.names:
+                _add(f"{name}/{field}", value[field][0, 0], depth + 1, index, members)
+    elif value.dtype.kind == "O":
+        if not depth:
+            contents = value.ravel(order="F")
+            places = [kept(cell)[0] if _is_numeric(cell) else "" for cell in contents]
+            index[name] = MatlabVariable("cell", value.shape, places)
+    elif _is_numeric(value):
+        index[name] = MatlabVariable("full", value.shape, kept(value))
 
 
-def _described(head: memoryview, payload: memoryview, packed: bool, order: str) -> _MatlabVariable:
-    elements = _elements(head, order)
-    flags, most = struct.unpack_from(f"{order}II", next(elements)[1])
-    shape = tuple(int(size) for size in _array(*next(elements), order))
-    if len(shape) < 2 or min(shape) < 0:
-        raise ValueError("a variable has no sizes")
-    name = bytes(next(elements)[1]).decode("latin-1")
-    return _MatlabVariable(name, shape, flags & 0xFF, bool(flags & _COMPLEX), most, payload, packed)
-
-
-def _parts(variable: _MatlabVariable, order: str) -> list[tuple[int, memoryview]]:
-    """Return the numeric parts of a variable: of a sparse one row indices, column starts, values."""
-    content = variable.payload
-    if variable.packed:
-        sparse = variable.kind == _SPARSE
-        full = int(np.prod(variable.shape)) * (1 + variable.is_complex)
-        numbers = 2 * variable.most + variable.shape[-1] if sparse else full
-        content = _unpacked(content, 8 * numbers + _HEAD)[8:]
-    return list(_elements(content, order))[3:]
-
-
-def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
-    """Yield type and content of the elements one after the other."""
-    at = 0
-    while at + 8 <= len(data):
-        kind, size = struct.unpack_from(f"{order}II", data, at)
-        if kind >> 16:  # up to four bytes stand within the tag
-            kind, size, start, after = kind & 0xFFFF, kind >> 16, at + 4, at + 8
-        else:
-            start = at + 8
-            after = start + size + (-size % 8 if kind != _COMPRESSED else 0)
-        if size > len(data) - start:
-            raise ValueError("it is truncated")
-        yield kind, data[start : start + size]
-        at = after
-
-
-def _unpacked(payload: memoryview, most: int) -> memoryview:
-    return memoryview(zlib.decompressobj().decompress(payload, most))
-
-
-def _array(kind: int, content: memoryview, order: str) -> np.ndarray[Any, np.dtype[Any]]:
-    if kind not in _TYPES:
-        raise ValueError(f"numbers of an unknown type {kind}")
-    return np.frombuffer(content, dtype=f"{order}{_TYPES[kind]}")
+def _is_numeric(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype.kind in "iufcb"

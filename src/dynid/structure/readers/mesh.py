@@ -197,7 +197,8 @@ def _read(path: Path) -> meshio.Mesh:
 def _cell_groups(mesh: meshio.Mesh) -> dict[str, list[Places]]:
     """Return the groups of cells of all dimensions by name: for each block of cells the places in it."""
     found: dict[str, list[Places]] = {}
-    names = {(int(tag), int(dimension)): name for name, (tag, dimension) in _tagged(mesh.field_data)}
+    tagged = ((name, value) for name, value in mesh.field_data.items() if np.shape(value) == (2,))
+    names = {(int(tag), int(dimension)): name for name, (tag, dimension) in tagged}
 
     def add(name: str, at: int, members: Iterable[int]) -> None:
         each = found.setdefault(name, [np.empty(0, dtype=np.intp) for _ in mesh.cells])
@@ -214,10 +215,6 @@ def _cell_groups(mesh: meshio.Mesh) -> dict[str, list[Places]]:
                 if tag:  # 0: of no group
                     add(name, at, np.flatnonzero(tags == tag))
     return found
-
-
-def _tagged(data: Mapping[str, Any]) -> Iterable[tuple[str, Any]]:
-    return ((name, value) for name, value in data.items() if np.shape(value) == (2,))
 
 
 def _numbers(path: Path, content: bytes, xyz: Array) -> tuple[int, ...] | None:

@@ -10,11 +10,9 @@ from typing import NamedTuple
 from dynid.errors import FileError
 from dynid.file_access import dataset_of, obstacle
 from dynid.structure.matrices import Label, Matrix
-from dynid.structure.readers import binary, dmig, matlab, op2
-from dynid.structure.readers.calculix import read_calculix
-from dynid.structure.readers.harwell_boeing import read_harwell_boeing
+from dynid.structure.readers import binary, bulk_data, matlab, nastran_output
+from dynid.structure.readers.exported import read_calculix, read_harwell_boeing, read_script
 from dynid.structure.readers.imported_matrix import ImportedMatrix
-from dynid.structure.readers.matlab_script import read_script
 from dynid.structure.readers.text import BANNER, read_matrix_market, read_rows, read_triplets
 from dynid.suggestions import did_you_mean, shortened
 
@@ -45,7 +43,6 @@ CONTAINERS = (".mat", ".npz", ".npy", ".h5", ".hdf5", ".op4", ".op2", *BULK_DATA
 EXTENSIONS = (".mtx", *_ALONE, *CONTAINERS)
 """The formats that are read."""
 
-_HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 # The largest file of labels, bytes.
 _LONGEST = 100_000_000
 
@@ -175,17 +172,15 @@ def _container(path: Path) -> Container:
     """Return the reader of a format that holds several matrices."""
     kind = path.suffix.lower()
     if kind == ".op4":
-        return Container(binary.op4_shapes, binary.load_op4)
+        return Container(nastran_output.op4_shapes, nastran_output.load_op4)
     if kind == ".op2":
-        return Container(op2.shapes, op2.load)
+        return Container(nastran_output.op2_shapes, nastran_output.load_op2)
     if kind in BULK_DATA:
-        return Container(dmig.shapes, dmig.load)
+        return Container(bulk_data.shapes, bulk_data.load)
     if kind in (".npz", ".npy"):
         return Container(binary.numpy_shapes, binary.load_numpy)
-    if kind == ".mat":
-        start = _start(path, 520)
-        if not (start.startswith(_HDF5_SIGNATURE) or start[512:].startswith(_HDF5_SIGNATURE)):
-            return Container(matlab.shapes, matlab.load)
+    if kind == ".mat" and not matlab.is_hdf5(path):
+        return Container(matlab.shapes, matlab.load)
     return Container(binary.hdf5_shapes, binary.load_hdf5)
 
 

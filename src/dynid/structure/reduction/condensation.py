@@ -18,7 +18,7 @@ from dynid.lti.floating import guarded
 from dynid.number_format import frequency_text
 from dynid.structure.matrices import Array, Label, Matrix, is_sparse
 from dynid.structure.model import StructuralModel
-from dynid.structure.modes.strain_energy import StrainEnergy
+from dynid.structure.modes.pencil import StrainEnergy
 from dynid.structure.reduction.masters import Indices, Masters, masters_alone
 from dynid.structure.reduction.mode_selection import Interest
 from dynid.structure.reduction.reduction import StructuralReduction, projected

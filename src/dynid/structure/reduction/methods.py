@@ -1,16 +1,29 @@
-"""All reduction methods by name."""
+"""All reduction methods by name, and the reduction of each part of an assembly by itself.
+
+Interfaces of parts may be motions, such as those of points. A motion ``p = w . x`` at an interface becomes a
+coordinate in the place of one DOF that it is made of. This change of coordinates is exact; methods keep
+masters as they do of any structure.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
-from dynid.errors import UsageError
+import numpy as np
+
+from dynid.errors import NumericalError, UsageError
+from dynid.number_format import counted
+from dynid.structure.labels import unsigned
+from dynid.structure.matrices import Array, Label, Matrix, congruent
 from dynid.structure.model import StructuralModel
 from dynid.structure.reduction.condensation import Dynamic, Guyan
-from dynid.structure.reduction.craig_bampton import CraigBampton
 from dynid.structure.reduction.irs import Irs
-from dynid.structure.reduction.modal import ModalTruncation
-from dynid.structure.reduction.reduction import StructuralReduction
+from dynid.structure.reduction.masters import Indices
+from dynid.structure.reduction.modal import CraigBampton, ModalTruncation
+from dynid.structure.reduction.mode_selection import Interest
+from dynid.structure.reduction.reduction import StructuralReduction, projected
 from dynid.structure.reduction.serep import JointAware, Serep
 from dynid.suggestions import did_you_mean
 
@@ -73,3 +86,262 @@ def reduce(model: StructuralModel, method: str = "serep", **options: Any) -> Str
         )
     reductor: Reductor = METHODS[method](**options)
     return reductor.reduce(model).model
+
+
+# Weights of a motion that other ones explain but for this part are those of no motion of its own.
+_OWN = 1e-9
+# A full part keeps all its DOFs in a dense basis.
+_MOST_FULL = 2000
+
+
+@dataclass(frozen=True)
+class PartReduction:
+    """Reduction of one part: a method of `METHODS` with its options, `interest` apart."""
+
+    method: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ReductionByParts:
+    """Reduction of the parts of an assembly; masters are by default the ends of joints, sensors and loads.
+
+    Parameters
+    ----------
+    parts
+        By the name of each part its reduction; a full part has None. One part of the name ``""`` is the
+        whole structure.
+    interest
+        Purpose of the model.
+    """
+
+    parts: Mapping[str, PartReduction | None]
+    interest: Interest = field(default_factory=Interest)
+
+    def reduce(self, model: StructuralModel) -> StructuralReduction:
+        """Reduce an assembly.
+
+        Raises
+        ------
+        UsageError, NumericalError
+            As the method of a part; `names` start with the part. If a DOF is of no part.
+        """
+        names: list[Label] = []
+        bases: list[tuple[Indices, Array]] = []
+        made: list[StructuralReduction] = []
+        places_of = self._places(model)
+        for name, reduction in self.parts.items():
+            prefix, places = _prefix(name), places_of[name]
+            if reduction is None:
+                if len(places) > _MOST_FULL:
+                    said = f"the part '{name}' has {counted(len(places), 'DOF')}, too many to stay full"
+                    raise UsageError(said, remedy="Give it a `reduction`.", names=(name,))
+                names += [model.dofs[k] for k in places]
+                bases.append((places, np.eye(len(places))))
+                continue
+            try:
+                one, T = self._reduced(name, model, places, reduction)
+            except (UsageError, NumericalError) as error:
+                error.names = (*(f"{name}.{part}" for part in error.names), name)
+                raise
+            made.append(one)
+            bases.append((places, T))
+            kept = len(one.masters)
+            names += [*one.model.dofs[:kept], *(f"{prefix}{label}" for label in one.model.dofs[kept:])]
+        T = np.zeros((model.size, len(names)))
+        first = 0
+        for places, basis in bases:
+            T[places, first : first + basis.shape[1]] = basis
+            first += basis.shape[1]
+        conditions = [one.condition for one in made if one.condition is not None]
+        return StructuralReduction(
+            projected(model, T, names),
+            tuple(label for one in made for label in one.masters),
+            tuple(number for one in made for number in one.modes),
+            max(conditions, default=None),
+            rule="; ".join(dict.fromkeys(one.rule for one in made if one.rule)),
+            doubt="; ".join(dict.fromkeys(one.doubt for one in made if one.doubt)),
+            inverted=made[0].inverted if made else "",
+        )
+
+    def _places(self, model: StructuralModel) -> Mapping[str, Indices]:
+        """Return the places of each part's DOFs, in the order of the assembly.
+
+        A DOF of a rigid point has the name of the point: it is of the part whose DOFs have become motions of
+        it. These come before the motions of joints and of users, whose names say nothing about parts.
+        """
+        part_of: dict[Label, str] = {}
+        for name, moved in [*((str(dof), (dof,)) for dof in model.dofs), *model.motions.items()]:
+            part = next((one for one in self.parts if name.startswith(_prefix(one))), None)
+            if part is not None:
+                for dof in moved:
+                    part_of.setdefault(dof, part)
+        places: dict[str, list[int]] = {name: [] for name in self.parts}
+        for k, dof in enumerate(model.dofs):
+            if dof not in part_of:
+                raise UsageError(f"the DOF '{dof}' is of no part", names=(str(dof),))
+            places[part_of[dof]].append(k)
+        return {name: np.array(listed, dtype=int) for name, listed in places.items()}
+
+    def _reduced(
+        self, name: str, model: StructuralModel, places: Indices, reduction: PartReduction
+    ) -> tuple[StructuralReduction, Array]:
+        """Return the reduction of the part at these DOFs of the assembly, and its basis."""
+        part, prefix = _cut(model, places), _prefix(name)
+        given = reduction.options.get("masters")
+        masters = [model.label(dof) for dof in given] if isinstance(given, Sequence) else []
+        rows: dict[Label, Array] = {}
+        for label in dict.fromkeys([*_interfaces(model, self.interest), *masters]):
+            row = model.row(label)
+            whole = np.count_nonzero(row) == np.count_nonzero(row[places])
+            if row[places].any():
+                rows[label if whole else f"{prefix}{label}"] = row[places]
+        changed, change = with_coordinates(part, rows)
+        options = dict(reduction.options)
+        if masters:
+            options["masters"] = [label for label in masters if label in changed.dofs]
+        here = tuple(label for label in rows if label in changed.dofs)
+        method = METHODS[reduction.method](**options, interest=Interest(here, self.interest.band))
+        one = method.reduce(changed)
+        return one, np.asarray(one.T if change is None else change @ one.T)
+
+
+def reduced_with_motions(method: Any, model: StructuralModel) -> StructuralReduction:
+    """Return a structure reduced by a method, for which motions at joints, sensors and loads are DOFs."""
+    ends = _interfaces(model, method.interest)
+    changed, change = with_coordinates(model, {label: model.row(label) for label in ends})
+    made: StructuralReduction = method.reduce(changed)
+    if change is None:
+        return made
+    assert made.model.basis is not None
+    whole = projected(model, np.asarray(change @ made.T), made.model.dofs, made.model.basis.rigid)
+    return replace(made, model=whole)
+
+
+def _prefix(part: str) -> str:
+    """Return what the names of a part's DOFs start with in the assembly."""
+    return f"{part}." if part else ""
+
+
+def _interfaces(model: StructuralModel, interest: Interest) -> list[Label]:
+    """Return the labels of joints' ends, sensors and loads, each once."""
+    ends = [dof for joint in model.joints for dof in joint.dofs]
+    return list(dict.fromkeys(model.label(unsigned(dof)) for dof in (*ends, *interest.dofs)))
+
+
+def _cut(model: StructuralModel, places: Indices) -> StructuralModel:
+    """Return some DOFs of an assembly as a structure of their own, with the joints among them."""
+    if len(places) == model.size:
+        return model
+
+    def cut(matrix: Matrix) -> Any:
+        rows: Any = matrix[:, places]
+        return rows[places]
+
+    labels = {model.dofs[k] for k in places}
+    inside = {name: motion for name, motion in model.motions.items() if labels.issuperset(motion)}
+    there = labels | inside.keys()
+    return StructuralModel(
+        cut(model.M),
+        cut(model.C),
+        cut(model.K),
+        tuple(joint for joint in model.joints if all(model.label(dof) in there for dof in joint.dofs)),
+        tuple(model.dofs[k] for k in places),
+        parameters=model.parameters,
+        terms=tuple(term._replace(matrix=cut(term.matrix)) for term in model.terms),
+        motions=inside,
+    )
+
+
+def with_coordinates(model: StructuralModel, rows: Mapping[Label, Array]) -> tuple[StructuralModel, Any]:
+    """Return a structure in which motions are DOFs, and the DOFs that it had by those (n x n).
+
+    Parameters
+    ----------
+    model
+        The structure.
+    rows
+        By label the weights (n) of motions; DOFs of the structure among them stay DOFs. A motion that is a
+        sum of others is left out.
+
+    Returns
+    -------
+    StructuralModel, sparse array or None
+        The structure, and the change of coordinates; None where all of them are DOFs already.
+    """
+    own = [k for k, label in enumerate(model.dofs) if label in rows]
+    labels = [label for label in rows if label not in model.dofs]
+    if not labels:
+        return model, None
+    W = np.array([rows[label] for label in labels])
+    W[:, own] = 0.0  # these are coordinates already
+    W /= np.linalg.norm([rows[label] for label in labels], axis=1)[:, None]
+    labels, W = _independent(labels, W)
+    if not labels:
+        return model, None
+    from scipy.linalg import qr  # heavy imports, for motions only
+    from scipy.sparse import coo_array
+
+    used = np.flatnonzero(W.any(axis=0))
+    pivots = used[qr(W[:, used], mode="r", pivoting=True)[1][: len(labels)]]
+    full = np.array([rows[label] for label in labels])
+    inverse = np.linalg.inv(full[:, pivots])
+    rest = np.setdiff1d(np.flatnonzero(full.any(axis=0)), pivots)
+    others = np.setdiff1d(np.arange(model.size), pivots)
+    block = -inverse @ full[:, rest]
+    # x = (the others), and at the pivots W_d^-1 (p - W_rest x_rest).
+    places = [
+        (others, others, np.ones(len(others))),
+        (np.repeat(pivots, len(rest)), np.tile(rest, len(pivots)), block.ravel()),
+        (np.repeat(pivots, len(pivots)), np.tile(pivots, len(pivots)), inverse.ravel()),
+    ]
+    i, j, values = (np.concatenate(parts) for parts in zip(*places, strict=True))
+    T: Any = coo_array((values, (i, j)), shape=(model.size, model.size)).tocsc()
+    dofs = list(model.dofs)
+    for place, label in zip(pivots, labels, strict=True):
+        dofs[place] = label
+
+    new = StructuralModel(
+        congruent(T, model.M),
+        congruent(T, model.C),
+        congruent(T, model.K),
+        dofs=tuple(dofs),
+        parameters=model.parameters,
+        terms=tuple(term._replace(matrix=congruent(T, term.matrix)) for term in model.terms),
+    )
+    at = {label: place for place, label in enumerate(model.dofs)}
+    # Joints name DOFs that are none any more by the motions that these are now.
+    lost = {
+        label: {dofs[k]: float(value) for k, value in zip(row.indices, row.data, strict=True)}
+        for label in (model.dofs[k] for k in pivots)
+        for row in [T[[at[label]]].tocsr()]
+    }
+    old = {name: _through(motion, lost) for name, motion in model.motions.items() if name not in dofs}
+    return replace(new, motions=old | {str(label): row for label, row in lost.items()}).joined(
+        model.joints
+    ), T
+
+
+def _through(
+    motion: Mapping[Label, float], lost: Mapping[Label, Mapping[Label, float]]
+) -> dict[Label, float]:
+    """Return a motion with the DOFs that are lost replaced by what they are now."""
+    found: dict[Label, float] = {}
+    for label, weight in motion.items():
+        for one, part in lost.get(label, {label: 1.0}).items():
+            found[one] = found.get(one, 0.0) + weight * part
+    return found
+
+
+def _independent(labels: Sequence[Label], W: Array) -> tuple[list[Label], Array]:
+    """Return the motions that are no sums of the ones before them."""
+    kept: list[int] = []
+    basis = np.empty((0, W.shape[1]))
+    for k, row in enumerate(W):
+        left = row - (row @ basis.T) @ basis
+        left -= (left @ basis.T) @ basis
+        size = float(np.linalg.norm(left))
+        if size > _OWN:
+            kept.append(k)
+            basis = np.concatenate([basis, left[None] / size])
+    return [labels[k] for k in kept], W[kept]

@@ -12,7 +12,7 @@ import numpy as np
 
 from dynid.structure.matrices import Array, Label, Matrix, is_sparse
 from dynid.structure.model import StructuralModel
-from dynid.structure.modes.strain_energy import StrainEnergy
+from dynid.structure.modes.pencil import StrainEnergy
 
 # Rounding of a sum of positive and negative terms, relative to their sizes.
 _ROUNDING = 16 * float(np.finfo(float).eps)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from dynid.defaults import MASTER_COORDINATES
 from dynid.structure.matrices import Array
-from dynid.structure.modes.strain_energy import StrainEnergy
+from dynid.structure.modes.pencil import StrainEnergy
 from dynid.structure.reduction.masters import HOPELESS
 
 Sure = NDArray[np.bool_]

@@ -1,6 +1,6 @@
 """Analysis of a study: statistics, Sobol indices, local sensitivities, the worst sample."""
 
-from dynid.study.analysis.design import one_at_a_time, saltelli_design
+from dynid.study.analysis.design import Tornado, one_at_a_time, saltelli_design, tornado
 from dynid.study.analysis.influence import (
     Indices,
     Influences,
@@ -12,7 +12,6 @@ from dynid.study.analysis.influence import (
 )
 from dynid.study.analysis.sample_statistics import statistics, worst
 from dynid.study.analysis.table import StudyTable, failures
-from dynid.study.analysis.tornado import Tornado, tornado
 
 __all__ = [
     "Indices",

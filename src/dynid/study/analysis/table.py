@@ -29,7 +29,7 @@ _ENTRY = re.compile(r"(?P<path>[^\[]*)\[(?P<labels>.*)\]")
 
 
 @dataclass(frozen=True)
-class Column:
+class StudyColumn:
     """Output of a study, one number per sample.
 
     Parameters
@@ -128,12 +128,12 @@ class StudyTable:
             for dim, length in zip(variable.dims[1:], variable.shape[1:], strict=True)
         ]
 
-    def columns(self, path: str) -> Iterator[Column]:
+    def columns(self, path: str) -> Iterator[StudyColumn]:
         """Yield the number at a path, or every entry of an array of numbers, as columns."""
         variable = self.variable(path)
         values = as_numbers(variable.data).reshape(variable.shape[0], -1)
         for number, (name, _) in enumerate(self.entries(path)):
-            yield Column(name, variable.units, values[:, number])
+            yield StudyColumn(name, variable.units, values[:, number])
 
     def entries(self, path: str) -> Iterator[tuple[str, tuple[int, ...]]]:
         """Yield name and index of each entry of one sample at a path."""
@@ -155,8 +155,7 @@ class StudyTable:
         match = _ENTRY.fullmatch(name)
         path = match["path"] if match and name not in self.paths else name
         if path not in self.paths:
-            ends = [known for known in self.paths if known.endswith(f"/{path}")]
-            hint = f"; did you mean '{ends[0]}'?" if ends else did_you_mean_path(path, self.paths)
+            hint = did_you_mean_path(path, self.paths)
             raise UsageError(f"the study has collected nothing at '{path}'{hint}")
         if not self.is_number(path):
             raise UsageError(f"'{path}' is a text, which has no worst")

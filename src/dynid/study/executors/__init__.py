@@ -55,7 +55,7 @@ def make_executor(
 
         return TimedExecutor(1 if executor == "serial" else workers or cores(), sample_timeout)
     if executor == "processes":
-        from dynid.study.executors.processes import ProcessExecutor
+        from dynid.study.executors.base import ProcessExecutor
 
         return ProcessExecutor(workers)
     return SerialExecutor()

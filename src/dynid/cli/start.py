@@ -1,0 +1,292 @@
+"""Commands of the first minutes: new, demo and doctor."""
+
+from __future__ import annotations
+
+import os
+import platform
+import re
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, requires, version
+from pathlib import Path
+from textwrap import dedent, indent
+from typing import TYPE_CHECKING
+
+import click
+
+from dynid._version import __version__
+from dynid.cli.arguments import among, refuse_missing_folders, refuse_unknown
+from dynid.cli.help import schema_text
+from dynid.errors import FileError, UsageError
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
+
+
+#: The steps: what they show, and the command.
+_STEPS = (
+    ("A scene of a motor that drives a load through a gear, as a bond graph:", "new bond-graph"),
+    ("Its transfer function, poles, zeros and responses, and a report for a browser:",
+     "run bond-graph.yaml --report bond-graph.html"),
+    ("A study of what tolerances do to it:", "new study"),
+    ("50 samples in one file; those that are done are kept if it is interrupted:", "study study.yaml"),
+    ("A chain of masses with two unknown joints, and a simulated record of two sensors:",
+     "new identification"),
+    ("Stiffness and damping of the joints, with error bars and a verdict:", "run identification.yaml"),
+)  # fmt: skip
+
+
+@click.command()
+@click.option(
+    "-o", "--output", type=click.Path(), help="An empty folder for the files; default: a temporary one."
+)
+def demo(output: str | None) -> int:
+    """Run a tour: write two scenes, run them, and show what comes out.
+
+    The files stay, to be read and changed.
+    """
+    from dynid.cli import cli
+    from dynid.errors import FileError
+
+    folder = Path(output or tempfile.mkdtemp(prefix="dynid-demo-"))
+    folder.mkdir(exist_ok=True)
+    if any(folder.iterdir()):
+        raise FileError(f"{folder} is not empty", remedy="Name another folder with -o.", names=[str(folder)])
+    with _working_in(folder):
+        for text, command in _STEPS:
+            click.echo(f"\n{text}\n\n$ dynid {command}")
+            cli.main(command.split(), prog_name="dynid", standalone_mode=False)
+    click.echo(
+        f"\nThe files are in {folder}: open bond-graph.html in a browser, change a scene, run it again."
+    )
+    click.echo("Further: dynid new (templates), dynid help (manual), dynid library (models of machines)")
+    return 0
+
+
+@contextmanager
+def _working_in(folder: Path) -> Iterator[None]:
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        os.chdir(before)
+
+
+#: Extras that are of use to users; the others are for development.
+_EXTRAS = {
+    "solvers": "faster factorisations of large structures",
+    "formats": "Universal Files, Nastran files, Parquet",
+    "laboratory": "meshes, NetCDF",
+    "figures": "figures as PDF and PNG",
+    "posterior": "checks of importance samples",
+    "xarray": "results as datasets of xarray",
+    "cluster": "studies on a cluster",
+}
+_REQUIREMENT = re.compile(r"(?P<name>[A-Za-z0-9_.-]+)(?:\[[^]]*\])?\s*(?P<bound>[^;]*)(?:;(?P<marker>.*))?")
+_EXTRA = re.compile(r"""extra\s*==\s*['"](\w+)['"]""")
+
+
+#: Modules of packages that have other names.
+_MODULES = {"python-flint": "flint", "pyyaml": "yaml"}
+
+
+@click.command()
+def doctor() -> int:
+    """Report versions, optional packages and folders, and what is wrong with them.
+
+    Exit code 3: a required package is missing or cannot be loaded.
+    """
+    click.echo(f"dynid {__version__} on Python {platform.python_version()}, {platform.platform()}")
+    click.echo(f"  {sys.executable}, {os.cpu_count()} processors\n")
+    required, extras = _requirements()
+    broken = []
+    for name in required:
+        fault = _import_fault(_MODULES.get(name, name))
+        click.echo(f"  {name:<18} {_version(name) or 'MISSING'}{f' ({fault})' if fault else ''}")
+        broken += [name] if fault else []
+    click.echo("")
+    for extra, use in _EXTRAS.items():
+        lacking = [name for name in extras.get(extra, ()) if not _version(name)]
+        state = f"not installed: pip install 'dynid[{extra}]'" if lacking else "installed"
+        click.echo(f"  {extra:<18} {use}: {state}")
+    click.echo("")
+    unwritable = []
+    for what, folder, variable in _folders():
+        fault = _unwritable(folder)
+        click.echo(f"  {what:<18} {folder}{f' (not writable: {fault})' if fault else ''}")
+        unwritable += [(what, variable)] if fault else []
+    click.echo(f"  {'compiled library':<18} {_library()}")
+    click.echo(f"  {'threads':<18} {os.environ['OPENBLAS_NUM_THREADS']} for linear algebra\n")
+    for name in broken:
+        click.echo(f"  problem: {name} cannot be loaded: pip install --force-reinstall {name}")
+    for what, variable in unwritable:
+        click.echo(f"  problem: no folder for {what}: set {variable} to one that is writable")
+    if not broken and not unwritable:
+        click.echo("  no problems found")
+    return 3 if broken else 0
+
+
+def _requirements() -> tuple[list[str], dict[str, list[str]]]:
+    """Return the names of the required packages, and those of each extra."""
+    required: list[str] = []
+    extras: dict[str, list[str]] = {}
+    for text in requires("dynid") or ():
+        parts = _REQUIREMENT.fullmatch(text)
+        assert parts is not None
+        extra = _EXTRA.search(parts["marker"] or "")
+        names = required if extra is None else extras.setdefault(extra[1], [])
+        if parts["name"] not in names:
+            names.append(parts["name"])
+    return required, extras
+
+
+def _version(name: str) -> str:
+    """Return the version of an installed package, or ''."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""
+
+
+def _import_fault(module: str) -> str:
+    """Return the reason why a module cannot be imported, or ''."""
+    try:
+        import_module(module)
+    except Exception as error:  # a damaged installation fails in any way
+        return " ".join(f"{type(error).__name__}: {error}".split())
+    return ""
+
+
+def _library() -> str:
+    """Return where the library of compiled loops is, or what to do without it."""
+    from dynid.native import found
+
+    loaded = found()
+    if loaded is None:
+        return "absent, NumPy is used, which is slower: install dynid again where there is a C compiler"
+    return f"{loaded._name}, made when dynid was installed: no run compiles anything"
+
+
+def _folders() -> Iterator[tuple[str, Path, str]]:
+    """Yield folders that dynid writes to unasked: their use, place, and the variable that sets it."""
+    yield "temporary files", Path(tempfile.gettempdir()), "TMPDIR"
+
+
+def _unwritable(folder: Path) -> str:
+    """Return the reason why no file can be written to a folder, or ''."""
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return ""
+    except OSError as error:
+        return error.strerror or str(error)
+
+
+#: Template that is generated, of any number of stages.
+_CHAIN = "chain"
+#: Schema file beside the scene, for completion in editors.
+_SCHEMA = "dynid.schema.json"
+#: Data files that templates read.
+_COMPANIONS = {"record": ("record.csv",), "frf": ("frf.csv",), "study": ("bond-graph.yaml",)}
+
+
+def _folder() -> Traversable:
+    from importlib.resources import files
+
+    return files("dynid.templates")
+
+
+def _names() -> list[str]:
+    """Return the names of the templates."""
+    files = (item.name for item in _folder().iterdir())
+    return [*sorted(name.removesuffix(".yaml") for name in files if name.endswith(".yaml")), _CHAIN]
+
+
+@click.command()
+@click.argument("name", required=False, shell_complete=among(_names))
+@click.option("-o", "--output", type=click.Path(), help="The file to write; default ./NAME.yaml.")
+@click.option("--force", is_flag=True, help="Replace an existing file.")
+@click.option("--no-schema", is_flag=True, help=f"Do not write {_SCHEMA}, from which editors complete keys.")
+@click.option(
+    "--from",
+    "netlist",
+    type=click.Path(),
+    help="bond-graph: read the graph from a .bg netlist of BondGraphTools.",
+)
+@click.option(
+    "--stages", type=click.IntRange(1, 10_000), metavar="N", help="chain: number of stages (default 10)."
+)
+@click.option("--distinct", is_flag=True, help="chain: different parameter values in every stage.")
+def new(
+    name: str | None,
+    output: str | None,
+    force: bool,
+    no_schema: bool,
+    netlist: str | None,
+    stages: int | None,
+    distinct: bool,
+) -> int:
+    """Write a commented template scene; without NAME, list the templates.
+
+    \b
+    bond-graph      transfer functions, zeros, poles and responses of a motor
+    chain           a bond graph: masses, springs and dampers in N stages (--stages N)
+    structure       modes and responses of a chain of masses with known joints
+    synthesis       bond graphs with a wanted driving-point impedance
+    reduction       comparison of model reductions of a beam
+    identification  joints of a chain of masses, from a simulated record
+    identification-graph  values of a bond graph: motor, gear, flexible shaft
+    record          joints from a measured record, with its samples in record.csv
+    frf             joints from measured frequency responses, stored in frf.csv
+    beam            joints of a beam, identified on a reduced model
+    study           a parameter study of the motor with Latin hypercube sampling
+    """  # noqa: D301 - click's mark against wrapping
+    from dynid.file_access import replace_file
+
+    if name is None:
+        assert new.help is not None
+        click.echo("dynid new NAME, where NAME is one of\n")
+        click.echo(indent(dedent(new.help.partition("\b\n")[2]).rstrip(), "  "))
+        return 0
+    refuse_unknown(name, _names(), "template")
+    if name != _CHAIN and (stages is not None or distinct):
+        raise UsageError(f"a template '{name}' has no stages", remedy=f"Use them with `dynid new {_CHAIN}`.")
+    if name != "bond-graph" and netlist is not None:
+        raise UsageError(
+            f"a template '{name}' has no graph", remedy="Use `dynid new bond-graph --from FILE`."
+        )
+    target = Path(output or f"{name}.yaml")
+    if target.exists() and not force:
+        raise FileError(
+            f"{target} exists already", remedy="Name another file with -o, or replace it with --force."
+        )
+    refuse_missing_folders(str(target))
+    if name == _CHAIN:
+        from dynid.templates.chain import chain_scene
+
+        scene = chain_scene(stages or 10, vary=distinct).encode()
+    elif netlist is not None:
+        from dynid.scene.netlists import read_netlist
+
+        scene = read_netlist(netlist).encode()
+    else:
+        scene = _folder().joinpath(f"{name}.yaml").read_bytes()
+    if no_schema:
+        replace_file(str(target), scene)
+    else:
+        replace_file(str(target), f"# yaml-language-server: $schema={_SCHEMA}\n".encode() + scene)
+        schema, content = target.parent / _SCHEMA, f"{schema_text()}\n".encode()
+        if not schema.is_file() or schema.read_bytes() != content:
+            replace_file(str(schema), content)
+            click.echo(f"wrote {schema} (key completion in editors)")
+    for companion in (target.parent / file for file in _COMPANIONS.get(name, ())):
+        if companion.exists():  # it may be the user's own file
+            click.echo(f"kept {companion}, which is there already")
+        else:
+            replace_file(str(companion), _folder().joinpath(companion.name).read_bytes())
+            click.echo(f"wrote {companion}, which the scene reads")
+    click.echo(f"wrote {target}; run it: dynid {'study' if name == 'study' else 'run'} {target}")
+    return 0

@@ -1,0 +1,210 @@
+"""Modes of a model paired with measured ones: by MAC and frequency, with derivatives.
+
+Modes of the model that are nearly equal have no shapes of their own: the measured shape is compared with the
+best one of their span. The scale of a shape is solved for (variable projection), and derivatives are exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import UsageError
+from dynid.identification.modal_measurement import ModalMeasurement
+from dynid.structure.correlation import mac, paired
+from dynid.structure.model import StructuralModel
+from dynid.structure.modes.derivatives import ModalSolution, has_damping, lowest_modes, modal_basis
+
+Array = NDArray[np.float64]
+
+# Modes beside the measured ones that are computed, so that crossings are seen; up to which part of the
+# highest measured frequency; and the most of them.
+_SPARE, _BEYOND, _MOST = 4, 1.5, 200
+# Part of the highest measured frequency up to which the derivatives of modes are in a basis.
+_WITH_SLOPES = 1.25
+# Shapes at the sensors, of equal frequencies, are dependent below this part of the largest singular value.
+_DEPENDENT = 1e-6
+# More DOFs than this are reduced to the lowest modes and their derivatives.
+_MOST_DOFS = 250
+
+
+@dataclass(frozen=True, eq=False)
+class PairedModes:
+    """Predicted values of each quantity, their slopes (values x p), and what they are of."""
+
+    columns: list[Array]
+    slopes: list[Array]
+    pairs: NDArray[np.int_]
+    damping: Array
+    shapes: NDArray[Any]
+    mac: Array
+    own_mac: Array
+
+
+def paired_modes(
+    measured: ModalMeasurement, rows: Array, solution: ModalSolution, slopes: Any, error: Array, close: float
+) -> PairedModes:
+    """Return the modes of a model that are paired with the measured ones, and their derivatives.
+
+    Parameters
+    ----------
+    measured
+        The measured modes.
+    rows
+        Rows that read the sensors (s x n).
+    solution, slopes
+        The modes of the model, and the derivatives of its matrices by each parameter.
+    error
+        Errors of the model's form, relative (quantities).
+    close
+        Frequencies nearer to each other, relative, have one span of shapes.
+
+    Raises
+    ------
+    UsageError
+        If the model has fewer modes than are measured.
+    """
+    r, s, p = measured.modes, len(measured.dofs), len(slopes)
+    target, omega = measured.shapes, solution.omega
+    if len(omega) < r:
+        raise UsageError(
+            f"{r} modes are measured, but the model has {len(omega)}",
+            remedy="Refine the model, or leave modes out.",
+            names=("measurement.modes",),
+        )
+    at_sensors = rows @ solution.shapes
+    table = np.array([_mac_of(target[:, k], at_sensors) for k in range(r)])
+    pairs = paired(table, measured.omega, omega)
+    poles, by_pole = np.zeros(r, dtype=complex), np.zeros((r, p), dtype=complex)
+    shapes, by_shape = (
+        np.full((s, r), np.nan, dtype=target.dtype),
+        np.full((s, r, p), np.nan, dtype=target.dtype),
+    )
+    own = np.full(r, np.nan)
+    known: dict[int, Any] = {}
+    scatter, form = measured.deviations()[2], error[-1] if s else 0.0
+    for k, place in enumerate(pairs.tolist()):
+        near = np.flatnonzero(np.abs(omega - omega[place]) <= close * omega[place])
+        span = [place, *[j for j in near.tolist() if j != place]]
+        there = ~np.isnan(target[:, k])
+        if not there.any():  # of equal modes without a shape the mean
+            poles[k] = solution.poles[place]
+            each = [solution.pole_slopes(solution.poles[j], solution.shapes[:, j], slopes) for j in span]
+            by_pole[k] = np.mean(each, axis=0)
+            continue
+        for j in span:
+            if j not in known:
+                moved = rows @ solution.shape_slopes(j, span, slopes)
+                known[j] = _turned(at_sensors[:, j], moved, wide=bool(measured.complex_shapes))
+        weight = 1 / np.hypot(scatter[:, k], form)[there]
+        part, shapes[there, k], by_shape[there, k] = _best_of_span(
+            [known[j] for j in span], there, weight, target[there, k]
+        )
+        own[k] = _mac_of(target[:, k], shapes[:, [k]])[0]
+        poles[k], shape = _pole_of_span(solution, span, part)
+        by_pole[k] = solution.pole_slopes(complex(poles[k]), shape, slopes)
+    size = np.abs(poles)
+    by_omega = np.real(poles.conj()[:, None] * by_pole) / size[:, None]
+    zeta = -poles.real / size
+    columns, changes = [size], [by_omega]
+    if measured.has_damping:
+        columns.append(zeta)
+        changes.append((-by_pole.real - zeta[:, None] * by_omega) / size[:, None])
+    if s:
+        columns.append(real_parts(shapes))
+        changes.append(np.stack([real_parts(by_shape[..., j]) for j in range(p)], axis=1))
+    return PairedModes(columns, changes, pairs, zeta, shapes, table, own)
+
+
+def _best_of_span(
+    modes: list[tuple[NDArray[Any], NDArray[Any]]],
+    there: NDArray[np.bool_],
+    weight: Array,
+    target: NDArray[Any],
+) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Return the parts of the modes in the shape nearest to a measured one, that shape, its slopes."""
+    own = np.column_stack([shape for shape, _ in modes])
+    moves = np.stack([moved for _, moved in modes], axis=1)
+    Q, size, Vh = np.linalg.svd(weight[:, None] * own[there], full_matrices=False)
+    rank = np.count_nonzero(size > _DEPENDENT * size[0])
+    Q = Q[:, :rank]
+    part = Vh[:rank].conj().T @ (Q.conj().T @ (weight * target) / size[:rank])
+    change = weight[:, None] * np.tensordot(moves[there], part, axes=([1], [0]))
+    change = change - Q @ (Q.conj().T @ change)
+    return part, own[there] @ part, change / weight[:, None]
+
+
+def _pole_of_span(
+    solution: ModalSolution, span: list[int], part: NDArray[Any]
+) -> tuple[complex, NDArray[Any]]:
+    """Return the pole of a shape with these parts of the modes of a span, and the shape at all DOFs."""
+    psi = solution.shapes[:, span]
+    if len(span) == 1 or not part.any():
+        return solution.poles[span[0]], psi[:, 0]
+    # Without damping all of a shape has one phase.
+    part = part if solution.damped else _turned(part, part[:, None], wide=False)[0]
+    share = np.abs(part) ** 2
+    return share @ solution.poles[span] / share.sum(), psi @ part
+
+
+def _mac_of(measured: NDArray[Any], shapes: NDArray[Any]) -> Array:
+    """Return the MAC of a measured shape (s, NaN where missing) with others (s x m); 0 without a shape."""
+    there = ~np.isnan(measured)
+    return np.asarray(mac(measured[there, None], shapes[there])[0])
+
+
+def _turned(shape: NDArray[Any], moved: NDArray[Any], *, wide: bool) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return a shape at the sensors (s) and its slopes (s x p), turned to be as real as can be.
+
+    One that all phases make as real is not turned. Shapes are complex only where damping makes them so;
+    `wide`: the measured ones are complex, too.
+    """
+    if wide or not np.iscomplexobj(shape):
+        return shape, moved
+    square = shape @ shape
+    if square == 0:
+        return shape.real, moved.real
+    turn = np.exp(-0.5j * np.angle(square))
+    rate = -np.imag((shape @ moved) / square)
+    return (turn * shape).real, (turn * (moved + 1j * rate * shape[:, None])).real
+
+
+def real_parts(shapes: NDArray[Any]) -> Array:
+    """Return components of shapes (s x r) as real numbers one below the other, imaginary ones last."""
+    flat = shapes.ravel()
+    return np.concatenate([flat.real, flat.imag]) if np.iscomplexobj(flat) else flat
+
+
+def modes_needed(model: StructuralModel, measurement: ModalMeasurement, at: Mapping[str, float]) -> int:
+    """Return how many modes of the model are computed.
+
+    A few more than are measured, and all up to 1.5 times the highest measured frequency at these values.
+    """
+    near, highest = float(measurement.omega.min()), _BEYOND * float(measurement.omega.max())
+    count = measurement.modes + _SPARE
+    while count < min(model.size, _MOST):
+        omega = lowest_modes(model, at, count, near, damped=False).omega
+        if len(omega) < count or omega[-1] > highest:
+            return max(measurement.modes + _SPARE, int(np.count_nonzero(omega <= highest)) + 1)
+        count *= 2
+    return min(count, model.size, _MOST)
+
+
+def is_large(model: StructuralModel) -> bool:
+    """Return True if modes of a structure are better computed in a basis of its lowest ones."""
+    return model.is_sparse or model.size > _MOST_DOFS
+
+
+def modal_model(
+    model: StructuralModel, measurement: ModalMeasurement, at: Mapping[str, float], count: int
+) -> StructuralModel:
+    """Return the model that modes are computed with: the structure, or of a large one a basis there."""
+    if not is_large(model):
+        return model
+    damped = (measurement.has_damping or measurement.complex_shapes) and has_damping(model)
+    near, highest = float(measurement.omega.min()), _WITH_SLOPES * float(measurement.omega.max())
+    return modal_basis(model, at, count, near, highest, damped=damped)
