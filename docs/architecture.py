@@ -17,7 +17,7 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE.parent))
 
 from dynid.report.svg import Svg  # noqa: E402
-from tests.test_layers import EDGES, LAYERS, MODULES, ROOT, package_of  # noqa: E402
+from tests.test_layers import LAYERS, ROOT, edges, modules, package_of  # noqa: E402
 
 PICTURE = HERE / "architecture.svg"
 WIDTH, MARGIN, GAP = 940.0, 12.0, 30.0
@@ -36,13 +36,13 @@ COLOURS = dict(
 )
 
 LINES = Counter[str]()
-for module in MODULES:
+for module in modules():
     place = ROOT.joinpath(*module.split("."))
     file = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
     LINES[package_of(module)] += len(file.read_text().splitlines())
 IMPORTS = Counter(
     (package_of(module), package_of(name))
-    for module, name in EDGES
+    for module, name in edges()
     if not any({package_of(module), package_of(name)} <= layer for layer in LAYERS)
     and package_of(name) not in {"dynid", *LAYERS[0]}
 )
@@ -105,7 +105,7 @@ def lanes(found: dict[str, Box]) -> dict[tuple[str, str], float]:
 def parts_of(package: str) -> list[str]:
     """Return the folders within a package, the largest first."""
     sizes = Counter[str]()
-    for module in MODULES:
+    for module in modules():
         names = module.split(".")
         if names[0] == package and len(names) > 1 and (ROOT / package / names[1]).is_dir():
             sizes[names[1]] += 1

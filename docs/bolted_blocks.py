@@ -28,15 +28,15 @@ from dynid.identification.simulation import Simulation
 from dynid.identification.write_result import add_identification
 from dynid.lti.waveforms import Multisine
 from dynid.result import Selection
+from dynid.structure.assembly import assembled_parts
 from dynid.structure.damping import ProportionalDamping
 from dynid.structure.joints import JointParameter
 from dynid.structure.labels import DIRECTIONS
 from dynid.structure.model import StructuralModel
-from dynid.structure.parts import assembled_parts
 from dynid.structure.point_joints import PointJoint, components
 from dynid.structure.points import Point, with_points
 from dynid.structure.readers.mesh import Block, SolidMesh
-from dynid.structure.reduction.by_parts import PartReduction, ReductionByParts
+from dynid.structure.reduction.methods import PartReduction, ReductionByParts
 from dynid.structure.reduction.mode_selection import Interest, ModeRange
 from dynid.structure.reduction.serep import JointAware
 from dynid.structure.response import Channel, Load
