@@ -24,9 +24,6 @@ from dynid.parameters import Parameter, coordinates, truths
 
 Array = NDArray[np.float64]
 
-# Residuals below this part of a channel's RMS are rounding.
-_ROUNDING = 1e-13
-
 
 @dataclass(frozen=True, eq=False)
 class Fit:
@@ -163,7 +160,7 @@ class Likelihood:
     def _misfit(self, eta: Array, counts: Sequence[NDArray[np.int_]], sizes: Sequence[Array]) -> float:
         total = float(np.sum(self.priors.residual(eta) ** 2)) / 2
         for record, count, size in zip(self.records, counts, sizes, strict=True):
-            level = _likeliest(record, size)
+            level = record.above_rounding(size)
             squares = np.where(np.isnan(record.given), 0.0, size / level) ** 2
             total += float(count @ (np.log(level) + squares / 2)) + record.log_determinant()
         return total
@@ -171,7 +168,7 @@ class Likelihood:
     def likeliest(self, fit: Fit) -> list[Array]:
         """Return the noise given, else the RMS of the residuals, not below rounding (channels)."""
         each = zip(self.records, fit.parts, strict=True)
-        return [_likeliest(record, part.size) for record, part in each]
+        return [record.above_rounding(part.size) for record, part in each]
 
     def residual_ratio(self, fit: Fit) -> Array:
         """Return the RMS of the residuals over that of the measured values (channels of all records)."""
@@ -212,8 +209,3 @@ class Likelihood:
         each = zip(self.records, fit.residuals, strict=True)
         series = (record.series(residual) for record, residual in each)
         return whiteness(*series, coefficients=[int(record.noise_orders.sum()) for record in self.records])
-
-
-def _likeliest(record: RecordLikelihood, size: Array) -> Array:
-    """Return the noise given, else this RMS of the residuals, not below rounding (channels)."""
-    return record.given_or(np.hypot(size, _ROUNDING * record.data.rms))

@@ -454,7 +454,7 @@ class Posterior:
         test = self.noise_test
         if not test.p < NOISE_CONTRADICTED.value:
             return []
-        off = np.abs(np.log(test.ratio)) > np.log(NOISE_MATTERS.value)
+        off = (test.ratio > NOISE_MATTERS.value) | (test.ratio < 1 / NOISE_MATTERS.value)
         return np.flatnonzero(off & (test.channel_p < NOISE_CONTRADICTED.value)).tolist()
 
     @cached_property

@@ -28,6 +28,9 @@ from dynid.parameters import Parameter, rates, values
 
 Array = NDArray[np.float64]
 
+# Residuals below this part of a channel's RMS are rounding.
+_ROUNDING = 1e-13
+
 
 class NamedChannel(Protocol):
     """A channel with a name and a unit."""
@@ -317,6 +320,10 @@ class RecordLikelihood(ABC):
         """Return the deviations of the noise (channels): the given ones, else these."""
         return np.asarray(np.where(np.isnan(self.given), estimated, self.given))
 
+    def above_rounding(self, estimated: Array) -> Array:
+        """Return the given noise, else this estimate of it, not below rounding (channels)."""
+        return self.given_or(np.hypot(estimated, _ROUNDING * self.data.rms))
+
     def scatter(self, counts: NDArray[np.int_], size: Array) -> Array:
         """Return the RMS of residuals of this size (channels), corrected for the number of fitted values."""
         fitted = (self.nuisances + len(self.unknowns) / self.sharing) / len(size)
@@ -324,7 +331,7 @@ class RecordLikelihood(ABC):
 
     def noise_in(self, counts: NDArray[np.int_], size: Array) -> Array:
         """Return the given noise, else the density of the residuals in their band (channels)."""
-        return self.given_or(self.scatter(counts, size) / math.sqrt(self.data.passed))
+        return self.above_rounding(self.scatter(counts, size) / math.sqrt(self.data.passed))
 
     def weighted(self, fit: RecordFit, noise: Array) -> Array:
         """Return the residuals over noise, row by row as the information has them, 0 where missing."""
