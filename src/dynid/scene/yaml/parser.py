@@ -123,6 +123,8 @@ def in_plain_words(error: yaml.YAMLError, text: str, file: str) -> Fault:
     if "start any token" in problem:
         plain = f"a text cannot begin with '{character}'; put it in quotes"
         message = _PLAIN_WORDS["violates indentation"] if character == "\t" else plain
+    elif "maximum nesting depth" in problem:  # where the parser looks ahead, it counts levels itself
+        message = f"nested more than {MAX_DEPTH} deep"
     else:
         known = (words for part, words in _PLAIN_WORDS.items() if part in problem)
         message = next(known, f"this is not valid YAML: {problem}")
