@@ -63,7 +63,7 @@ def exact_peak(mu):
     return f, zeta * f, peak
 
 
-@pytest.mark.parametrize("mu", ["1/10", "1/50", "1/2"])
+@pytest.mark.parametrize("mu", ["1/10", "1/50", "1/2", "31/1000", "33/1000"])
 def test_the_least_peak_of_an_absorber_is_that_of_the_closed_form(mu):
     found = designed([Criterion("hinf", X, "F")], mu=Fraction(mu))
     f, z, peak = exact_peak(float(Fraction(mu)))

@@ -55,11 +55,14 @@ class Maxima(NamedTuple):
         The magnitudes there (m).
     slopes
         Derivatives of the magnitudes by the parameters (m x p).
+    fixed
+        How many of them, the last ones, are values at fixed frequencies instead.
     """
 
     omega: Array
     magnitude: Array
     slopes: Array
+    fixed: int = 0
 
 
 def modes(system: ParametricSystem) -> SystemModes:
@@ -156,6 +159,7 @@ def followed(system: ParametricSystem, known: Maxima, low: float = 0.0, high: fl
     """Return the same maxima of a system with slightly other parameters."""
     omega = known.omega.copy()
     free = np.isfinite(omega) & (omega > low) & (omega < high)
+    free[len(omega) - known.fixed :] = False
     for _ in range(6 if free.any() else 0):
         slope, bend = _slope(system, omega[free])
         step = np.where(bend < 0, -slope / np.where(bend < 0, bend, -1.0), 0.0)
@@ -166,7 +170,7 @@ def followed(system: ParametricSystem, known: Maxima, low: float = 0.0, high: fl
     magnitude, slopes = np.empty(len(omega)), np.empty((len(omega), len(system.A_slopes)))
     magnitude[finite], slopes[finite] = at_frequencies(system, omega[finite])
     magnitude[~finite], slopes[~finite] = abs(system.d), np.sign(system.d) * system.d_slopes
-    return Maxima(omega, magnitude, slopes)
+    return Maxima(omega, magnitude, slopes, known.fixed)
 
 
 def at_frequencies(system: ParametricSystem, omega: Array) -> tuple[Array, Array]:

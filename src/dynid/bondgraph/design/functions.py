@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -37,6 +37,8 @@ SPAN = 1e6
 _ORIGIN = 1e-14
 #: The factor around the start within which random starts are drawn where a limit is farther.
 _SPREAD = 30.0
+#: Frequencies nearer to each other than this, relative, count as one.
+_SAME_FREQUENCY = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -329,6 +331,14 @@ class DesignFunctions:
             return f"{name} is not stable: {_pole_text(channel_poles[bad][0])} on the imaginary axis"
         return ""
 
+    def with_frequencies(self, here: Evaluation, other: Evaluation) -> Evaluation:
+        """Return an evaluation with further pieces of its norms: the magnitudes where another's maxima are.
+
+        They are not above the norms. Each is a smooth function of the parameters, at a fixed frequency.
+        """
+        pairs = zip(here.norms, other.norms, strict=True)
+        return replace(here, norms=tuple(_with_frequencies(one, beside) for one, beside in pairs))
+
     def gradients(self, eta: Array, near: Evaluation) -> tuple[Array, list[Array]]:
         """Return the derivatives of the residuals and of the pieces of every norm, at a point nearby.
 
@@ -350,6 +360,23 @@ class DesignFunctions:
                 moved = norms.followed(system, known_norm.maxima, criterion.low, criterion.high)
                 slopes.append(moved.slopes)
         return np.concatenate(jacobian), slopes
+
+
+def _with_frequencies(one: Norm, beside: Norm) -> Norm:
+    known, others = one.maxima, beside.maxima
+    if known is None or others is None or one.system is None:
+        return one
+    own, new = (each.omega[np.isfinite(each.omega)] for each in (known, others))
+    distance = np.abs(new[:, None] - own).min(axis=1, initial=np.inf)
+    new = new[distance > _SAME_FREQUENCY * new]
+    values, slopes = norms.at_frequencies(one.system, new)
+    every = norms.Maxima(
+        np.append(known.omega, new),
+        np.append(known.magnitude, values),
+        np.concatenate([known.slopes, slopes]),
+        known.fixed + len(new),
+    )
+    return Norm(every.magnitude, every.slopes, one.system, every)
 
 
 def _pole_text(value: complex) -> str:

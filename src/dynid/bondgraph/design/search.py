@@ -232,9 +232,12 @@ class _Search:
                 B = _convex(self.hessian(here, known))
             except NumericalError:
                 B = np.eye(len(here.eta))
-            accepted = False
+            accepted, seen = False, here
             while radius > 1e-7:
                 step, found, predicted = self._step(now, here.eta, B, radius, penalty)
+                if predicted < -_PREDICTED:  # the program was not solved: standing still is better
+                    radius *= 0.3
+                    continue
                 if predicted <= _PREDICTED:
                     return here
                 trial = self.functions.at(np.clip(here.eta + step, self.low, self.high))
@@ -243,10 +246,14 @@ class _Search:
                 if gained >= 0.1 * predicted:
                     far = float(np.abs(step).max()) >= 0.99 * radius
                     radius = min(2 * radius, 2.0) if gained >= 0.75 * predicted and far else radius
-                    multipliers = found if len(found.pieces) == _pieces(trial) else None
+                    same = seen is here and len(found.pieces) == _pieces(trial)
+                    multipliers = found if same else None
                     here, accepted = trial, True
                     break
                 radius = 0.3 * min(radius, float(np.abs(step).max()))
+                if trial.exists:  # a maximum that appears on the way limits the next step
+                    seen = self.functions.with_frequencies(seen, trial)
+                    now = self.problem(seen)
             if not accepted:
                 break
         return here
