@@ -411,12 +411,11 @@ def irreducible_blocks(equations: Sequence[LinearForm]) -> list[IrreducibleBlock
         Where the determinant vanishes whatever the coefficients are.
     """
     place: dict[str, int] = {}
-    entries = [
-        (row, place.setdefault(symbol[1], len(place)))
-        for row, form in enumerate(equations)
-        for symbol in form
-        if symbol[0] != "u"
-    ]
+    columns: list[int] = []
+    starts = [0]
+    for form in equations:
+        columns += {place.setdefault(symbol[1], len(place)): None for symbol in form if symbol[0] != "u"}
+        starts.append(len(columns))
     size = len(equations)
     if len(place) != size:
         raise contradiction()
@@ -426,15 +425,15 @@ def irreducible_blocks(equations: Sequence[LinearForm]) -> list[IrreducibleBlock
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
-    rows, columns = np.array(entries).T
-    pattern = csr_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(size, size))
-    column_of = maximum_bipartite_matching(pattern, perm_type="column")
+    def pattern(indices: Any) -> Any:
+        return csr_array((np.ones(len(columns)), indices, starts), shape=(size, size))
+
+    column_of = maximum_bipartite_matching(pattern(columns), perm_type="column")
     if (column_of < 0).any():
         raise contradiction()
     row_of = np.empty(size, dtype=int)
     row_of[column_of] = np.arange(size)
-    reads = csr_array((np.ones(len(rows), dtype=np.int8), (rows, row_of[columns])), shape=(size, size))
-    _, label = connected_components(reads, directed=True, connection="strong")
+    _, label = connected_components(pattern(row_of[columns]), directed=True, connection="strong")
     by_row, by_column = label.tolist(), label[row_of].tolist()
     blocks = [IrreducibleBlock([], []) for _ in range(max(by_row) + 1)]
     block_of = {name: by_column[column] for name, column in place.items()}

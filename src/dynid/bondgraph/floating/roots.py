@@ -156,11 +156,12 @@ class RootDiscs:
 
     def clusters(self) -> NDArray[np.int64]:
         """Return a number for every root: the same for those that overlap, also by way of others."""
+        overlaps = self.overlaps(self)
+        if np.count_nonzero(overlaps) == len(self):  # each with itself alone
+            return np.arange(len(self))
         from scipy.sparse.csgraph import connected_components
 
-        if not len(self):
-            return np.zeros(0, dtype=np.int64)
-        _, label = connected_components(self.overlaps(self).astype(np.int8), directed=False)
+        _, label = connected_components(overlaps.astype(np.int8), directed=False)
         return np.asarray(label, dtype=np.int64)
 
     def in_order(self) -> RootDiscs:
