@@ -158,20 +158,21 @@ class Segments(RecordLikelihood):
     def _moved(self, eta: Array, starts: Array) -> Array:
         """Return the derivatives of the free decays from initial states (segments x rows x p)."""
         model = self.record.model.moved(eta)
-        (K, n), p, L = starts.shape, model.parameters, self.length
+        n, p, L = model.states, model.parameters, self.length
         sampled = model.times
         transition = model.transition(eta, float(sampled[-1] - sampled[0]) / (len(sampled) - 1))
         Phi, by_parameter = transition.step[:, :n], transition.derivatives[:, :, :n]
-        states, slopes = np.empty((L, K, n)), np.zeros((L, K, p, n))
-        states[0] = starts @ self.record.root.T
-        states[1:] = recurrence(Phi, np.zeros((L - 1, K, n)), states[0])
-        forcing = (states[:-1, :, None, None] @ by_parameter.swapaxes(1, 2))[:, :, :, 0]
-        slopes.reshape(L, K * p, n)[1:] = recurrence(
-            Phi, forcing.reshape(L - 1, K * p, n), np.zeros((K * p, n))
-        )
+        # From the states of the prior's root, of which every initial state is a sum.
+        states, slopes = np.empty((L, n, n)), np.zeros((L, n * p, n))
+        states[0] = self.record.root.T
+        states[1:] = recurrence(Phi, np.zeros((L - 1, n, n)), states[0])
+        forcing = states[:-1].reshape(-1, n) @ by_parameter.reshape(p * n, n).T
+        slopes[1:] = recurrence(Phi, forcing.reshape(L - 1, n * p, n), slopes[0])
         C, C_slopes = model.output(eta)
-        projected = slopes @ C.T + (states[:, :, None, None] @ C_slopes.swapaxes(1, 2))[:, :, :, 0]
-        return np.asarray((projected / self.record.data.rms).transpose(1, 0, 3, 2).reshape(K, -1, p))
+        seen = states.reshape(-1, n) @ C_slopes.reshape(-1, n).T
+        seen = (seen.reshape(L, n, p, -1) + (slopes @ C.T).reshape(L, n, p, -1)) / self.record.data.rms
+        each = starts @ seen.transpose(1, 0, 3, 2).reshape(n, -1)
+        return np.asarray(each.reshape(len(starts), -1, p))
 
     def _sized(self, square: float) -> Array:
         """Return a residual whose RMS is that of all values, of a sum of squares (1 x 1)."""
