@@ -467,6 +467,12 @@ recursion written by hand for just this chain:
 A filter pass and a prediction are linear in the samples. Of an identification the sensitivities limit
 the memory ([limits](limits.md#identification)). Beyond: frequency responses in place of records.
 
+Where the residuals are not noise, further starts are tried, one after the other. A model that explains
+nothing of a record costs 0.4 s with 800 samples, 2 s with 8,000 and 7 s with 40,000 (two channels, four
+parameters) until five starts agree. Starts side by side would save little: two fifths of that time are
+spent in the C library, which threads can share, so that two cores save a quarter at most; processes take
+half a second each to start, and studies use all cores already.
+
 ## Start-up
 
 Processor time of whole commands, files compiled before; beside it that of a Python process that imports the
