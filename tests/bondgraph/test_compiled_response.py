@@ -10,11 +10,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from dynid.bench.cases.frequency_response import tree
+from dynid.bench.cases.ladder import reduced as ladder
 from dynid.bondgraph import frequency_response as response_module
 from dynid.bondgraph.frequency_response import frequency_response
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
 from dynid.bondgraph.plan import ReducedGraph
-from dynid.bondgraph.program.compiler import compile_tape, sweep_frequencies
+from dynid.bondgraph.program.compiler import (
+    _registers,
+    allocate_slots,
+    compile_tape,
+    instruction_order,
+    lower_program,
+    sweep_frequencies,
+)
 from dynid.native import VARIABLE
 from dynid.templates.chain import FORCE, Stage, chain, distinct, last_velocity, uniform
 from tests.bondgraph.graphs import solvable, transfers, written
@@ -102,6 +111,15 @@ def test_memory_does_not_grow_with_the_chain_and_work_grows_in_step(make):
         needs[stages] = (len(tape.rows), tape.slots)
     assert needs[50][1] == needs[400][1] < 12
     assert (needs[400][0] - needs[100][0]) == 6 * (needs[100][0] - needs[50][0])
+
+
+@pytest.mark.parametrize(
+    ("make", "size", "most"), [(tree, 5000, 20), (lambda stages: ladder(stages).balanced(), 1250, 1000)]
+)
+def test_few_values_are_alive_where_the_order_of_the_reduction_keeps_many(make, size, most):
+    graph = make(size)
+    tape = compile_tape(graph.program, list(graph.channels().values()), graph.graph.value)
+    assert tape.slots < most  # in the order of the reduction 217 and 12,495
 
 
 def membrane(side):
@@ -255,6 +273,18 @@ def test_numpy_gives_what_the_library_gives(monkeypatch, make, seed):
     np.testing.assert_array_equal(known, np.isfinite(plain_bounds))
     np.testing.assert_allclose(plain_bounds[known], bounds[known], rtol=1e-9)
     assert (np.abs(plain - found)[known] <= 2 * bounds[known] + 4.5e-16 * np.abs(found)[known]).all()
+
+
+def test_numpy_chooses_the_order_that_the_library_chooses(monkeypatch):
+    graph = ladder(60).balanced()
+    given = graph.program, list(graph.channels().values()), graph.graph.value
+    tape = compile_tape(*given)
+    listing, places = lower_program(_registers(given[0], given[2]), np.array(given[1]))
+    as_written = instruction_order(listing.codes, listing.operands, places, deep=False)
+    assert tape.slots < allocate_slots(listing.operands, as_written, places)[1] / 2
+    monkeypatch.setenv(VARIABLE, "0")
+    for one, other in zip(tape, compile_tape(*given), strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_a_value_beyond_all_doubles_is_not_trusted():

@@ -9,6 +9,7 @@ enum { P_LAPLACE = 2, P_ADD, P_SUB, P_MUL, P_DIV, P_NEG };
 enum { LOAD, SHIFT, ADD, SUB, MUL, INV, NEG };
 #define GENERAL 99 /* power of a register that is no monomial */
 #define SHALLOW 4  /* operations above a leaf */
+#define FEW 100    /* slots that stay in fast memory */
 
 typedef struct {
   int64_t *codes, *one, *other, *powers;
@@ -117,17 +118,19 @@ static int64_t lower(int64_t count, const int64_t *codes, const int64_t *first, 
   return d->length;
 }
 
-/* Fill an order in which few instructions are alive at a time; return how many are in it. */
-static int64_t ordered(const Listing *d, int64_t wanted_count, const int64_t *places, int64_t *order,
-                       int64_t *depth, uint8_t *root, uint8_t *placed, int64_t *stack) {
+/* Fill an order in which few instructions are alive at a time; return how many are in it. Where it goes deep, each
+ * comes when it is asked for, of its operands first the one that needs more slots (Sethi & Ullman 1970). */
+static int64_t ordered(const Listing *d, int64_t wanted_count, const int64_t *places, int deep, int64_t *order,
+                       int64_t *weight, uint8_t *root, uint8_t *placed, int64_t *stack) {
   int64_t done = 0;
   for (int64_t at = 0; at < d->length; at++) {
-    depth[at] = 0; /* operations above the leaves */
+    weight[at] = deep; /* slots that it needs, or operations above the leaves */
     if (d->codes[at] != LOAD) {
-      const int64_t a = depth[d->one[at]], b = depth[d->other[at]];
-      depth[at] = 1 + (a > b ? a : b);
+      const int64_t a = weight[d->one[at]], b = weight[d->other[at]];
+      const int more = deep ? a == b && d->one[at] != d->other[at] : 1;
+      weight[at] = (a > b ? a : b) + more;
     }
-    root[at] = depth[at] > SHALLOW;
+    root[at] = !deep && weight[at] > SHALLOW;
     placed[at] = 0;
   }
   for (int64_t k = 0; k < wanted_count; k++) root[places[k]] = 1;
@@ -138,8 +141,10 @@ static int64_t ordered(const Listing *d, int64_t wanted_count, const int64_t *pl
     while (top >= 0) {
       const int64_t at = stack[top], here = top;
       if (!placed[at] && d->codes[at] != LOAD) {
-        if (!placed[d->one[at]]) stack[++top] = d->one[at];
-        if (!placed[d->other[at]]) stack[++top] = d->other[at];
+        const int turned = deep && weight[d->one[at]] > weight[d->other[at]];
+        const int64_t last = turned ? d->other[at] : d->one[at], next = turned ? d->one[at] : d->other[at];
+        if (!placed[last]) stack[++top] = last;
+        if (!placed[next]) stack[++top] = next;
       }
       if (top > here) continue; /* back to it when its operands are placed */
       top--;
@@ -188,11 +193,16 @@ ENTRY int64_t dynid_tape(int64_t count, const int64_t *codes, const int64_t *fir
   if (all && listed && flags) {
     int64_t *power = all, *place = power + count, *inverse = place + count, *rest = inverse + count;
     Listing d = {rest, rest + most, rest + 2 * most, rest + 3 * most, listed, 0};
-    int64_t *order = rest + 4 * most, *depth = rest + 5 * most, *slot = rest + 6 * most;
+    int64_t *order = rest + 4 * most, *weight = rest + 5 * most, *slot = rest + 6 * most;
     int64_t *uses = rest + 7 * most, *spare = rest + 8 * most, *stack = rest + 9 * most;
     lower(count, codes, first, second, numbers, wanted_count, wanted, &d, places, flags, power, place, inverse);
-    sizes[0] = ordered(&d, wanted_count, places, order, depth, flags + count, flags + count + most, stack);
-    sizes[1] = slotted(&d, sizes[0], order, wanted_count, places, uses, slot, spare);
+    int64_t least = INT64_MAX;
+    for (int way = 0; way < 3; way++) { /* as written; deep; as written again, if that took fewer slots */
+      sizes[0] = ordered(&d, wanted_count, places, way == 1, order, weight, flags + count, flags + count + most, stack);
+      sizes[1] = slotted(&d, sizes[0], order, wanted_count, places, uses, slot, spare);
+      if (sizes[1] <= FEW || (way == 1 && sizes[1] < least)) break;
+      least = sizes[1];
+    }
     for (int64_t k = 0; k < sizes[0]; k++) {
       const int64_t at = order[k];
       const int64_t row[5] = {d.codes[at], slot[d.one[at]], slot[d.other[at]], slot[at], d.powers[at]};

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from itertools import chain
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -221,20 +222,24 @@ def _write_sum(registers: RegisterArrays, power: Integers, register: int, draft:
 # --- order and slots ------------------------------------------------------------------------------
 
 _SHALLOW = 4  # operations above a leaf
+_FEW = 100  # slots that stay in fast memory
 
 
-def instruction_order(codes: Integers, operands: Integers, wanted: Integers) -> Integers:
+def instruction_order(codes: Integers, operands: Integers, wanted: Integers, *, deep: bool) -> Integers:
     """Return an order of the instructions in which few are alive at a time.
 
     It is the one in which they are written, but what is near the leaves (the immittance of an element, say)
-    comes only when it is asked for, or not at all.
+    comes only when it is asked for, or not at all. Where it goes `deep`, every instruction does, of its
+    operands first the one that needs more slots (R. Sethi, J. D. Ullman, J. ACM 17 (1970) 715–728).
     """
     count = len(codes)
-    depth = np.zeros(count, np.int64)  # operations above the leaves
+    weight = np.full(count, int(deep))  # slots that it needs, or operations above the leaves
     for at in range(count):
         if codes[at] != _LOAD:
-            depth[at] = 1 + max(depth[operands[at, 0]], depth[operands[at, 1]])
-    root = depth > _SHALLOW
+            one, other = operands[at]
+            more = one != other and weight[one] == weight[other] if deep else True
+            weight[at] = max(weight[one], weight[other]) + more
+    root = (weight > _SHALLOW) & (not deep)
     root[wanted] = True
     order = np.empty(count, np.int64)
     done = 0
@@ -245,7 +250,9 @@ def instruction_order(codes: Integers, operands: Integers, wanted: Integers) -> 
         while top >= 0:
             at, here = stack[top], top
             if not placed[at] and codes[at] != _LOAD:
-                for operand in operands[at]:
+                one, other = operands[at]
+                turned = deep and weight[one] > weight[other]
+                for operand in (other, one) if turned else (one, other):  # the last comes first
                     if not placed[operand]:
                         top += 1
                         stack[top] = operand
@@ -329,10 +336,20 @@ def compile_tape(
     if compiled():
         return _tape_by_library(registers, asked)
     listing, places = lower_program(registers, asked)
-    order = instruction_order(listing.codes, listing.operands, places)
-    slot, slots = allocate_slots(listing.operands, order, places)
+    order, slot, slots = _in_few_slots(listing, places)
     rows = np.column_stack((listing.codes, slot[listing.operands], slot, listing.powers))
     return InstructionTape(rows[order], listing.numbers[order], slot[places], slots)
+
+
+def _in_few_slots(listing: InstructionListing, places: Integers) -> tuple[Integers, Integers, int]:
+    """Return the order of the instructions, the slot of each, and how many slots there are."""
+    tried: list[tuple[Integers, Integers, int]] = []
+    for deep in (False, True):
+        order = instruction_order(listing.codes, listing.operands, places, deep=deep)
+        tried.append((order, *allocate_slots(listing.operands, order, places)))
+        if tried[-1][2] <= _FEW:
+            return tried[-1]
+    return min(tried, key=itemgetter(2))
 
 
 def _tape_by_library(registers: RegisterArrays, wanted: Integers) -> InstructionTape:
