@@ -97,6 +97,8 @@ _LONG = COMPILED_RESPONSES.value
 _SMALLEST = 1e-290
 #: Operations in ball arithmetic, over all points, that take as long as planning a graph anew.
 _ANEW = PLANNED_ANEW.value
+#: Frequencies that are evaluated first where a graph has loops, as many as run at once.
+_SAMPLE = 64
 _PRECISIONS = (128, 256, 512)
 #: How many bits beside a natural mode what is finite there is taken.
 _BESIDE = 150
@@ -136,9 +138,16 @@ def on_axis(
     `again` finds the same registers where the graph is planned anew; absent: it is not.
     """
     evaluate = _doubled if len(planned.program) > _LONG else _double
+    stride, balanced = len(omega) // _SAMPLE, False
+    looped = len(planned.graph.bonds) >= len(planned.graph.nodes)
+    if again is not None and looped and stride > 1 and len(omega) * len(planned.program) > _ANEW:
+        _, trusted = evaluate(planned, registers, omega[::stride])  # they show whether the plan serves
+        if stride * np.count_nonzero(~trusted) * len(planned.program) > _ANEW:
+            planned, evaluate, balanced = planned.balanced(), _doubled, True
+            registers = again(planned)
     response, trusted = evaluate(planned, registers, omega)
     unsure = np.flatnonzero(~trusted)
-    if again is not None and len(unsure) * len(planned.program) > _ANEW:
+    if again is not None and not balanced and len(unsure) * len(planned.program) > _ANEW:
         planned = planned.balanced()
         registers = again(planned)
         response[unsure], trusted = _doubled(planned, registers, omega[unsure])
