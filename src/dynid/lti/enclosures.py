@@ -21,7 +21,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from flint import acb, acb_poly, arb, arb_poly, ctx
+from flint import acb, arb, arb_poly, ctx
 from numpy.typing import NDArray
 
 #: First and largest working precision, and relative accuracy of a returned part, bits.
@@ -132,16 +132,14 @@ class _BallPolynomial:
     def __init__(self, polynomial: Any) -> None:
         self.exact = polynomial
         self.degree = int(polynomial.degree())
-        self._balls: dict[int, tuple[Any, Any]] = {}  # over the reals and the complex numbers
+        self._balls: dict[int, tuple[Any, Any]] = {}
 
     def at(self, point: Any, precision: int, order: int = 0) -> Any:
         """Return p, or p' (order 1), at a point."""
         with ctx.workprec(precision):
             if precision not in self._balls:
-                both = arb_poly(self.exact), arb_poly(self.exact.derivative())
-                self._balls[precision] = both, tuple(map(acb_poly, both))
-            real, complex_ = self._balls[precision]
-            return acb(real[order](point.real)) if point.imag == 0 else complex_[order](point)
+                self._balls[precision] = arb_poly(self.exact), arb_poly(self.exact.derivative())
+            return acb(self._balls[precision][order](point if point.imag != 0 else point.real))
 
     def value(self, point: Any, precision: int) -> tuple[Any, int]:
         """Return p to a few digits, where possible, and the precision needed."""
