@@ -26,6 +26,21 @@ def drawn(controller):
     return result, {figure.name: figure.draw() for figure in figures(result)}
 
 
+def test_a_loop_without_feedback_is_drawn():
+    """Its L is 0 and it has no root locus; the page says so."""
+    text = SCENE.replace("CONTROLLER", "{gain: 2, delay: 0.1}").replace(
+        "loops: [", "loops: [{from: F.e, to: u, controller: {gain: -1, delay: 0.2}}, "
+    )
+    text = text.replace("u: Se,", "u: Se, F: Se,").replace("bonds: [", "bonds: [F -> j, ")
+    result = dynid.run(check_source(parse_source(text, "scene.yaml")))
+    pictures = {figure.name: figure.draw() for figure in figures(result)}
+    assert "L = 0, nothing is fed back" in pictures["loop-nyquist"].caption
+    assert "root-locus-loop-1" not in pictures
+    assert "root-locus-loop-2" in pictures
+    (table,) = {section.title: section for section in content(result).sections}["Feedback loops"].blocks
+    assert table.rows[0] == ("F.e -> u", "∞", "∞", "∞", "1", "0", "stable")
+
+
 @pytest.mark.parametrize("controller", ["{gain: 2, delay: 0.1}", "{pid: {kp: 2, ki: 5}}"])
 def test_a_loop_is_drawn(controller):
     result, pictures = drawn(controller)

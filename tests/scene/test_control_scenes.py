@@ -261,6 +261,59 @@ def test_verdicts_with_delays(tau, stable):
         assert result["bond_graph/margins/delay"].data[1] == pytest.approx(limit - tau, rel=1e-9)
 
 
+FEED_FORWARD = """
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {u: Se, r: Sf, load: {type: R, value: 1}, axis: 1, J: {type: I, value: 0.5}, b: {type: R, value: 2}}
+  bonds: [r -> load, u -> axis -> J, axis -> b]
+control:
+  loops:
+    - {from: axis.f, to: u, controller: {gain: GAIN, delay: BACK}}
+    - {from: r.f, to: u, controller: {gain: -4, delay: FORTH}}
+analysis: {inputs: [r], outputs: [axis.f], frequency: {start: 0.1, stop: 50, points: 20}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("gain", "back", "forth"), [(4, 0.02, 0), (4, 0.02, 0.02), (4, 0, 0.3), (4, 0, 0), (-4, 0.02, 0)]
+)
+def test_a_feed_forward_limits_nothing_and_moves_no_pole(gain, back, forth):
+    """J s w = u - b w with u = 4 e^(-s τ2) r - k e^(-s τ1) w: the second loop has L = 0."""
+    values = {"GAIN": gain, "BACK": back, "FORTH": forth}
+    text = FEED_FORWARD
+    for name, value in values.items():
+        text = text.replace(name, str(value))
+    result = dynid.run(scene(text))
+    margins = {
+        name: result[f"bond_graph/margins/{name}"].data
+        for name in ("gain", "gain_reduction", "phase", "delay", "Ms", "Mt", "stable", "stability")
+    }
+    expected = {"gain": np.inf, "gain_reduction": 0, "phase": np.inf, "delay": np.inf, "Ms": 1, "Mt": 0}
+    assert {name: margins[name][1] for name in expected} == expected
+    assert margins["stability"][1].startswith("stable: L = 0")
+    assert margins["stable"].tolist() == [gain > 0, True]
+    alone = dynid.run(scene("\n".join(line for line in text.splitlines() if "from: r.f" not in line)))
+    assert all(margins[name][0] == alone[f"bond_graph/margins/{name}"].data[0] for name in margins)
+    group = "bond_graph/sensitivity_functions"
+    s = 1j * result[f"{group}/omega"].data
+    loop = gain * np.exp(-s * back) / (0.5 * s + 2)
+    np.testing.assert_allclose(result[f"{group}/L"].data[:, 0], loop, rtol=1e-12)
+    for name, value in (("L", 0), ("S", 1), ("T", 0)):
+        assert np.all(result[f"{group}/{name}"].data[:, 1] == value)
+    channel = 4 * np.exp(-s * forth) / (0.5 * s + 2) / (1 + loop)
+    np.testing.assert_allclose(
+        result["bond_graph/frequency_response/response"].data[:, 0, 0], channel, rtol=1e-9
+    )
+    assert not any(path.startswith("bond_graph/root_locus/loop_2") for path in result)
+    properties = "bond_graph/properties/axis.f/r"
+    assert result.value(f"{properties}/stable") == (gain > 0)
+    assert result.value(f"{properties}/relative_degree") == (np.inf if forth else 1)
+    assert ("bond_graph/margins/poles" in result) == bool(back)
+    for pole in result["bond_graph/margins/poles"].data if back else ():
+        assert abs(0.5 * pole + 2 + gain * np.exp(-pole * back)) < 1e-9
+
+
 @pytest.mark.parametrize(
     ("gain", "tau", "stable", "agree"),
     [(0.01, 18, True, False), (-0.01, 17, False, False), (-0.01, 5, False, True), (-0.01, 20, True, True)],

@@ -92,10 +92,15 @@ class CutLoops:
         return function
 
     def loop(self, place: int) -> tuple[QuasiPolynomial, QuasiPolynomial]:
-        """Return L of one loop, the others closed: numerator and denominator without a common factor."""
+        """Return L of one loop, the others closed: numerator and denominator without a common factor.
+
+        Of a feed-forward, whose source does not act on what is measured, L is 0/1.
+        """
         every = range(len(self.loops))
         below = self.function([loop for loop in every if loop != place])
         above = self.function(every) - below
+        if not above.terms:
+            return above, QuasiPolynomial({Fraction(0): 0 * self._common + 1})
         shared = common_factor([above, below])
         return above.over(shared), below.over(shared)
 

@@ -22,6 +22,8 @@ from dynid.lti.stability import all_left, stability
 _REAL = 1e-9
 #: Relative rounding errors of a loop at its limit of stability.
 LIMIT = 1e-9
+#: Verdict on a loop with L = 0.
+FEED_FORWARD = "stable: L = 0, nothing is fed back"
 #: Bits with which loops are evaluated.
 _PRECISION = 160
 
@@ -84,7 +86,7 @@ def margins(numerator: Any, denominator: Any) -> Margins:
     ----------
     numerator, denominator
         The open-loop transfer function L(s) of negative feedback: integer polynomials (flint `fmpz_poly`)
-        without a common factor.
+        without a common factor; 0/1 of a feed-forward, which limits nothing and moves no pole.
     """
     n, d = _on_axis(numerator), _on_axis(denominator)
     size_n, size_d = _squared(n), _squared(d)
@@ -110,7 +112,7 @@ def margins(numerator: Any, denominator: Any) -> Margins:
     roots = certified_roots(closed)
     return Margins(
         stable=bool(all_left(roots)),
-        stability=stability(roots),
+        stability=stability(roots) if numerator != 0 else FEED_FORWARD,
         unstable_poles=sum(root.multiplicity for root in roots if root.side > 0),
         gain=gain,
         gain_reduction=reduction[0],

@@ -20,7 +20,7 @@ from dynid.lti.delay_margins import delay_margins
 from dynid.lti.margins import Margins, margins
 from dynid.lti.quasi_polynomials import QuasiPolynomial, on_axis, rightmost_roots
 from dynid.number_format import roots_text
-from dynid.result import Result, Variable
+from dynid.result import Result, Variable, as_kept
 
 MARGINS, FUNCTIONS, LOCUS = "bond_graph/margins", "bond_graph/sensitivity_functions", "bond_graph/root_locus"
 _UNITS = {"phase": "deg", "delay": "s"}
@@ -216,7 +216,7 @@ def with_delays(result: Result, analysis: Analysis) -> Result:
     found = Result(result.kind, result.title, result.attrs)
     for path, variable in result.items():
         if path in true:
-            found.put(path, replace(variable, data=np.asarray(true[path], variable.data.dtype)))
+            found.put(path, replace(variable, data=as_kept(true[path])))
         elif _approximate(path) and not path.endswith(_EXACT):
             found.put(path, _marked(variable, text))
         else:

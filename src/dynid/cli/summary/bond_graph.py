@@ -122,6 +122,9 @@ def _margins(result: Result) -> Iterable[str]:
         at = {name: float(result[f"{group}/{name}"].data[place]) for name in _MARGINS}
         yield f"  loop {loop}"
         stable = bool(result[f"{group}/stable"].data[place])
+        if at["Mt"] == 0:
+            yield "    L = 0: nothing is fed back, so that it moves no pole"
+            continue
         found = [f"gain margin {at['gain']:.4g}" if np.isfinite(at["gain"]) else "any larger gain"]
         if at["gain_reduction"] > 0:
             found.append(f"least gain {at['gain_reduction']:.4g} of this one")
