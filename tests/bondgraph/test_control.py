@@ -47,7 +47,17 @@ def random_loops(rng, types):
             Fraction(rng.randint(-9, 9), rng.randint(1, 5)) for _ in range(rng.randint(1, len(bottom) + 1))
         ]
         if any(top):
-            loops.append(Loop(port(f"{node}.{quantity}"), rng.choice(sources), top, bottom, f"r{number}"))
+            setpoint = rng.choice(["", f"w{number}"])
+            loops.append(
+                Loop(
+                    port(f"{node}.{quantity}"),
+                    rng.choice(sources),
+                    top,
+                    bottom,
+                    f"r{number}",
+                    setpoint=setpoint,
+                )
+            )
     return loops
 
 
@@ -73,18 +83,22 @@ def test_random_closed_loops_solve_the_equations_of_the_open_graph(seed):
     if system.det() == 0:
         return
     closed = close_loops(build(types, values, bonds), loops)
-    references = {loop.reference: loop.source for loop in loops}
-    sources = [name for name in inputs if name not in driven] + [*references]
+    # What acts at a driven source: a reference as it is, a setpoint times the controller.
+    acting = {loop.reference: (loop.source, Fraction(1)) for loop in loops}
+    acting |= {
+        loop.setpoint: (loop.source, gain) for loop, gain in zip(loops, gains, strict=True) if loop.setpoint
+    }
+    sources = [name for name in inputs if name not in driven] + [*acting]
     wanted = closed.variables.get(port(".".join(output)), port(".".join(output)))
     found = transfers(ReducedGraph(closed.graph, sources, [wanted]))
     for source in sources:
-        by = references.get(source, source)
+        by, factor = acting.get(source, (source, Fraction(1)))
         signals = system.LUsolve(sympy.Matrix([rational(open_graph[name, by]) for name in names]))
         expected = rational(open_graph[".".join(output), by]) - sum(
             rational(open_graph[".".join(output), own] * gain) * signal
             for own, gain, signal in zip(driven, gains, signals, strict=True)
         )
-        assert rational(at(found[str(wanted), source], S)) == expected
+        assert rational(at(found[str(wanted), source], S)) == expected * rational(factor)
 
 
 def stable_plant(rng):

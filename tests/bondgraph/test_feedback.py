@@ -123,8 +123,8 @@ def test_two_loops_with_delays_have_the_roots_of_their_determinant(seed):
     delays = [Fraction(rng.randint(1, 20), 20), Fraction(rng.choice([0, 7, 13]), 20)]
     other = rng.choice("fq")
     loops = [
-        Loop(port("m0.f"), "F1", *random_controller(rng, "f"), "r", delays[0]),
-        Loop(port(f"m1.{other}"), "F2", *random_controller(rng, other), delay=delays[1]),
+        Loop(port("m0.f"), "F1", *random_controller(rng, "f"), "r", delays[0], setpoint="w0"),
+        Loop(port(f"m1.{other}"), "F2", *random_controller(rng, other), delay=delays[1], setpoint="w1"),
     ]
     A, B = chain.matrices()
     C = np.vstack([chain.row(loop.measured.quantity, place) for place, loop in enumerate(loops)])
@@ -158,13 +158,15 @@ def test_two_loops_with_delays_have_the_roots_of_their_determinant(seed):
             1 + whole[:, other, other]
         )
         np.testing.assert_allclose(on_axis(*cut.loop(own), omega), expected, rtol=1e-11)
-    # The response from the reference, and from a disturbance at the other end.
-    closed = np.linalg.inv(np.eye(2) + whole) @ plant(1j * omega)
+    # The response from the reference, and from the setpoints, which are ahead of the controllers.
+    sensitivity = np.linalg.inv(np.eye(2) + whole)
     outputs = [loop.measured for loop in loops]
-    evaluate = delayed_response(chain.graph(), loops, ["r"], outputs)
-    np.testing.assert_allclose(evaluate(omega)[:, :, 0], closed[:, :, 0], rtol=1e-9)
-    rest = evaluate(np.array([0.0]))[0, :, 0]
-    near = evaluate(np.array([1e-7]))[0, :, 0]
+    evaluate = delayed_response(chain.graph(), loops, ["r", "w0", "w1"], outputs)
+    found = evaluate(omega)
+    np.testing.assert_allclose(found[:, :, 0], (sensitivity @ plant(1j * omega))[:, :, 0], rtol=1e-9)
+    np.testing.assert_allclose(found[:, :, 1:], sensitivity @ whole, rtol=1e-9)
+    rest = evaluate(np.array([0.0]))[0]
+    near = evaluate(np.array([1e-7]))[0]
     np.testing.assert_allclose(rest, near, atol=1e-5)
 
 

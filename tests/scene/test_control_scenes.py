@@ -1,5 +1,6 @@
 """Feedback in scenes: controllers, references, identification in closed loop, faults."""
 
+import control
 import mpmath
 import numpy as np
 import pytest
@@ -61,6 +62,75 @@ def test_a_controller_is_its_quotient(controller, top, bottom):
     np.testing.assert_allclose(np.trim_zeros(found_top, "f"), own / closed[0], rtol=1e-13)
 
 
+SETPOINT = SERVO.replace("reference: target", "setpoint: target")
+
+
+@pytest.mark.parametrize(
+    ("controller", "top", "bottom"),
+    [
+        ("{gain: 4}", [4], [1]),
+        ("{pid: {kp: 20, ki: 5, kd: 1, tf: 0.001}}", [1.02, 20.005, 5], [0.001, 1, 0]),
+        ("{pid: {kp: 20, kd: 2}}", [2, 20], [1]),
+        ("{numerator: [2, 3], denominator: [1, 4, 5]}", [2, 3], [1, 4, 5]),
+    ],
+)
+def test_a_setpoint_is_ahead_of_the_controller(controller, top, bottom):
+    """u = C (target - q): the closed loop of python-control, of lowest order, with the same margins."""
+    text = SETPOINT.replace("CONTROLLER", controller)
+    _, _, result = polynomials(text + "  results: [transfer_function, properties, hidden_modes]\n")
+    electric, mechanic = control.tf([1], [0.01, 5]), control.tf([1], [0.001, 0.0001])
+    speed = control.feedback(0.1 * electric * mechanic, 0.1)
+    loop = control.tf(top, bottom) * speed * control.tf([1], [1, 0])
+    expected = control.minreal(control.feedback(loop, 1), verbose=False)
+    root = "bond_graph/transfer_function/shaft.q/target"
+    own = result[f"{root}/numerator"].data, result[f"{root}/denominator"].data
+    assert len(own[1]) == len(expected.den[0][0])
+    s = 1j * np.geomspace(0.1, 1e4, 9)
+    np.testing.assert_allclose(np.polyval(own[0], s) / np.polyval(own[1], s), expected(s), rtol=1e-9)
+    properties = "bond_graph/properties/shaft.q/target"
+    assert result.value(f"{properties}/dc_gain") == 1  # the plant integrates
+    assert not len(result[f"{properties}/hidden_modes"].data)
+    plain = dynid.run(scene(SERVO.replace("CONTROLLER", controller)))
+    for path in plain:
+        if path.startswith(("bond_graph/margins/", "bond_graph/sensitivity_functions/")):
+            np.testing.assert_array_equal(result[path].data, plain[path].data)
+
+
+def test_a_setpoint_beside_a_reference():
+    """u = r + C e^(-s τ) (w - i): integral action makes the current follow w, and reject r."""
+    text = """
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {u: Se, j: 1, L: {type: I, value: 0.01}, R: {type: R, value: 2}}
+  bonds: [u -> j, j -> L, j -> R]
+control: {loops: [{from: R.e, to: u, controller: {pid: {kp: 3, ki: 50}}, reference: r, setpoint: w}]}
+analysis:
+  outputs: [L.f, u.e, w.e]
+  frequency: {start: 1, stop: 1000, points: 20}
+  time: {stop: 1, step: 0.001, input: {kind: step, source: w, amplitude: 6}}
+"""
+    result = dynid.run(scene(text))
+    gains = {(output, source): result.value(f"bond_graph/properties/{output}/{source}/dc_gain")
+             for output in ("L.f", "u.e", "w.e") for source in "rw"}  # fmt: skip
+    assert gains == {
+        ("L.f", "w"): 0.5, ("L.f", "r"): 0, ("u.e", "w"): 1, ("u.e", "r"): 0, ("w.e", "w"): 1, ("w.e", "r"): 0
+    }  # fmt: skip
+    assert result["bond_graph/time_response/response"].data[-1, :2] == pytest.approx([3, 6], rel=1e-6)
+    powered = dynid.run(scene(text + "  results: [source_performance, energy]\n"))
+    assert "bond_graph/source_performance/r/active_power" in powered
+    assert not any(path.startswith("bond_graph/source_performance/w") for path in powered)
+    late = text.replace("ki: 50}", "ki: 50}, delay: 0.001").replace("  time:", "#")
+    late = dynid.run(scene(late))
+    s = 1j * late["bond_graph/frequency_response/omega"].data
+    controller, plant = (3 + 50 / s) * np.exp(-0.001 * s), 1 / (0.01 * s + 2)
+    expected = np.stack([plant / (1 + 2 * controller * plant)] * 2, axis=-1)
+    expected[:, 1] *= controller
+    inputs = [str(name) for name in late["bond_graph/frequency_response/input"].data]
+    assert inputs == ["r", "w"]
+    np.testing.assert_allclose(late["bond_graph/frequency_response/response"].data[:, 0], expected, rtol=1e-9)
+
+
 def test_margins_are_of_one_loop_with_the_others_closed():
     result = polynomials(SERVO.replace("CONTROLLER", "{gain: 20}"))[2]
     assert list(result["bond_graph/margins/loop"].data) == ["m.L.f -> voltage", "shaft.q -> voltage"]
@@ -80,8 +150,9 @@ def test_a_driven_source_keeps_its_variables():
     assert result.value("bond_graph/properties/voltage.e/target/high_frequency_gain") == 1
 
 
-def test_a_controller_is_identified_in_closed_loop():
-    text = SERVO.replace("CONTROLLER", "{pid: {kp: kp, kd: 1, tf: 0.01}}").replace(
+@pytest.mark.parametrize("text", [SERVO, SETPOINT])
+def test_a_controller_is_identified_in_closed_loop(text):
+    text = text.replace("CONTROLLER", "{pid: {kp: kp, kd: 1, tf: 0.01}}").replace(
         "bond-graph", "identification"
     )
     text = text[: text.index("analysis:")].replace("b: 0.0001", "b: 0.0001, k: kt").replace("k: 0.1, ", "")
@@ -119,6 +190,9 @@ measurement: {step: 0.002, samples: 800, channels: [{output: shaft.q}, {output: 
             "controller: {gain: 3}, reference: target}",
             "is the reference of another loop",
         ),
+        ("reference: target", "setpoint: torque", "'torque' is a node; use another name"),
+        ("reference: target", "setpoint: a b", "'a b' cannot name a setpoint"),
+        ("reference: target", "reference: a, setpoint: a", "'a' is the reference of another loop"),
         (
             "outputs: [shaft.q]",
             "inputs: [voltage], outputs: [shaft.q]",

@@ -33,7 +33,7 @@ Polynomial = Sequence[Real]
 
 @dataclass(frozen=True)
 class Loop:
-    """A feedback: what the source gives is the reference less the controller's answer to what is measured.
+    """A feedback: the source gives reference + controller · (setpoint - what is measured).
 
     Parameters
     ----------
@@ -49,6 +49,8 @@ class Loop:
         Delay of the controller's answer, s.
     place
         Where the loop stands in a scene, as `control.loops.0`.
+    setpoint
+        Name of the setpoint, a source of the closed loop ahead of the controller; empty: zero.
     """
 
     measured: Port
@@ -58,6 +60,7 @@ class Loop:
     reference: str = ""
     delay: Real = Fraction(0)
     place: str = ""
+    setpoint: str = ""
 
     @property
     def delayed(self) -> bool:
@@ -111,10 +114,13 @@ class ClosedLoops:
         The graph.
     variables
         Variables of the driven sources, under the names that they had: ``pump.e``.
+    answered
+        What the controller of each loop answers to: what is measured, less the setpoint.
     """
 
     graph: BondGraph
     variables: dict[Port, Port]
+    answered: tuple[Port, ...]
 
 
 def close_loops(graph: BondGraph, loops: Iterable[Loop]) -> ClosedLoops:
@@ -135,9 +141,8 @@ def close_loops(graph: BondGraph, loops: Iterable[Loop]) -> ClosedLoops:
     circuit, loops = Circuit(graph), list(loops)
     for source in dict.fromkeys(loop.source for loop in loops):
         circuit.drive(source)
-    for loop in loops:
-        circuit.close(loop.approximated())
-    return ClosedLoops(BondGraph(circuit.nodes.values(), circuit.bonds), circuit.variables)
+    answered = tuple(circuit.close(loop.approximated()) for loop in loops)
+    return ClosedLoops(BondGraph(circuit.nodes.values(), circuit.bonds), circuit.variables, answered)
 
 
 class Circuit:
@@ -174,14 +179,18 @@ class Circuit:
         self.variables |= {Port(source, q): Port(link, q, f"{source}.{q}") for q in own}
         self.variables |= {Port(source, q): Port(end, q, f"{source}.{q}") for q in other}
 
-    def close(self, loop: Loop) -> None:
-        """Add a controller and the reference."""
+    def close(self, loop: Loop) -> Port:
+        """Add a controller, the reference and the setpoint; return what the controller answers to."""
         effort = self.graph.nodes[loop.source].type == "Se"
         if loop.reference:
             self.nodes[loop.reference] = Node(loop.reference, "Se" if effort else "Sf")
             ends = (loop.reference, loop.source)
             self.bonds.append(Bond(*(ends if self.driven[loop.source] > 0 else ends[::-1])))
         at, scale = self.measure(loop.measured, loop.source)
+        answered = self.variables.get(loop.measured, loop.measured)
+        if loop.setpoint:
+            at, scale = self._difference(at, scale, loop), Fraction(1)
+            answered = Port(at, "f")
         gains, remainder, monic = _divided(loop.numerator, loop.denominator)
         if len(gains) > 2:
             raise UsageError(
@@ -205,6 +214,7 @@ class Circuit:
                 self.bonds.append(Bond(states[-1], damper))
         for state, coefficient in zip(states, remainder, strict=False):
             self._feed(state, loop.source, scale * coefficient)
+        return answered
 
     def measure(self, port: Port, owner: str) -> tuple[str, Real]:
         """Return a junction whose common variable, times a factor, is a variable of the graph."""
@@ -235,6 +245,17 @@ class Circuit:
         """Let a signal, times minus a gain, enter the balance of a driven source."""
         if reference(gain) or isinstance(gain, Dependent):
             self._activate(at, source, -self.driven[source] * gain)
+
+    def _difference(self, at: str, scale: Real, loop: Loop) -> str:
+        """Return a junction whose flow is a signal times a factor, less the setpoint."""
+        junction = self._add("1", f"{loop.source}.difference")
+        self.nodes[loop.setpoint] = Node(loop.setpoint, "Se", part=self.part)
+        self._activate(at, junction, scale)
+        self.bonds += [
+            Bond(junction, loop.setpoint),
+            Bond(junction, self._add("R", f"{junction}_R", Fraction(1))),
+        ]
+        return junction
 
     def _rate(self, at: str, owner: str) -> str:
         """Return a junction whose common variable is the rate of another one's."""

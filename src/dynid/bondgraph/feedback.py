@@ -238,8 +238,8 @@ def _turned_response(
     opened: BondGraph, loops: Sequence[Loop], inputs: Sequence[str], outputs: Sequence[Port], *, cut: bool
 ) -> Callable[[NDArray[np.float64]], Complex]:
     """Return the response with delays, from that of the graph whose delayed loops are prompt, or cut."""
-    taken = {*opened.nodes, *(loop.reference for loop in loops), *inputs}
-    late, base = list[tuple[Loop, str]](), list[Loop]()
+    taken = {*opened.nodes, *(name for loop in loops for name in (loop.reference, loop.setpoint)), *inputs}
+    late, base = list[tuple[int, str]](), list[Loop]()
     for number, loop in enumerate(loops):
         if not loop.delayed:
             base.append(loop)
@@ -247,11 +247,11 @@ def _turned_response(
         probe = loop.reference or f"delayed_{number}"
         while probe in taken and not loop.reference:
             probe += "_"
-        late.append((loop, probe))
+        late.append((number, probe))
         answer = [Fraction(0)] if cut else loop.numerator
         base.append(replace(loop, numerator=answer, delay=Fraction(0), reference=probe))
     closed = close_loops(opened, base)
-    measured = [closed.variables.get(loop.measured, loop.measured) for loop, _ in late]
+    measured = [closed.answered[number] for number, _ in late]
     rows = list(dict.fromkeys([*outputs, *measured]))
     columns = list(dict.fromkeys([*inputs, *(probe for _, probe in late)]))
     reduced = ReducedGraph(closed.graph, columns, rows, traced=False)
@@ -261,7 +261,7 @@ def _turned_response(
     def evaluate(omega: NDArray[np.float64]) -> Complex:
         whole = frequency_response(reduced, omega)
         s = (1j * omega).astype(np.complex128)
-        turns = np.stack([_answer(loop, s, cut=cut) for loop, _ in late], axis=-1)
+        turns = np.stack([_answer(loops[number], s, cut=cut) for number, _ in late], axis=-1)
         with np.errstate(all="ignore"):
             back = whole[:, :, fed] * turns[:, None, :]
             matrix = np.eye(len(late)) + back[:, own]

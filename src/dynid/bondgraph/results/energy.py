@@ -218,12 +218,14 @@ def add_source_performance(result: Result, graph: BondGraph, inputs: tuple[str, 
     result, graph
         Where to add it, and of what.
     inputs
-        The inputs.
+        The inputs. Setpoints of controllers are signals, and left out.
     omega
         Angular frequencies, rad/s.
     """
     result.add_axis(f"{_SOURCES}/omega", omega, "rad/s")
     for name in inputs:
+        if graph.nodes[name].part == CONTROL:
+            continue
         efforts = graph.nodes[name].type == "Se"
         other = Port(name, "f" if efforts else "e")
         reduced = ReducedGraph(graph, [name], [other], traced=False)

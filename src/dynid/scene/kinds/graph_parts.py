@@ -228,8 +228,16 @@ def _expand_structure(
 def loop_of(loop: LoopModel, measured: Port, place: int) -> Loop:
     """Return the loop at a place in the scene, which measures a variable of the graph."""
     given = loop.controller
-    delay = _number(given.delay)
-    return Loop(measured, loop.source, *_controller(given), loop.reference, delay, f"control.loops.{place}")
+    path = f"control.loops.{place}"
+    return Loop(
+        measured,
+        loop.source,
+        *_controller(given),
+        loop.reference,
+        _number(given.delay),
+        path,
+        loop.setpoint,
+    )
 
 
 def _controller(controller: ControllerModel) -> tuple[list[Real], list[Real]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
@@ -68,12 +69,13 @@ class ControllerModel(Section):
 
 
 class LoopModel(Section):
-    """A loop: the source gives the reference less the controller's answer to what is measured."""
+    """A loop: the source gives reference + controller · (setpoint - what is measured)."""
 
     measured: Output = Field(alias="from")
     source: SourceName = Field(alias="to")
     controller: ControllerModel
     reference: str = ""
+    setpoint: str = ""
 
 
 class ControlModel(Section):
@@ -83,24 +85,27 @@ class ControlModel(Section):
 
 
 def control_faults(source: Source) -> list[Fault]:
-    """Return the faults of references, and of inputs that loops drive."""
-    types, faults, seen = node_types(source.data), list[Fault](), set[str]()
+    """Return the faults of references and setpoints, and of inputs that loops drive."""
+    types, faults, seen = node_types(source.data), list[Fault](), dict[str, str]()
     loops = listing(mapping(source.data, "control"), "loops")
-    for place, loop in enumerate(loops if is_mapping_of_mappings(dict(enumerate(loops))) else []):
-        name, path = loop.get("reference"), ("control", "loops", place, "reference")
+    every = enumerate(loops if is_mapping_of_mappings(dict(enumerate(loops))) else [])
+    for (place, loop), key in product(every, ("reference", "setpoint")):
+        name, path = loop.get(key), ("control", "loops", place, key)
         if name is None or not isinstance(name, str):
             continue
         if name in types or name in seen:
-            what = "a node" if name in types else "the reference of another loop"
+            what = "a node" if name in types else f"the {seen[name]} of another loop"
             faults.append(source.fault(path, f"'{name}' is {what}; use another name"))
         elif not name.isidentifier():
-            faults.append(source.fault(path, f"'{name}' cannot name a reference; use letters, digits and _"))
-        seen.add(name)
+            faults.append(source.fault(path, f"'{name}' cannot name a {key}; use letters, digits and _"))
+        seen.setdefault(name, key)
     driven = {str(loop.get("to")) for loop in loops if isinstance(loop, dict)}
     for place, name in enumerate(listing(mapping(source.data, "analysis"), "inputs")):
         if str(name) in driven:
-            known = list(references(source.data)) or ["reference: r"]
-            message = f"'{name}' is driven by a loop; the input is its reference ({', '.join(known)})"
+            known = list(references(source.data)) or ["reference: r", "setpoint: w"]
+            message = (
+                f"'{name}' is driven by a loop; the input is its reference or setpoint ({', '.join(known)})"
+            )
             faults.append(source.fault(("analysis", "inputs", place), message))
     return [*faults, *_delay_faults(source, [mapping_of(loop) for loop in loops])]
 

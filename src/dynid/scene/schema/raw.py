@@ -110,12 +110,16 @@ def node_types(data: Any) -> dict[str, str]:
 
 
 def references(data: Any) -> dict[str, str]:
-    """Return the references of feedback loops: sources of the closed loop, of the type of the driven one."""
+    """Return the references and setpoints of feedback loops, sources of the closed loop, with their types.
+
+    A reference has the type of the driven source, a setpoint is an effort.
+    """
     types, found = node_types(data), {}
     for loop in listing(mapping(data, "control"), "loops"):
-        name = mapping_of(loop).get("reference")
-        if isinstance(name, str) and name:
-            found[name] = types.get(str(loop.get("to")), "")
+        for key in ("reference", "setpoint"):
+            name = mapping_of(loop).get(key)
+            if isinstance(name, str) and name:
+                found[name] = types.get(str(loop.get("to")), "") if key == "reference" else "Se"
     return found
 
 
