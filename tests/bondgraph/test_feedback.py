@@ -246,3 +246,39 @@ def test_a_cancelled_unstable_pole_makes_the_loops_unstable(delay):
     add_margins(result, CutLoops(graph, [marginal]), None)
     assert result["bond_graph/margins/stable"].data[0]
     assert "cancelled" in str(result["bond_graph/margins/stability"].data[0])
+
+
+def locus(controller):
+    """Return gains and poles of the root locus of 1/(s + 1) in a loop with a controller, gain by branch."""
+    graph = build({"u": "Se", "j": "1", "m": "I", "r": "R"}, dict.fromkeys("mr", Fraction(1)),
+                  [("u", "j"), ("j", "m"), ("j", "r")])  # fmt: skip
+    parts = [[Fraction(c) for c in part] for part in controller]
+    result = Result("bond-graph")
+    add_margins(result, CutLoops(graph, [Loop(port("m.f"), "u", *parts)]), np.array([1.0]))
+    group = "bond_graph/root_locus/loop_1"
+    return result[f"{group}/gain"].data, result[f"{group}/poles"].data
+
+
+#: Controllers beside 1/(s + 1), with the double poles of their loci and the gains there, by hand.
+LOCI = [
+    (([5], [1, 4]), [-2.5], [0.45]),  # (s + 1)(s + 4) + 5 k
+    (([1, 3], [1, 0]), [-3 + 6**0.5, -3 - 6**0.5], [5 - 2 * 6**0.5, 5 + 2 * 6**0.5]),  # s^2 + s + k (s + 3)
+    # (u^2 - 1) (u^2 + 4) + k with u = s + 2: two pairs meet off the real axis
+    (([1], [1, 7, 20, 24]), [-2, -2 + 1.5**0.5 * 1j, -2 - 1.5**0.5 * 1j], [4, 6.25, 6.25]),
+    (([2], [1, 1]), [], []),  # double at the gain 0
+]
+
+
+@pytest.mark.parametrize(("controller", "meeting", "at"), LOCI)
+def test_branches_of_a_root_locus_meet_and_are_symmetric(controller, meeting, at):
+    gains, poles = locus(controller)
+    assert np.all(np.diff(gains) > 0)
+    for root, gain in zip(meeting, at, strict=True):
+        place = np.abs(gains - gain).argmin()
+        assert gains[place] == pytest.approx(gain, rel=1e-15)
+        assert np.count_nonzero(np.abs(poles[place] - root) < 1e-6) == 2
+    # Every step of a branch has its mirror image.
+    steps = np.stack([poles[:-1], poles[1:]], axis=-1)
+    for at_gain in steps:
+        distance = np.abs(at_gain[:, None] - at_gain.conj()[None]).max(axis=-1)
+        assert np.all(distance.min(axis=1) < 1e-6 * (1 + np.abs(at_gain).max()))

@@ -18,7 +18,7 @@ from dynid.bondgraph.request import Analysis
 from dynid.lti.certified_roots import certified_roots, repeated
 from dynid.lti.delay_margins import delay_margins
 from dynid.lti.margins import Margins, margins
-from dynid.lti.quasi_polynomials import QuasiPolynomial, on_axis, rightmost_roots
+from dynid.lti.quasi_polynomials import PRECISION, QuasiPolynomial, on_axis, rightmost_roots
 from dynid.number_format import roots_text
 from dynid.result import Result, Variable, as_kept
 
@@ -26,6 +26,8 @@ MARGINS, FUNCTIONS, LOCUS = "bond_graph/margins", "bond_graph/sensitivity_functi
 _UNITS = {"phase": "deg", "delay": "s"}
 #: Frequencies of the functions where the scene has none, and gains of a root locus.
 _POINTS, _GAINS = 400, 121
+#: Relative distances from a gain at which branches meet, where they are fast, of further gains.
+_NEAR = (1e-3, 1e-2)
 #: Largest degree of a root locus.
 _DEGREE = 60
 #: Poles of loops with delays that are listed, and the order of the approximants whose poles lead to them.
@@ -142,7 +144,7 @@ def _add_locus(result: Result, group: str, name: str, above: QuasiPolynomial, be
     degree = max(top.degree(), bottom.degree())
     if not 0 < degree <= _DEGREE or top == 0:
         return
-    gains = np.array([0.0, *np.geomspace(1e-3, 1e3, _GAINS)])
+    gains = _gains(top, bottom)
     poles = np.full((len(gains), degree), np.inf, dtype=complex)
     for place, gain in enumerate(gains.tolist()):
         share, of = gain.as_integer_ratio()
@@ -160,18 +162,36 @@ def _add_locus(result: Result, group: str, name: str, above: QuasiPolynomial, be
     result.add(f"{group}/zeros", np.array(zeros, dtype=complex), ("zero",), "rad/s")
 
 
+def _gains(top: Any, bottom: Any) -> NDArray[np.float64]:
+    """Return the gains of a root locus: a grid, with those at which branches meet, and near them.
+
+    D + k N has a double root s where N'(s) D(s) = N(s) D'(s), with k = -D(s)/N(s).
+    """
+    from flint import acb_poly, ctx
+
+    largest = 1e3
+    gains = [0.0, *np.geomspace(1 / largest, largest, _GAINS)]
+    with ctx.workprec(PRECISION):
+        for root, _ in (top.derivative() * bottom - top * bottom.derivative()).complex_roots():
+            gain = -acb_poly(bottom)(root) / acb_poly(top)(root)
+            if gain.imag.contains(0) and gain.real > 0 and gain.real < largest:
+                meeting = float(gain.real.mid())
+                gains += [meeting, *(meeting * (1 + sign * step) for sign in (-1, 1) for step in _NEAR)]
+    return np.unique(gains)
+
+
 def _following(
     before: NDArray[np.complex128] | None, values: list[complex], degree: int
 ) -> NDArray[np.complex128]:
-    """Return roots in the order of those before, each with the nearest one; infinite ones come last."""
+    """Return roots in the order of those before, matched by least squares; infinite ones come last."""
     from scipy.optimize import linear_sum_assignment
 
     roots = np.full(degree, np.inf, dtype=complex)
     roots[: len(values)] = sorted(values, key=lambda root: (root.real, root.imag))
     if before is None:
         return roots
-    with np.errstate(invalid="ignore"):
-        distance = np.abs(before[:, None] - roots)
+    with np.errstate(invalid="ignore", over="ignore"):
+        distance = np.abs(before[:, None] - roots) ** 2
     far = 2 * np.max(distance[np.isfinite(distance)], initial=1.0)
     distance = np.where(np.isfinite(distance), distance, np.where(np.isfinite(before)[:, None], far, 0.0))
     return np.asarray(roots[linear_sum_assignment(distance)[1]])
