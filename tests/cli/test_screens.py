@@ -134,3 +134,33 @@ def test_structures_in_hertz_are_answered_in_hertz(dynid, folder):
     assert "f in Hz, joints included" in out
     assert "rad/s" not in out
     assert "f in Hz, joints included" in (folder / "b.html").read_text()
+
+
+def test_what_is_round_off_of_a_response_is_0_and_an_end_of_the_range_is_no_peak(dynid, folder):
+    """A velocity after a step of a force: v = t exp(-t), 9e-14 at t = 34; |v/F| falls from 1 rad/s on."""
+    scene = """\
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {F: Se, one: 1, m: {type: I, value: 1}, b: {type: R, value: 2}, k: {type: C, value: 1}}
+  bonds: [F -> one -> m, one -> b, one -> k]
+analysis:
+  outputs: [m.f, k.q]
+  results: [frequency_response, time_response]
+  frequency: {start: 2, stop: 30, points: 5}
+  time: {stop: 34, step: 0.5, input: {kind: step, amplitude: 100}}
+"""
+    (folder / "a.yaml").write_text(scene)
+    _, out, _ = dynid("run", "a.yaml", "--report", "a.html")
+    assert "m.f: min 0, max 36.79, final 0\n" in out
+    assert "k.q: min 0, max 100, final 100\n" in out
+    assert "max |m.f / F| = 0.4 at 2 rad/s, the lower end of the range\n" in out
+    page = (folder / "a.html").read_text()
+    assert "2, the lower end of the range" in page
+    assert "is largest, 0.4, at 2 rad/s, the lower end of the range" in page
+    (folder / "a.yaml").write_text(scene.replace("start: 2, stop: 30", "start: 0.1, stop: 0.5"))
+    _, out, _ = dynid("run", "a.yaml")
+    assert "max |m.f / F| = 0.4 at 0.5 rad/s, the upper end of the range\n" in out
+    (folder / "a.yaml").write_text(scene.replace("start: 2", "start: 0.1"))
+    _, out, _ = dynid("run", "a.yaml")
+    assert "max |m.f / F| = 0.5 at 1 rad/s\n" in out

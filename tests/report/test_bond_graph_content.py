@@ -360,7 +360,7 @@ def test_margins_of_a_loop_without_delay(damping, said):
     omega = crossing(2, damping)
     phase = np.pi - np.angle(0.5j * omega + damping)
     assert (
-        f"loop J.f -> u any larger gain · {said}phase margin {np.degrees(phase):.4g}° · "
+        f"loop J.f -> u gain margin ∞ · {said}phase margin {np.degrees(phase):.4g}° at {omega:.4g} rad/s · "
         f"delay margin {phase / omega:.4g} s · Ms 1, Mt {2 / (2 + damping):.4g} "
     ) in screen(result)
 
@@ -376,7 +376,8 @@ def test_margins_and_poles_of_a_loop_with_delay():
     stable = screen(run(LOOP.replace("DAMPING", "0.2").replace("CONTROLLER", "gain: 2, delay: 0.1")))
     assert "delays are Padé approximants of order 6 in what is a rational function" in stable
     assert (
-        f"gain margin {gain:.4g} · phase margin {np.degrees(phase):.4g}° · "
+        f"gain margin {gain:.4g} at {turned:.4g} rad/s · "
+        f"phase margin {np.degrees(phase):.4g}° at {omega:.4g} rad/s · "
         f"delay margin {phase / omega:.4g} s · Ms 1.419, Mt 0.9091 "
     ) in stable
     assert "poles with delays: -9.573 ± 4.94j, -30.01 ± 74.77j" in stable
@@ -388,7 +389,8 @@ def test_margins_and_poles_of_a_loop_with_delay():
 
 def test_a_loop_below_one_has_no_phase_margin_and_one_that_no_gain_stabilises_no_changes():
     low = screen(run(LOOP.replace("DAMPING", "0.2").replace("CONTROLLER", "gain: 0.1")))
-    assert f"loop J.f -> u any larger gain · Ms 1, Mt {0.1 / 0.3:.4g} 8 nodes" in low
+    infinite = "gain margin ∞ · phase margin ∞ · delay margin ∞"
+    assert f"loop J.f -> u {infinite} · Ms 1, Mt {0.1 / 0.3:.4g} 8 nodes" in low
     never = screen(run(LOOP.replace("DAMPING", "-0.2").replace("CONTROLLER", "gain: -2")))
     assert "loop J.f -> u unstable: pole at 4.4 lies in the right half-plane 8 nodes" in never
 

@@ -62,7 +62,8 @@ def test_a_loop_is_drawn(controller):
     (row,) = table.rows
     shown = dict(zip(table.columns, row, strict=True))
     margin = float(result["bond_graph/margins/phase"].data[0])
-    assert shown["phase margin"] == f"{margin:.4g}°"
+    crossover = float(result["bond_graph/margins/gain_crossover"].data[0])
+    assert shown["phase margin"] == f"{margin:.4g}° at {crossover:.4g} rad/s"
     assert shown["closed loop"] == "stable"
     assert (shown["gain margin"] == "∞") == ("delay" not in controller)
     assert sections["Feedback loops"].place == "answer"

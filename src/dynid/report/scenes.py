@@ -140,23 +140,32 @@ def _in_hertz(scene: str) -> bool:
 
 
 class PeakResponses(NamedTuple):
-    """Largest magnitude of every channel (output x input), and its frequency in `unit`."""
+    """Largest magnitude of every channel (output x input), its frequency in `unit`, and what to say of it.
+
+    The note says that a frequency is an end of the range, beyond which the magnitude may be larger; else ''.
+    """
 
     magnitude: NDArray[np.float64]
     at: NDArray[np.float64]
     unit: str
+    note: NDArray[Any]
 
 
 def peak_responses(result: Result, group: str) -> PeakResponses:
     """Return the largest magnitudes of frequency responses, refined between the frequencies if stored so."""
     unit = frequency_unit(result)
     own = group.replace("frequency_response", "frequency_peaks")
+    omega = result[f"{group}/omega"].data
     if f"{own}/omega" in result:
-        at = result[f"{own}/omega"].data * unit.factor
-        return PeakResponses(result[f"{own}/magnitude"].data, at, unit.name)
-    sizes = np.abs(result[f"{group}/response"].data)
-    where = result[f"{group}/omega"].data[sizes.argmax(axis=0)]
-    return PeakResponses(sizes.max(axis=0), where * unit.factor, unit.name)
+        where, largest = result[f"{own}/omega"].data, result[f"{own}/magnitude"].data
+    else:
+        sizes = np.abs(result[f"{group}/response"].data)
+        where, largest = omega[sizes.argmax(axis=0)], sizes.max(axis=0)
+    note = np.full(where.shape, "", dtype=object)
+    if len(omega) > 1:
+        for end, name in ((omega.min(), "lower"), (omega.max(), "upper")):
+            note[np.isfinite(largest) & (where == end)] = f", the {name} end of the range"
+    return PeakResponses(largest, where * unit.factor, unit.name, note)
 
 
 def frequency_span(result: Result, group: str) -> tuple[float, float, str]:

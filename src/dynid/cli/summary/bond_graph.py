@@ -12,6 +12,7 @@ from dynid.number_format import MOST_ROOTS, counted, roots_text
 from dynid.report.content.bond_graph import (
     POINT,
     PORT,
+    margin_texts,
     nonlinear_facts,
     point_facts,
     point_slopes,
@@ -110,37 +111,31 @@ def _energy(result: Result) -> Iterable[str]:
             yield ""
 
 
-_MARGINS = ("gain", "gain_reduction", "phase", "delay", "Ms", "Mt")
-
-
 def _margins(result: Result) -> Iterable[str]:
     """Yield the margins of each feedback loop, the others closed, and the poles of loops with delays."""
     group = "bond_graph/margins"
     if f"{group}/loop" not in result:
         return
     for place, loop in enumerate(result[f"{group}/loop"].data):
-        at = {name: float(result[f"{group}/{name}"].data[place]) for name in _MARGINS}
         yield f"  loop {loop}"
-        stable = bool(result[f"{group}/stable"].data[place])
-        if at["Mt"] == 0:
+        gains = [float(result[f"{group}/{name}"].data[place]) for name in ("gain", "gain_reduction")]
+        if not result[f"{group}/Mt"].data[place]:
             yield "    L = 0: nothing is fed back, so that it moves no pole"
-            continue
-        found = [f"gain margin {at['gain']:.4g}" if np.isfinite(at["gain"]) else "any larger gain"]
-        if at["gain_reduction"] > 0:
-            found.append(f"least gain {at['gain_reduction']:.4g} of this one")
-        if np.isfinite(at["phase"]):
-            found.append(f"phase margin {at['phase']:.4g}°")
-        if np.isfinite(at["delay"]):
-            found.append(f"delay margin {at['delay']:.4g} s")
-        if not stable:
+        elif result[f"{group}/stable"].data[place]:
+            margins = margin_texts(result, place)
+            found = [f"{name} margin {margins[name]}" for name in ("gain", "phase", "delay")]
+            if gains[1]:
+                found.insert(1, f"least gain {gains[1]:.4g} of this one")
+            found.append(f"Ms {margins['Ms']}, Mt {margins['Mt']}")
+            line = " · ".join(part.replace(" ", "\N{NO-BREAK SPACE}") for part in found)
+            parts = wrapped(line, 110, initial_indent="    ", subsequent_indent="      ")
+            yield from (part.replace("\N{NO-BREAK SPACE}", " ") for part in parts)
+        else:
             verdict = str(result[f"{group}/stability"].data[place])
             yield from wrapped(verdict, 92, initial_indent="    ", subsequent_indent="      ")
-            changes = [f"gain times {at[name]:.4g}" for name in _MARGINS[:2] if 0 < at[name] < np.inf]
-            found = [f"its roots cross the axis at {' and '.join(changes)}"] if changes else []
-        else:
-            found.append(f"Ms {at['Ms']:.4g}, Mt {at['Mt']:.4g}")
-        if found:
-            yield f"    {' · '.join(found)}"
+            changes = " and ".join(f"gain times {gain:.4g}" for gain in gains if 0 < gain < np.inf)
+            if changes:
+                yield f"    its roots cross the axis at {changes}"
     if f"{group}/poles" in result:
         poles = result[f"{group}/poles"]
         text = f"poles with delays: {roots_text(poles.data, hertz=in_hertz(result))}"

@@ -9,7 +9,7 @@ from textwrap import wrap
 from typing import Any
 
 from dynid.number_format import counted, span_text
-from dynid.report.content import time_span
+from dynid.report.content import extremes, time_span
 from dynid.report.scenes import frequency_span, peak_responses
 from dynid.result import Result
 
@@ -32,7 +32,7 @@ def response_lines(result: Result, group: str) -> Iterable[str]:
         for k, m in channels[:_MOST]:
             ratio, size = f"|{outputs[k]} / {inputs[m]}|", f"{top.magnitude[k, m]:.4g}".replace("inf", "∞")
             if top.magnitude[k, m]:
-                yield f"    max {ratio} = {size} at {top.at[k, m]:.4g} {unit}"
+                yield f"    max {ratio} = {size} at {top.at[k, m]:.4g} {unit}{top.note[k, m]}"
             else:
                 yield f"    {ratio} = 0 at all frequencies"
         if len(channels) > _MOST:
@@ -45,7 +45,8 @@ def response_lines(result: Result, group: str) -> Iterable[str]:
             yield from (f"    {line}" for line in wrapped(f"Note: {note}.", 96))
         outputs = result[f"{transient}/output"].data
         for output, column in zip(outputs[:_MOST], response.T, strict=False):
-            yield f"    {output}: min {column.min():.4g}, max {column.max():.4g}, final {column[-1]:.4g}"
+            least, largest, final = extremes(column)
+            yield f"    {output}: min {least}, max {largest}, final {final}"
         if len(outputs) > _MOST:
             yield f"    … {counted(len(outputs) - _MOST, 'more output')} in the file"
 

@@ -10,6 +10,9 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dynid.number_format import counted, memory_text, span_text, time_text
 from dynid.report.content.blocks import Content, ReportSection, Statement, TextTable, more
 from dynid.report.scenes import frequency_span, peak_responses, plain_data
@@ -18,6 +21,8 @@ from dynid.scene.kind import KINDS, resolve
 
 #: Most channels and outputs that are listed.
 _MOST = 30
+#: Part of the largest value of a response below which a value is round-off.
+_ROUND_OFF = 1e-12
 #: Content of results that are of no kind of scene.
 _OTHERS = {
     "plan": "dynid.report.content.plan",
@@ -87,7 +92,7 @@ def responses(result: Result) -> Iterator[ReportSection]:
             rows = []
             for k, m in channels[:_MOST]:
                 size = f"{top.magnitude[k, m]:.4g}".replace("inf", "∞")
-                rows.append((f"{outputs[k]} / {inputs[m]}", size, f"{top.at[k, m]:.4g}"))
+                rows.append((f"{outputs[k]} / {inputs[m]}", size, f"{top.at[k, m]:.4g}{top.note[k, m]}"))
             low, high, unit = frequency_span(result, group)
             count = counted(len(result[f"{group}/omega"].data), "frequency")
             heads = ("", "peak magnitude", f"frequency ({unit})")
@@ -97,7 +102,7 @@ def responses(result: Result) -> Iterator[ReportSection]:
         if f"{group}/time" in result:
             response = result[f"{group}/response"].data
             ranges = tuple(
-                (str(output), *(f"{value:.4g}" for value in (column.min(), column.max(), column[-1])))
+                (str(output), *extremes(column))
                 for output, column in zip(result[f"{group}/output"].data[:_MOST], response.T, strict=False)
             )
             note = result.group_attrs.get(group, {}).get("note")
@@ -109,6 +114,16 @@ def responses(result: Result) -> Iterator[ReportSection]:
                     *more(response.shape[1], _MOST, "output"),
                 ),
             )
+
+
+def extremes(column: NDArray[np.float64]) -> tuple[str, str, str]:
+    """Return the smallest, the largest and the last value of a response; what is round-off of it as 0."""
+    round_off = _ROUND_OFF * float(np.abs(column).max())
+    low, high, final = (
+        f"{0.0 if abs(value) <= round_off < math.inf else value:.4g}"
+        for value in (column.min(), column.max(), column[-1])
+    )
+    return low, high, final
 
 
 def time_span(result: Result, group: str) -> str:

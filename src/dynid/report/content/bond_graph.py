@@ -20,7 +20,7 @@ from dynid.report.content.blocks import (
 )
 from dynid.report.content.design import design_sections
 from dynid.report.content.transfer_functions import channel_sections, energy_lines, source_lines
-from dynid.report.scenes import in_hertz
+from dynid.report.scenes import frequency_unit, in_hertz
 from dynid.result import Result
 
 PORT, POINT = "bond_graph/port", "bond_graph/operating_point"
@@ -31,8 +31,14 @@ _REDUCTION, _CAUSALITY = "bond_graph/reduction", "bond_graph/causality"
 _LONGEST = 400
 #: Most variables and slopes of an operating point.
 _POINTS, _FEW = 40, 3
-#: Margins of a loop, with their units.
-_MARGINS = {"gain": "", "phase": "°", "delay": " s", "Ms": "", "Mt": ""}
+#: Margins of a loop, with their units, and where the frequency of each is.
+_MARGINS = {
+    "gain": ("", "phase_crossover"),
+    "phase": ("°", "gain_crossover"),
+    "delay": (" s", ""),
+    "Ms": ("", ""),
+    "Mt": ("", ""),
+}
 
 
 def method(result: Result) -> str:
@@ -165,21 +171,30 @@ def _point_tables(result: Result, most: int) -> Iterator[Block]:
             yield from more(len(rows), most, heads[0])
 
 
+def margin_texts(result: Result, place: int) -> dict[str, str]:
+    """Return the margins of the loop at a place; those of gain and phase with their crossover frequencies."""
+    unit, texts = frequency_unit(result), {}
+    for name, (sign, crossover) in _MARGINS.items():
+        size, where = float(result[f"bond_graph/margins/{name}"].data[place]), ""
+        if crossover:
+            at = float(result[f"bond_graph/margins/{crossover}"].data[place]) * unit.factor
+            where = f" at {at:.4g} {unit.name}" if np.isfinite(at) else " at high frequencies"
+        texts[name] = f"{size:.4g}{sign}{where}" if np.isfinite(size) else "∞"
+    return texts
+
+
 def _loops(result: Result) -> Iterator[ReportSection]:
     """Yield the margins of the feedback loops, each with the others closed, and the poles with delays."""
     group = "bond_graph/margins"
     if f"{group}/loop" not in result:
         return
-    get = {name: result[f"{group}/{name}"].data for name in ("loop", "stability", *_MARGINS)}
+    names, stabilities, stable = (result[f"{group}/{name}"].data for name in ("loop", "stability", "stable"))
     rows = []
-    for place, (loop, stability, *margins) in enumerate(zip(*get.values(), strict=True)):
+    for place, loop in enumerate(names):
         shown = [
-            f"{size:.4g}{unit}" if np.isfinite(size) else "∞" if stable else ""
-            for size, unit, stable in zip(
-                margins, _MARGINS.values(), [bool(result[f"{group}/stable"].data[place])] * 5, strict=True
-            )
+            "" if text == "∞" and not stable[place] else text for text in margin_texts(result, place).values()
         ]
-        rows.append((str(loop), *shown, str(stability).partition(":")[0]))
+        rows.append((str(loop), *shown, str(stabilities[place]).partition(":")[0]))
     blocks: list[Block] = [
         TextTable(("", "gain margin", "phase margin", "delay margin", "Ms", "Mt", "closed loop"), tuple(rows))
     ]

@@ -115,11 +115,14 @@ def _bode_and_nyquist(result: Result, group: str) -> Iterator[Figure]:
     else:
         units = [response.units] * (len(outputs) * len(inputs))
     top = peak_responses(result, group)
+    sizes = [
+        f"largest, {short(size)}," if np.isfinite(size) else "infinite" for size in top.magnitude.ravel()
+    ]
     peaks = [
-        f"is {f'largest, {short(size)},' if np.isfinite(size) else 'infinite'} at {short(where)} {top.unit}"
-        if size
-        else "is 0"
-        for size, where in zip(top.magnitude.ravel(), top.at.ravel(), strict=True)
+        f"is {size} at {short(where)} {top.unit}{note}" if whole else "is 0"
+        for size, whole, where, note in zip(
+            sizes, top.magnitude.ravel(), top.at.ravel(), top.note.ravel(), strict=True
+        )
     ]
     curves = [
         (f"{output} / {source}", response.data[:, row, column])
