@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynid.checks.comparison import RTOL, as_array, close, word, words_of
 from dynid.result import Result, Scalar, Variable
-from dynid.suggestions import did_you_mean, did_you_mean_path
+from dynid.suggestions import did_you_mean, did_you_mean_path, shortened
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,11 @@ class LabelledAxis:
         else:
             hits = list(np.flatnonzero(np.isclose(self.labels, label, rtol=RTOL, atol=0)))
         return int(hits[0]) if hits else None
+
+    def hint(self, label: Any) -> str:
+        """Return what may be meant by a label that is absent: a similar text, else the labels there are."""
+        similar = did_you_mean(label, map(str, self.labels)) if isinstance(label, str) else ""
+        return similar or f"; there are: {shortened([word(own) for own in self.labels]) or 'none'}"
 
 
 def axis_of(result: Mapping[str, Variable], path: str, dim: str, length: int) -> LabelledAxis:
@@ -198,8 +203,7 @@ def _select(result: Result, path: str, at: Mapping[str, Any]) -> tuple[tuple[Any
         number = names.index(dim)
         entry = axes[number].find(label)
         if entry is None:
-            hint = did_you_mean(str(label), map(str, axes[number].labels))
-            raise _Unmet(f"has no {dim} {label}{hint}")
+            raise _Unmet(f"has no {dim} {_label(label)}{axes[number].hint(label)}")
         place[number] = entry
     return tuple(place), [axis for axis, entry in zip(axes, place, strict=True) if isinstance(entry, slice)]
 
