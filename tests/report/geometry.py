@@ -14,7 +14,7 @@ def overlaps(sketch, layout):
         list(pairwise(bond.line_on(route))) for bond, route in zip(sketch.bonds, layout.routes, strict=True)
     ]
     marks = [
-        [mark for mark in (bond.stroke_on(route), bond.half_arrow_on(route)) if mark is not None]
+        [mark for mark in (bond.stroke_on(route), *pairwise(bond.arrow_on(route))) if mark is not None]
         for bond, route in zip(sketch.bonds, layout.routes, strict=True)
     ]
     for bond, pieces in zip(sketch.bonds, [a + b for a, b in zip(lines, marks, strict=True)], strict=True):

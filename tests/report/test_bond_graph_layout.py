@@ -4,6 +4,7 @@ import json
 import random
 import xml.etree.ElementTree as ET
 from fractions import Fraction
+from math import dist
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ from dynid.report import figures
 from dynid.report.drawing.bond_graph import DrawnGraph, drawn_graph, sketch_of
 from dynid.report.drawing.layout import lay_out
 from dynid.report.drawing.planar_embedding import PlanarEmbedding
+from dynid.report.svg import path_of
 from tests.bondgraph.graphs import ISOLATOR, build, chain, parse, port
 from tests.bondgraph.random_graphs import random_graph
 from tests.report.geometry import crossings, ends, overlaps
@@ -146,6 +148,30 @@ def test_the_cut_parts_the_spine_between_source_and_output(isolator):
     row = [boxes[name].centre for name in ("v_in", "base", "body", "m_s")]
     assert [x for x, _ in row] == sorted(x for x, _ in row)
     assert len({round(y, 6) for _, y in row}) == 1
+
+
+@pytest.mark.parametrize(
+    ("scene", "signals"),
+    [
+        ("isolator_controlled.yaml", {("body", "p_a")}),
+        ("servo_orifices.yaml", {("signal", f"{way}_{side}") for way in ("in", "out") for side in "ab"}),
+    ],
+)
+def test_signals_have_a_full_arrow_and_bonds_a_half_arrow(scene, signals):
+    result = dynid.run(dynid.load_scene(CONFIGS / scene))
+    sketch = sketch_of(drawn_graph(result))
+    layout = lay_out(sketch)
+    assert overlaps(sketch, layout) == []
+    (svg,) = (figure.svg for figure in figures(result) if figure.name == "bond-graph")
+    found = set()
+    for bond, route in zip(sketch.bonds, layout.routes, strict=True):
+        *barbs, tip = sorted(bond.arrow_on(route), key=lambda at, end=route[-1]: -dist(at, end))
+        assert all(dist(barb, route[-2]) < dist(tip, route[-2]) for barb in barbs)  # it points to the head
+        assert len({round(dist(barb, tip), 6) for barb in barbs}) == 1
+        if len(barbs) == 2:
+            found.add((bond.tail, bond.head))
+            assert f'class="bond" d="{path_of([barbs[0], tip, barbs[1]])}"' in svg
+    assert found == signals
 
 
 def test_a_domain_spreads_through_bonds_and_stops_at_a_transformer(isolator):

@@ -210,9 +210,9 @@ def _graph_picture(name: str, title: str, result_title: str, sketch: Sketch, dra
     if drawn.boxes:
         caption = "Power is positive along the half arrows. A box is a field or structure of many nodes."
     if drawn.loops:
-        caption += " Dashed lines are feedback, from what is measured to the source that it drives."
+        caption += " Dashed arrows are feedback, from what is measured to the source that it drives."
     if any(read != name for name, every in drawn.laws.items() for read in every):
-        caption += " Dashed lines are variables that laws depend on."
+        caption += " Dashed arrows are variables that laws depend on."
     if any(node.opens for node in sketch.nodes):
         caption += " The box of a sub-model leads to the drawing of its inside."
     table = FigureTable(("from", "to", "effort is imposed on"), tuple(rows))
@@ -240,9 +240,9 @@ def sketch_of(drawn: DrawnGraph) -> Sketch:
         plain = [end for end in (bond.tail, bond.head) if graph.nodes[end].type not in TWO_PORTS]
         domain = next((domains[end] for end in plain if end in domains), "")
         bonds.append(SketchBond(bond.tail, bond.head, strokes.get((bond.tail, bond.head), ""), domain))
-    bonds += [SketchBond(*loop, equation_only=True) for loop in drawn.loops]
+    bonds += [SketchBond(*loop, signal=True) for loop in drawn.loops]
     bonds += [
-        SketchBond(read, name, equation_only=True)
+        SketchBond(read, name, signal=True)
         for name, every in drawn.laws.items()
         for read in every
         if read != name

@@ -52,12 +52,14 @@ def draw_sketch(
         svg.open(transform=f"translate({number(x)} {number(y)}) scale({number(scale)})")
     for bond, route in zip(sketch.bonds, layout.routes, strict=True):
         cls = "bond mark" if bond.changed else f"bond {COLOUR.get(bond.domain, '')}".rstrip()
-        if bond.equation_only:
+        arrow, stroke = bond.arrow_on(route), bond.stroke_on(route)
+        if bond.dashed:
             svg.line(*bond.line_on(route), cls=f"{cls} dashed")
+            if arrow:
+                svg.line(*arrow, cls=cls)
             continue
-        arrow, stroke = bond.half_arrow_on(route), bond.stroke_on(route)
         svg.open(tip=f"{bond.tail} → {bond.head}")
-        svg.line(*bond.line_on(route), *(arrow[1:] if arrow else ()), cls=cls)
+        svg.line(*bond.line_on(route), *arrow[1:], cls=cls)
         if stroke is not None:
             svg.line(*stroke, cls=cls)
         svg.close()

@@ -128,6 +128,8 @@ class SketchBond:
         True if it is highlighted.
     equation_only
         True for a coupling that only the equations define: drawn dashed and without an arrow.
+    signal
+        True for a signal (an activated bond), which takes no power: drawn dashed, with a full arrow.
     """
 
     tail: str
@@ -136,6 +138,12 @@ class SketchBond:
     domain: str = ""
     changed: bool = False
     equation_only: bool = False
+    signal: bool = False
+
+    @property
+    def dashed(self) -> bool:
+        """True if it is no bond with power."""
+        return self.equation_only or self.signal
 
     def stroke_on(self, route: Sequence[Point]) -> Segment | None:
         """Return the causal stroke, across the end of a route from tail to head; None without causality."""
@@ -146,16 +154,20 @@ class SketchBond:
         across = (0.0, HALF) if end[1] == inner[1] else (HALF, 0.0)
         return (x - across[0], y - across[1]), (x + across[0], y + across[1])
 
-    def half_arrow_on(self, route: Sequence[Point]) -> Segment | None:
-        """Return the half arrow at the head of a route, on its right-hand side."""
+    def arrow_on(self, route: Sequence[Point]) -> list[Point]:
+        """Return the arrow at the head of a route: its tip and right barb, of a signal also the left one.
+
+        Empty for a coupling without an arrow.
+        """
         if self.equation_only:
-            return None
+            return []
         (x0, y0), end = route[-2], route[-1]
         tip = _towards(end, route[-2], self._tip)
         x, y = _towards(end, route[-2], self._tip + BARB)
         dx, dy = end[0] - x0, end[1] - y0
         right = ((dy < 0) - (dy > 0), (dx > 0) - (dx < 0))
-        return tip, (x + WING * right[0], y + WING * right[1])
+        barbs = [(x + side * right[0], y + side * right[1]) for side in (WING, -WING)]
+        return [barbs[1], tip, barbs[0]] if self.signal else [tip, barbs[0]]
 
     def line_on(self, route: Sequence[Point]) -> list[Point]:
         """Return the points of the line: clear of the nodes, ending at the tip of the arrow."""
