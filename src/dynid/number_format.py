@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 MOST_ROOTS = 12
 #: Most decimals of a number.
 _MOST_DECIMALS = 6
+#: Least p-value that is written as a number.
+_LEAST_P = 1e-300
 
 
 def quantity(value: float, error: float | None = None) -> str:
@@ -117,6 +119,22 @@ def percent(value: float) -> str:
         return "-"
     value += 0.0  # no negative zero
     return f"{value:.0f} %" if 100 <= abs(value) < 1e6 else f"{value:.2g} %"
+
+
+def p_text(p: float, digits: int = 2) -> str:
+    """Return a p-value as an equation, or as the inequality where it is too small for a number."""
+    return f"p = {p:.{digits}g}" if not p < _LEAST_P else f"p < {_LEAST_P:g}"
+
+
+def share_text(part: float) -> str:
+    """Return a part of a whole as a percentage, with so many digits that less than all is not 100 %."""
+    missing = 100 * (1 - part)
+    if missing <= 0:
+        return "100 %"
+    decimals = max(2, -math.floor(math.log10(missing)))
+    if decimals > _MOST_DECIMALS:
+        return f"more than {100 - 10.0**-_MOST_DECIMALS:.{_MOST_DECIMALS}f} %"
+    return f"{100 * part:.{decimals}f} %"
 
 
 def time_text(seconds: float) -> str:

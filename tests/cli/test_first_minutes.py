@@ -234,6 +234,17 @@ def test_verdicts_and_warnings_are_coloured_on_terminals(monkeypatch, terminal, 
     assert stream.getvalue() == f"  {verdict}: optimum found\na.yaml: {warning} \\x07evil\n"
 
 
+def test_a_verdict_of_lack_of_fit_is_coloured_as_a_warning(monkeypatch):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    stream = StringIO()
+    monkeypatch.setattr("sys.stdout", stream)
+    with guarded():
+        click.echo("  optimum found, but the model lacks fit (p = 3e-09): it explains 97 %")
+    marked = "\x1b[33moptimum found, but the model lacks fit\x1b[0m"
+    assert stream.getvalue() == f"  {marked} (p = 3e-09): it explains 97 %\n"
+
+
 @pytest.mark.parametrize("width", [60, 80, 120])
 def test_screens_fit_a_terminal(monkeypatch, width):
     result = run_scene(load_scene(CONFIGS / "dc_motor.yaml"))

@@ -7,7 +7,7 @@ import pytest
 
 from dynid.cli.summary.identification import lines
 from dynid.identification.verdict import verdict
-from dynid.number_format import quantity, with_error
+from dynid.number_format import p_text, quantity, share_text, with_error
 from dynid.report.content.identification import cautions, method, noise_sentences, sections
 from dynid.result import Result
 from tests.identification.cases import run, simulated
@@ -48,6 +48,7 @@ def outcome(warned=(), lacks_fit=False, **changed):
     group = "identification/diagnostics"
     good = diagnostics["settled"] and diagnostics["explained"] and diagnostics["redundancy"] > 0
     result.add(f"{group}/converged", good)
+    result.add(f"{group}/lacks_fit", lacks_fit or not diagnostics["explained"])
     result.add(f"{group}/residual_ratio", [0.05], ("channel",))
     result.add(f"{group}/parameter", ["a.c", "a.k"], ("parameter",))
     distance = np.array(diagnostics.pop("distance_to_optimum"))
@@ -114,7 +115,8 @@ CASES = {
     "both": ({}, "converged: optimum found, the model explains the record", ""),
     "lack of fit": (
         {"lacks_fit": True},
-        "converged: optimum found, the model explains 99.98 % of the signal but lacks fit (p = 3e-09)",
+        "optimum found, but the model lacks fit (p = 3e-09): it explains 99.98 % of the signal, and the "
+        "intervals are nominal, as a rule too narrow",
         "",
     ),
     "off the optimum": (
@@ -180,6 +182,39 @@ def test_error_bars_of_what_is_no_noise_are_called_nominal():
     assert nominal not in lines(outcome(white=False, explained=False))
     assert nominal in lines(run(measurement=simulated(0.0)))
     assert nominal not in lines(run(measurement=simulated(0.05)))
+
+
+def test_intervals_of_a_model_that_lacks_fit_are_called_nominal_and_its_verdict_is_not_good():
+    said = lines(outcome(lacks_fit=True, white=False))
+    assert "nominal 95 % interval" in said[2]
+    assert not any("converged" in line for line in said)
+    assert not any(line.startswith("  error bars are nominal") for line in said)
+    tones = [
+        [block.tone for block in next(sections(outcome(lacks_fit=lacking))).blocks if hasattr(block, "tone")]
+        for lacking in (True, False)
+    ]
+    assert tones == [["bad"], ["good"]]
+
+
+@pytest.mark.parametrize(
+    ("p", "text"), [(0.0, "p < 1e-300"), (1e-310, "p < 1e-300"), (2e-300, "p = 2e-300"), (0.314, "p = 0.31")]
+)
+def test_a_p_value_of_zero_is_an_inequality(p, text):
+    assert p_text(p) == text
+
+
+@pytest.mark.parametrize(
+    ("part", "text"),
+    [
+        (1.0, "100 %"),
+        (0.9742, "97.42 %"),
+        (0.99998, "99.998 %"),
+        (1 - 2e-8, "99.999998 %"),
+        (1 - 1e-12, "more than 99.999999 %"),
+    ],
+)
+def test_less_than_all_is_not_100_percent(part, text):
+    assert share_text(part) == text
 
 
 def test_warnings_stand_below_the_verdict():

@@ -126,7 +126,7 @@ def refuse_missing_folders(*files: str | None) -> None:
 _COLOURS = {
     "31": r"expectation failed:|not converged|unstable|problem:",
     "32": r"(?<=^ {2})converged(?=:)|(?<=^ {12})stable$|no problems found",
-    "33": r"warning:|(?<=^ {12})marginal",
+    "33": r"warning:|(?<=^ {2})optimum found, but the model lacks fit|(?<=^ {12})marginal",
 }
 _MARKED = re.compile("|".join(f"(?P<c{code}>{words})" for code, words in _COLOURS.items()), re.MULTILINE)
 

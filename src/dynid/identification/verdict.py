@@ -9,7 +9,7 @@ import numpy as np
 from dynid.defaults import HEAVY_TAILS, OFFSET
 from dynid.identification.posterior import UNCERTAIN, ChannelOfRecord, Posterior
 from dynid.identification.residual_tests import ResidualShape, is_coloured, whiteness
-from dynid.number_format import frequency_text
+from dynid.number_format import frequency_text, p_text, share_text
 
 # Levels of the warnings: a correlation, an error in standard errors, a part of the samples that are missing
 # or stand at the channel's extreme.
@@ -31,7 +31,10 @@ _DOMINANT = 0.5
 
 
 def verdict(posterior: Posterior) -> str:
-    """Return the verdict in one line: convergence of the estimate, and fit of the model."""
+    """Return the verdict in one line: convergence of the estimate, and fit of the model.
+
+    It starts with `converged` only where the residuals do not contradict the model.
+    """
     names, distance, compared = (
         posterior.likelihood.names,
         posterior.distance_to_optimum,
@@ -49,10 +52,10 @@ def verdict(posterior: Posterior) -> str:
     else:
         found = f"{distance[k]:.2g} standard errors of {names[k]} from the optimum"
     if not compared.has_signal:
-        fit = f"the {noun} shows no response, only noise (p = {compared.signal_p:.2g})"
+        fit = f"the {noun} shows no response, only noise ({p_text(compared.signal_p)})"
     elif not compared.explained:
         fit = (
-            f"the model does not explain the {noun}: lack of fit p = {compared.lack_of_fit_p:.1g}, "
+            f"the model does not explain the {noun}: lack of fit {p_text(compared.lack_of_fit_p, 1)}, "
             f"{100 * compared.signal_explained:.3g} % of the signal explained"
         )
     elif compared.redundancy <= 0:
@@ -60,11 +63,12 @@ def verdict(posterior: Posterior) -> str:
     else:
         fit = f"the model explains the {noun}"
         if compared.lacks_fit:
-            share = 100 * compared.signal_explained
             fit = (
-                f"the model explains {share:.4g} % of the signal but lacks fit "
-                f"(p = {compared.lack_of_fit_p:.1g})"
+                f"the model lacks fit ({p_text(compared.lack_of_fit_p, 1)}): it explains "
+                f"{share_text(compared.signal_explained)} of the signal"
             )
+            if posterior.optimal:
+                return f"{found}, but {fit}, and the intervals are nominal, as a rule too narrow"
         if posterior.optimal:
             return f"converged: {found}, {fit}"
     return f"NOT converged: {found}; {fit}"
@@ -91,8 +95,8 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
     if compared.lacks_fit and compared.explained:
         worst = posterior.channels[int(np.argmin(compared.channel_lack_of_fit_p))].name
         yield (
-            f"the model lacks fit (p = {compared.lack_of_fit_p:.1g}), most of all in {worst}: it explains "
-            f"{100 * compared.signal_explained:.4g} % of the signal; standard errors are nominal"
+            f"the model lacks fit ({p_text(compared.lack_of_fit_p, 1)}), most of all in {worst}: it explains "
+            f"{share_text(compared.signal_explained)} of the signal; standard errors are nominal"
         )
     names, errors = posterior.likelihood.names, posterior.error_in_bounds
     for name, apart in zip(names, posterior.prior_conflict, strict=True):
@@ -177,7 +181,7 @@ def _noise_warnings(posterior: Posterior) -> Iterator[str]:
             remedy += "; if it is right, the model leaves something unexplained"
         bars = "; standard_error_scaled has the error bars for the observed noise"
         yield (
-            f"the residuals contradict the given noise ({_p_value(test.p)}): observed are "
+            f"the residuals contradict the given noise ({p_text(test.p)}): observed are "
             f"{', '.join(ratios)} the given deviation: {remedy}{'' if posterior.robust else bars}"
         )
     for place, shape in zip(posterior.channels, posterior.shapes, strict=True):
@@ -192,7 +196,7 @@ def _shape_warnings(posterior: Posterior, place: ChannelOfRecord, shape: Residua
         part = shape.mean**2 / float(np.nanmean(posterior.raw_residual(place) ** 2))
         yield (
             f"the residual of {place.name} has the mean {shape.mean:.3g} {place.unit} "
-            f"({_p_value(shape.mean_p)}): an offset of the sensor?{_weight_lost(place, part)} "
+            f"({p_text(shape.mean_p)}): an offset of the sensor?{_weight_lost(place, part)} "
             "Remedy: prepare: [{detrend: constant}] in the measurement"
         )
     if posterior.robust:
@@ -227,7 +231,3 @@ def _weight_lost(place: ChannelOfRecord, part: float) -> str:
 
 def _number(x: float) -> str:
     return f"{x:.2g}" if x < 100 else f"{x:,.0f}"
-
-
-def _p_value(p: float) -> str:
-    return f"p = {p:.2g}" if p >= 1e-99 else "p < 1e-99"

@@ -29,6 +29,8 @@ Everything is below ``identification/``:
     which `starts_agreed` ended at this optimum.
   - `explained`: there is a response (`signal_p`), and the residuals are noise (`lack_of_fit_p`), or the model
     explains at least 95 % of the signal (`signal_explained`); see `lack_of_fit`.
+  - `lacks_fit`: `lack_of_fit_p` is small: the residuals contradict the model, also where it is `explained`;
+    the standard errors are nominal.
   - `converged`: `optimum` and `explained`, and a `redundancy` above 0: the record could contradict the model.
   - `log_likelihood` at the estimate, `bic`, and the numbers of `observations` and `free_parameters` (unknown
     parameters, resolved initial states, estimated deviations of the noise) that belong to it.
@@ -98,7 +100,7 @@ _AUTOCORRELATION = ("lag", "autocorrelation", "autocorrelation_band", "channel_w
 #: Names that need the comparison of three models of the records.
 _COMPARED = (
     *("converged", "explained", "redundancy", "signal_p", "signal_explained"),
-    *("lack_of_fit_p", "channel_lack_of_fit_p"),
+    *("lack_of_fit_p", "lacks_fit", "channel_lack_of_fit_p"),
 )
 
 
@@ -260,6 +262,7 @@ def _add_comparison(result: Result, posterior: Posterior) -> None:
     result.add(f"{group}/signal_p", compared.signal_p)
     result.add(f"{group}/signal_explained", compared.signal_explained)
     result.add(f"{group}/lack_of_fit_p", compared.lack_of_fit_p)
+    result.add(f"{group}/lacks_fit", compared.lacks_fit)
     result.add(f"{group}/channel_lack_of_fit_p", compared.channel_lack_of_fit_p, ("channel",))
     if not posterior.converged:
         result.annotate(_PARAMETERS, error_bars="nominal: the result is rejected")

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from dynid.defaults import SIGNAL, WHITENESS
-from dynid.number_format import counted, percent, quantity, span_text, with_error
+from dynid.number_format import counted, p_text, percent, quantity, span_text, with_error
 from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable, more
 from dynid.report.content.identifiability import calibration_sections, identifiability_sections
 from dynid.report.content.modes import derived_sections, has_modes, modal_sections, modal_summary
@@ -58,11 +58,12 @@ def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the content of an identification, or of the responses of a structure."""
     if f"{_PARAMETERS}/name" in result:
         good = not is_rejected(result)
-        white = good and bool(result.value(f"{_DIAGNOSTICS}/white"))
+        sound = good and bool(result.value(f"{_DIAGNOSTICS}/white")) and not lacks_fit(result)
         answer, quality = list[Statement](), list[Statement]()
         for place, sentence in enumerate(verdict_sentences(result)):
-            bad = not good or (place > 0 and sentence.startswith(("warning", "at a limit", "error bars")))
-            tone = "bad" if bad else "good" if white and place == 0 else ""
+            doubtful = sentence.startswith(("warning", "at a limit", "error bars"))
+            bad = not good or (doubtful if place else lacks_fit(result))
+            tone = "bad" if bad else "good" if sound and place == 0 else ""
             (answer if bad or not place else quality).append(Statement(f"{_capitalized(sentence)}.", tone))
         columns, rows = parameter_table(result)
         yield ReportSection("Parameters", (TextTable(columns, tuple(rows)), *answer), "answer")
@@ -136,6 +137,7 @@ def interval(estimate: float, error: float, linear: bool) -> tuple[float, float]
 def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return headings and rows of the parameters: start, estimate with error, interval, true value, bound.
 
+    Intervals are nominal where the residuals contradict the model.
     Error and bound are relative to the true value; of a true value of 0 the bound is absolute. Where a true
     value is unknown, the bound is that at the estimate, which equals the standard error, and is omitted.
     Where the residuals contradict the given noise, a column has the standard error for the noise of the
@@ -152,7 +154,8 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
     scaled = get.get("standard_error_scaled") if result.get(contradicted) is not None else None
     if scaled is not None and not (barred and result.value(contradicted)):
         scaled = None
-    bars = ("95 % interval", *(() if scaled is None else ("for residual noise",))) if barred else ()
+    heading = "nominal 95 % interval" if lacks_fit(result) else "95 % interval"
+    bars = (heading, *(() if scaled is None else ("for residual noise",))) if barred else ()
     truths = (*(("true", "error") if known else ()), *(("CR bound",) if bounded else ()))
     rows, linear = [], linear_parameters(result)
     for k, name in enumerate(get["name"]):
@@ -219,6 +222,12 @@ def is_rejected(result: Result) -> bool:
     return converged is not None and not bool(converged.data)
 
 
+def lacks_fit(result: Result) -> bool:
+    """Return True if the residuals contradict the model, also where it explains most of the signal."""
+    found = result.get(f"{_DIAGNOSTICS}/lacks_fit")
+    return found is not None and bool(found.data)
+
+
 def cautions(result: Result) -> Iterator[str]:
     """Yield the rejection of a result with its remedy, and the warnings, a sentence each."""
     if f"{_DIAGNOSTICS}/converged" not in result:
@@ -277,10 +286,10 @@ def verdict_sentences(result: Result) -> Iterator[str]:
         channels = result[f"{_DIAGNOSTICS}/channel"].data
         parts = [f"{value:.2g} % of {name}" for value, name in zip(ratio, channels, strict=True)]
         left = f"RMS residual: {', '.join(parts[:_CHANNELS])}{', …' if len(parts) > _CHANNELS else ''}"
-    residuals = f"the residuals are not white (p = {p:.2g})"
+    residuals = f"the residuals are not white ({p_text(p)})"
     if white:
         level = f"{WHITENESS.value:.0e}".replace("e-0", "e-")
-        residuals = f"white residuals are not rejected (p = {p:.2g}; level {level})"
+        residuals = f"white residuals are not rejected ({p_text(p)}; level {level})"
     yield str(result.value(f"{_DIAGNOSTICS}/verdict"))
     yield left
     if not has_modes(result) or f"{_DIAGNOSTICS}/autocorrelation" in result:  # modes alone have no order
@@ -289,7 +298,7 @@ def verdict_sentences(result: Result) -> Iterator[str]:
     rejected = is_rejected(result)
     if rejected:
         yield "error bars are not printed: the result is rejected (those in the file are nominal)"
-    elif not white:
+    elif not (white or lacks_fit(result)):  # of which the verdict says it
         yield "error bars are nominal: the residuals are not white noise"
     names, bounds = result[f"{_PARAMETERS}/name"].data, f"{_PARAMETERS}/at_bound"
     held = ", ".join(names[result[bounds].data]) if bounds in result else ""
