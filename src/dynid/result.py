@@ -282,7 +282,7 @@ class Result(Mapping[str, Variable]):
 
     def without(self, beginning: str) -> Result:
         """Return the result without the arrays whose paths begin so."""
-        other = Result(self.kind, self.title)
+        other = Result(self.kind, self.title, self.attrs)
         for path, variable in self.items():
             if not path.startswith(beginning):
                 other.put(path, variable)

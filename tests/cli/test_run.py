@@ -24,6 +24,29 @@ def test_a_run_writes_one_file_named_after_the_scene_in_the_current_folder(dynid
     assert result.attrs["scene"] == (folder / "scenes" / "small.yaml").read_text()
 
 
+UNDETERMINED = (
+    "dynid: 1\nkind: bond-graph\ngraph:\n"
+    "  nodes: {V1: Se, a: 0, b: 0, r: {type: R, value: 4}, x: 1, y: 1}\n"
+    "  bonds: [V1 -> a -> b -> r, b -> a, x -> y]\n"
+    "analysis: {inputs: [V1], outputs: [r.f]}\n"
+)
+
+
+@pytest.mark.parametrize("streams", ["both", "out", "none"])
+def test_warnings_are_printed_once_where_both_streams_are_a_terminal(dynid, folder, monkeypatch, streams):
+    (folder / "s.yaml").write_text(UNDETERMINED)
+    monkeypatch.setenv("NO_COLOR", "1")
+    if streams != "none":
+        monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    if streams == "both":
+        monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    code, out, err = dynid("run", "s.yaml")
+    warned = list(read_result("s.h5")["bond_graph/warnings"].data)
+    assert (code, bool(warned)) == (0, True)
+    assert all(f"s.yaml: warning: {text}" in err for text in warned)
+    assert ("warning" in out) == (streams != "both")
+
+
 def test_the_output_may_be_named_and_silence_asked_for(dynid, folder):
     assert dynid("run", "small.yaml", "-o", "other.hdf5", "-q") == (0, "", "")
     assert (folder / "other.hdf5").exists()
@@ -158,12 +181,7 @@ def test_a_graph_without_a_unique_solution_is_one_located_sentence_that_names_it
 
 
 def test_what_is_undetermined_is_a_warning_where_no_output_depends_on_it(dynid, folder):
-    (folder / "s.yaml").write_text(
-        "dynid: 1\nkind: bond-graph\ngraph:\n"
-        "  nodes: {V1: Se, a: 0, b: 0, r: {type: R, value: 4}, x: 1, y: 1}\n"
-        "  bonds: [V1 -> a -> b -> r, b -> a, x -> y]\n"
-        "analysis: {inputs: [V1], outputs: [r.f]}\n"
-    )
+    (folder / "s.yaml").write_text(UNDETERMINED)
     code, out, err = dynid("run", "s.yaml", "--report", "s.html")
     assert code == 0
     assert "T(s) = 0.25" in out

@@ -223,7 +223,7 @@ def posterior(measured=MEASURED, residual=NOISE, **changed):
         contradicted_noise=[],
         noise_test=None,
         model_error=None,
-        mistakes=(),
+        mistakes=changed.pop("mistakes", ()),
         estimate=SimpleNamespace(cut_off=0),
         several=False,
         noun="record",
@@ -275,6 +275,21 @@ def test_each_trouble_is_one_sentence(changed, said):
     found = warnings(posterior(**changed))
     assert any(said in sentence for sentence in found), found
     assert len(found) <= 2  # two channels
+
+
+def test_coloured_residuals_of_several_channels_are_one_warning_with_one_remedy():
+    series = np.repeat(coloured()[:, 1:], 2, axis=1)
+    (said,) = warnings(posterior(residual=series))
+    assert said.startswith("the residuals of 1.velocity (")
+    assert ", 2.velocity (" in said
+    assert said.count("strongest at 60") == 2
+    assert said.count("noise: {kind: coloured, order: auto}") == 1
+
+
+def test_coloured_noise_is_no_remedy_where_a_mistake_of_an_instrument_explains_it():
+    found = warnings(posterior(residual=coloured(), mistakes=("the lack of fit is explained where …",)))
+    assert any("is not white noise" in sentence for sentence in found)
+    assert not any("noise: {kind: coloured" in sentence for sentence in found)
 
 
 def test_a_clipped_record_is_said_to_be_one():

@@ -97,7 +97,10 @@ def test_another_start_of_the_excitation_is_suggested():
     values = np.column_stack([later(one, 2) for one in record().T])
     (found,) = said(values)
     assert "are 2 samples (0.04 s) later than the model" in found
-    assert "Or all of them are right, and the excitation" in found
+    assert (
+        "Or all of them are right, and the excitation has the inverse mistake (of a file: delay: -0.04)."
+        in found
+    )
 
 
 def test_delays_of_records_are_in_their_own_steps():

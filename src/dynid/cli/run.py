@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -84,14 +85,17 @@ def run(
 
             write_page(read_result(target), report)
     outcomes = checked_expectations(loaded, result, junit)
+    from dynid.report.content import warnings, without_warnings
+
     if not quiet and not as_json:
         from dynid.cli.summary import summary
 
-        click.echo(summary(result, f"{time.perf_counter() - started:.2g} s", trace=verbose))
+        # Who sees both streams reads each warning once.
+        both = sys.stdout.isatty() and sys.stderr.isatty()
+        shown = without_warnings(result) if both else result
+        click.echo(summary(shown, f"{time.perf_counter() - started:.2g} s", trace=verbose))
         more = report or f"see it: dynid report {target}"
         click.echo(f"\n  wrote {target}{', ' if report else ' · '}{more}")
-    from dynid.report.content import warnings
-
     said = warnings(result)
     if as_json:
         from dynid.store.export import answer_json

@@ -295,5 +295,6 @@ def _remedy(one: Correction, step: float, whole: bool) -> str:
     if one.delay:
         hints.append(f"another start of its instrument (delay: {one.delay * step:.6g})?")
     if whole:
-        hints.append("Or all of them are right, and the excitation has the inverse mistake.")
+        inverse = f" (of a file: delay: {-one.delay * step:.6g})" if one.delay else ""
+        hints.append(f"Or all of them are right, and the excitation has the inverse mistake{inverse}.")
     return " ".join(hints)

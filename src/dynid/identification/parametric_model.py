@@ -21,7 +21,7 @@ from dynid.identification.instruments import Instruments, RecordSampling
 from dynid.identification.linear_system import Affine, LinearSystem, SystemModel
 from dynid.identification.structure_system import StructureSystem
 from dynid.lti.exponential import balance, exponential, exponential_with_derivatives, rescaled
-from dynid.lti.signals import Signal
+from dynid.lti.signals import Sampled, Signal
 from dynid.lti.state_space import Matrices
 from dynid.lti.time_response import check_phase, drive_scale, joint_generator
 from dynid.lti.timeline import Timeline, timeline
@@ -380,8 +380,36 @@ def _timeline(
 ) -> tuple[Timeline, RecordSampling | None]:
     """Return the timeline of signals and channels that are delayed as at values of the parameters."""
     sampling = RecordSampling.of(times, instruments.numbers(instruments.delays, values).value)
+    signals = instruments.acting(system.signals, values)
     wanted = times if sampling is None else sampling.times
-    return timeline(instruments.acting(system.signals, values), wanted, float(wanted[0])), sampling
+    if sampling is not None:
+        _check_known(signals, times, sampling)
+    return timeline(signals, wanted, float(wanted[0])), sampling
+
+
+def _check_known(signals: Sequence[Signal], times: Array, sampling: RecordSampling) -> None:
+    """Refuse delays of channels for which a sampled signal is needed before or after its samples."""
+    known = [signal for signal in signals if isinstance(signal, Sampled)]
+    if not known:
+        return
+    first, last = max(one.start for one in known), min(one.stop for one in known)
+    rounding = 1e-6 * min(one.step for one in known)
+    begin, end = float(sampling.times[0]), float(sampling.times[-1])
+    which = f"an excitation is known from {first:g} s to {last:g} s only, but the delays of channels need it"
+    if end > last + rounding:
+        latest = sampling.times[sampling.rows.max(axis=1)]
+        enough = int(np.count_nonzero(latest <= last + rounding))
+        raise UsageError(
+            f"{which} up to {end:.6g} s",
+            remedy=f"State samples: {enough} in the measurement ({len(times)} are used now).",
+            names=("samples", "records", "channels"),
+        )
+    if begin < first - rounding:
+        raise UsageError(
+            f"{which} from {begin:.6g} s on",
+            remedy="Correct the excitation by its delay instead: before its start it keeps its first value.",
+            names=("channels", "records"),
+        )
 
 
 def system_of(model: Model, loads: Sequence[Any], channels: Sequence[Any]) -> LinearSystem:

@@ -132,16 +132,7 @@ def _record_warnings(posterior: Posterior) -> Iterator[str]:
     for k, record in enumerate(records, 1):
         for note in record.notes:
             yield f"record_{k}: {note}" if posterior.several else note
-    for place in posterior.channels:
-        record, fit = records[place.record], posterior.fit.parts[place.record]
-        part, series = record.unexplained(fit, place.column)
-        fitted = [int(record.noise_orders[place.column])]
-        if part >= _ROUND_OFF and is_coloured(whiteness(series, coefficients=fitted)):
-            yield (
-                f"the residual of {place.name} ({100 * part:.2g} % of the signal) is not white noise; "
-                f"it is strongest at {frequency_text(record.residual_peak(fit, place.column), 3)}"
-                f"{record.noise_remedy}"
-            )
+    yield from _coloured_residuals(posterior)
     if any(record.modelled for record in records) and posterior.method in _WHITE_ONLY:
         yield (
             f"{posterior.method} assumes white noise: its estimate is not the most likely one for coloured "
@@ -162,6 +153,30 @@ def _record_warnings(posterior: Posterior) -> Iterator[str]:
         extreme = max(np.count_nonzero(there == there.min()), np.count_nonzero(there == there.max()))
         if len(there) >= _LEAST_SAMPLES and extreme > max(2, _CLIPPED * len(there)):
             yield f"{place.name} stands at its extreme value in {extreme} samples: it may be clipped"
+
+
+def _coloured_residuals(posterior: Posterior) -> Iterator[str]:
+    """Warn of residuals that are not white, in one sentence for all channels of a record."""
+    found: dict[int, list[tuple[str, str, str]]] = {}
+    for place in posterior.channels:
+        record, fit = posterior.likelihood.records[place.record], posterior.fit.parts[place.record]
+        part, series = record.unexplained(fit, place.column)
+        fitted = [int(record.noise_orders[place.column])]
+        if part >= _ROUND_OFF and is_coloured(whiteness(series, coefficients=fitted)):
+            peak = frequency_text(record.residual_peak(fit, place.column), 3)
+            found.setdefault(place.record, []).append((place.name, f"{100 * part:.2g} %", peak))
+    for k, channels in found.items():
+        # A mistake of an instrument that explains the lack of fit has a remedy of its own.
+        remedy = "" if posterior.mistakes else posterior.likelihood.records[k].noise_remedy
+        if len(channels) == 1:
+            name, size, peak = channels[0]
+            yield (
+                f"the residual of {name} ({size} of the signal) is not white noise; it is strongest at "
+                f"{peak}{remedy}"
+            )
+            continue
+        each = [f"{name} ({size} of the signal, strongest at {peak})" for name, size, peak in channels]
+        yield f"the residuals of {', '.join(each)} are not white noise{remedy}"
 
 
 def _noise_warnings(posterior: Posterior) -> Iterator[str]:

@@ -23,6 +23,9 @@ from dynid.scene.kind import KINDS, resolve
 _MOST = 30
 #: Part of the largest value of a response below which a value is round-off.
 _ROUND_OFF = 1e-12
+#: Arrays of warnings.
+_OF_GRAPH = ("bond_graph/warnings", "bond_graph/design/warnings")
+_OF_IDENTIFICATION = "identification/diagnostics/warnings"
 #: Content of results that are of no kind of scene.
 _OTHERS = {
     "plan": "dynid.report.content.plan",
@@ -68,10 +71,18 @@ def warnings(result: Result) -> list[str]:
     """Return what users must know of a result: warnings of its graph, nodes and identification."""
     from dynid.report.content.identification import cautions
 
-    paths = ("bond_graph/warnings", "bond_graph/design/warnings")
-    of_graph = [str(text) for path in paths if path in result for text in result[path].data]
+    of_graph = [str(text) for path in _OF_GRAPH if path in result for text in result[path].data]
     of_nodes = result.group_attrs.get("structure/nodes", {}).get("doubt")
     return [*of_graph, *([] if of_nodes is None else [str(of_nodes)]), *cautions(result)]
+
+
+def without_warnings(result: Result) -> Result:
+    """Return a result for a screen beside which its `warnings` are printed."""
+    shown = result
+    for path in (*_OF_GRAPH, _OF_IDENTIFICATION):
+        shown = shown.without(path)
+    shown.group_attrs.get("structure/nodes", {}).pop("doubt", None)
+    return shown
 
 
 def doubtful(result: Result) -> Iterator[ReportSection]:

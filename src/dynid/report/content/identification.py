@@ -319,5 +319,5 @@ def verdict_sentences(result: Result) -> Iterator[str]:
         if relative.any():
             error = percent(100 * relative.max())
             yield f"largest relative standard error: {error} ({names[int(np.argmax(relative))]})"
-    for warning in result[f"{_DIAGNOSTICS}/warnings"].data:
-        yield f"warning: {warning}"
+    if f"{_DIAGNOSTICS}/warnings" in result:
+        yield from (f"warning: {warning}" for warning in result[f"{_DIAGNOSTICS}/warnings"].data)
