@@ -37,9 +37,9 @@ def test_the_screen_of_a_study(dynid, file):
     assert "estimator.method filter" in lines
     assert "4 singular at 0.5 rad/s (samples 0, 200, 400, …)" in lines
     assert "1 no such file (sample 14)" in lines
-    assert "order 2 in every sample" in lines
-    assert any(line.startswith("stable ") and line.endswith("% true") for line in lines)
-    assert any(line.startswith("|poles[1]| 0.") for line in lines)
+    assert "the same in every sample, p/properties: order 2" in lines
+    assert any(line.startswith("p/properties/stable: ") and line.endswith("% true") for line in lines)
+    assert any(line.startswith("|poles[1]| rad/s 0.") for line in lines)
     assert "p/response/response: 40 values per sample" in lines
     assert any(line.startswith("p/properties/prototype: d 7") for line in lines)
     assert any(line.endswith("% p/properties/gain <= 2") for line in lines)
@@ -49,13 +49,78 @@ def test_the_screen_of_a_study(dynid, file):
     assert 5 <= float(gain.partition("m ")[2].split()[-4]) <= 15
 
 
-def test_the_screen_names_the_worst_sample_by_its_number(dynid, file):
+def test_the_screen_names_the_samples_of_both_extremes_by_their_numbers(dynid, file):
     from dynid.store import read_result
 
     values = read_result(file)["study/results/p/properties/gain"].data
     _, out, _ = dynid("show", file)
     row = next(line.split() for line in out.splitlines() if line.split()[:1] == ["gain"])
-    assert row[-1] == str(2 * int(np.nanargmax(values)))
+    least, most = (2 * int(find(values)) for find in (np.nanargmin, np.nanargmax))
+    assert row[3] == f"({least})"
+    assert row[5] == f"({most})"
+    assert float(row[2]) == pytest.approx(np.nanmin(values), abs=1e-3)
+    assert float(row[4]) == pytest.approx(np.nanmax(values), abs=1e-3)
+
+
+@pytest.fixture
+def wide(tmp_path):
+    """A study of more numbers than a screen lists, most of which do not vary."""
+    x = np.arange(60.0)
+    values = {f"p/properties/constant_{k}": np.full(60, float(k)) for k in range(50)}
+    values |= {
+        "p/properties/alpha": ("deg", (), {}, x),
+        "p/properties/settling_time": ("s", (), {}, x + 1),
+        "p/properties/modes": ("rad/s", ("mode",), {}, x[:, None]),
+        "p/margins/zeta": ("dB", (), {}, -x),
+        "p/prototype": np.full(60, "d"),
+    }
+    text = "dynid: 1\nkind: study\ncollect: [p/margins, p/properties/sett*, p/properties]\n"
+    write(tmp_path / "s.h5", {"parameters.b": x}, values, text=text)
+    return tmp_path / "s.h5"
+
+
+def test_what_varies_is_listed_in_the_order_of_collect_with_units(dynid, wide):
+    _, out, _ = dynid("show", wide)
+    lines = [" ".join(line.split()) for line in out.splitlines()]
+    first = lines.index("mean min (sample) max (sample) std p05 median p95")
+    table = lines[first + 1 : lines.index("(samples count from 0)")]
+    assert [" ".join(line.split()[:2]) for line in table if not line.startswith("p/")] == [
+        "zeta dB",
+        "settling_time s",
+        "alpha deg",
+        "modes rad/s",
+    ]
+    assert [line for line in table if line.startswith("p/")] == ["p/margins", "p/properties"]
+    assert "the same in every sample, p: prototype d" in lines
+    constants = out[out.index("the same in every sample, p/properties: ") :].split("\n\n")[0]
+    assert all(f"constant_{k} {k}" in " ".join(constants.split()) for k in range(50))
+    assert "values per sample" not in out
+
+
+def test_statistics_fit_a_terminal_of_80_columns_with_the_extremes_first(dynid, wide, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    monkeypatch.setenv("NO_COLOR", "1")
+    _, out, _ = dynid("show", wide)
+    lines = out.splitlines()
+    assert max(map(len, lines)) <= 80
+    (head,) = [line.split() for line in lines if "(sample)" in line]
+    assert head[:5] == ["mean", "min", "(sample)", "max", "(sample)"]
+    assert (
+        sum(line.strip() == "p/margins" for line in lines) == 3
+    )  # of two blocks of columns, and the sources
+
+
+def test_a_table_has_the_columns_of_collect_in_their_order(dynid, wide):
+    assert dynid("export", wide, "--csv", "-o", wide.with_suffix(".csv"))[0] == 0
+    head = wide.with_suffix(".csv").read_text().splitlines()[0].split(",")
+    outputs = [name for name in head if name.startswith("p/")]
+    assert outputs[:3] == [
+        "p/margins/zeta [dB]",
+        "p/properties/settling_time [s]",
+        "p/properties/alpha [deg]",
+    ]
+    assert outputs[3:5] == ["p/properties/constant_0", "p/properties/constant_1"]
 
 
 def test_all_lists_the_arrays_without_reading_them(dynid, file):

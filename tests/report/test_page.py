@@ -124,7 +124,7 @@ def test_the_scene_stands_at_the_end_line_by_line(made):
         ("bond-graph", ["zeros", "poles", "relative degree", "stable"]),
         ("identification", ["estimate", "95 % interval", "bound", "Converged"]),
         ("reduction", ["worst error", "least MAC", "serep"]),
-        ("study", ["59 done · 1 failed", "mode/omega [rad/s]", "at sample", "no <b>root</b> at 3"]),
+        ("study", ["59 done · 1 failed", "mode/omega [rad/s]", "min (sample)", "no <b>root</b> at 3"]),
         (
             "bench",
             ["exact", "10 ms", "●", "exact up to 60 states", "slow: too slow"],

@@ -180,7 +180,8 @@ def _items(file: Any) -> Iterator[tuple[str, Any]]:
     seen = {hash(file.id)}
     while stack:
         above, group = stack.pop()
-        for key in sorted(group, reverse=True):
+        below = []
+        for key in sorted(group):
             path = f"{above}/{key}" if above else key
             item = _hard_item(group, key)
             if item is None or path.count("/") >= _MAX_DEPTH:
@@ -189,8 +190,9 @@ def _items(file: Any) -> Iterator[tuple[str, Any]]:
                 if hash(item.id) in seen:
                     continue
                 seen.add(hash(item.id))
-                stack.append((path, item))
+                below.append((path, item))
             yield path, item
+        stack += reversed(below)
 
 
 def _hard_item(group: Any, key: str) -> Any:

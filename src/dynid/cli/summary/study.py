@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynid.cli.summary.common import aligned
+from dynid.cli.summary.common import aligned, paragraph
 from dynid.number_format import counted
 from dynid.report.content.study import (
     COLUMNS,
+    constant_text,
     display_name,
     first_samples,
     met_expectations,
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     from dynid.study.plan import Plan
 
 #: Most outputs whose inputs are ranked, errors of samples, and samples of a plan.
-_RANKED, _ERRORS, _SAMPLES = 12, 5, 5
+_RANKED, _ERRORS, _SAMPLES = 40, 5, 5
 
 
 def lines(result: Result) -> list[str]:
@@ -61,7 +62,6 @@ def lines(result: Result) -> list[str]:
         status,
         failed,
         list(_statistics(table, shown, hidden)),
-        [f"  {path}: {shares}" for path, shares in text_shares(table)],
         met,
         influences,
     ]
@@ -69,29 +69,49 @@ def lines(result: Result) -> list[str]:
 
 
 def _statistics(table: StudyTable, shown: list[tuple[str, StudyColumn]], hidden: list[str]) -> Iterator[str]:
-    """Yield the statistics of the outputs, one row each, by group."""
+    """Yield the statistics of the outputs: a row for each that varies, by group, then what is constant."""
     if not table.paths and table.done.any():
         yield "  nothing was collected; name the outputs in the study's 'collect'"
-    rows = [
-        (*split_name(display_name(table, path, column)), statistics_row(table, path, column))
-        for path, column in shown
-    ]
+    rows: list[tuple[str, list[str]]] = []
+    sentences, constants = list[str](), dict[str, list[str]]()
+    for path, column in shown:
+        name = display_name(table, path, column)
+        group, last = split_name(name)
+        row = statistics_row(table, path, column)
+        if (constant := constant_text(table, path, column)) is not None:
+            constants.setdefault(group, []).append(f"{last} {constant}")
+        elif len(row) == 1:
+            sentences.append(f"{name}: {row[0]}")
+        else:
+            rows.append((group, [last, column.units, *row]))
     if rows:
-        width = max(len(name) for _, name, _ in rows)
-        cells = [[*COLUMNS, "at sample"], *(row for _, _, row in rows if len(row) > 1)]
-        widths = [max(len(row[place]) for row in cells) for place in range(len(COLUMNS) + 1)]
-        yield "    " + " " * width + "  " + _joined(cells[0], widths)
-        yield from _grouped([(group, name, _joined(row, widths)) for group, name, row in rows])
-        if any(len(row) > 1 and row[-1] for _, _, row in rows):
-            yield "    (samples count from 0)"
+        yield from _under_groups(rows)
+        yield "    (samples count from 0)"
+    for path, shares in text_shares(table):
+        group, last = split_name(path)
+        if shares.endswith(" 100 %"):
+            constants.setdefault(group, []).append(f"{last} {shares.removesuffix(' 100 %')}")
+        else:
+            sentences.append(f"{path}: {shares}")
+    for text in sentences:
+        yield from paragraph(text)
+    for group, names in constants.items():
+        where = f", {group}" if group else ""
+        yield from paragraph(f"the same in every sample{where}: {', '.join(names)}")
     for path in hidden:
-        yield f"  {path}: {table.size(path):,} values per sample"
+        yield f"  {path}: {counted(table.size(path), 'value')} per sample"
 
 
-def _joined(row: list[str], widths: list[int]) -> str:
-    if len(row) == 1:
-        return row[0]
-    return "  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True))
+def _under_groups(rows: Sequence[tuple[str, list[str]]]) -> Iterator[str]:
+    """Yield the table of statistics, with a heading for each group in every block of its columns."""
+    place = -1  # that of the headings
+    for line in aligned([["", "", *COLUMNS], *(row for _, row in rows)], left=(0, 1)):
+        if not line:
+            place = -2
+        elif place >= 0 and (place == 0 or rows[place][0] != rows[place - 1][0]):
+            yield f"  {rows[place][0]}".rstrip()
+        yield line
+        place += 1
 
 
 def _grouped(rows: Sequence[tuple[str, str, str]]) -> Iterator[str]:

@@ -15,16 +15,17 @@ from dynid.report.content.blocks import Block, ReportSection, Statement, TextTab
 from dynid.report.scenes import plain_data
 from dynid.result import Result
 from dynid.study.analysis.influence import Influences
-from dynid.study.analysis.sample_statistics import statistics, worst
+from dynid.study.analysis.sample_statistics import Direction, statistics, worst
 from dynid.study.analysis.table import Failure, StudyColumn, StudyTable, failures
 from dynid.suggestions import short_paths
 
-#: The statistics of a number.
-COLUMNS = ("mean", "std", "p05", "median", "p95", "max")
+#: The statistics of a number; the least and the largest value with their samples.
+COLUMNS = ("mean", "min (sample)", "max (sample)", "std", "p05", "median", "p95")
 #: Most entries of an array that are shown one by one; of longer arrays, only the size is shown.
 _ENTRIES = 12
 _FEW = 6  # lines of constants, verdicts and texts beside the answer
 _ROWS = 40  # numbers in the table
+_EXAMINED = 400  # numbers of which it is examined whether they vary
 _FACTORS = 4  # inputs shown of each
 _LEVELS = 20  # different texts, of which the most frequent are shown
 _LEAST = 0.01  # least part of a variance that is shown
@@ -67,11 +68,11 @@ def sections(result: Result) -> Iterator[ReportSection]:
             numbers.append((f"{name} [{column.units}]" if column.units else name, *row))
     items += [
         *((re.sub(r"^bond_graph/\w+/", "", path), shares) for path, shares in text_shares(table)),
-        *((path, f"{table.size(path):,} values per sample") for path in hidden),
+        *((path, counted(table.size(path), "value") + " per sample") for path in hidden),
     ]
     few = not numbers or len(items) <= _FEW  # else they would push the figures down
     if numbers or items:
-        blocks = [TextTable(("", *COLUMNS, "at sample"), tuple(numbers))] if numbers else []
+        blocks = [TextTable(("", *COLUMNS), tuple(numbers))] if numbers else []
         yield ReportSection(
             "Statistics", (*blocks, *([definitions(*items)] if items and few else [])), "answer"
         )
@@ -190,24 +191,35 @@ def range_text(column: np.ndarray) -> str:
 
 
 def shown_numbers(table: StudyTable) -> tuple[list[tuple[str, StudyColumn]], list[str]]:
-    """Return the numbers that are shown one by one with their paths, and the paths of all others."""
+    """Return the numbers that are shown one by one with their paths, and the paths of all others.
+
+    Both are in the order of the study's `collect`. Numbers that do not vary take no place of the table.
+    """
     shown: list[tuple[str, StudyColumn]] = []
     hidden = []
-    for path in sorted(filter(table.is_number, table.paths)):
+    varying = 0
+    for path in filter(table.is_number, table.paths):
         size = table.size(path)
-        if size <= _ENTRIES and len(shown) + size <= _ROWS:
-            shown += [(path, column) for column in table.columns(path)]
-        else:
+        if size > _ENTRIES or len(shown) + size > _EXAMINED:
             hidden.append(path)
+            continue
+        columns = list(table.columns(path))
+        more = sum(constant_text(table, path, column) is None for column in columns)
+        if more and varying + more > _ROWS:
+            hidden.append(path)
+            continue
+        varying += more
+        shown += [(path, column) for column in columns]
     return shown, hidden
 
 
 def display_name(table: StudyTable, path: str, column: StudyColumn) -> str:
-    """Return the name of a number, between bars if it is a magnitude."""
+    """Return the name of a number: between bars if a magnitude, without the label of an only entry."""
+    name = column.name.removesuffix("[1]") if table.size(path) == 1 else column.name
     if table.variable(path).dtype.kind != "c":
-        return column.name
-    group, _, last = column.name.partition("[")[0].rpartition("/")
-    return f"{group}/|{last}{column.name[len(group) + 1 + len(last) :]}|".lstrip("/")
+        return name
+    group, _, last = name.partition("[")[0].rpartition("/")
+    return f"{group}/|{last}{name[len(group) + 1 + len(last) :]}|".lstrip("/")
 
 
 def split_name(name: str) -> tuple[str, str]:
@@ -217,19 +229,31 @@ def split_name(name: str) -> tuple[str, str]:
     return group, last + bracket + labels
 
 
-def statistics_row(table: StudyTable, path: str, column: StudyColumn) -> list[str]:
-    """Return the statistics of a number in the order of `COLUMNS` with its worst sample, or a sentence."""
+def constant_text(table: StudyTable, path: str, column: StudyColumn) -> str | None:
+    """Return the value that a number has in every sample as text; None for one that varies."""
     known = column.values[~np.isnan(column.values)]
     if not len(known):
-        return ["no sample has a value"]
+        return "without a value"
+    if known.min() != known.max():
+        return None
     if table.variable(path).attrs.get("stored") == "bool":
-        return [f"{100 * known.mean():.4g} % true"]
-    if known.min() == known.max():
-        return [f"{' '.join(filter(None, (word(known[0]), column.units)))} in every sample"]
+        return "true" if known[0] else "false"
+    return " ".join(filter(None, (word(known[0]), column.units)))
+
+
+def statistics_row(table: StudyTable, path: str, column: StudyColumn) -> list[str]:
+    """Return the statistics of a number in the order of `COLUMNS`, or a sentence."""
+    if (constant := constant_text(table, path, column)) is not None:
+        return [f"{constant} in every sample"]
+    if table.variable(path).attrs.get("stored") == "bool":
+        return [f"{100 * np.nanmean(column.values):.4g} % true"]
     found = statistics(column.values)
-    place = worst(column.values)
-    at = "" if place is None else str(table.numbers[place])
-    return [*(quantity(float(found[name])) for name in COLUMNS), at]
+    extremes: dict[str, Direction] = {"min": "min", "max": "max"}
+    row = []
+    for name in (heading.removesuffix(" (sample)") for heading in COLUMNS):
+        at = worst(column.values, extremes[name]) if name in extremes else None
+        row.append(quantity(float(found[name])) + ("" if at is None else f" ({table.numbers[at]})"))
+    return row
 
 
 def short_text(text: str) -> str:

@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from functools import cached_property
 from typing import Any
 
@@ -17,8 +18,9 @@ from numpy.typing import NDArray
 
 from dynid.checks.comparison import word
 from dynid.checks.expectations import LabelledAxis, axis_of
-from dynid.errors import UsageError
+from dynid.errors import DynidError, UsageError
 from dynid.result import Result, Variable
+from dynid.scene.yaml.source import parse_source
 from dynid.store.tables import ColumnKind, ExportTable, TableColumn, kind_of, split
 from dynid.suggestions import did_you_mean, did_you_mean_path
 
@@ -98,7 +100,7 @@ class StudyTable:
 
     @cached_property
     def paths(self) -> list[str]:
-        """Paths of all outputs, including texts."""
+        """Paths of all outputs, including texts, in the order of the study's `collect`."""
         every = {path: self.variable(path) for path in _below(self.result, RESULTS)}
         found = {path: variable for path, variable in every.items() if variable.dims[:1] == ("sample",)}
         lengths = {
@@ -106,7 +108,20 @@ class StudyTable:
             for path, variable in found.items()
             if "lengths" in variable.attrs
         }
-        return [path for path in found if path not in lengths]
+        wanted = self._collected
+        return sorted(
+            (path for path in found if path not in lengths),
+            key=lambda path: next((k for k, one in enumerate(wanted) if _covers(one, path)), len(wanted)),
+        )
+
+    @cached_property
+    def _collected(self) -> list[str]:
+        """What the study collects, as its `collect` names it."""
+        try:
+            data = parse_source(str(self.result.attrs.get("scene", ""))).data
+            return [str(one).strip("/") for one in data.get("collect") or ()]
+        except (DynidError, AttributeError, TypeError):  # of a file that others wrote
+            return []
 
     def variable(self, path: str) -> Variable:
         """Return the output at a path; its first axis is the samples."""
@@ -169,6 +184,11 @@ class StudyTable:
         return path, tuple(
             _place(axis, label.strip(), path) for axis, label in zip(axes, labels, strict=True)
         )
+
+
+def _covers(wanted: str, path: str) -> bool:
+    """Return True if an entry of `collect`, a path, a group or a pattern, names a path."""
+    return path == wanted or path.startswith(f"{wanted}/") or fnmatchcase(path, wanted)
 
 
 def _below(result: Result, group: str) -> list[str]:
