@@ -74,7 +74,7 @@ def test_several_values_with_notes_at_the_ends_of_their_lines():
         {"parameters.m_s": "was 10", "list.1.0": "was 1", "list.1.2": "was 3"},
     )
     assert "  m_s: 1                     # mass, kg  # was 10\n" in text
-    assert "  - [7, 2, 9]  # was 3  # was 1\n" in text
+    assert "  - [7, 2, 9]  # list.1.0: was 1; list.1.2: was 3\n" in text
     assert parse_source(text).data["list"][1] == [7, 2, 9]
 
 
@@ -84,6 +84,19 @@ def test_several_values_with_notes_at_the_ends_of_their_lines():
 def test_what_cannot_be_edited_is_written_anew(dotted):
     text, whole = change({dotted: {"y": 2} if dotted in ("parameters", "list") else 2})
     assert text == dump(whole)
+
+
+def test_notes_of_one_line_are_one_with_names_in_the_order_of_the_line():
+    text, _ = change(
+        {"graph.nodes.1.value": 5, "graph.nodes.m.value": 3, "graph.nodes.new": "Se"},
+        {
+            "graph.nodes.1.value": "set by the study; was 2",
+            "graph.nodes.m.value": "set by the study; was m_s",
+            "graph.nodes.new": "set by the study",
+        },
+    )
+    line = next(line for line in text.splitlines() if "value: 5" in line)
+    assert line.endswith("  # set by the study: m.value was m_s, nodes.1.value was 2, new")
 
 
 PLAIN = st.recursive(

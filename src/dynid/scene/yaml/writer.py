@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple
@@ -11,6 +12,7 @@ import yaml
 
 from dynid.errors import UsageError
 from dynid.scene.yaml.parser import Key, Path, parse_yaml, resolve_plain
+from dynid.suggestions import short_paths
 
 
 class _Dumper(yaml.SafeDumper):
@@ -99,7 +101,8 @@ def edited(text: str, data: Any, values: Mapping[Path, Any], notes: Mapping[Path
     values
         The changed values by path.
     notes
-        Comments for the ends of their lines, by path.
+        Comments for the ends of their lines, by path. Those of one line become one, in the order of the line
+        and with names; what they have in common before a comma or semicolon is said once.
 
     Returns
     -------
@@ -110,9 +113,13 @@ def edited(text: str, data: Any, values: Mapping[Path, Any], notes: Mapping[Path
     try:
         root = yaml.compose(text, Loader=yaml.SafeLoader)
         shared = _shared(root)
-        edits = [
-            _edit(text, root, path, value, notes.get(path, ""), shared) for path, value in values.items()
-        ]
+        edits = _with_one_note_a_line(
+            text,
+            {
+                path: _edit(text, root, path, value, notes.get(path, ""), shared)
+                for path, value in values.items()
+            },
+        )
     except (_BeyondEditing, yaml.YAMLError):
         return dump(data)
     for edit in sorted(edits, reverse=True):  # from the last to the first: places before one stay as they are
@@ -122,6 +129,33 @@ def edited(text: str, data: Any, values: Mapping[Path, Any], notes: Mapping[Path
         text = f"{text[: edit.start]}{edit.text}{line}{newline}{rest}"
     found, _, faults = parse_yaml(text, "")
     return text if not faults and dump(found) == dump(data) else dump(data)
+
+
+def _with_one_note_a_line(text: str, edits: Mapping[Path, _Edit]) -> list[_Edit]:
+    """Return the edits, the last one of each line with the notes of all of them."""
+    lines: dict[int, list[tuple[_Edit, Path]]] = {}
+    for path, edit in edits.items():
+        if edit.note:
+            lines.setdefault(text.find("\n", edit.stop), []).append((edit, path))
+    kept = {edit: edit.note for edit in edits.values()}
+    for found in lines.values():
+        found.sort(key=lambda pair: pair[0].start)
+        names = short_paths([".".join(map(str, path)) for _, path in found])
+        kept |= dict.fromkeys((edit for edit, _ in found), "")
+        kept[found[-1][0]] = _joined(dict(zip(names, (edit.note for edit, _ in found), strict=True)))
+    return [edit._replace(note=note) for edit, note in kept.items()]
+
+
+def _joined(notes: Mapping[str, str]) -> str:
+    """Return notes by name as one."""
+    if len(notes) == 1:
+        return next(iter(notes.values()))
+    parts = {name: re.match(r"([^;,]*)(?:[;,] )?(.*)", note, re.DOTALL) for name, note in notes.items()}
+    heads = {found[1] for found in parts.values() if found}
+    if len(heads) > 1:
+        return "; ".join(f"{name}: {note}" for name, note in notes.items())
+    rests = ", ".join(f"{name} {found[2]}".rstrip() for name, found in parts.items() if found)
+    return f"{heads.pop()}: {rests}"
 
 
 def _edit(text: str, root: Any, path: Path, value: Any, note: str, shared: set[int]) -> _Edit:
