@@ -238,8 +238,9 @@ class Result(Mapping[str, Variable]):
             A row for each entry of the first axis; the index is named with its unit (`omega [rad/s]`), the
             labels of further axes stand in the names of the columns: `response[m.f,F]`. `attrs["units"]` has
             the units of the columns. Estimates have their 95 % interval in `low` and `high`, unless the
-            estimate is rejected. The single numbers of a group are rows with `value` and `unit`; a study has
-            a row for each sample, as `dynid export` writes it.
+            estimate is rejected. The single numbers of a group are rows with `value` and `unit`; of a group
+            that also has a table they are in `attrs["numbers"]`, by name. A study has a row for each sample,
+            as `dynid export` writes it.
 
         Raises
         ------
@@ -259,7 +260,8 @@ class Result(Mapping[str, Variable]):
         Returns
         -------
         matplotlib.axes.Axes or numpy.ndarray of them
-            The axes; of a figure with several subplots an array (rows x columns).
+            The axes of a figure with one subplot; of several an array of shape (rows, columns), also where
+            one of these is 1: of ``bode``, ``[0, 0]`` is the magnitude and ``[1, 0]`` the phase.
 
         Raises
         ------

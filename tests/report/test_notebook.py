@@ -86,6 +86,33 @@ def test_a_bode_diagram_has_the_values_of_the_result(motor):
     assert gain.get_legend() is not None
 
 
+def test_several_subplots_are_an_array_of_rows_and_columns(motor):
+    grid = motor.plot("bode")
+    assert grid.shape == (2, 1)
+    assert "dB" in grid[0, 0].get_ylabel()
+
+
+def test_powers_are_written_as_on_the_screen(motor):
+    group = "bond_graph/transfer_function/J.f/voltage"
+    symbolic = motor.group_attrs[group]["symbolic"]
+    assert "s**2" in symbolic
+    assert symbolic not in motor._repr_html_()
+    assert symbolic.replace("**", "^") in motor._repr_html_()
+
+
+def test_single_numbers_beside_a_table_are_attributes_of_its_frame(motor):
+    pytest.importorskip("pandas")
+    table = motor.to_pandas("bond_graph/properties/J.f/voltage")
+    group = "bond_graph/properties/J.f/voltage"
+    assert list(table["natural_frequency"]) == list(motor[f"{group}/natural_frequency"].data)
+    numbers = table.attrs["numbers"]
+    assert numbers["dc_gain"] == motor.value(f"{group}/dc_gain")
+    assert numbers["stable"] is True
+    assert "natural_frequency" not in numbers
+    assert table.attrs["units"]["dc_gain"] == motor[f"{group}/dc_gain"].units
+    assert motor.to_pandas("frequency_response").attrs.keys() == {"title", "units"}
+
+
 def test_one_subplot_is_one_axes(motor):
     ax = motor.plot("poles-J.f-voltage")
     poles = motor["bond_graph/transfer_function/J.f/voltage/poles"].data

@@ -92,7 +92,8 @@ def axes(result: Result, name: str) -> Any:
     Returns
     -------
     matplotlib.axes.Axes or numpy.ndarray of them
-        The axes; of a figure with several subplots an array (rows x columns).
+        The axes of a figure with one subplot; of several an array of shape (rows, columns), also where one of
+        these is 1.
 
     Raises
     ------
@@ -245,21 +246,36 @@ def frame(result: Result, name: str) -> pandas.DataFrame:
             remedy="Install it: pip install 'dynid[pandas]'.",
         ) from error
     if result.kind == "study" and name.strip("/") == "study":
+        numbers: dict[str, Any] = {}
         columns, units = _samples(result)
         index = pandas.Index(columns.pop("sample"), name="sample")
     else:
-        axis, arrays = _table_at(result, _path_of(result, name))
+        path = _path_of(result, name)
+        axis, arrays = _table_at(result, path)
         if not axis:  # numbers, with different units
             rows = {_last(path): (variable.data.item(), variable.units) for path, variable in arrays.items()}
-            numbers = pandas.DataFrame.from_dict(rows, "index", columns=["value", "unit"])
-            return numbers.rename_axis("quantity")
-        path, first = next(iter(arrays.items()))
-        labels = axis_of(result, path, axis, first.shape[0])
+            table = pandas.DataFrame.from_dict(rows, "index", columns=["value", "unit"])
+            return table.rename_axis("quantity")
+        own, first = next(iter(arrays.items()))
+        labels = axis_of(result, own, axis, first.shape[0])
         index = pandas.Index(labels.labels, name=f"{axis} [{labels.units}]" if labels.units else axis)
         columns, units = _columns(result, arrays)
+        numbers, of_numbers = _single_numbers(result, path)
+        units |= of_numbers
     table = pandas.DataFrame(columns, index=index)
-    table.attrs |= {"title": result.title, "units": units}
+    table.attrs |= {"title": result.title, "units": units, **({"numbers": numbers} if numbers else {})}
     return table
+
+
+def _single_numbers(result: Result, group: str) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return the single numbers and texts of a group by name, and their units."""
+    below = {
+        _last(path): variable
+        for path, variable in result.items()
+        if _group(path) == group and not variable.dims
+    }
+    units = {name: variable.units for name, variable in below.items() if variable.units}
+    return {name: variable.data.item() for name, variable in below.items()}, units
 
 
 def _samples(result: Result) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:

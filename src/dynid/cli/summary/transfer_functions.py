@@ -19,6 +19,7 @@ from dynid.report.content.transfer_functions import (
     same_poles,
     sensitivity_columns,
     sensitivity_text,
+    symbolic_text,
 )
 from dynid.report.scenes import in_hertz
 from dynid.result import Result
@@ -47,7 +48,7 @@ def channel_lines(result: Result) -> Iterable[str]:
         yield f"  {output} / {source}"
         group = f"bond_graph/transfer_function/{output}/{source}"
         written = [*numeric_forms(result, group)]
-        formula = str(result.group_attrs.get(group, {}).get("symbolic", "")).replace("**", "^")
+        formula = symbolic_text(result, group)
         if formula and written != ["0"] and (len(every) == 1 or len(formula) < _LONGEST):
             written.append(formula if len(formula) < _LONGEST else "(its formula is in the file)")
         for place, text in enumerate(written):

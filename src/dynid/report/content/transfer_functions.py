@@ -62,6 +62,11 @@ def channel_unit(result: Result, output: str, source: str) -> str:
     return "" if unit == "1" else f" {unit}"
 
 
+def symbolic_text(result: Result, group: str) -> str:
+    """Return the formula of a group with powers as in print, s^2; empty where no symbols were kept."""
+    return str(result.group_attrs.get(group, {}).get("symbolic", "")).replace("**", "^")
+
+
 def numeric_forms(result: Result, group: str) -> Iterable[str]:
     """Yield a short transfer function with numeric coefficients."""
     if f"{group}/gain" in result:
@@ -158,7 +163,7 @@ def _channel_items(result: Result, output: str, source: str, *, poles: bool) -> 
     """Yield formula, zeros, poles, properties and hidden modes of a channel."""
     group = f"bond_graph/transfer_function/{output}/{source}"
     formulas = [*numeric_forms(result, group)]
-    if symbolic := str(result.group_attrs.get(group, {}).get("symbolic", "")):
+    if symbolic := symbolic_text(result, group):
         formulas.append(symbolic if len(symbolic) < _LONGEST else "its formula is in the file")
     if f"{group}/program" in result:
         lines = str(result.value(f"{group}/program")).splitlines()
