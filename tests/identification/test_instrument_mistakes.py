@@ -103,6 +103,21 @@ def test_another_start_of_the_excitation_is_suggested():
     )
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_exchanged_channels_of_one_quantity_are_suggested(sign):
+    found = said(record()[:, [1, 0, 2]] * [1, sign, 1])
+    assert found[0].startswith(
+        "explained where 1.acceleration and 2.acceleration are exchanged: exchanged cables"
+    )
+    assert [one for one in found[1:] if "exchanged" in one] == []
+    reversed_one = "1.acceleration is -1 times the model: a reversed sensor"
+    assert [reversed_one in one for one in found[1:]] == ([] if sign > 0 else [True])
+
+
+def test_exchanged_channels_of_different_quantities_are_no_suggestion():
+    assert not any("exchanged" in one for one in said(record()[:, [0, 2, 1]]))
+
+
 def test_delays_of_records_are_in_their_own_steps():
     experiments = []
     for seed, step in ((1, STEP), (2, 2 * STEP)):

@@ -1,12 +1,13 @@
-"""Mistakes of instruments that explain a lack of fit: factors of units, signs, delays of whole samples.
+"""Mistakes of instruments that explain a lack of fit: factors of units, signs, delays, exchanged channels.
 
-A record of a wrong unit, a reversed sensor, or instruments that started at different samples does not fit
-the model, or fits it with wrong parameters. Each channel is compared with the prediction: the delay of the
-largest correlation, and the factor among ±1, g, 1/g, 1000, 1/1000 that is nearest to the ratio of their RMS.
-The parameters are estimated again from the corrected channels, in turn, until the corrections stay the same:
-a search for the greatest concentrated likelihood over parameters and corrections. It starts from the
-estimate, from the start, and from the start with one mistake in all channels, or in all of one quantity,
-or with one reversed channel.
+A record of a wrong unit, a reversed sensor, two exchanged sensors, or instruments that started at different
+samples does not fit the model, or fits it with wrong parameters. Each channel is compared with the
+prediction: the delay of the largest correlation, and the factor among ±1, g, 1/g, 1000, 1/1000 that is
+nearest to the ratio of their RMS. The parameters are estimated again from the corrected channels, in turn,
+until the corrections stay the same: a search for the greatest concentrated likelihood over parameters and
+corrections. It starts from the estimate, from the start, and from the start with one mistake in all
+channels, or in all of one quantity, with one reversed channel, or with two exchanged channels of one
+quantity and unit.
 
 Corrections are suggested only where the model lacked fit, the likelihood grows far beyond what the choice
 among them explains, every corrected channel needs its own, and the corrected record fits.
@@ -17,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -49,15 +51,23 @@ _SMALLER = 2.0
 _MOST_WORK = 3e7
 # Values times states beyond which only the estimate and the start are searched from.
 _LARGE = 2e5
-# Channels beyond which a single reversed one is not searched for.
-_FEW_CHANNELS = 12
+# Channels beyond which a single reversed one is not searched for; pairs beyond which no exchanged ones are.
+_FEW_CHANNELS, _MOST_PAIRS = 12, 30
 
 
 class Correction(NamedTuple):
-    """A correction of a channel: the record is `factor` times the model, `delay` samples later."""
+    """A correction of a channel: the record is `factor` times the model, `delay` samples later.
+
+    It is recorded as the channel `column` of its record; None: as itself.
+    """
 
     factor: float = 1.0
     delay: int = 0
+    column: int | None = None
+
+    def recorded(self, values: Array, own: int) -> Array:
+        """Return what is recorded of the channel `own`, among the channels of its record."""
+        return np.asarray(values[:, own if self.column is None else self.column])
 
 
 _NONE = Correction()
@@ -114,10 +124,13 @@ def _search(
     The `first` corrections are those of the prediction at `eta` where none are given.
     """
     try:
-        corrections = _chosen(plain, plain.fit(eta)) if first is None else first
+        corrections = first
+        if corrections is None:
+            none = [[_NONE] * record.data.values.shape[1] for record in plain.records]
+            corrections = _chosen(plain, plain.fit(eta), none)
         for _ in range(_ROUNDS):
             found = _estimated(likelihood, plain, corrections, eta, _STEPS)
-            new = _chosen(plain, found.fit)
+            new = _chosen(plain, found.fit, corrections)
             if new == corrections:
                 return found
             corrections, eta = new, found.fit.eta
@@ -159,6 +172,7 @@ def _from_common_mistakes(likelihood: Likelihood, plain: Likelihood, eta: Array)
             ]
             for place in places
         ]
+    tried += _exchanges(plain)
     found = []
     for corrections in tried:
         try:
@@ -169,12 +183,30 @@ def _from_common_mistakes(likelihood: Likelihood, plain: Likelihood, eta: Array)
     return None if best is None else _search(likelihood, plain, best.fit.eta, best.corrections)
 
 
+def _exchanges(plain: Likelihood) -> list[Corrections]:
+    """Return the corrections of two exchanged channels of one record, quantity and unit."""
+    pairs = [
+        (k, a, b)
+        for k, record in enumerate(plain.records)
+        for (a, one), (b, other) in combinations(enumerate(record.channels), 2)
+        if getattr(one, "quantity", "") == getattr(other, "quantity", "") and one.unit == other.unit
+    ]
+    if len(pairs) > _MOST_PAIRS:
+        return []
+    found = []
+    for k, a, b in pairs:
+        corrections = [[_NONE] * len(record.channels) for record in plain.records]
+        corrections[k][a], corrections[k][b] = Correction(column=b), Correction(column=a)
+        found.append(corrections)
+    return found
+
+
 def _corrected(likelihood: Likelihood, corrections: Corrections) -> Likelihood:
     """Return the likelihood of corrected channels, with white noise of unknown deviations."""
     records = []
     for record, own in zip(likelihood.records, corrections, strict=True):
         values = record.data.recorded
-        columns = [_shifted(values[:, c], -one.delay) / one.factor for c, one in enumerate(own)]
+        columns = [_shifted(one.recorded(values, c), -one.delay) / one.factor for c, one in enumerate(own)]
         data = replace(
             record.data, values=np.column_stack(columns), noise=None, clean=None, given=None, colour=None
         )
@@ -193,14 +225,18 @@ def _shifted(values: Array, delay: int) -> Array:
     return out
 
 
-def _chosen(plain: Likelihood, fit: Fit) -> Corrections:
-    """Return the correction of each channel that a prediction suggests."""
+def _chosen(plain: Likelihood, fit: Fit, now: Corrections) -> Corrections:
+    """Return the correction of each channel that a prediction suggests; exchanged channels stay so."""
     return [
         [
-            _best(record.data.values[:, c], part.predicted.outputs[:, c], record.sampling_step is not None)
-            for c in range(len(part.counts))
+            _best(
+                one.recorded(record.data.values, c),
+                part.predicted.outputs[:, c],
+                record.sampling_step is not None,
+            )._replace(column=one.column)
+            for c, one in enumerate(own)
         ]
-        for record, part in zip(plain.records, fit.parts, strict=True)
+        for record, part, own in zip(plain.records, fit.parts, now, strict=True)
     ]
 
 
@@ -257,12 +293,17 @@ def _sentences(plain: Likelihood, found: _Found) -> Iterator[str]:
     places: dict[tuple[Correction, float], list[str]] = {}
     channels = 0
     for k, (record, own) in enumerate(zip(plain.records, found.corrections, strict=True), 1):
-        for channel, one in zip(record.channels, own, strict=True):
+        prefix = f"record_{k}." if several else ""
+        for place, (channel, one) in enumerate(zip(record.channels, own, strict=True)):
             step = (record.sampling_step or 0.0) if one.delay else 0.0
-            places.setdefault((one, step), []).append(
-                f"record_{k}.{channel.name}" if several else channel.name
-            )
+            places.setdefault((one._replace(column=None), step), []).append(f"{prefix}{channel.name}")
             channels += 1
+            if one.column is not None and place < one.column:
+                both = f"{prefix}{channel.name} and {prefix}{record.channels[one.column].name}"
+                yield (
+                    f"the lack of fit is explained where {both} are exchanged: exchanged cables, or columns "
+                    "of the file in another order (columns)?"
+                )
     for (one, step), names in places.items():
         if one == _NONE:
             continue
