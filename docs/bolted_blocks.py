@@ -22,10 +22,10 @@ from dynid.errors import DynidError
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identify import identify_all, posterior_of
 from dynid.identification.identify_modes import ModalProblem
-from dynid.identification.measurement import Experiment, Measurement, data
-from dynid.identification.modal_measurement import ModalMeasurement, Scatter
-from dynid.identification.simulation import Simulation
-from dynid.identification.write_result import add_identification
+from dynid.identification.records.measurement import Experiment, Measurement, data
+from dynid.identification.records.modal_measurement import ModalMeasurement, Scatter
+from dynid.identification.records.simulation import Simulation
+from dynid.identification.results.write_result import add_identification
 from dynid.lti.waveforms import Multisine
 from dynid.result import Selection
 from dynid.structure.assembly import assembled_parts

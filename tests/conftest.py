@@ -33,7 +33,7 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 def _few_samples():
     """Sample what nobody requested less: its bands take most of the time of a small identification."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("dynid.identification.write_derived.FEW_SAMPLES", 16)
+        patch.setattr("dynid.identification.results.write_derived.FEW_SAMPLES", 16)
         yield
 
 

@@ -63,15 +63,16 @@ CHOOSING = re.compile(r"_?(DENSE|SPARSE|LARGE|SMALL|FEW|MANY|SHORT|LONG|BIG)")
 #: Those that choose none, or hardly one.
 OTHERS = {
     "bondgraph.graph": "the same faults are found, by arrays",
+    "bondgraph.program.compiler": "the same instructions, in another order",
     "identification.least_squares": "the same solution, by dynid's library or LAPACK",
-    "identification.filter": "the range of squares in double precision",
+    "identification.estimators.filter": "the range of squares in double precision",
     "lti.pencil.eigenvalues": "a share of rounding",
     "lti.time_response": "steps whose rounding adds up to digits: of accuracy alone",
     "lti.recurrence": "a loop of a few steps, written out",
     "structure.modes.sparse": "beyond it an answer is refused",
     "structure.readers.binary": "names in a file",
     "structure.readers.exported": "a longer file is refused",
-    "identification.instrument_mistakes": "beyond it a suggestion is left out, and no result changes",
+    "identification.goodness_of_fit.instrument_mistakes": "beyond it a suggestion is left out, and no result changes",
 }
 
 

@@ -8,11 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from dynid.identification.filter import PART, InitialState, _History, _walk, filter_pass
-from dynid.identification.measurement import Measurement, data
-from dynid.identification.parametric_model import DirectTerm, ParametricModel, Transition, parametric_model
-from dynid.identification.simulation import Simulation
-from dynid.identification.time_record import TimeRecord
+from dynid.identification.estimators.filter import PART, InitialState, _History, _walk, filter_pass
+from dynid.identification.records.measurement import Measurement, data
+from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.time_record import TimeRecord
+from dynid.identification.systems.parametric_model import (
+    DirectTerm,
+    ParametricModel,
+    Transition,
+    parametric_model,
+)
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

@@ -4,7 +4,7 @@ import numpy as np
 import scipy.linalg
 
 from dynid.arithmetic.dependent import Dependent
-from dynid.identification.modal_measurement import ModalMeasurement
+from dynid.identification.records.modal_measurement import ModalMeasurement
 from dynid.parameters import Parameter
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

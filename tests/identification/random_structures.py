@@ -17,7 +17,7 @@ import numpy as np
 
 from dynid.errors import Diverged, NotIdentifiable
 from dynid.identification.identify import identify
-from dynid.identification.measurement import Measurement
+from dynid.identification.records.measurement import Measurement
 from dynid.lti.signals import Impact, Multisine, Sampled
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

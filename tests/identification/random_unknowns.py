@@ -20,8 +20,8 @@ from dynid.errors import Diverged, DynidError
 from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.maximum_likelihood import refine
 from dynid.identification.identifiability import expected_time_records
-from dynid.identification.measurement import Experiment, Measurement
-from dynid.identification.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement
+from dynid.identification.records.simulation import Simulation
 from dynid.lti.floating import guarded
 from dynid.lti.signals import Chirp, Impact, Multisine
 from dynid.parameters import Parameter, coordinates, starts, truths

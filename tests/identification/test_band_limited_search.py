@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from dynid.arithmetic.dependent import Dependent
-from dynid.identification.band_limited_system import BAND, band_limited
 from dynid.identification.estimators import auto
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.frf_measurement import Frf, FrfMeasurement, FrfSystem
 from dynid.identification.identify import identify_frf
-from dynid.identification.simulation import Simulation
-from dynid.identification.structure_system import StructureSystem
+from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, FrfSystem
+from dynid.identification.records.simulation import Simulation
+from dynid.identification.systems.band_limited_system import BAND, band_limited
+from dynid.identification.systems.structure_system import StructureSystem
 from dynid.parameters import Parameter
 from dynid.structure.assembly import PointMass, Spring, Support
 from dynid.structure.damping import ProportionalDamping

@@ -14,10 +14,10 @@ from scipy.linalg import expm
 from dynid.identification import posterior
 from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.maximum_likelihood import Huber
-from dynid.identification.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.identify import identify_all, identify_frf
-from dynid.identification.measurement import Experiment, Measurement
 from dynid.identification.planning.plan import PlanRequest, plan
+from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
+from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.lti.signals import Multisine, Sampled
 from dynid.native import VARIABLE
 from dynid.parameters import ParameterPrior

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dynid.identification.structure_system import StructureSystem
+from dynid.identification.systems.structure_system import StructureSystem
 from dynid.lti import frequency_response
 from dynid.structure.dynamic_condensation import ActiveCoordinates
 from dynid.structure.joints import Joint, JointParameter

@@ -5,10 +5,10 @@ import pytest
 
 from dynid import load_scene, run
 from dynid.arithmetic.dependent import Dependent
-from dynid.identification.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.identify import identify, identify_frf
-from dynid.identification.measurement import Measurement
-from dynid.identification.simulation import Simulation
+from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
+from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Multisine
 from dynid.parameters import Parameter
 from dynid.structure.lumped import Link, lumped

@@ -15,9 +15,9 @@ from dynid.identification.derived import (
     RootFamily,
     pairs_of,
 )
-from dynid.identification.structure_system import StructureSystem
-from dynid.identification.write_derived import DerivedRequest, _add_roots
-from dynid.identification.write_result import Further
+from dynid.identification.results.write_derived import DerivedRequest, _add_roots
+from dynid.identification.results.write_result import Further
+from dynid.identification.systems.structure_system import StructureSystem
 from dynid.lti.root_slopes import Roots
 from dynid.lti.signals import Multisine
 from dynid.parameters import Parameter

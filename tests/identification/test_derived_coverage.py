@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import dynid.lti
-from dynid.identification.measurement import Measurement
-from dynid.identification.simulation import Simulation
-from dynid.identification.write_derived import DerivedRequest
-from dynid.identification.write_result import Further
+from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.simulation import Simulation
+from dynid.identification.results.write_derived import DerivedRequest
+from dynid.identification.results.write_result import Further
 from dynid.structure.joints import Joint
 from dynid.structure.lumped import Link, lumped
 from tests.identification.cases import LOADS, MASSES, VELOCITIES, run, unknown

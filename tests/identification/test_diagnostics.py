@@ -8,12 +8,12 @@ from scipy import signal, stats
 
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.maximum_likelihood import OutputError
+from dynid.identification.goodness_of_fit.residual_tests import autocorrelation, consistency, spectrum
 from dynid.identification.information import information
-from dynid.identification.measurement import Experiment, Measurement, RecordData
 from dynid.identification.posterior import ChannelOfRecord
-from dynid.identification.prediction import Trajectory
-from dynid.identification.residual_tests import autocorrelation, consistency, spectrum
-from dynid.identification.time_record import TimeRecord
+from dynid.identification.records.measurement import Experiment, Measurement, RecordData
+from dynid.identification.records.time_record import TimeRecord
+from dynid.identification.systems.prediction import Trajectory
 from dynid.identification.verdict import warnings
 from dynid.structure.response import Channel
 from tests.identification.cases import VELOCITIES, diagnostic, parameter, run, simulated, suspension

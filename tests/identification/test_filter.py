@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import Diverged
-from dynid.identification.filter import check_run_away, filter_pass
+from dynid.identification.estimators.filter import check_run_away, filter_pass
 from dynid.native import VARIABLE
 from tests.identification.cases import suspension
 from tests.identification.test_kernels import fits_of, origin_of

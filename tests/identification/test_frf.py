@@ -9,13 +9,13 @@ import pytest
 
 from dynid import defaults
 from dynid.errors import Diverged, NotIdentifiable, Singular, UsageError
-from dynid.identification import frf_record
 from dynid.identification.estimators import auto
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.frf_measurement import Frf, FrfMeasurement, FrfSystem, frf_data
 from dynid.identification.identifiability import frf_identifiability
 from dynid.identification.identify import identify_frf
-from dynid.identification.simulation import Simulation
+from dynid.identification.records import frf_record
+from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, FrfSystem, frf_data
+from dynid.identification.records.simulation import Simulation
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.ports import Channel

@@ -5,9 +5,9 @@ import pytest
 
 from dynid.errors import UsageError
 from dynid.identification.estimators.imbedding import Flow, InvariantImbedding
-from dynid.identification.measurement import Measurement, data
-from dynid.identification.parametric_model import parametric_model
-from dynid.identification.time_record import TimeRecord
+from dynid.identification.records.measurement import Measurement, data
+from dynid.identification.records.time_record import TimeRecord
+from dynid.identification.systems.parametric_model import parametric_model
 from tests.identification.cases import (
     LOADS,
     VELOCITIES,

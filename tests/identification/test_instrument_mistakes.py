@@ -6,11 +6,11 @@ import pytest
 from dynid.errors import DynidError
 from dynid.identification import identify as identification
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.frf_measurement import Frf, FrfMeasurement
+from dynid.identification.goodness_of_fit.instrument_mistakes import instrument_mistakes
 from dynid.identification.identify import Experiment, identify, identify_all, identify_frf
-from dynid.identification.instrument_mistakes import instrument_mistakes
-from dynid.identification.measurement import Measurement
-from dynid.identification.simulation import Simulation
+from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
+from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Sampled
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

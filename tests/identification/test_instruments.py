@@ -6,13 +6,13 @@ import pytest
 from dynid.arithmetic.dependent import Dependent
 from dynid.errors import UsageError
 from dynid.identification.estimators.imbedding import InvariantImbedding
-from dynid.identification.frf_measurement import Frf, FrfMeasurement, FrfSystem
 from dynid.identification.identify import identify, identify_frf
-from dynid.identification.instruments import RecordSampling
-from dynid.identification.measurement import Measurement, simulated
-from dynid.identification.parametric_model import parametric_model
-from dynid.identification.prediction import free_prediction, prediction
-from dynid.identification.simulation import Simulation
+from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, FrfSystem
+from dynid.identification.records.measurement import Measurement, simulated
+from dynid.identification.records.simulation import Simulation
+from dynid.identification.systems.instruments import RecordSampling
+from dynid.identification.systems.parametric_model import parametric_model
+from dynid.identification.systems.prediction import free_prediction, prediction
 from dynid.lti.signals import Chirp, Impulse, Multisine, Sampled, Shifted, Step
 from dynid.parameters import Parameter, coordinates, expected
 from dynid.structure.lumped import Link, lumped

@@ -10,10 +10,10 @@ from scipy.linalg import expm
 
 import dynid
 from dynid.arithmetic.dependent import Dependent
-from dynid.identification.filter import InitialState, filter_pass
-from dynid.identification.measurement import Measurement, data
-from dynid.identification.parametric_model import parametric_model
-from dynid.identification.simulation import Simulation
+from dynid.identification.estimators.filter import InitialState, filter_pass
+from dynid.identification.records.measurement import Measurement, data
+from dynid.identification.records.simulation import Simulation
+from dynid.identification.systems.parametric_model import parametric_model
 from dynid.lti.signals import Multisine
 from dynid.native import VARIABLE
 from dynid.parameters import Parameter

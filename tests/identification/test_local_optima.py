@@ -11,8 +11,8 @@ from dynid.errors import Diverged
 from dynid.identification.estimators.auto import drawn_starts
 from dynid.identification.estimators.segments import in_segments
 from dynid.identification.identify import identify
-from dynid.identification.measurement import Measurement
 from dynid.identification.priors import Priors
+from dynid.identification.records.measurement import Measurement
 from dynid.lti.signals import Multisine
 from dynid.parameters import ParameterPrior
 from dynid.structure.joints import Joint, JointParameter

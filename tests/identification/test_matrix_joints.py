@@ -13,11 +13,11 @@ from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.imbedding import InvariantImbedding
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.frf_measurement import Frf, FrfMeasurement, FrfSystem
 from dynid.identification.identify import identify, identify_frf
-from dynid.identification.measurement import Measurement
-from dynid.identification.parametric_model import parametric_model
-from dynid.identification.simulation import Simulation
+from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, FrfSystem
+from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.simulation import Simulation
+from dynid.identification.systems.parametric_model import parametric_model
 from dynid.lti.signals import Multisine
 from dynid.native import VARIABLE
 from dynid.structure.joints import Joint, JointParameter

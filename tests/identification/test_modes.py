@@ -10,11 +10,11 @@ from dynid.cli.summary import identification
 from dynid.errors import NotIdentifiable, UsageError
 from dynid.identification.estimators.modal_search import ModalSearch
 from dynid.identification.identify_modes import ModalProblem, identify_modes
-from dynid.identification.measurement import Experiment, Measurement
-from dynid.identification.modal_measurement import ModalMeasurement, Scatter
-from dynid.identification.modal_record import ModalLikelihood, ModalRecord
-from dynid.identification.paired_modes import _turned
-from dynid.identification.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement
+from dynid.identification.records.modal_measurement import ModalMeasurement, Scatter
+from dynid.identification.records.modal_record import ModalLikelihood, ModalRecord
+from dynid.identification.records.paired_modes import _turned
+from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Multisine
 from dynid.parameters import Parameter, ParameterPrior, starts
 from dynid.structure.correlation import comac, mac, paired
@@ -372,7 +372,7 @@ def test_frequency_that_the_rest_does_not_replace_has_no_prediction():
 
 
 def test_end_of_the_trade_off_that_fails_is_left_out(monkeypatch):
-    from dynid.identification import write_modes
+    from dynid.identification.results import write_modes
 
     modal = measured(chain(), seed=5)
     record = ModalRecord.of(chain(), modal, 6)
@@ -462,7 +462,7 @@ def test_scatter_of_a_damping_ratio_of_zero_is_the_one_that_counts():
 
 
 def test_modes_with_both_records_and_responses_are_refused():
-    from dynid.identification.frf_measurement import FrfMeasurement
+    from dynid.identification.records.frf_measurement import FrfMeasurement
 
     loads = (Load(6, Multisine([50.0], [30.0])),)
     taken = Experiment(loads, Measurement(0.005, 30, (Channel(2, "acceleration"),), Simulation(0.05, 4)))

@@ -12,12 +12,12 @@ from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.imbedding import InvariantImbedding
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.identifiability import identifiability
 from dynid.identification.identify import identify, identify_frf
-from dynid.identification.linear_system import LinearSystem, StateVariable
-from dynid.identification.measurement import Experiment, Measurement
-from dynid.identification.simulation import Simulation
+from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
+from dynid.identification.records.measurement import Experiment, Measurement
+from dynid.identification.records.simulation import Simulation
+from dynid.identification.systems.linear_system import LinearSystem, StateVariable
 from dynid.lti.signals import Chirp, Impulse
 from dynid.lti.state_space import Matrices
 from dynid.lti.time_response import propagate

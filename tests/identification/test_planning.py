@@ -8,11 +8,11 @@ import pytest
 from dynid.errors import NotIdentifiable
 from dynid.identification.identifiability import coordinate_bounds, expected_time_records, identifiability
 from dynid.identification.information import collinear_groups
-from dynid.identification.measurement import Experiment, Measurement
 from dynid.identification.planning.excitation import candidate_sines, exact_bounds, grid
 from dynid.identification.planning.plan import PlanRequest, candidate_sensors, every_channel, plan
 from dynid.identification.planning.selection import Candidates, select
-from dynid.identification.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement
+from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Multisine, Sine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

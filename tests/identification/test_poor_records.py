@@ -7,7 +7,7 @@ import dynid
 from dynid.errors import Diverged, DynidError
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.measurement import Measurement
+from dynid.identification.records.measurement import Measurement
 from dynid.lti.signals import Multisine
 from dynid.structure.response import Load
 from tests.identification.cases import (

@@ -9,11 +9,11 @@ import pytest
 from dynid.errors import UsageError
 from dynid.identification import importance
 from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
-from dynid.identification.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.identify import identify_frf
-from dynid.identification.measurement import Measurement
-from dynid.identification.simulation import Simulation
-from dynid.identification.write_result import Further
+from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
+from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.simulation import Simulation
+from dynid.identification.results.write_result import Further
 from dynid.lti.signals import Multisine
 from dynid.parameters import ParameterPrior
 from dynid.structure.joints import Joint, JointParameter

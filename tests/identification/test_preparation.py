@@ -6,9 +6,9 @@ import pytest
 from dynid.errors import Diverged, UsageError
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identify import identify
-from dynid.identification.measurement import Experiment, Measurement, simulated
-from dynid.identification.preparation import BandPass, Decimate, Detrend, prepare
-from dynid.identification.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement, simulated
+from dynid.identification.records.preparation import BandPass, Decimate, Detrend, prepare
+from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Chirp, Impact, Impulse, Multisine, Random, Sampled, Sine, Step
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

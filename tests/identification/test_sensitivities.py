@@ -7,14 +7,14 @@ from scipy.optimize import least_squares
 from scipy.stats import kstest
 
 from dynid.errors import NotIdentifiable
+from dynid.identification.estimators.filter import InitialState, filter_pass
 from dynid.identification.estimators.filter_passes import Filter
-from dynid.identification.filter import InitialState, filter_pass
+from dynid.identification.goodness_of_fit.residual_tests import is_explained, is_optimal, whiteness
 from dynid.identification.information import information
-from dynid.identification.measurement import data
-from dynid.identification.parametric_model import parametric_model
-from dynid.identification.prediction import free_prediction, prediction
-from dynid.identification.residual_tests import is_explained, is_optimal, whiteness
-from dynid.identification.time_record import TimeRecord
+from dynid.identification.records.measurement import data
+from dynid.identification.records.time_record import TimeRecord
+from dynid.identification.systems.parametric_model import parametric_model
+from dynid.identification.systems.prediction import free_prediction, prediction
 from dynid.lti.signals import Impact, Sine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

@@ -6,8 +6,8 @@ import pytest
 from dynid.errors import Diverged, NotIdentifiable, UsageError
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.identify import identify
-from dynid.identification.measurement import Measurement
-from dynid.identification.simulation import Simulation
+from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Impulse, Multisine, RecordTimes, signal
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

@@ -10,8 +10,8 @@ from dynid.errors import NotIdentifiable
 from dynid.identification.estimators.auto import Auto
 from dynid.identification.identifiability import expected_time_records, identifiability
 from dynid.identification.identify import identify
-from dynid.identification.measurement import Experiment, Measurement
-from dynid.identification.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, Measurement
+from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Chirp, Multisine
 from dynid.parameters import Parameter, coordinates, starts, truths
 from dynid.structure.assembly import PointMass, Support

@@ -6,8 +6,8 @@ import pytest
 from dynid.arithmetic.dependent import Dependent
 from dynid.errors import NotIdentifiable
 from dynid.identification.identify import identify
-from dynid.identification.measurement import Measurement
-from dynid.identification.simulation import Simulation
+from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Chirp
 from dynid.parameters import Parameter
 from dynid.structure.lumped import Link, lumped

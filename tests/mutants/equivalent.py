@@ -1,7 +1,7 @@
 """Mutants that no test can tell from the code, with the reason."""
 # ruff: noqa: E501
 
-_REDUCTION, _FILTER = "dynid.bondgraph.reduction", "dynid.identification.filter"
+_REDUCTION, _FILTER = "dynid.bondgraph.reduction", "dynid.identification.estimators.filter"
 
 EQUIVALENT: dict[str, str] = {
     "dynid.bondgraph.program.program:Program.run: (last_use, default=-1), -1, -1): → (last_use, default=-1), 1, -1):": (
@@ -30,7 +30,7 @@ EQUIVALENT: dict[str, str] = {
     "sign >= 0 else self._minus_one)": "a sign is 1 or -1",
     f"{_REDUCTION}.network:port_form: sign(graph, port.node) > 0 else program.neg(valu → sign(graph, port.node) >= 0 else "
     "program.neg(valu": "a sign is 1 or -1",
-    "dynid.identification.filter::  = (LINEARISED.value, 0.1) →  = (LINEARISED.value, 0.2)": (
+    "dynid.identification.estimators.filter::  = (LINEARISED.value, 0.1) →  = (LINEARISED.value, 0.2)": (
         "how often steps are linearised anew is between cost and accuracy; both are far within the tests' bounds"
     ),
     f"{_REDUCTION}.reducer:Reducer.run: urn([row for row in rows if len(row.entries) < 2], most=1) → "
@@ -77,7 +77,7 @@ EQUIVALENT: dict[str, str] = {
     "dynid.bondgraph.formulas.transfer:_register_polynomials: .leading_coefficient() < 0: → .leading_coefficient() <= 0:": (
         "the leading coefficient of a denominator is not zero"
     ),
-    "dynid.identification.kernels:tables: rank = max(1, int((s > 8 * np.finfo( → rank = max(2, int((s > 8 * np.finfo(": (
+    "dynid.identification.systems.kernels:tables: rank = max(1, int((s > 8 * np.finfo( → rank = max(2, int((s > 8 * np.finfo(": (
         "a singular value that round-off leaves adds nothing"
     ),
     "dynid.bondgraph.formulas.transfer:: DABLE, _LIMIT = (40, 4000) → DABLE, _LIMIT = (40, 4001)": "a limit of cost",

@@ -14,8 +14,8 @@ MODULES = {
         ("bondgraph/program", "program.py"),
         ("bondgraph/formulas", "*.py"),
         ("bondgraph/reduction", "*.py"),
-        ("identification", "filter.py"),
-        ("identification", "kernels.py"),
+        ("identification/estimators", "filter.py"),
+        ("identification/systems", "kernels.py"),
     ]
     for path in sorted((_SOURCE / folder).glob(pattern))
     if path.stem != "__init__"

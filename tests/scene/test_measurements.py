@@ -5,8 +5,8 @@ import pytest
 
 from dynid.cli.summary.identification import lines
 from dynid.errors import Diverged, DynidError, FileError, UsageError
-from dynid.identification.measurement import Measurement, data, simulated
-from dynid.identification.simulation import Simulation
+from dynid.identification.records.measurement import Measurement, data, simulated
+from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Sampled
 from dynid.scene.kinds.measurements import experiments
 from dynid.scene.load import load_scene

@@ -6,8 +6,8 @@ import pytest
 from dynid.errors import UsageError
 from dynid.identification.estimators.auto import Auto
 from dynid.identification.identify import identify
-from dynid.identification.measurement import Measurement
-from dynid.identification.simulation import Simulation
+from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Multisine, Sampled, Step
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

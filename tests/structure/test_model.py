@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import csc_array
 
 from dynid.errors import UsageError
-from dynid.identification.parametric_model import parametric_model
+from dynid.identification.systems.parametric_model import parametric_model
 from dynid.lti.signals import Step
 from dynid.structure.damping import ModalDamping
 from dynid.structure.joints import Joint, JointParameter

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import DynidError
-from dynid.identification.linear_system import LinearSystem
+from dynid.identification.systems.linear_system import LinearSystem
 from dynid.lti.exponential import balance
 from dynid.lti.root_slopes import Roots, poles, poles_of_all, zeros, zeros_of_all
 from dynid.lti.state_space import Matrices, ParametricSystem, single

@@ -9,20 +9,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.frf_measurement import FrfMeasurement, frf_data
-from dynid.identification.frf_record import frf_likelihood
+from dynid.identification.goodness_of_fit.lack_of_fit import compare_models
 from dynid.identification.identify_modes import ModalProblem
 from dynid.identification.information import Information
-from dynid.identification.instruments import add_calibration_slopes, calibration_slopes
-from dynid.identification.lack_of_fit import compare_models
 from dynid.identification.least_squares import thin_svd
 from dynid.identification.likelihood import Fit, Likelihood
-from dynid.identification.linear_system import LinearSystem
-from dynid.identification.measurement import Experiment, as_estimated, data
-from dynid.identification.modal_record import ModalRecord
-from dynid.identification.parametric_model import Model, parametric_model
 from dynid.identification.posterior import channels_of_records
-from dynid.identification.time_record import TimeLikelihood, TimeRecord
+from dynid.identification.records.frf_measurement import FrfMeasurement, frf_data
+from dynid.identification.records.frf_record import frf_likelihood
+from dynid.identification.records.measurement import Experiment, as_estimated, data
+from dynid.identification.records.modal_record import ModalRecord
+from dynid.identification.records.time_record import TimeLikelihood, TimeRecord
+from dynid.identification.systems.instruments import add_calibration_slopes, calibration_slopes
+from dynid.identification.systems.linear_system import LinearSystem
+from dynid.identification.systems.parametric_model import Model, parametric_model
 from dynid.lti.exponential import balance, rescaled
 from dynid.lti.floating import guarded
 from dynid.parameters import coordinates, named, rates, starts, truths, values

@@ -19,14 +19,14 @@ from numpy.typing import NDArray
 from dynid.errors import Diverged, DynidError, NotIdentifiable, UsageError
 from dynid.identification.estimators.auto import Auto, FrfAuto
 from dynid.identification.estimators.estimate import Estimate, Estimator, Sweep
+from dynid.identification.estimators.filter import ASTRAY
 from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
-from dynid.identification.filter import ASTRAY
-from dynid.identification.frf_measurement import FrfMeasurement, frf_data
-from dynid.identification.frf_record import FrfLikelihood, frf_likelihood
-from dynid.identification.instrument_mistakes import instrument_mistakes
-from dynid.identification.instruments import Instruments, with_spreads
+from dynid.identification.goodness_of_fit.instrument_mistakes import instrument_mistakes
 from dynid.identification.likelihood import Likelihood
-from dynid.identification.measurement import (
+from dynid.identification.posterior import Posterior
+from dynid.identification.records.frf_measurement import FrfMeasurement, frf_data
+from dynid.identification.records.frf_record import FrfLikelihood, frf_likelihood
+from dynid.identification.records.measurement import (
     Experiment,
     Measurement,
     RecordData,
@@ -35,11 +35,16 @@ from dynid.identification.measurement import (
     simulated,
     true_states,
 )
-from dynid.identification.parametric_model import Model, ParametricModel, parametric_model, unknowns_of
-from dynid.identification.posterior import Posterior
-from dynid.identification.simulation import Simulation
-from dynid.identification.time_record import TimeLikelihood, TimeRecord
-from dynid.identification.write_result import Further, add_identification
+from dynid.identification.records.simulation import Simulation
+from dynid.identification.records.time_record import TimeLikelihood, TimeRecord
+from dynid.identification.results.write_result import Further, add_identification
+from dynid.identification.systems.instruments import Instruments, with_spreads
+from dynid.identification.systems.parametric_model import (
+    Model,
+    ParametricModel,
+    parametric_model,
+    unknowns_of,
+)
 from dynid.lti.floating import guarded
 from dynid.parameters import named, rates, starts
 from dynid.parameters import values as values_at
@@ -153,7 +158,7 @@ def identify_all(
     Returns
     -------
     Result
-        ``identification/…``: the groups that `dynid.identification.write_result` describes.
+        ``identification/…``: the groups that `dynid.identification.results.write_result` describes.
 
     Raises
     ------
@@ -232,7 +237,7 @@ def identify_frf(
     -------
     Result
         ``identification/{parameters, considered, stages, measurement, diagnostics}``: the groups that
-        `dynid.identification.write_result` describes.
+        `dynid.identification.results.write_result` describes.
 
     Raises
     ------

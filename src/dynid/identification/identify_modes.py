@@ -9,8 +9,6 @@ from typing import Any, Self
 
 from dynid.errors import UsageError
 from dynid.identification.estimators.modal_search import ModalSearch
-from dynid.identification.frf_measurement import FrfMeasurement, frf_data
-from dynid.identification.frf_record import frf_likelihood
 from dynid.identification.identify import (
     Rebuild,
     check_identifiable,
@@ -18,19 +16,21 @@ from dynid.identification.identify import (
     posterior_of,
 )
 from dynid.identification.likelihood import Likelihood
-from dynid.identification.measurement import Experiment, RecordData, data
-from dynid.identification.modal_measurement import ModalMeasurement
-from dynid.identification.modal_record import (
+from dynid.identification.records.frf_measurement import FrfMeasurement, frf_data
+from dynid.identification.records.frf_record import frf_likelihood
+from dynid.identification.records.measurement import Experiment, RecordData, data
+from dynid.identification.records.modal_measurement import ModalMeasurement
+from dynid.identification.records.modal_record import (
     ModalLikelihood,
     ModalRecord,
     start_values,
 )
-from dynid.identification.paired_modes import is_large, modal_model, modes_needed
-from dynid.identification.parametric_model import unknowns_of
-from dynid.identification.record_likelihood import RecordLikelihood
-from dynid.identification.time_record import TimeRecord
-from dynid.identification.write_modes import add_modes
-from dynid.identification.write_result import Further, add_identification
+from dynid.identification.records.paired_modes import is_large, modal_model, modes_needed
+from dynid.identification.records.record_likelihood import RecordLikelihood
+from dynid.identification.records.time_record import TimeRecord
+from dynid.identification.results.write_modes import add_modes
+from dynid.identification.results.write_result import Further, add_identification
+from dynid.identification.systems.parametric_model import unknowns_of
 from dynid.lti.floating import guarded
 from dynid.result import Result
 from dynid.structure.model import StructuralModel
@@ -140,8 +140,8 @@ def identify_modes(
     Returns
     -------
     Result
-        ``identification/…``: the groups that `dynid.identification.write_result` describes, and ``modes/``,
-        which `dynid.identification.write_modes` does.
+        ``identification/…``: the groups that `dynid.identification.results.write_result` describes, and
+        ``modes/``, which `dynid.identification.results.write_modes` does.
 
     Raises
     ------

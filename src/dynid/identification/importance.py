@@ -25,8 +25,8 @@ from dynid.errors import DynidError, UsageError
 from dynid.identification.least_squares import STATE_RANK, thin_svd
 from dynid.identification.likelihood import Likelihood
 from dynid.identification.posterior import Posterior
-from dynid.identification.record_likelihood import RecordFit, RecordLikelihood
-from dynid.identification.time_record import TimeRecord
+from dynid.identification.records.record_likelihood import RecordFit, RecordLikelihood
+from dynid.identification.records.time_record import TimeRecord
 from dynid.parameters import values
 
 Array = NDArray[np.float64]

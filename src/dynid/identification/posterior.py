@@ -1,7 +1,8 @@
 """Posterior of the parameters at an estimate: information, intervals, bounds, and tests of the residuals.
 
 It is Gaussian in the coordinates of the parameters, and the same for records of time and frequency responses.
-`dynid.identification.verdict` states it in words, `dynid.identification.write_result` as named arrays.
+`dynid.identification.verdict` states it in words, `dynid.identification.results.write_result` as named
+arrays.
 """
 
 from __future__ import annotations
@@ -17,12 +18,8 @@ from numpy.typing import NDArray
 from dynid.defaults import NOISE_CONTRADICTED, NOISE_MATTERS, OUTLIER
 from dynid.errors import Diverged, DynidError, NotIdentifiable
 from dynid.identification.estimators.estimate import Estimate
-from dynid.identification.information import Information, below_noise, vanished
-from dynid.identification.instruments import CalibrationSlopes, calibration_slopes
-from dynid.identification.lack_of_fit import ModelComparison, compare_models
-from dynid.identification.likelihood import Fit, Likelihood
-from dynid.identification.record_likelihood import RecordLikelihood
-from dynid.identification.residual_tests import (
+from dynid.identification.goodness_of_fit.lack_of_fit import ModelComparison, compare_models
+from dynid.identification.goodness_of_fit.residual_tests import (
     Consistency,
     NoiseTest,
     ResidualShape,
@@ -34,7 +31,11 @@ from dynid.identification.residual_tests import (
     residual_shape,
     whiteness,
 )
-from dynid.identification.statistics import root_mean_square
+from dynid.identification.goodness_of_fit.statistics import root_mean_square
+from dynid.identification.information import Information, below_noise, vanished
+from dynid.identification.likelihood import Fit, Likelihood
+from dynid.identification.records.record_likelihood import RecordLikelihood
+from dynid.identification.systems.instruments import CalibrationSlopes, calibration_slopes
 from dynid.parameters import logarithmic, rates, truths, values
 
 if TYPE_CHECKING:

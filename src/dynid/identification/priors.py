@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.filter import InitialState
+from dynid.identification.estimators.filter import InitialState
 from dynid.parameters import Parameter
 
 Array = NDArray[np.float64]

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from dynid.defaults import HEAVY_TAILS, OFFSET
+from dynid.identification.goodness_of_fit.residual_tests import ResidualShape, is_coloured, whiteness
 from dynid.identification.posterior import UNCERTAIN, ChannelOfRecord, Posterior
-from dynid.identification.residual_tests import ResidualShape, is_coloured, whiteness
 from dynid.number_format import frequency_text, p_text, share_text
 
 # Levels of the warnings: a correlation, an error in standard errors, a part of the samples that are missing

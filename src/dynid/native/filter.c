@@ -1,4 +1,4 @@
-/* The pass of the filter; see `dynid.identification.filter`. */
+/* The pass of the filter; see `dynid.identification.estimators.filter`. */
 #include "steps.h"
 
 /* Squares between these neither overflow nor lose digits. */

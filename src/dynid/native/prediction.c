@@ -1,5 +1,5 @@
 /* Prediction of a record, its sensitivities and their triangular factors; see
- * `dynid.identification.prediction` and `dynid.identification.least_squares.triangular_factors`. */
+ * `dynid.identification.systems.prediction` and `dynid.identification.least_squares.triangular_factors`. */
 #include "orthogonal.h"
 #include "steps.h"
 

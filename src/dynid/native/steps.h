@@ -1,4 +1,4 @@
-/* The exact step and its derivatives at given parameters; see `dynid.identification.kernels.steps`. */
+/* The exact step and its derivatives at given parameters; see `dynid.identification.systems.kernels.steps`. */
 #ifndef DYNID_STEPS_H
 #define DYNID_STEPS_H
 

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.defaults import ESTIMATOR
-from dynid.identification.filter import PART, Pass, filter_pass
+from dynid.identification.estimators.filter import PART, Pass, filter_pass
 
 if TYPE_CHECKING:
-    from dynid.identification.filter import InitialState
-    from dynid.identification.time_record import TimeLikelihood
+    from dynid.identification.estimators.filter import InitialState
+    from dynid.identification.records.time_record import TimeLikelihood
 
 STEP = 0.002
 OMEGA = (70.0, 110.0, 250.0)  # rad/s
@@ -46,10 +46,10 @@ def case(samples: int, seed: int = 1) -> SuspensionRecord:
     """Return a record of this length and noise."""
     import numpy as np
 
-    from dynid.identification.measurement import Measurement, data
-    from dynid.identification.parametric_model import parametric_model
-    from dynid.identification.simulation import Simulation
-    from dynid.identification.time_record import TimeLikelihood, TimeRecord
+    from dynid.identification.records.measurement import Measurement, data
+    from dynid.identification.records.simulation import Simulation
+    from dynid.identification.records.time_record import TimeLikelihood, TimeRecord
+    from dynid.identification.systems.parametric_model import parametric_model
     from dynid.lti.signals import Multisine
     from dynid.structure.joints import Joint, JointParameter
     from dynid.structure.lumped import Link, lumped
@@ -284,7 +284,7 @@ def _least_squares(this: SuspensionRecord) -> Callable[[], Any]:
     import numpy as np
     from scipy.optimize import least_squares
 
-    from dynid.identification.prediction import free_prediction
+    from dynid.identification.systems.prediction import free_prediction
 
     record = this.ensemble.records[0]
     values, root = record.data.values, record.root

@@ -97,8 +97,8 @@ def by_graph(samples: int) -> ArmPrediction:
     """Return the prediction by the graph that the first half of the samples identifies."""
     import numpy as np
 
-    from dynid.identification.parametric_model import parametric_model
-    from dynid.identification.prediction import free_prediction, prediction
+    from dynid.identification.systems.parametric_model import parametric_model
+    from dynid.identification.systems.prediction import free_prediction, prediction
     from dynid.parameters import coordinates
     from dynid.scene.kinds.identified_graphs import identified_graph
     from dynid.scene.kinds.measurements import experiments

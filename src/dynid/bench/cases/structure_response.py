@@ -202,7 +202,7 @@ def _case(lines: int) -> _Case:
     """Return the frame and its responses, simulated with the whole frame."""
     import numpy as np
 
-    from dynid.identification.frf_measurement import Frf, FrfMeasurement, FrfSystem
+    from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, FrfSystem
     from dynid.structure.ports import Channel
 
     model = frame()

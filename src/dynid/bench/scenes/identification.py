@@ -25,7 +25,7 @@ from dynid.bench.scenes.aspects import (
     solvers,
 )
 from dynid.defaults import BASIS_BAND, ESTIMATOR, FILTER_PASSES, HOLD, RESIDUALS
-from dynid.identification.parametric_model import Model
+from dynid.identification.systems.parametric_model import Model
 from dynid.lti.noise import HOLDS
 from dynid.scene.kinds.bond_graph import graph_analysis
 from dynid.scene.kinds.identification import (

@@ -32,17 +32,17 @@ from numpy.typing import NDArray
 
 from dynid.defaults import AGREEING_STARTS, MOST_STARTS
 from dynid.errors import DynidError
-from dynid.identification.band_limited_system import BAND
 from dynid.identification.estimators.estimate import Estimate, EstimationStage, Sweep
 from dynid.identification.estimators.filter_passes import annealed_passes, last, run_passes
 from dynid.identification.estimators.maximum_likelihood import Refined, refine, with_noise
 from dynid.identification.estimators.segments import in_segments
-from dynid.identification.frf_record import FrfLikelihood
-from dynid.identification.lack_of_fit import ModelComparison, compare_models
+from dynid.identification.goodness_of_fit.lack_of_fit import ModelComparison, compare_models
+from dynid.identification.goodness_of_fit.residual_tests import is_explained
 from dynid.identification.likelihood import Fit, Likelihood
 from dynid.identification.priors import Priors
-from dynid.identification.residual_tests import is_explained
-from dynid.identification.time_record import TimeLikelihood
+from dynid.identification.records.frf_record import FrfLikelihood
+from dynid.identification.records.time_record import TimeLikelihood
+from dynid.identification.systems.band_limited_system import BAND
 from dynid.lti.floating import guarded
 from dynid.parameters import logarithmic
 from dynid.progress import report_progress, tracked

@@ -9,10 +9,10 @@ from typing import Protocol, Self, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.filter import Pass
-from dynid.identification.lack_of_fit import ModelComparison
+from dynid.identification.estimators.filter import Pass
+from dynid.identification.goodness_of_fit.lack_of_fit import ModelComparison
 from dynid.identification.likelihood import Fit, Likelihood
-from dynid.identification.time_record import TimeLikelihood
+from dynid.identification.records.time_record import TimeLikelihood
 
 Array = NDArray[np.float64]
 

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from dynid.errors import Diverged, UsageError
 from dynid.identification.estimators.estimate import Estimate, EstimationStage
+from dynid.identification.estimators.filter import ASTRAY, InitialState, Pass, check_run_away
 from dynid.identification.estimators.filter_passes import chained, last
-from dynid.identification.filter import ASTRAY, InitialState, Pass, check_run_away
-from dynid.identification.time_record import TimeLikelihood, TimeRecord
+from dynid.identification.records.time_record import TimeLikelihood, TimeRecord
 from dynid.progress import report_progress
 
 Array = NDArray[np.float64]

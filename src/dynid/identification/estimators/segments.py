@@ -17,15 +17,15 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.identification.goodness_of_fit.saturated_model import SaturatedCoordinates
 from dynid.identification.information import Information, information
-from dynid.identification.instruments import CalibrationDerivatives
 from dynid.identification.likelihood import Likelihood
-from dynid.identification.linear_system import LinearSystem
-from dynid.identification.measurement import RecordData
-from dynid.identification.prediction import Trajectory, free_prediction, prediction
-from dynid.identification.record_likelihood import RecordFit, RecordLikelihood
-from dynid.identification.saturated_model import SaturatedCoordinates
-from dynid.identification.time_record import TimeLikelihood, TimeRecord
+from dynid.identification.records.measurement import RecordData
+from dynid.identification.records.record_likelihood import RecordFit, RecordLikelihood
+from dynid.identification.records.time_record import TimeLikelihood, TimeRecord
+from dynid.identification.systems.instruments import CalibrationDerivatives
+from dynid.identification.systems.linear_system import LinearSystem
+from dynid.identification.systems.prediction import Trajectory, free_prediction, prediction
 from dynid.lti.floating import finite
 from dynid.lti.recurrence import recurrence
 from dynid.parameters import Parameter

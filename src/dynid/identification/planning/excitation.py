@@ -17,14 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Singular, UsageError
-from dynid.identification.graph_system import IdentifiedGraph
 from dynid.identification.identifiability import ExpectedTimeRecords, coordinate_bounds
 from dynid.identification.information import information
-from dynid.identification.linear_system import LinearSystem
-from dynid.identification.measurement import Experiment
-from dynid.identification.parametric_model import Model, parametric_model, system_of
 from dynid.identification.planning.selection import Candidates, select
-from dynid.identification.prediction import free_prediction, prediction
+from dynid.identification.records.measurement import Experiment
+from dynid.identification.systems.graph_system import IdentifiedGraph
+from dynid.identification.systems.linear_system import LinearSystem
+from dynid.identification.systems.parametric_model import Model, parametric_model, system_of
+from dynid.identification.systems.prediction import free_prediction, prediction
 from dynid.lti.signals import Impulse, Multisine, Signal, Sine
 from dynid.number_format import frequency_text
 from dynid.parameters import rates

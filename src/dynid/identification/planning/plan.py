@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 
 from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, Port
 from dynid.errors import UsageError
-from dynid.identification.graph_system import IdentifiedGraph
 from dynid.identification.identifiability import (
     ExpectedTimeRecords,
     add_expected_slopes,
     expected_time_records,
     identifiability,
 )
-from dynid.identification.measurement import Experiment, as_estimated
-from dynid.identification.parametric_model import Model, parametric_model
 from dynid.identification.planning.excitation import add_excitation, candidate_sines, present_lines
 from dynid.identification.planning.selection import Candidates, select
-from dynid.identification.prediction import free_prediction, prediction
+from dynid.identification.records.measurement import Experiment, as_estimated
+from dynid.identification.systems.graph_system import IdentifiedGraph
+from dynid.identification.systems.parametric_model import Model, parametric_model
+from dynid.identification.systems.prediction import free_prediction, prediction
 from dynid.lti.floating import guarded
 from dynid.number_format import counted
 from dynid.progress import report_progress

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from dynid.identification.identify import Rebuild, SharedRecords
-    from dynid.identification.measurement import Experiment
+    from dynid.identification.records.measurement import Experiment
     from dynid.scene.kinds.reduction import LocatedReductor
     from dynid.scene.run import PreparationStep
     from dynid.scene.schema.reduction import ReductionModel

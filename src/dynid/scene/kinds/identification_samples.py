@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 from dynid.arithmetic.numbers import OutOfRangeError, to_fraction
 from dynid.errors import DynidError
 from dynid.identification.identify import SharedRecords
-from dynid.identification.measurement import Experiment
-from dynid.identification.simulation import Simulation
+from dynid.identification.records.measurement import Experiment
+from dynid.identification.records.simulation import Simulation
 from dynid.result import Variable
 from dynid.scene.batch import BatchKey, run_alone
 from dynid.scene.kinds.identification import identified, setting, structure_of

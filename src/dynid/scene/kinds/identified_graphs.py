@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
 from dynid.bondgraph.graph import BondGraph
-from dynid.identification.graph_system import IdentifiedGraph
+from dynid.identification.systems.graph_system import IdentifiedGraph
 from dynid.model_scope import ScopePart, add_model_scope, divided, scope_parts
 from dynid.result import Result
 from dynid.scene.kinds.bond_graph import graph_analysis

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from dynid.arithmetic.dependent import Real
-    from dynid.identification.frf_measurement import Frf, FrfMeasurement
-    from dynid.identification.graph_system import IdentifiedGraph
-    from dynid.identification.measurement import Experiment, Measurement
-    from dynid.identification.noise import ColouredNoise
-    from dynid.identification.preparation import Preparation
+    from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
+    from dynid.identification.records.measurement import Experiment, Measurement
+    from dynid.identification.records.noise import ColouredNoise
+    from dynid.identification.records.preparation import Preparation
+    from dynid.identification.systems.graph_system import IdentifiedGraph
     from dynid.lti.generator import RecordTimes
     from dynid.scene.load import Scene
     from dynid.scene.schema.base import Dof
@@ -54,8 +54,8 @@ def experiments(
 
     `model` is the graph or structure, by whose labels DOFs are named in results; absent: as in the scene.
     """
-    from dynid.identification.measurement import Experiment
-    from dynid.identification.preparation import BandPass, Decimate, Detrend, prepare
+    from dynid.identification.records.measurement import Experiment
+    from dynid.identification.records.preparation import BandPass, Decimate, Detrend, prepare
 
     found = []
     for k, record in enumerate(given.each):
@@ -90,9 +90,9 @@ def _measurement(
     scene: Scene, given: RecordModel, place: str, model: IdentifiedGraph | StructuralModel | None
 ) -> Measurement:
     """Return the channels and the samples of a record, or the noise of a simulated one."""
-    from dynid.identification.measurement import Measurement
-    from dynid.identification.noise import ColouredNoise
-    from dynid.identification.simulation import Simulation
+    from dynid.identification.records.measurement import Measurement
+    from dynid.identification.records.noise import ColouredNoise
+    from dynid.identification.records.simulation import Simulation
 
     every, step, samples = given.channels or (), number(given.step), given.samples or 0
     channels = tuple(channel_of(channel, model) for channel in every)
@@ -233,7 +233,7 @@ def instrument_of(given: ChannelModel) -> tuple[Real, Real, Real]:
 
 def noise_of(given: RecordModel) -> float | list[float] | ColouredNoise | None:
     """Return the deviation of white noise, or coloured noise."""
-    from dynid.identification.noise import ColouredNoise
+    from dynid.identification.records.noise import ColouredNoise
     from dynid.scene.schema.measurement import NoiseModel
 
     if not isinstance(given.noise, NoiseModel):
@@ -308,8 +308,8 @@ def frf_measurement(
     UsageError
         Where they are inconsistent.
     """
-    from dynid.identification.frf_measurement import Frf, FrfMeasurement
-    from dynid.identification.simulation import Simulation
+    from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
+    from dynid.identification.records.simulation import Simulation
     from dynid.scene.schema.measurement import NoiseModel
 
     assert given.frf is not None

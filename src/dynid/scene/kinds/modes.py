@@ -11,7 +11,7 @@ from dynid.units import angular_factor
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from dynid.identification.modal_measurement import ModalMeasurement, Scatter
+    from dynid.identification.records.modal_measurement import ModalMeasurement, Scatter
     from dynid.scene.load import Scene
     from dynid.scene.schema.modes import MeasuredModesModel, ScatterModel
     from dynid.structure.matrices import Label
@@ -130,7 +130,7 @@ def _sensors(scene: Scene, given: MeasuredModesModel) -> list[Label]:
 
 def _measured(given: MeasuredModesModel, omega: Any, dofs: Sequence[Label], *rest: Any) -> ModalMeasurement:
     """Return measured modes with the floors and model errors of the scene."""
-    from dynid.identification.modal_measurement import FLOORS, ModalMeasurement, Scatter
+    from dynid.identification.records.modal_measurement import FLOORS, ModalMeasurement, Scatter
 
     shape, damping, omega_std, damping_std, shape_std, unit = rest
     try:

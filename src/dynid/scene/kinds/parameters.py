@@ -17,7 +17,7 @@ from dynid.scene.schema.raw import mapping, written_key
 if TYPE_CHECKING:
     from dynid.arithmetic.numbers import Number
     from dynid.identification.estimators.estimate import Estimator
-    from dynid.identification.write_result import Further
+    from dynid.identification.results.write_result import Further
     from dynid.parameters import Parameter, ParameterPrior
     from dynid.scene.load import Scene
     from dynid.scene.schema.base import SceneModel
@@ -249,8 +249,8 @@ def modal_estimator_of(given: EstimatorModel) -> Any:
 
 def further_of(model: IdentificationScene) -> Further:
     """Return what a scene requests beside the estimates; responses are at the frequencies of its analysis."""
-    from dynid.identification.write_derived import DerivedRequest
-    from dynid.identification.write_result import Further
+    from dynid.identification.results.write_derived import DerivedRequest
+    from dynid.identification.results.write_result import Further
     from dynid.scene.kinds.signals import angular_frequencies
 
     if model.derived is None:

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import NamedTuple, cast
 
 from dynid.errors import UsageError
-from dynid.identification.graph_system import IdentifiedGraph
-from dynid.identification.measurement import Experiment
-from dynid.identification.parametric_model import Model
 from dynid.identification.planning.plan import PlanRequest, plan
+from dynid.identification.records.measurement import Experiment
+from dynid.identification.systems.graph_system import IdentifiedGraph
+from dynid.identification.systems.parametric_model import Model
 from dynid.result import Result
 from dynid.scene.kinds.identification import expected_values, setting, structure_of
 from dynid.scene.kinds.identified_graphs import identified_graph

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import NotIdentifiable, UsageError
-from dynid.identification.instruments import Instruments
-from dynid.identification.linear_system import SystemModel
-from dynid.identification.noise import Autoregression, ColouredNoise
-from dynid.identification.simulation import Simulation, per_channel
-from dynid.identification.statistics import root_mean_square
+from dynid.identification.goodness_of_fit.statistics import root_mean_square
+from dynid.identification.records.noise import Autoregression, ColouredNoise
+from dynid.identification.records.simulation import Simulation, per_channel
+from dynid.identification.systems.instruments import Instruments
+from dynid.identification.systems.linear_system import SystemModel
 from dynid.lti.signals import Random, RecordTimes, Shifted, WhiteNoise
 from dynid.lti.time_response import TimeResponse, propagate
 from dynid.parameters import true_values

@@ -25,12 +25,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import DynidError
-from dynid.identification.band_limited_system import BAND
 from dynid.identification.estimators.maximum_likelihood import refine
-from dynid.identification.frf_record import FrfLikelihood, FrfRecord
-from dynid.identification.lack_of_fit import compare_models
+from dynid.identification.goodness_of_fit.lack_of_fit import compare_models
 from dynid.identification.likelihood import Fit, Likelihood
-from dynid.identification.time_record import TimeRecord
+from dynid.identification.records.frf_record import FrfLikelihood, FrfRecord
+from dynid.identification.records.time_record import TimeRecord
+from dynid.identification.systems.band_limited_system import BAND
 from dynid.units import GRAVITY
 
 Array = NDArray[np.float64]

@@ -38,8 +38,8 @@ from dynid.errors import DynidError
 from dynid.identification.estimators.maximum_likelihood import refine
 from dynid.identification.identify import Rebuild
 from dynid.identification.information import Information
-from dynid.identification.modal_record import ModalFit, ModalLikelihood, ModalRecord
 from dynid.identification.posterior import Posterior
+from dynid.identification.records.modal_record import ModalFit, ModalLikelihood, ModalRecord
 from dynid.parameters import named, starts
 from dynid.progress import report_progress
 from dynid.result import Result

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
-from dynid.identification.noise import Autoregression
-from dynid.identification.statistics import root_mean_square
+from dynid.identification.goodness_of_fit.statistics import root_mean_square
+from dynid.identification.records.noise import Autoregression
 from dynid.structure.matrices import Label
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.simulation import Simulation
+from dynid.identification.records.simulation import Simulation
 from dynid.lti.frequency_response import on_a_pole
 from dynid.lti.signals import Signal
 from dynid.lti.state_space import Matrices, StateSpace

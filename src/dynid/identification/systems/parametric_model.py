@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
-from dynid.identification.instruments import Instruments, RecordSampling
-from dynid.identification.linear_system import Affine, LinearSystem, SystemModel
-from dynid.identification.structure_system import StructureSystem
+from dynid.identification.systems.instruments import Instruments, RecordSampling
+from dynid.identification.systems.linear_system import Affine, LinearSystem, SystemModel
+from dynid.identification.systems.structure_system import StructureSystem
 from dynid.lti.exponential import balance, exponential, exponential_with_derivatives, rescaled
 from dynid.lti.signals import Sampled, Signal
 from dynid.lti.state_space import Matrices

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from dynid.errors import NotIdentifiable, UsageError
-from dynid.identification.instruments import Instruments
-from dynid.identification.linear_system import LinearSystem
-from dynid.identification.measurement import RecordData
-from dynid.identification.parametric_model import Model, freed_model, system_of
-from dynid.identification.simulation import Simulation, per_channel
-from dynid.identification.statistics import root_mean_square
+from dynid.identification.goodness_of_fit.statistics import root_mean_square
+from dynid.identification.records.measurement import RecordData
+from dynid.identification.records.simulation import Simulation, per_channel
+from dynid.identification.systems.instruments import Instruments
+from dynid.identification.systems.linear_system import LinearSystem
+from dynid.identification.systems.parametric_model import Model, freed_model, system_of
 from dynid.parameters import Parameter, named, rates, true_values
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel

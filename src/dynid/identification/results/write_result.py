@@ -62,19 +62,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.defaults import HUBER
-from dynid.identification.filter import Pass, stored_rows
-from dynid.identification.frf_record import FrfRecord
+from dynid.identification.estimators.filter import Pass, stored_rows
+from dynid.identification.goodness_of_fit.residual_tests import (
+    autocorrelation,
+    consistency,
+    is_coloured,
+    spectrum,
+)
 from dynid.identification.importance import DRAWS, PosteriorCheck, likelihood_size, posterior_check
-from dynid.identification.instruments import GROUP as CONSIDERED
-from dynid.identification.instruments import add_calibration_slopes
-from dynid.identification.measurement import Measurement
-from dynid.identification.parametric_model import ParametricModel
 from dynid.identification.posterior import Posterior
-from dynid.identification.record_likelihood import RecordFit
-from dynid.identification.residual_tests import autocorrelation, consistency, is_coloured, spectrum
-from dynid.identification.time_record import TimeRecord, state_deviations
+from dynid.identification.records.frf_record import FrfRecord
+from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.record_likelihood import RecordFit
+from dynid.identification.records.time_record import TimeRecord, state_deviations
+from dynid.identification.results.write_derived import DERIVED, DerivedRequest, add_derived, add_noise
+from dynid.identification.systems.instruments import GROUP as CONSIDERED
+from dynid.identification.systems.instruments import add_calibration_slopes
+from dynid.identification.systems.parametric_model import ParametricModel
 from dynid.identification.verdict import CONTRADICTED, verdict, warnings
-from dynid.identification.write_derived import DERIVED, DerivedRequest, add_derived, add_noise
 from dynid.parameters import rates, starts, values
 from dynid.result import Result
 from dynid.structure.correlation import frac

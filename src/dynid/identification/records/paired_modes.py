@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
-from dynid.identification.modal_measurement import ModalMeasurement
+from dynid.identification.records.modal_measurement import ModalMeasurement
 from dynid.structure.correlation import mac, paired
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.derivatives import ModalSolution, has_damping, lowest_modes, modal_basis

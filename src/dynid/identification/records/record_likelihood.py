@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.defaults import HUBER
+from dynid.identification.goodness_of_fit.saturated_model import SaturatedCoordinates
+from dynid.identification.goodness_of_fit.statistics import root_mean_square
 from dynid.identification.information import Information, information
-from dynid.identification.instruments import CalibrationDerivatives
-from dynid.identification.linear_system import LinearSystem
-from dynid.identification.measurement import RecordData
-from dynid.identification.prediction import Trajectory
-from dynid.identification.saturated_model import SaturatedCoordinates
-from dynid.identification.statistics import root_mean_square
+from dynid.identification.records.measurement import RecordData
+from dynid.identification.systems.instruments import CalibrationDerivatives
+from dynid.identification.systems.linear_system import LinearSystem
+from dynid.identification.systems.prediction import Trajectory
 from dynid.parameters import Parameter, rates, values
 
 Array = NDArray[np.float64]

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
-from dynid.identification.measurement import Experiment, as_estimated
-from dynid.identification.noise import ColouredNoise
-from dynid.identification.simulation import Simulation
+from dynid.identification.records.measurement import Experiment, as_estimated
+from dynid.identification.records.noise import ColouredNoise
+from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Chirp, Impact, Impulse, Multisine, Sampled, Step
 from dynid.structure.response import Load
 

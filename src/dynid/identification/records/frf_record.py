@@ -13,27 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.defaults import DENSE_STRUCTURES, SEARCH_WORK
-from dynid.identification.band_limited_system import band_limited
-from dynid.identification.frf_measurement import (
-    Frf,
-    FrfMeasurement,
-    FrfSystem,
-    check_cost,
-    stacked,
-    unstacked,
-)
-from dynid.identification.instruments import (
-    DELAY,
-    GAIN_CHANGE,
-    CalibrationDerivatives,
-)
-from dynid.identification.likelihood import Likelihood
-from dynid.identification.linear_system import LinearSystem
-from dynid.identification.measurement import RecordData
-from dynid.identification.parametric_model import Model, freed_coordinates
-from dynid.identification.prediction import Trajectory
-from dynid.identification.record_likelihood import RecordFit, RecordLikelihood, weights
-from dynid.identification.saturated_model import (
+from dynid.identification.goodness_of_fit.saturated_model import (
     ChannelColumns,
     SaturatedCoordinates,
     delayed_residuals_by_line,
@@ -41,7 +21,27 @@ from dynid.identification.saturated_model import (
     regressors_by_line,
     saturated_coordinates,
 )
-from dynid.identification.statistics import root_mean_square
+from dynid.identification.goodness_of_fit.statistics import root_mean_square
+from dynid.identification.likelihood import Likelihood
+from dynid.identification.records.frf_measurement import (
+    Frf,
+    FrfMeasurement,
+    FrfSystem,
+    check_cost,
+    stacked,
+    unstacked,
+)
+from dynid.identification.records.measurement import RecordData
+from dynid.identification.records.record_likelihood import RecordFit, RecordLikelihood, weights
+from dynid.identification.systems.band_limited_system import band_limited
+from dynid.identification.systems.instruments import (
+    DELAY,
+    GAIN_CHANGE,
+    CalibrationDerivatives,
+)
+from dynid.identification.systems.linear_system import LinearSystem
+from dynid.identification.systems.parametric_model import Model, freed_coordinates
+from dynid.identification.systems.prediction import Trajectory
 from dynid.number_format import frequency_text
 from dynid.parameters import Parameter, named
 

@@ -21,18 +21,18 @@ from numpy.typing import NDArray
 
 from dynid.defaults import LACK_OF_FIT
 from dynid.errors import UsageError
-from dynid.identification.instruments import CalibrationDerivatives
+from dynid.identification.goodness_of_fit.saturated_model import SaturatedCoordinates
+from dynid.identification.goodness_of_fit.statistics import chi_squared_tail, root_mean_square
 from dynid.identification.likelihood import Likelihood
-from dynid.identification.linear_system import LinearSystem
-from dynid.identification.measurement import RecordData
-from dynid.identification.modal_measurement import ModalChannel, ModalMeasurement, channels_of
-from dynid.identification.paired_modes import paired_modes, real_parts
-from dynid.identification.parametric_model import system_of
-from dynid.identification.prediction import Trajectory
 from dynid.identification.priors import Priors
-from dynid.identification.record_likelihood import RecordFit, RecordLikelihood, ScatterTest
-from dynid.identification.saturated_model import SaturatedCoordinates
-from dynid.identification.statistics import chi_squared_tail, root_mean_square
+from dynid.identification.records.measurement import RecordData
+from dynid.identification.records.modal_measurement import ModalChannel, ModalMeasurement, channels_of
+from dynid.identification.records.paired_modes import paired_modes, real_parts
+from dynid.identification.records.record_likelihood import RecordFit, RecordLikelihood, ScatterTest
+from dynid.identification.systems.instruments import CalibrationDerivatives
+from dynid.identification.systems.linear_system import LinearSystem
+from dynid.identification.systems.parametric_model import system_of
+from dynid.identification.systems.prediction import Trajectory
 from dynid.parameters import Parameter, named, rates, starts
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.derivatives import ModalSolution, has_damping, lowest_modes

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from dynid.defaults import LINEARISED
 from dynid.errors import Diverged
-from dynid.identification.parametric_model import DirectTerm, ParametricModel
+from dynid.identification.systems.parametric_model import DirectTerm, ParametricModel
 from dynid.native import call, compiled, structure
 from dynid.parameters import Parameter, logarithmic
 
@@ -281,7 +281,7 @@ def _walk_compiled(
     part: float,
 ) -> Array:
     """Filter the record by the kernel; steps for which its series does not converge are computed here."""
-    from dynid.identification import kernels
+    from dynid.identification.systems import kernels
 
     n, nodes = model.states, len(model.line.nodes)
     at, padded, spread = kernels.linear(model, z[n:]), kernels.padded(S), _lengths(S)[n:].copy()

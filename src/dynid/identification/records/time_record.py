@@ -11,34 +11,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.filter import InitialState, stored_rows
-from dynid.identification.information import Information, information
-from dynid.identification.instruments import DELAY, GAIN_CHANGE, CalibrationDerivatives
-from dynid.identification.least_squares import (
-    STATE_RANK,
-    least_squares,
-    thin_svd,
-    triangular_factors,
-    without_state,
-)
-from dynid.identification.likelihood import Likelihood
-from dynid.identification.linear_system import LinearSystem
-from dynid.identification.measurement import Experiment, RecordData
-from dynid.identification.noise import Autoregression, ColouredNoise, estimated
-from dynid.identification.parametric_model import ParametricModel, freed_coordinates
-from dynid.identification.prediction import (
-    Free,
-    Prediction,
-    Trajectory,
-    forced_by,
-    free_prediction,
-    kernels_used,
-    prediction,
-    runs,
-)
-from dynid.identification.record_likelihood import RecordFit, RecordLikelihood
-from dynid.identification.residual_tests import spectrum
-from dynid.identification.saturated_model import (
+from dynid.identification.estimators.filter import InitialState, stored_rows
+from dynid.identification.goodness_of_fit.residual_tests import spectrum
+from dynid.identification.goodness_of_fit.saturated_model import (
     ChannelColumns,
     ForcedRegressors,
     SaturatedCoordinates,
@@ -49,7 +24,32 @@ from dynid.identification.saturated_model import (
     regressors_in_time,
     saturated_coordinates,
 )
-from dynid.identification.statistics import root_mean_square
+from dynid.identification.goodness_of_fit.statistics import root_mean_square
+from dynid.identification.information import Information, information
+from dynid.identification.least_squares import (
+    STATE_RANK,
+    least_squares,
+    thin_svd,
+    triangular_factors,
+    without_state,
+)
+from dynid.identification.likelihood import Likelihood
+from dynid.identification.records.measurement import Experiment, RecordData
+from dynid.identification.records.noise import Autoregression, ColouredNoise, estimated
+from dynid.identification.records.record_likelihood import RecordFit, RecordLikelihood
+from dynid.identification.systems.instruments import DELAY, GAIN_CHANGE, CalibrationDerivatives
+from dynid.identification.systems.linear_system import LinearSystem
+from dynid.identification.systems.parametric_model import ParametricModel, freed_coordinates
+from dynid.identification.systems.prediction import (
+    Free,
+    Prediction,
+    Trajectory,
+    forced_by,
+    free_prediction,
+    kernels_used,
+    prediction,
+    runs,
+)
 from dynid.lti.recurrence import recurrence
 from dynid.parameters import Parameter, rates, values
 from dynid.structure.response import Channel
@@ -178,7 +178,7 @@ class TimeRecord(RecordLikelihood):
         """
         model = self.model
         if self.colour is None and model.sampling is None and kernels_used(model):
-            from dynid.identification import kernels
+            from dynid.identification.systems import kernels
 
             weights = np.ones(len(self.data.rms)) if noise is None else self.data.rms / noise
             made = kernels.fitted(model, eta, values, self.data.rms, weights, self.root, STATE_RANK)
@@ -480,7 +480,7 @@ class TimeRecord(RecordLikelihood):
             by_state, by_parameter = white[..., :n], white[..., n:-1]
             residual = np.where(present, white[..., -1], np.nan)
         if kernels_used(self.model):
-            from dynid.identification.kernels import triangles
+            from dynid.identification.systems.kernels import triangles
 
             return triangles(by_state, by_parameter, residual, self.data.rms)
         rows = np.concatenate([by_state, by_parameter, residual[..., None]], axis=2)

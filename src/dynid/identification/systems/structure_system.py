@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Singular, UsageError
-from dynid.identification.linear_system import Affine, LinearSystem, StateVariable
+from dynid.identification.systems.linear_system import Affine, LinearSystem, StateVariable
 from dynid.lti.exponential import balance, rescaled
 from dynid.lti.floating import finite
 from dynid.lti.frequency_response import second_order_response

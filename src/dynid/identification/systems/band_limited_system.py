@@ -16,8 +16,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.linear_system import LinearSystem
-from dynid.identification.structure_system import StructureSystem
+from dynid.identification.systems.linear_system import LinearSystem
+from dynid.identification.systems.structure_system import StructureSystem
 from dynid.lti.floating import finite
 from dynid.structure.dynamic_condensation import ActiveCoordinates
 from dynid.structure.matrices import Array, as_array

@@ -19,8 +19,8 @@ from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, GraphUnits, Port
 from dynid.bondgraph.parametric_equations import ParametricEquations, ParametricResponse
 from dynid.bondgraph.plan import ReducedGraph
 from dynid.errors import Singular, UsageError
-from dynid.identification.linear_system import ComplexArray, LinearSystem, StateVariable
-from dynid.identification.simulation import Simulation
+from dynid.identification.records.simulation import Simulation
+from dynid.identification.systems.linear_system import ComplexArray, LinearSystem, StateVariable
 from dynid.lti.signals import Impulse, Signal
 from dynid.lti.state_space import Matrices, StateSpace
 from dynid.lti.time_response import TimeResponse, propagate

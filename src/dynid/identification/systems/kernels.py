@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.defaults import FORCING_TABLE
-from dynid.identification.linear_system import Affine
-from dynid.identification.parametric_model import ParametricModel, Transition
+from dynid.identification.systems.linear_system import Affine
+from dynid.identification.systems.parametric_model import ParametricModel, Transition
 from dynid.lti.floating import finite
 from dynid.native import call, structure
 from dynid.parameters import logarithmic

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.parametric_model import ParametricModel, Transition
+from dynid.identification.systems.parametric_model import ParametricModel, Transition
 from dynid.lti.recurrence import free_response, recurrence
 from dynid.native import compiled
 
 if TYPE_CHECKING:
-    from dynid.identification.kernels import Linear
+    from dynid.identification.systems.kernels import Linear
 
 Array = NDArray[np.float64]
 Steps: TypeAlias = "list[Transition] | Linear"
@@ -72,7 +72,7 @@ def free_prediction(model: ParametricModel, eta: Array) -> tuple[Free, Steps]:
     model = model.moved(eta)
     line, n = model.line, model.states
     if kernels_used(model):
-        from dynid.identification import kernels
+        from dynid.identification.systems import kernels
 
         at = kernels.steps_at(model, eta)
         outputs, by_state = kernels.free(model, at, model.output(eta)[0], model.direct(eta).value)
@@ -112,7 +112,7 @@ def prediction(model: ParametricModel, eta: Array, x0: Array, free: Free, steps:
     n, p, nodes = model.states, model.parameters, len(model.line.nodes)
     (C, C_slopes), direct = model.output(eta), model.direct(eta)
     if not isinstance(steps, list):
-        from dynid.identification import kernels
+        from dynid.identification.systems import kernels
 
         outputs, by_time, by_parameter = kernels.sensitive(model, steps, C, C_slopes, direct.value, x0)
         if direct.slopes is not None:

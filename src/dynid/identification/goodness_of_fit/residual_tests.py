@@ -15,7 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.defaults import WHITENESS
-from dynid.identification.statistics import autocovariances, chi_squared_tail, root_mean_square, standardised
+from dynid.identification.goodness_of_fit.statistics import (
+    autocovariances,
+    chi_squared_tail,
+    root_mean_square,
+    standardised,
+)
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,1 @@
+"""Tests of a fitted model: residuals, lack of fit, and mistakes of instruments that explain it."""

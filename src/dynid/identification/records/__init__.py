@@ -1,0 +1,1 @@
+"""Measurements and their data, and the likelihood of one record of each kind."""

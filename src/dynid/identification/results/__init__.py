@@ -1,0 +1,1 @@
+"""Identifications as named arrays."""

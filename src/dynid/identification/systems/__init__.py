@@ -1,0 +1,1 @@
+"""Models with unknown parameters as linear systems: matrices, derivatives, steps and predictions."""
