@@ -123,6 +123,40 @@ def test_faults_say_where_and_what(text, line, column, words):
 
 
 @pytest.mark.parametrize(
+    ("text", "faults"),
+    [
+        ("a: {R: 0,6}", [(1, 8, "0.6")]),
+        ("a: {k: 9,0e4, c: 15}", [(1, 8, "9.0e4")]),  # 0e4 is a number, which no key can be
+        ("a: {k: -9,5}", [(1, 8, "-9.5")]),
+        ("{R: 0,6, L: 1,6, k: 2}", [(1, 5, "0.6"), (1, 13, "1.6")]),  # not as the key 6 given twice
+        ("{k: 2*3,5}", [(1, 5, "2*3.5")]),
+        ("{a: {b: 1,5, b: 2}}", [(1, 9, "1.5"), (1, 14, "given twice")]),
+    ],
+)
+def test_a_decimal_comma_in_a_flow_mapping_is_reported_once_at_its_number(text, faults):
+    found = faults_of(text)
+    assert [each[:2] for each in found] == [each[:2] for each in faults]
+    for each, (_, _, words) in zip(found, faults, strict=True):
+        assert words in each[2]
+        assert "given twice" in words or "decimals stand behind a point" in each[2]
+
+
+@pytest.mark.parametrize(
+    ("text", "data"),
+    [
+        ("{1: 2,3: 4}", {1: 2, 3: 4}),
+        ("{a: 1, 2: }", {"a": 1, 2: None}),
+        ("{a: '1',2: }", {"a": "1", 2: None}),
+        ("{a: max(1,2)}", {"a": "max(1", "2)": None}),  # the expression says what is wrong
+        ("a: 9\n0: \n", {"a": 9, 0: None}),
+        ("[1,2,3]", [1, 2, 3]),
+    ],
+)
+def test_commas_that_are_not_decimal_stay(text, data):
+    assert parse_source(text).data == data
+
+
+@pytest.mark.parametrize(
     "text",
     [
         "[" * 100_000,

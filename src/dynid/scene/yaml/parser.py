@@ -28,6 +28,8 @@ _INT = re.compile(r"(?:[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+)\Z")
 _FLOAT = re.compile(r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?\Z")
 _INF = re.compile(r"[-+]?\.(?:inf|Inf|INF)\Z")
 _NAN = frozenset({".nan", ".NaN", ".NAN"})
+_ENDS_WHOLE = re.compile(r"\A(?:[^(]*[-+*/ ])?[0-9]+\Z")
+_DIGITS = frozenset("0123456789")
 
 _PLAIN_WORDS = {
     "mapping values are not allowed": "a ':' is not expected here; check the indentation, "
@@ -160,7 +162,7 @@ class _StopError(Exception):
 class _OpenCollection:
     """A list or mapping that is still open; a `path` of None means that it is discarded."""
 
-    __slots__ = ("anchor", "container", "height", "key", "key_place", "path", "seen", "start")
+    __slots__ = ("anchor", "container", "halves", "height", "key", "key_place", "path", "seen", "start")
 
     def __init__(
         self, container: list[Any] | dict[Key, Any], path: Path | None, anchor: str | None, start: int
@@ -173,9 +175,19 @@ class _OpenCollection:
         self.key: Any = _AWAITED
         self.key_place: Place = (1, 1)
         self.seen: dict[str, int] = {}
+        self.halves: _Halves | None = None
 
     def awaits_key(self) -> bool:
         return isinstance(self.container, dict) and self.key is _AWAITED
+
+
+class _Halves(NamedTuple):
+    """Both halves of a number that a comma may have split, the place of the first, and the faults before."""
+
+    first: str
+    second: str
+    place: Place
+    faults: int
 
 
 _AWAITED = object()  # the mapping's next node is a key
@@ -220,6 +232,7 @@ class _TreeBuilder:
         self._stack: list[_OpenCollection] = []
         self._anchors: dict[str, tuple[Any, int, int]] = {}  # value, nodes, height
         self._nodes = 0
+        self._last: yaml.Event | None = None  # the event before
 
     def check_characters(self, text: str) -> None:
         if len(text) > MAX_CHARACTERS:
@@ -258,6 +271,7 @@ class _TreeBuilder:
                     parent.key = _DROPPED
                 else:
                     self._put(frame.container, frame.height)
+            self._last = event
 
     def _fault(self, place: Place, message: str) -> None:
         self.faults.append(Fault(self.file, *place, message))
@@ -322,10 +336,39 @@ class _TreeBuilder:
             plain = event is not None and event.implicit[0]
             # A key is a word: `true` beside `start` names a value, as it would in quotes.
             word = event.value if event is not None and isinstance(value, bool) else value
+            self._stack[-1].halves = self._halves(event) if plain else None
             self._take_key(word, place, plain)
         else:
+            if event is not None and self._stack:
+                self._rejoin(event)
             self._locate(place)
             self._put(value, height)
+
+    def _halves(self, key: yaml.ScalarEvent | None) -> _Halves | None:
+        """Return the halves of a decimal number of which a comma makes a value and a key, as of {R: 0,6}."""
+        last = self._last
+        if key is None or not isinstance(last, yaml.ScalarEvent) or not last.implicit[0]:
+            return None
+        marks: Any = (last.start_mark, last.end_mark, key.start_mark)
+        begin, end, behind = marks
+        touches = (end.line, end.column + 1) == (behind.line, behind.column)
+        numbers = _ENDS_WHOLE.search(last.value) and key.value[:1] in _DIGITS
+        if not (touches and numbers):
+            return None
+        return _Halves(last.value, key.value, (begin.line + 1, begin.column + 1), len(self.faults))
+
+    def _rejoin(self, value: yaml.ScalarEvent) -> None:
+        """Report a decimal comma where the second half of a number is a key without a value."""
+        frame = self._stack[-1]
+        halves, frame.halves = frame.halves, None
+        if halves is None or value.value or not value.implicit[0]:
+            return
+        del self.faults[halves.faults :]  # what is wrong with the half as a key
+        frame.seen.pop(halves.second, None)
+        frame.key = _DROPPED
+        first, second = shorten(halves.first), shorten(halves.second)
+        message = f"the comma in '{first},{second}' ends the value; decimals stand behind a point: "
+        self._fault(halves.place, f"{message}{first}.{second}")
 
     def _take_key(self, key: Any, place: Place, plain: bool) -> None:
         frame = self._stack[-1]
