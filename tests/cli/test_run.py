@@ -1,6 +1,7 @@
 """`dynid run`: files, screen and exit codes."""
 
 import html
+import json
 import os
 import re
 from xml.etree import ElementTree
@@ -376,3 +377,20 @@ def test_who_wants_the_traceback_has_it(folder, monkeypatch):
     monkeypatch.setenv("DYNID_TRACEBACK", "1")
     with pytest.raises(ZeroDivisionError, match="by nothing"):
         main(["run", str(folder / "small.yaml")])
+
+
+def test_doubts_about_the_scene_are_warnings_of_run_and_check_and_the_explanation_agrees(dynid, folder):
+    text = (folder / "small.yaml").read_text().partition("expect:")[0]
+    (folder / "small.yaml").write_text(f"{text}  results: [poles]\n")
+    starts = [f"small.yaml:{line}:3: warning: nothing is computed with" for line in (11, 12)]
+    code, out, err = dynid("run", "small.yaml", "--json")
+    assert code == 0
+    assert all(line.startswith(start) for line, start in zip(err.splitlines(), starts, strict=True))
+    assert [text[:35] for text in json.loads(out)["warnings"]] == ["nothing is computed with the block "] * 2
+    code, out, err = dynid("check", "--explain", "small.yaml")
+    assert (code, err.count(": warning: ")) == (0, 2)
+    assert "not requested" in out
+    assert "frequencies" not in out
+    assert "samples" not in out
+    code, _, err = dynid("check", "-q", "small.yaml", "--set", "analysis.results=[time_response]")
+    assert (code, err.count(": warning: ")) == (0, 1)

@@ -27,13 +27,14 @@ _LEAST, _SHARE = 0.5, 0.1
 @click.option(
     "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scenes; repeatable."
 )
-@click.option("-q", "--quiet", is_flag=True, help="Print only faults.")
+@click.option("-q", "--quiet", is_flag=True, help="Print only faults and warnings.")
 def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...], quiet: bool) -> int:
     """Read and check scenes without running them.
 
     Prints every fault of every scene as FILE:LINE:COLUMN: message, including data files that cannot be read
-    and singular graphs (no unique solution). Exit code, as of the run: 0: all scenes are valid;
-    2: a scene is invalid; 3: a graph is singular; 4: a file could not be read.
+    and singular graphs (no unique solution); as warnings, what a scene says that nothing uses, and lists
+    whose commas may be decimal. Exit code, as of the run: 0: all scenes are valid; 2: a scene is invalid;
+    3: a graph is singular; 4: a file could not be read.
 
     For a study, the scene that it varies is checked, too. Errors of its computation, such as a singular
     graph, are reported only if the first sample has them as well; errors of other samples are not found.
@@ -48,7 +49,8 @@ def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...],
       dynid check scenes/*.yaml
       dynid check --explain isolator.yaml
     """  # noqa: D301 - click's mark against wrapping
-    from dynid.cli.run import LocatedError
+    from dynid.cli.run import LocatedError, warn_of_doubts
+    from dynid.scene.kinds.study import base_scene
     from dynid.scene.load import load_scene
 
     code = faults = 0
@@ -59,6 +61,7 @@ def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...],
             loading = (
                 loading or time.process_time() - began
             )  # the first one: later ones find all modules loaded
+            warn_of_doubts(base_scene(scene) if scene.kind == "study" else scene)
             obstacles, exit_code = _obstacles(scene)
             if obstacles:
                 click.echo("\n".join(obstacles), err=True)

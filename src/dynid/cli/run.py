@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -75,6 +76,7 @@ def run(
     refuse_missing_folders(str(target), junit, report)
     from dynid.store import write_result
 
+    doubts = warn_of_doubts(loaded)
     with showing(quiet) as listener:
         result = compute(loaded, listener, accuracy=accuracy)
         listener(f"writing {target}")
@@ -100,11 +102,21 @@ def run(
     if as_json:
         from dynid.store.export import answer_json
 
-        click.echo(answer_json(result, said))
+        click.echo(answer_json(result, [*doubts, *said]))
     # Scripts that do not read the screen find the warnings on standard error.
     for warning in said:
         click.echo(f"{scene}: warning: {warning}", err=True)
     return report_expectations(loaded, outcomes, quiet or as_json)
+
+
+def warn_of_doubts(scene: Scene) -> list[str]:
+    """Print the doubts about a valid scene on standard error, each at its place; return their messages."""
+    from dynid.scene.doubts import scene_doubts
+
+    found = scene_doubts(scene)
+    for doubt in found:
+        click.echo(str(replace(doubt, message=f"warning: {doubt.message}")), err=True)
+    return [doubt.message for doubt in found]
 
 
 def compute(scene: Scene, listener: Listener, *, accuracy: bool) -> Result:

@@ -137,12 +137,13 @@ def study(
         click.echo("\n".join(lines))
         return 0
     from dynid.cli.progress import noticing, showing_study
-    from dynid.cli.run import checked_expectations, report_expectations
+    from dynid.cli.run import checked_expectations, report_expectations, warn_of_doubts
     from dynid.store import open_stored
     from dynid.store.files import Terminated, terminations
     from dynid.study.executors import make_executor
     from dynid.study.run import run_study
 
+    warn_of_doubts(plan.base)
     started = time.perf_counter()
     pool = make_executor(executor, workers, scheduler, scheduler_file, sample_timeout)
     try:

@@ -34,6 +34,8 @@ class Kind:
         Function of a valid scene; returns its source with what files add to it, such as their channels.
     check_valid
         Function of a valid scene; raises the faults of it and of the scenes that it names.
+    doubts
+        Function of a valid scene; yields its parts that a run does not use, as faults that are warnings.
     unread
         Function of a valid scene; yields the keys whose files a run does not read.
     batch
@@ -55,6 +57,7 @@ class Kind:
     check: str = ""
     complete: str = ""
     check_valid: str = ""
+    doubts: str = ""
     unread: str = ""
     batch: str = ""
     content: str = ""
@@ -91,6 +94,7 @@ _KINDS = (
         prepare="dynid.scene.kinds.bond_graph:preparation_steps",
         check="dynid.scene.schema.bond_graph:bond_graph_faults",
         check_valid="dynid.scene.kinds.bond_graph:check_valid",
+        doubts="dynid.scene.kinds.bond_graph:doubts",
         unread="dynid.scene.kinds.bond_graph:unread_files",
         batch="dynid.scene.kinds.bond_graph_samples",
         content="dynid.report.content.bond_graph",
@@ -107,6 +111,7 @@ _KINDS = (
         check="dynid.scene.schema.identification:identification_faults",
         complete="dynid.scene.kinds.file_channels:completed",
         check_valid="dynid.scene.kinds.parameters:check_parameters",
+        doubts="dynid.scene.kinds.identification:doubts",
         unread="dynid.scene.kinds.identification:unread_files",
         batch="dynid.scene.kinds.identification_samples",
         content="dynid.report.content.identification",
@@ -121,6 +126,7 @@ _KINDS = (
         explain="dynid.scene.explanations.reduction:explain",
         prepare="dynid.scene.kinds.reduction:preparation_steps",
         check="dynid.scene.schema.reduction:reduction_faults",
+        doubts="dynid.scene.kinds.structures:idle_masses",
         batch="dynid.scene.kinds.reduction_samples",
         content="dynid.report.content.reduction",
         summary="dynid.cli.summary.identification:reduction_lines",

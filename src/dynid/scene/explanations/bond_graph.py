@@ -27,9 +27,10 @@ from dynid.scene.explanations.explanation import (
     peak_megabytes,
     speed,
 )
-from dynid.scene.kinds.bond_graph import question
+from dynid.scene.kinds.bond_graph import question, unused_grids
 from dynid.scene.kinds.synthesis import wanted
 from dynid.scene.load import Scene
+from dynid.scene.schema.bond_graph import BondGraphScene
 from dynid.scene.schema.synthesis import SynthesisScene
 
 
@@ -75,22 +76,31 @@ def explain(scene: Scene) -> Explanation:
         facts.append(Fact("engine", f"{choice.engine}: {choice.reason}"))
         if choice.engine != "exact":
             facts.append(Fact("", choice.limits))
-    asked, others = (
-        ", ".join(name for name in RESULTS if (name in analysis.results) == here).replace("_", " ")
-        for here in (True, False)
-    )
-    facts.append(Fact("computes", asked))
-    grids = [counted(len(analysis.omega), "frequency")] if analysis.omega is not None else []
-    grids += [counted(len(analysis.times), "sample")] if analysis.times is not None else []
-    if grids:
-        facts.append(Fact("", f"at {' and '.join(grids)}"))
-    if others:
-        facts.append(Fact("not requested", others))
+    facts += _results(scene, analysis)
     if analysis.port is not None:
         facts.append(
             Fact("port", f"cut at {analysis.port}: equivalents of both sides, prototype, performance")
         )
     return Explanation(result, facts, _cost(reduced, analysis, choice, seconds))
+
+
+def _results(scene: Scene, analysis: Analysis) -> list[Fact]:
+    """Return the results that are computed, with the sizes of the grids that they need, and the others."""
+    asked, others = (
+        ", ".join(name for name in RESULTS if (name in analysis.results) == here).replace("_", " ")
+        for here in (True, False)
+    )
+    model = cast("BondGraphScene", scene.model)
+    unused = unused_grids(model, model.analysis)
+    grids = []
+    if analysis.omega is not None and "frequency" not in unused:
+        grids.append(counted(len(analysis.omega), "frequency"))
+    if analysis.times is not None and "time" not in unused:
+        grids.append(counted(len(analysis.times), "sample"))
+    facts = [Fact("computes", asked)]
+    if grids:
+        facts.append(Fact("", f"at {' and '.join(grids)}"))
+    return [*facts, Fact("not requested", others)] if others else facts
 
 
 def analysis_cost(reduced: ReducedGraph, analysis: Analysis, seconds: float) -> CostEstimate:

@@ -24,10 +24,13 @@ if TYPE_CHECKING:
 
     from dynid.arithmetic.dependent import Dual
     from dynid.bondgraph.control import Loop
+    from dynid.errors import Fault
     from dynid.lti.generator import Signal
     from dynid.result import Result
     from dynid.scene.run import PreparationStep
+    from dynid.scene.schema.bond_graph import GraphModel
     from dynid.scene.schema.control import ControlModel
+    from dynid.scene.schema.identification import IdentificationScene
     from dynid.scene.yaml.parser import Path as KeyPath
 
 
@@ -100,6 +103,37 @@ def _check_loops(opened: BondGraph, loops: Sequence[Loop]) -> None:
     except Singular:
         return
     cut.check()
+
+
+#: The results that are computed at the frequencies, and at the instants, of an analysis.
+_AT_FREQUENCIES = frozenset({"frequency_response", "source_performance", "energy"})
+_AT_INSTANTS = frozenset({"time_response"})
+
+
+def unused_grids(model: BondGraphScene | IdentificationScene, wanted: AnalysisModel) -> list[str]:
+    """Return the blocks of an analysis of a graph, frequency and time, with which nothing is computed."""
+    asked, graph = wanted.asked(), cast("GraphModel", model.graph)
+    banded = any(node.structure is not None for node in graph.nodes.values())  # reduced for the band
+    other = getattr(model, "design", None) is not None or "frequency_response" in (
+        getattr(model, "derived", None) or ()
+    )
+    margins = model.control is not None and "properties" in asked
+    used = {
+        "frequency": bool(asked & _AT_FREQUENCIES) or banded or margins or other,
+        "time": bool(asked & _AT_INSTANTS),
+    }
+    return [name for name, by in used.items() if getattr(wanted, name) is not None and not by]
+
+
+def doubts(scene: Scene) -> Iterator[Fault]:
+    """Yield the blocks of an analysis with which nothing is computed, as warnings."""
+    model = cast("BondGraphScene", scene.model)
+    for name in unused_grids(model, model.analysis):
+        message = (
+            f"nothing is computed with the block '{name}': 'results' does not list '{name}_response'; "
+            f"add it, or leave the block out"
+        )
+        yield scene.source.fault(("analysis", name), message, key=True)
 
 
 def unread_files(scene: Scene) -> Iterator[KeyPath]:

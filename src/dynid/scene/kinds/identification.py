@@ -25,7 +25,7 @@ from dynid.scene.kinds.parameters import (
 from dynid.scene.kinds.parts import build_assembly
 from dynid.scene.kinds.scope import add_geometry, add_identification_scope
 from dynid.scene.kinds.signals import angular_frequencies, highest_frequency, record_of
-from dynid.scene.kinds.structures import add_doubts
+from dynid.scene.kinds.structures import add_doubts, idle_masses
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import IdentificationScene, ResponseModes
 from dynid.structure.model import StructuralModel
@@ -36,6 +36,7 @@ from dynid.units import angular_factor
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    from dynid.errors import Fault
     from dynid.identification.identify import Rebuild, SharedRecords
     from dynid.identification.records.measurement import Experiment
     from dynid.scene.kinds.reduction import LocatedReductor
@@ -228,6 +229,15 @@ def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
         yield lambda: reductor_of(scene)
     if model.responses is not None and model.responses.time is not None:
         yield lambda: time_question(scene)
+
+
+def doubts(scene: Scene) -> Iterator[Fault]:
+    """Yield what nothing in a scene uses, as warnings: blocks of a graph's analysis, unconnected masses."""
+    if cast("IdentificationScene", scene.model).graph_analysis is not None:
+        from dynid.scene.kinds.bond_graph import doubts as of_graph
+
+        yield from of_graph(scene)
+    yield from idle_masses(scene)
 
 
 def unread_files(scene: Scene) -> Iterator[KeyPath]:

@@ -11,10 +11,11 @@ from dynid.parameters import ParameterPrior
 from dynid.scene.kinds.parameters import all_parameters, quantities
 from dynid.scene.schema.joints import ParameterModel
 from dynid.scene.schema.quantities import Quantity
-from dynid.scene.schema.references import dof_faults
+from dynid.scene.schema.references import DOF, SIGNED_DOF, dof_faults, references
 from dynid.scene.schema.structure import StructureModel
 from dynid.structure.joints import Joint, JointParameter, unit_of
 from dynid.structure.labels import kind
+from dynid.suggestions import shortened
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
     from dynid.arithmetic.dependent import Real
+    from dynid.errors import Fault
     from dynid.parameters import Parameter
     from dynid.result import Result
     from dynid.scene.load import Scene
@@ -91,6 +93,22 @@ def dof_joint(name: str, joint: JointModel) -> Joint:
         )
     except UsageError as error:
         raise UsageError(error.problem, remedy=error.remedy, names=(f"joints.{name}",)) from None
+
+
+def idle_masses(scene: Scene) -> Iterator[Fault]:
+    """Yield the masses of a lumped structure that no other key of its scene names, as one warning."""
+    structure: StructureModel | None = getattr(scene.model, "structure", None)
+    if structure is None or structure.lumped is None:
+        return
+    data, model = scene.source.data, type(scene.model)
+    named = {str(found.value) for to in (DOF, SIGNED_DOF) for found in references(model, data, to)}
+    idle = [number for number in structure.lumped.labels() if str(number) not in named]
+    if idle and len(structure.lumped.masses) > 1:
+        which = f"masses {shortened(list(map(str, idle)))}" if len(idle) > 1 else f"mass {idle[0]}"
+        message = f"{which} of {len(structure.lumped.masses)}: no link, joint, load or channel names "
+        message += "a DOF of this number, so nothing connects it; add a link, or leave the mass out"
+        place = ("structure", "lumped", "masses", int(idle[0]) - 1)
+        yield scene.source.fault(place, message)
 
 
 def bare_structure(
