@@ -138,3 +138,61 @@ def test_a_lone_column_is_read_in_its_encoding(tmp_path, encoding):
     (tmp_path / "x.csv").write_bytes("# Kanal 1 in m/s²\n\n0.2\n".encode(encoding))
     with pytest.raises(FileError, match=r"x\.csv:2: an empty line before the first sample"):
         read_columns(tmp_path / "x.csv", None)
+
+
+LOGGER = "Logger;ACME DL-4\nProject;Clamp test\nDate;2026-11-26 10:14:03\n"
+NAMED = "Zeit [s];Kraft [N];Beschl. [g]\n"
+ROWS = "0,000;9,42;-0,1\n0,001;6,80;0,2\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "lines"),
+    [
+        (LOGGER + NAMED + ROWS, 3),
+        (LOGGER + "\n" + NAMED + ROWS, 4),
+        ("Clamp test\n" + NAMED + ROWS, 1),
+        (LOGGER + "Zeit;Kraft;Beschl.\ns;N;g\n" + ROWS, 3),
+        (LOGGER.replace("\n", ";\n") + NAMED + ROWS, 3),  # filled up by a spreadsheet
+        ("a;b;c\n\n" + NAMED + ROWS, 2),  # as many fields, but a paragraph of its own
+        ((LOGGER + NAMED + ROWS).replace(",", ".").replace(";", ","), 3),
+        ((LOGGER + NAMED + ROWS).replace(",", ".").replace(";", "\t"), 3),
+        ("# a comment\n" + LOGGER + NAMED + ROWS, 4),
+    ],
+)
+def test_lines_above_the_names_are_skipped_and_counted(written, text, lines):
+    table = read_columns(written(text), ["Kraft", 3], step=0.001)
+    np.testing.assert_array_equal(table.values, [[9.42, -0.1], [6.8, 0.2]])
+    assert [heading.unit for heading in table.headings] == ["N", "g"]
+    first = f"the first {lines} lines of x.csv" if lines > 1 else "line 1 of x.csv"
+    assert table.note == f"{first}, above the column names, {'are' if lines > 1 else 'is'} skipped"
+
+
+@pytest.mark.parametrize("text", [NAMED + ROWS, ROWS, "Kraft\n1\n2\n", "Zeit;F\ns;N\n0;1\n1;2\n"])
+def test_nothing_is_skipped_of_a_table_alone(written, text):
+    assert read_columns(written(text), None).note == ""
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("Logger;ACME\nZeit;Kraft\n0;1\n1;2\n", "x.csv:2: 'Zeit' is not a number"),
+        ("Logger\nRate;1000\nZeit;Kraft\n0;1\n1;2\n", "x.csv:2: 'Rate;1000' is not a number"),
+        ("Logger;a;b\n\nRate;1;2\nZeit;x;y\n0;1;3\n1;2;3\n", "x.csv:2: an empty line among the rows"),
+        (LOGGER + ROWS, "x.csv:4: 3 fields where the first row has 2"),
+        ("Logger\nKraft\n1\n2\n", "x.csv:2: 'Kraft' is not a number"),
+        ("1000\n" + NAMED + ROWS, "x.csv:2: 4 fields where the first row has 1"),
+    ],
+)
+def test_where_the_names_are_not_certain_the_lines_above_are_to_be_deleted(written, text, said):
+    with pytest.raises(FileError) as caught:
+        read_columns(written(text), None)
+    assert said in str(caught.value)
+    numbers_first = text.startswith("1000")  # no row of numbers stands above a name
+    assert ("Delete the lines above the column names" in str(caught.value)) != numbers_first
+
+
+def test_samples_are_never_skipped(written):
+    """A damaged row is not the heading of the rows below it."""
+    for text in ("0;1\n0.1;2;3\n0.2;x;3\n0.3;2;3\n0.4;2;3\n", "Zeit;F\n0;1;2;\n0.2;1,x\n0.3;4\n0.4;5\n"):
+        with pytest.raises(FileError):
+            read_columns(written(text), None)

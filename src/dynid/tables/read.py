@@ -24,12 +24,13 @@ _PLAIN = TableLayout()
 class MeasuredColumns(NamedTuple):
     """Columns of a file: `values` (rows x columns), NaN where a sample is missing, and their `headings`.
 
-    `clock` is that of their times, if they have any.
+    `clock` is that of their times, if they have any; `note` says what of the file was skipped.
     """
 
     values: NDArray[np.float64]
     headings: list[Heading]
     clock: Clock | None = None
+    note: str = ""
 
 
 def read_columns(
@@ -48,7 +49,8 @@ def read_columns(
     path
         A `.csv`, `.txt` or `.dat` file with one row a line (semicolons, tabs, bars, commas or spaces; where
         commas do not separate, they may be decimal; lines that start with # are passed over; a first line of
-        names is a header, in which a unit may stand, `acc 12+Z [g]`, or in a line below), an HDF5 file
+        names is a header, in which a unit may stand, `acc 12+Z [g]`, or in a line below; lines above the
+        names are skipped where it is certain which line has the names), an HDF5 file
         (`.h5`, `.hdf5`), a MATLAB file (`.mat`) or a Universal File of data sets 58 (`.uff`, `.unv`). In text
         a missing sample is an empty field, `nan`, `NA` or `n/a`; in a file of one column an empty line is a
         missing sample too; in one of several columns it is refused. Empty lines at the end are dropped.
@@ -79,7 +81,7 @@ def read_columns(
     else:
         chosen = [table.find(name, "columns") for name in columns]
     values, clock = table.checked(chosen, step, resample=layout.resample)
-    return MeasuredColumns(values, [table.heading(k) for k in chosen], clock)
+    return MeasuredColumns(values, [table.heading(k) for k in chosen], clock, table.note)
 
 
 def read_signal(

@@ -88,7 +88,7 @@ class DataTable:
 
     `timed` is the column of the times, from 0; absent: it is found by its name. `units` are those of the
     columns in a row of their own; empty: they stand in the names, if anywhere. `doubts` say for which a
-    file contradicts itself.
+    file contradicts itself; `note` says what was skipped.
     """
 
     file: DataFile
@@ -100,6 +100,7 @@ class DataTable:
     timed: int | None = None
     units: Sequence[str] = ()
     doubts: Sequence[str] = ()
+    note: str = ""
 
     def heading(self, column: int) -> Heading:
         """Return name and unit of a column, empty where the file has none."""

@@ -28,15 +28,11 @@ def read_text(
     """
     every = _text(file).split("\n")
     rows = _rows(file, every)
+    skipped, late = _above_names(rows, number or _number)
+    rows = rows[skipped:]
     start, dialect = rows[0][0], find_dialect(file, rows)
     first = [field.strip() for field in dialect.split(rows[0][1])]
-    # No sample is taken for a name: names may be whole numbers (`time,1,2`), but the first starts with none.
-    leading = next((field for field in first if field), "")
-    has_header = (
-        not _reads(_number, leading)
-        and not re.match(r"(?!\d+:?[-+]?r?[xyz]\b)[-+.,]*\d", leading, re.IGNORECASE)  # but 20:-z is a name
-        and not any(re.fullmatch(_DECIMAL, field) for field in first)
-    )
+    has_header = _are_names(first)
     body = rows[has_header:]
     units: list[str] = []
     if has_header and body:
@@ -51,18 +47,20 @@ def read_text(
             if not line.strip():
                 message = "an empty line before the first sample"
                 file.refuse(message, "Drop it, or write nan for a sample.", line=at)
-    fields = [_row(file, number, line, dialect, len(first)) for number, line in body]
+    fields = [_row(file, number, line, dialect, len(first), late) for number, line in body]
     if len(first) > 1 and not first[-1] and all(not row[-1].strip() for row in fields):
         first, fields = first[:-1], [row[:-1] for row in fields]  # every line ends with the separator
     if dialect.comma:
         fields = [[dialect.number(field) for field in row] for row in fields]
     lines = [number for number, _ in body]
     values = np.array(
-        [_numbers(file, at, row, number or _number) for at, row in zip(lines, fields, strict=True)],
+        [_numbers(file, at, row, number or _number, late) for at, row in zip(lines, fields, strict=True)],
         dtype=float if number is None else complex,
     ).reshape(len(fields), len(first))
     names = first if has_header else []
-    table = DataTable(file, names, values, lines, units=units[: len(first)])
+    above = f"the first {start - 1} lines of {file.path.name}" if start > 2 else f"line 1 of {file.path.name}"
+    note = f"{above}, above the column names, {'are' if start > 2 else 'is'} skipped" if skipped else ""
+    table = DataTable(file, names, values, lines, units=units[: len(first)], note=note)
     timed = time_column(names) if time is None else table.find(time, "time")
     if timed is None or number is not None:
         return table
@@ -72,6 +70,19 @@ def read_text(
     return table.timed_by(timed, printed_resolution(written))
 
 
+def _are_names(fields: list[str]) -> bool:
+    """Return True if the fields of a line are names: no sample is taken for one.
+
+    Names may be whole numbers (`time,1,2`), but the first starts with none.
+    """
+    leading = next((field for field in fields if field), "")
+    return (
+        not _reads(_number, leading)
+        and not re.match(r"(?!\d+:?[-+]?r?[xyz]\b)[-+.,]*\d", leading, re.IGNORECASE)  # but 20:-z is a name
+        and not any(re.fullmatch(_DECIMAL, field) for field in fields)
+    )
+
+
 def _rows(file: DataFile, lines: list[str]) -> list[tuple[int, str]]:
     """Return the lines from the first row to the last that is not empty, with their numbers."""
     rows = [(number, line) for number, line in enumerate(lines, 1) if not line.lstrip().startswith("#")]
@@ -79,6 +90,60 @@ def _rows(file: DataFile, lines: list[str]) -> list[tuple[int, str]]:
     if not filled:
         file.refuse("holds no data")
     return rows[filled[0] : filled[-1] + 1]
+
+
+#: Lines among which the first row of numbers is looked for.
+_TOP = 200
+_DELETE = "Delete the lines above the column names, if there are any."
+
+
+def _above_names(rows: Lines, number: Callable[[str], float | complex]) -> tuple[int, int]:
+    """Return how many rows stand above the names of the columns, and the line of the first row of numbers.
+
+    Data loggers write what a record is of above its table. It is skipped only where the table is certain:
+    two rows of numbers or more, a row of names with as many fields, perhaps one of units; what stands above
+    has no numbers alone, and other numbers of fields, or an empty line below it. Else nothing is skipped.
+    """
+    for separator in (";", "\t", "|", ",", None):
+        if separator is not None and separator not in rows[-1][1]:
+            continue
+        dialects = [Dialect(separator, comma) for comma in (False, True)]
+        split = dialects[0].split
+
+        def is_row(line: str, dialects: list[Dialect] = dialects) -> bool:
+            return any(_all_read(number, dialect, line) for dialect in dialects)
+
+        if not is_row(rows[-1][1]):
+            continue
+        first = next((k for k, (_, line) in enumerate(rows[:_TOP]) if is_row(line)), None)
+        if first is None:
+            continue
+        late, count = rows[first][0], len(split(rows[first][1]))
+        names = first - 1
+        if names > 0 and is_units_row(split(rows[names][1])):
+            names -= 1
+        below = [line for _, line in rows[names : first + 2]]
+        certain = names > 0 and count > 1 and all(len(split(line)) == count for line in below)
+        if not (certain and is_row(below[-1]) and _are_names([one.strip() for one in split(below[0])])):
+            return 0, late
+        width = _filled(split(below[0]))
+        above = [_filled(split(line)) if line.strip() else 0 for _, line in rows[:names]]
+        blank = max((k for k, filled in enumerate(above) if not filled), default=-1)
+        return (0 if width in above[blank + 1 :] else names), late
+    return 0, rows[-1][0] + 1
+
+
+def _filled(fields: list[str]) -> int:
+    """Return the number of fields up to the last that is not empty."""
+    return max((place for place, field in enumerate(fields, 1) if field.strip()), default=0)
+
+
+def _all_read(number: Callable[[str], float | complex], dialect: Dialect, line: str) -> bool:
+    """Return True if a line has numbers in all of its fields, one of them at least not missing."""
+    fields = [dialect.number(field.strip()) for field in dialect.split(line)]
+    return any(field.lower() not in _MISSING for field in fields) and all(
+        _reads(number, field) for field in fields
+    )
 
 
 def _text(file: DataFile) -> str:
@@ -95,32 +160,34 @@ def _text(file: DataFile) -> str:
     file.refuse("is not a text", "Tables are text in UTF-8, or HDF5 (.h5).")
 
 
-def _row(file: DataFile, number: int, line: str, dialect: Dialect, count: int) -> list[str]:
+def _row(file: DataFile, number: int, line: str, dialect: Dialect, count: int, late: int) -> list[str]:
+    delete = f" {_DELETE}" if number <= late else ""
     if not line.strip(" \t" if dialect.separator != "\t" else " "):
         if count > 1:
-            file.refuse(
-                "an empty line among the rows", "Drop it; a missing sample keeps its row.", line=number
-            )
+            remedy = f"Drop it; a missing sample keeps its row.{delete}"
+            file.refuse("an empty line among the rows", remedy, line=number)
         return [""]
     fields = dialect.split(line)
     if len(fields) != count:
         more = "Where commas separate, decimals take a point." if dialect.separator == "," else ""
         file.refuse(
             f"{len(fields)} field{'s' * (len(fields) != 1)} where the first row has {count}",
-            more,
+            f"{more}{delete}".strip(),
             line=number,
         )
     return fields
 
 
 def _numbers(
-    file: DataFile, at: int, fields: list[str], number: Callable[[str], float | complex]
+    file: DataFile, at: int, fields: list[str], number: Callable[[str], float | complex], late: int
 ) -> list[float | complex]:
     try:
         return [number(field) for field in fields]
     except ValueError:
         wrong = next(field.strip() for field in fields if not _reads(number, field))
-        file.refuse(f"'{wrong[:40]}' is not a number", ACCEPTED, line=at)
+        file.refuse(
+            f"'{wrong[:40]}' is not a number", f"{ACCEPTED} {_DELETE}" if at <= late else ACCEPTED, line=at
+        )
 
 
 def _reads(number: Callable[[str], float | complex], field: str) -> bool:

@@ -127,8 +127,9 @@ def _measurement(
             source = replace(source, **initial_motion(cast("IdentificationScene", scene.model), structure))  # type: ignore[arg-type]
     else:
         source = table.values[:samples] * factors
+        read = {"notes": (table.note,) if table.note else ()}
         if table.clock is not None:
-            read = {"clock": table.clock.summary, "notes": tuple(table.clock.warnings())}
+            read = {"clock": table.clock.summary, "notes": (*read["notes"], *table.clock.warnings())}
     noise = noise_of(given)
     if not isinstance(noise, ColouredNoise):
         noise = products(factors, noise)
