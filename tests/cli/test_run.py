@@ -116,6 +116,41 @@ def test_junit_is_written_for_a_scene_that_expects_nothing(dynid, folder):
     assert ElementTree.parse("j.xml").getroot().get("tests") == "0"
 
 
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["--set", "graph.nodes.m.valu=1"], 2, "'valu' is not a key of graph.nodes.m"),
+        (["--set", "graph.nodes.F=Sf", "--set", "graph.nodes.b=Sf"], 3, "junction 'one'"),
+        (["-o", "nowhere/x.h5"], 4, "there is no folder nowhere"),
+        (["-o", "small.yaml"], 2, "the result would overwrite the scene"),
+    ],
+)
+@pytest.mark.parametrize("earlier", [True, False])
+def test_an_error_that_ends_a_run_replaces_the_junit_file_of_an_earlier_one(
+    dynid, folder, arguments, code, said, earlier
+):
+    if earlier:
+        assert dynid("run", "small.yaml", "-q", "--junit", "j.xml")[0] == 0
+    found, _, err = dynid("run", "small.yaml", "-q", "--junit", "j.xml", *arguments)
+    assert found == code
+    if arguments[-1] == "small.yaml" and not earlier:
+        assert not (folder / "j.xml").exists()
+        return
+    root = ElementTree.parse("j.xml").getroot()
+    assert [root.get(name) for name in ("tests", "failures", "errors")] == ["1", "0", "1"]
+    [error] = root.findall(".//testcase/error")
+    assert said in error.get("message")
+    assert error.text in err
+
+
+@pytest.mark.parametrize("name", ["small.yaml", "notes.txt"])
+def test_an_error_overwrites_no_other_file_than_a_junit_file(dynid, folder, name):
+    (folder / "notes.txt").write_text("mine")
+    before = (folder / name).read_bytes()
+    assert dynid("run", "small.yaml", "--set", "graph.nodes.m.valu=1", "--junit", name)[0] == 2
+    assert (folder / name).read_bytes() == before
+
+
 @pytest.mark.parametrize("output", ["small.yaml", "./small.yaml", "link.h5"])
 def test_a_result_never_overwrites_its_scene(dynid, folder, output):
     before = (folder / "small.yaml").read_text()

@@ -47,6 +47,16 @@ def test_statistics_that_miss_them_are_exit_1_at_their_line(dynid, study):
     assert code == 1
 
 
+def test_an_error_replaces_the_junit_file_of_an_earlier_study(dynid, study, folder):
+    assert dynid("study", study("0.75"), "--executor", "serial", "--junit", "out.xml", "-q")[0] == 0
+    (folder / "small.yaml").write_text("dynid: 1\n")
+    code, _, err = dynid("study", "masses.yaml", "--executor", "serial", "--junit", "out.xml", "-q")
+    assert code == 2
+    root = ElementTree.parse("out.xml").getroot()
+    assert (root.get("errors"), root.get("failures")) == ("1", "0")
+    assert root.find(".//error").text in err
+
+
 def test_expectations_of_the_scene_change_no_exit_code(dynid, study, folder):
     text = (folder / "small.yaml").read_text()
     (folder / "small.yaml").write_text(text.replace("dc_gain, value: 1", "dc_gain, value: 7"))

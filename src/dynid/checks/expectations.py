@@ -299,8 +299,8 @@ def _number(value: Any) -> complex | None:
 _NOT_XML = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 
 
-def junit_xml(outcomes: Iterable[CheckOutcome], name: str) -> str:
-    """Write outcomes as a JUnit XML document, one test case each.
+def junit_xml(outcomes: Iterable[CheckOutcome], name: str, error: str = "") -> str:
+    """Write outcomes as a JUnit XML document, one test case each; an error is a case of its own.
 
     Parameters
     ----------
@@ -308,6 +308,8 @@ def junit_xml(outcomes: Iterable[CheckOutcome], name: str) -> str:
         The outcomes.
     name
         The test suite's name, such as the scene's.
+    error
+        Message of the error that ended the run before anything was checked; empty: there is none.
     """
     from xml.etree import ElementTree
 
@@ -315,9 +317,9 @@ def junit_xml(outcomes: Iterable[CheckOutcome], name: str) -> str:
     failures = sum(not case.passed for case in cases)
     totals = {
         "name": _xml(name),
-        "tests": str(len(cases)),
+        "tests": str(len(cases) + bool(error)),
         "failures": str(failures),
-        "errors": "0",
+        "errors": str(int(bool(error))),
         "time": "0",
     }
     root = ElementTree.Element("testsuites", totals)
@@ -329,6 +331,11 @@ def junit_xml(outcomes: Iterable[CheckOutcome], name: str) -> str:
         if not case.passed:
             failure = {"message": _xml(case.message), "type": "expectation"}
             ElementTree.SubElement(element, "failure", failure).text = _xml(case.message)
+    if error:
+        item = {"classname": _xml(name), "name": "run", "time": "0"}
+        element = ElementTree.SubElement(suite, "testcase", item)
+        about = {"message": _xml(error), "type": "error"}
+        ElementTree.SubElement(element, "error", about).text = _xml(error)
     ElementTree.indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
 

@@ -7,7 +7,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TextIO, cast
 
@@ -92,6 +92,50 @@ def reads_results(*parameters: str) -> Callable[[Callable[..., int]], Callable[.
         return guarded
 
     return decorate
+
+
+def writes_junit(parameter: str) -> Callable[[Callable[..., int]], Callable[..., int]]:
+    """Write the error that ends a command into its JUnit file, in which an earlier run may have been well.
+
+    Parameters
+    ----------
+    parameter
+        The command's argument that names the scene.
+    """
+
+    def decorate(command: Callable[..., int]) -> Callable[..., int]:
+        @functools.wraps(command)
+        def reporting(**given: Any) -> int:
+            try:
+                return command(**given)
+            except BaseException as error:
+                if given["junit"]:
+                    report_in_junit(Path(given["junit"]), given[parameter], error)
+                raise
+
+        return reporting
+
+    return decorate
+
+
+def report_in_junit(junit: Path, scene: str, error: BaseException) -> None:
+    """Write an error as a JUnit file, over nothing but another one: a scene may be named by mistake."""
+    from dynid.checks import junit_xml
+    from dynid.file_access import replace_file
+
+    with suppress(OSError, DynidError):
+        if junit.exists():
+            with junit.open("rb") as file:
+                written = file.read(5) == b"<?xml"
+        else:
+            written = not isinstance(error, UsageError)  # such as of a file that is that of the result
+        if written:
+            message = f"{type(error).__name__} {error}".strip()
+            if isinstance(error, DynidError | click.ClickException):
+                message = str(error)
+            elif isinstance(error, KeyboardInterrupt):
+                message = "interrupted"
+            replace_file(junit, junit_xml([], Path(scene).stem, message).encode())
 
 
 def is_same(file: str, other: str) -> bool:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from dynid.cli.arguments import refuse_missing_folders, refuse_overwriting
+from dynid.cli.arguments import refuse_missing_folders, refuse_overwriting, writes_junit
 from dynid.errors import DynidError, FileError, NumericalError, UsageError
 
 if TYPE_CHECKING:
@@ -34,7 +34,9 @@ class LocatedError(DynidError):
 @click.option(
     "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Set a value of the scene; repeatable."
 )
-@click.option("--junit", type=click.Path(), help="Write the outcome of the expectations as JUnit XML.")
+@click.option(
+    "--junit", type=click.Path(), help="Write the outcome of the expectations, or an error, as JUnit XML."
+)
 @click.option("--report", type=click.Path(), help="Also write an HTML report to this file.")
 @click.option(
     "--accuracy",
@@ -44,6 +46,7 @@ class LocatedError(DynidError):
 @click.option("-v", "--verbose", is_flag=True, help="Print the derivations, too: causality, reduction steps.")
 @click.option("--json", "as_json", is_flag=True, help="Print the answer as one JSON object.")
 @click.option("-q", "--quiet", is_flag=True, help="Print only errors and warnings.")
+@writes_junit("scene")
 def run(
     scene: str,
     output: str | None,

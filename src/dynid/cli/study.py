@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING
 import click
 from click.core import ParameterSource
 
-from dynid.cli.arguments import is_same, reads_results, refuse_missing_folders, refuse_overwriting
+from dynid.cli.arguments import (
+    is_same,
+    reads_results,
+    refuse_missing_folders,
+    refuse_overwriting,
+    report_in_junit,
+    writes_junit,
+)
 from dynid.errors import UsageError
 
 if TYPE_CHECKING:
@@ -80,6 +87,7 @@ def _seconds(ctx: click.Context, param: click.Parameter, value: float | None) ->
 @click.option("--report", type=click.Path(), help="Also write an HTML report to this file.")
 @click.option("--dry-run", is_flag=True, help="List the samples without running them.")
 @click.option("-q", "--quiet", is_flag=True, help="Print only errors and warnings.")
+@writes_junit("study")
 def study(
     study: str,
     output: str | None,
@@ -154,6 +162,8 @@ def study(
                 force=force, report=listener, notice=notice,
             )  # fmt: skip
     except KeyboardInterrupt as end:
+        if junit:
+            report_in_junit(Path(junit), study, end)
         click.echo(f"interrupted; finished samples are stored. Resume with: {_same_command()}", err=True)
         return 143 if isinstance(end, Terminated) else 130
     with open_stored(target) as result:
