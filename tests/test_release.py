@@ -28,6 +28,16 @@ def test_the_version_is_the_same_everywhere():
     assert f"version = {{{version}}}" in citation()
 
 
+def test_no_page_installs_a_release_that_is_not_out():
+    """A tag is there once its section of CHANGELOG has a date; until then pages install a commit."""
+    released = set(
+        re.findall(r"^## (\S+) \(\d{4}-\d{2}-\d{2}\)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    )
+    pages = [ROOT / "README.md", *(ROOT / "docs").rglob("*.md"), *(ROOT / "docs").rglob("*.yaml")]
+    installed = {tag for page in pages for tag in re.findall(r"\.git@v(\d[\w.]*)", page.read_text("utf-8"))}
+    assert installed <= released
+
+
 def test_the_citation_names_licence_and_papers():
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert cited["license"] == PROJECT["license"]
