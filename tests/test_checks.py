@@ -104,7 +104,7 @@ def test_met_expectations(result, path, demand):
         (ERRORS, {"value": 0, "at": {"parameter": 1.0}}, "no parameter 1; there are: 'upper.k', 'upper.c'"),
         (HISTORY, {"value": 5, "at": {"time": 0.15}}, "estimate has no time 0.15; there are: 0, 0.1, 0.2"),
         (HISTORY, {"value": 5, "at": {"entry": 3.0}}, "estimate has no entry 3; there are: 1, 2"),
-        (HISTORY, {"max": 4}, "estimate is 5 at time 0.2, entry 2, expected at most 4 (1 of 6 entries miss)"),
+        (HISTORY, {"max": 4}, "is 5 N at time 0.2, entry 2, expected at most 4 N (1 of 6 entries miss)"),
         ("steps", {"value": 1}, "steps is a table"),
     ],
 )  # fmt: skip
@@ -123,6 +123,23 @@ def test_a_value_meets_itself_and_only_its_neighbours(a, b):
     )
     assert same.passed
     assert other.passed == (a == b)
+
+
+@pytest.mark.parametrize(
+    ("value", "demand", "message"),
+    [
+        (0.689084729297614, {"max": 0.08}, "x is 0.6891 s, expected at most 0.08 s"),
+        (0.0800000012345, {"max": 0.08}, "x is 0.0800000012 s, expected at most 0.08 s"),
+        (-1234567.25, {"min": 2}, "x is -1.235e+06 s, expected at least 2 s"),
+        (0.30000000000000004, {"value": 0.3, "rtol": 0}, "x is 0.30000000000000004 s, expected 0.3 s"),
+        (123.456, {"value": 123, "rtol": 0.001}, "x is 123.5 s, expected 123 s"),
+    ],
+)
+def test_a_miss_is_said_with_its_unit_and_the_digits_that_show_it(value, demand, message):
+    result = Result("k")
+    result.add("x", value, units="s")
+    [outcome] = check_expectations(result, [{"path": "x", **demand}])
+    assert outcome.message == message
 
 
 def change(result, path, data, dims=()):

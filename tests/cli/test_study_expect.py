@@ -40,7 +40,7 @@ def test_statistics_that_miss_them_are_exit_1_at_their_line(dynid, study):
     code, _, err = dynid("study", study("0.7"), "--executor", "serial", "--junit", "out.xml", "-q")
     assert code == 1
     assert "masses.yaml:9:5: expectation failed: study/statistics/" in err
-    assert "median is 0.75, expected at most 0.7" in err
+    assert "median is 0.75 rad/s, expected at most 0.7 rad/s" in err
     assert ElementTree.parse("out.xml").getroot().get("failures") == "1"
     # the same again, without a sample run
     code, _, _ = dynid("study", "masses.yaml", "-q")

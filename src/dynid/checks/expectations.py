@@ -96,6 +96,7 @@ def _check(result: Result, expectation: Mapping[str, Any]) -> CheckOutcome:
         place, axes = _select(result, path, expectation.get("at", {}))
         picked = _lookup(result, path)
         data = _in_unit(picked, np.asarray(picked.data[place], dtype=picked.dtype), expectation)
+        unit = unit or (f" {picked.units}" if picked.units else "")
         found = words_of(data) + unit
         for met, bound, words in _demands(data, data.shape, expectation):
             misses = np.argwhere(~np.asarray(met))
@@ -105,10 +106,21 @@ def _check(result: Result, expectation: Mapping[str, Any]) -> CheckOutcome:
             labels = [f"{axis.dim} {word(axis.labels[at])}" for axis, at in zip(axes, first, strict=True)]
             where = f" at {', '.join(labels)}" if labels else ""
             count = f" ({len(misses)} of {data.size} entries miss)" if data.size > 1 else ""
-            raise _Unmet(f"is {word(data[first])}{unit}{where}, {words}{word(bound[first])}{unit}{count}")
+            said = _missing_word(data[first], bound[first])
+            raise _Unmet(f"is {said}{unit}{where}, {words}{word(bound[first])}{unit}{count}")
     except _Unmet as unmet:
         return CheckOutcome(False, path, expected, found, f"{path.rpartition('/')[2]} {unmet}")
     return CheckOutcome(True, path, expected, found, f"{path.rpartition('/')[2]} is {found}")
+
+
+def _missing_word(value: Any, bound: Any) -> str:
+    """Return a value that misses what is expected, with the fewest digits, at least four, that show it."""
+    real = all(np.asarray(one).dtype.kind == "f" and np.isfinite(one) for one in (value, bound))
+    if not real or float(value).is_integer():
+        return word(value)
+    most = abs(value - bound) / 10
+    texts = (f"{value:.{digits}g}" for digits in range(4, 17))
+    return next((text for text in texts if abs(float(text) - value) <= most), word(value))
 
 
 def _in_unit(variable: Variable, data: NDArray[Any], expectation: Mapping[str, Any]) -> NDArray[Any]:
