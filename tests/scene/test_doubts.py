@@ -5,6 +5,7 @@ import pytest
 from dynid.scene.doubts import scene_doubts
 from tests.scene.example_scenes import ISOLATOR, JOINTS, check
 
+UNEXPECTING = ISOLATOR.partition("expect:")[0]
 LIST, LINKS = "[2, 2, 1.5, 1, 1]", "{dofs: [4, 5], k: 2.0e4, c: 20}"
 
 
@@ -75,7 +76,7 @@ RESULTS = "[transfer_function, zeros, poles, properties, frequency_response, tim
 )
 def test_a_grid_with_which_nothing_is_computed_is_doubted(results, doubted):
     lines = {"frequency": 27, "time": 28}
-    text = ISOLATOR.replace(RESULTS, results).replace("initial: {m_s: {f: 0.1}}\n", "")
+    text = UNEXPECTING.replace(RESULTS, results).replace("initial: {m_s: {f: 0.1}}\n", "")
     found = doubts_of(text)
     assert [(line, column) for line, column, _ in found] == [(lines[name], 3) for name in doubted]
     for (_, _, message), name in zip(found, doubted, strict=True):
@@ -84,6 +85,6 @@ def test_a_grid_with_which_nothing_is_computed_is_doubted(results, doubted):
 
 def test_margins_of_loops_use_the_frequencies():
     loop = "control: {loops: [{from: m_s.f, to: v_in, controller: {gain: 0.1}, reference: r}]}\n"
-    text = ISOLATOR.replace(RESULTS, "[properties, time_response]")
+    text = UNEXPECTING.replace(RESULTS, "[properties, time_response]")
     assert [line for line, _, _ in doubts_of(text)] == [27]
     assert doubts_of(text.replace("inputs: [v_in]", "inputs: [r]") + loop) == []

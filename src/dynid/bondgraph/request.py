@@ -49,6 +49,24 @@ RESULTS: tuple[ResultName, ...] = get_args(ResultName)
 USUAL: frozenset[ResultName] = frozenset({"transfer_function", "zeros", "poles", "properties", "reduction"})
 
 
+#: The names under `bond_graph/properties/OUTPUT/INPUT/`, by the result that they come with.
+PROPERTIES: Mapping[ResultName, frozenset[str]] = {
+    "properties": frozenset(
+        {"relative_degree", "dc_gain", "high_frequency_gain", "stable", "stability", "minimum_phase"}
+        | {"order", "zero_stability", "prototype", "mode", "natural_frequency", "damping_ratio"}
+        | {"time_constant", "hidden_mode", "hidden_modes"}
+    ),
+    "hidden_modes": frozenset({"hidden_mode", "hidden_modes", "hidden_mode_cause", "hidden_mode_elements"}),
+    "step_info": frozenset(
+        {"step_status", "final_value", "initial_value", "rise_time", "settling_time", "transient_time"}
+        | {"overshoot", "undershoot", "peak", "peak_time"}
+    ),
+    "bandwidth": frozenset(
+        {"bandwidth_status", "bandwidth", "peak_gain", "peak_frequency", "half_power_low", "half_power_high"}
+    ),
+}
+
+
 Engine = Literal["auto", "exact", "float", "symbolic"]
 Reading = Literal["decimal", "binary"]
 FormulaForm = Literal["nested", "expanded"]

@@ -1,0 +1,102 @@
+"""Expectations of paths that no run of a bond graph gives are faults of its scene; others never are."""
+
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from dynid.bondgraph.request import PROPERTIES
+from dynid.lti.peaks import Bandwidth
+from dynid.lti.step_info import StepInfo
+from dynid.scene.doubts import scene_doubts
+from dynid.scene.load import check_source, load_scene
+from dynid.scene.run import run_scene
+from dynid.scene.yaml.source import apply_overrides, parse_source
+from tests.scene.example_scenes import ISOLATOR, check, faults_of
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+BASE = "bond_graph/properties"
+ALL = (
+    "[transfer_function, zeros, poles, properties, hidden_modes, step_info, bandwidth, energy, "
+    "sensitivities, frequency_response, time_response]"
+)
+RESULTS = "[transfer_function, zeros, poles, properties, frequency_response, time_response]"
+
+
+def expecting(path):
+    return ISOLATOR.partition("expect:")[0] + f"expect:\n  - {{path: {path}, value: true}}\n"
+
+
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        (f"{BASE}/m_s.f/v_in/stabel", "no channel has the property 'stabel'; did you mean 'stable'?"),
+        (f"{BASE}/m_s.f/v_in/settling_tim", "did you mean 'settling_time'?"),
+        (f"{BASE}/m_s.f/F/stable", "'F' is not an input; there are: v_in"),
+        (f"{BASE}/m_s.e/v_in/stable", "'m_s.e' is not an output; did you mean 'm_s.f'?"),
+        ("bond_graph/transfer_function/I_f.f/v_in/poles", "'I_f.f' is not an output"),
+    ],
+)
+def test_a_path_that_no_run_can_give_is_a_fault_at_its_place(path, said):
+    [fault] = faults_of(expecting(path))
+    assert fault.startswith("31:12: ")
+    assert said in fault
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        f"{BASE}/m_s.f/v_in/stable",
+        f"/{BASE}/m_s.f/v_in/stable",
+        f"{BASE}/m_s.f/v_in/natural_frequency",
+        "bond_graph/transfer_function/m_s.f/v_in/unit",
+        "bond_graph/margins/phase",
+        "kind",
+        "bond_graph/engine",
+    ],
+)
+def test_other_paths_are_left_to_the_run(path):
+    scene = check(expecting(path))
+    assert scene_doubts(scene) == []
+
+
+def test_a_property_of_a_result_that_is_not_requested_is_a_warning():
+    [doubt] = scene_doubts(check(expecting(f"{BASE}/m_s.f/v_in/overshoot")))
+    assert (doubt.line, doubt.column) == (31, 12)
+    assert doubt.message.startswith("'overshoot' comes with the result 'step_info', which 'results' does not")
+    requested = expecting(f"{BASE}/m_s.f/v_in/overshoot").replace(RESULTS, ALL)
+    assert scene_doubts(check(requested)) == []
+
+
+def test_the_known_properties_are_those_of_the_results():
+    for name, kind, status in (("step_info", StepInfo, "step"), ("bandwidth", Bandwidth, "bandwidth")):
+        own = {field.name for field in fields(kind) if field.name != "status"}
+        assert PROPERTIES[name] == {*own, f"{status}_status"}
+    result = run_scene(check(ISOLATOR.replace(RESULTS, ALL)))
+    found = {path.split("/")[4] for path in result if path.startswith(f"{BASE}/")}
+    known = set().union(*PROPERTIES.values())
+    assert found <= known
+    assert known - found <= {*PROPERTIES["step_info"], "dc_gain", "zero_stability"}  # may be undefined
+
+
+GRAPHS = [
+    "isolator_port",
+    "isolator_controlled",
+    "servo_axis",
+    "motor_beam",
+    "two_tank",
+    "table3",
+    "half_car",
+]
+
+
+@pytest.mark.parametrize("name", GRAPHS)
+def test_every_path_of_a_result_may_be_expected(name):
+    file = CONFIGS / f"{name}.yaml"
+    scene = load_scene(file)
+    text = file.read_text().partition("\nexpect:")[0].rstrip() + "\nexpect:\n"
+    result = run_scene(scene)
+    attributes = (f"{group}/{name}" for group, own in result.group_attrs.items() for name in own)
+    every = [*result, *attributes, *(f"{path}/{name}" for path in result for name in result[path].attrs)]
+    text += "".join(f"  - {{path: '{path}', value: 1}}\n" for path in every)
+    assert len(check_source(apply_overrides(parse_source(text, str(file)), ())).model.expect) == len(every)
