@@ -44,6 +44,8 @@ _POINT = "\N{MIDDLE DOT}"
 FUNCTIONS = {"sqrt": 1, "exp": 1, "log": 1, "sin": 1, "cos": 1, "tan": 1, "abs": 1, "min": 2, "max": 2}
 _ALLOWED = f"an expression is numbers, names, + - * / ** ( ), pi, and {' '.join(FUNCTIONS)}"
 
+_NO_UNITS = "a value is a number in SI units, without its unit"
+
 _BLANKS = str.maketrans("\t\n\r\f", "    ")
 _TOKEN = re.compile(
     r"(?P<number>(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)|(?P<name>[^\W\d]\w*(?:\.\w+)*)|\*\*|[-+*/(),]|\s+"
@@ -178,6 +180,7 @@ def _spelling_problem(name: str) -> str:
 def _check_tokens(text: str) -> None:
     opened: list[int] = []
     position, number = 0, ""
+    before = ""  # the operand before blanks
     while position < len(text):
         column = position + 1
         match = _TOKEN.match(text, position)
@@ -188,11 +191,8 @@ def _check_tokens(text: str) -> None:
                 sentence = "'^' is not a power; write **"
             raise ExpressionError(sentence, text, column)
         token = match.group()
-        if number and (match["name"] or match["number"]):
-            sentence = (
-                f"'{number}{token}' is neither a number nor a name; a product is written {number}*{token}"
-            )
-            raise ExpressionError(sentence, text, column - len(number))
+        if match["name"] or match["number"]:
+            _check_operator(text, position, token, number, before)
         if match["name"]:
             problem = f"'{token}' has no meaning here; {_ALLOWED}" if keyword.iskeyword(token) else ""
             if problem := problem or _spelling_problem(token):
@@ -206,10 +206,24 @@ def _check_tokens(text: str) -> None:
                 raise ExpressionError("this parenthesis closes nothing", text, column)
             opened.pop()
         number = match["number"] or ""
+        before = match["name"] or number or (before if token.isspace() else "")
         position = match.end()
     if opened:
         sentence = "this parenthesis is not closed; between { } an expression with a comma stands in quotes"
         raise ExpressionError(sentence, text, opened[-1])
+
+
+def _check_operator(text: str, position: int, token: str, number: str, before: str) -> None:
+    """Raise where no operator stands before an operand: behind a `number`, or behind blanks and `before`."""
+    column = position + 1
+    if number:
+        sentence = f"'{number}{token}' is neither a number nor a name; a product is written {number}*{token}"
+        raise ExpressionError(f"{sentence}; {_NO_UNITS}", text, column - len(number))
+    if re.match(r"[.0-9]", before) and not re.match(r"[.0-9]", token):
+        sentence = f"'{before} {token}': {_NO_UNITS}; a product is written {before}*{token}"
+        raise ExpressionError(sentence, text, column)
+    if before and not keyword.iskeyword(token):
+        raise ExpressionError(f"an operator is missing between '{before}' and '{token}'", text, column)
 
 
 def _node_problem(node: ast.expr) -> str:
