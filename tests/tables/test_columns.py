@@ -154,7 +154,7 @@ def test_an_infinite_value_in_hdf5_is_named_with_its_row(stored):
     ("columns", "message"),
     [
         (["u"], "has no column 'u'; it has time, v, w"),
-        (["vv"], "has no column 'vv'; did you mean 'v'?"),
+        (["vv"], "has no column 'vv'; did you mean 'v'? It has time, v, w."),
         ([4], "has 3 columns, no column 4"),
     ],
 )
@@ -163,6 +163,14 @@ def test_a_column_that_is_not_there_is_located_at_the_columns(written, columns, 
     said, names = refusal(read_columns, path, columns, place="measurement.file")
     assert message in said
     assert names == ("measurement.file.columns",)
+
+
+def test_the_column_of_another_sensor_is_not_suggested(written):
+    path = written("Zeit;Kraft [N];Beschl. 1 [g]\n0;1;2\n")
+    said, _ = refusal(read_columns, path, ["Beschl. 2"])
+    assert "has no column 'Beschl. 2'; it has Zeit, Kraft [N], Beschl. 1 [g]" in said
+    said, _ = refusal(read_columns, path, ["Beschl 1"])
+    assert "did you mean 'Beschl. 1 [g]'?" in said
 
 
 def test_a_name_that_stands_twice_is_refused(written):

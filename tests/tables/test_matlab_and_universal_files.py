@@ -176,7 +176,7 @@ def test_time_histories_of_a_universal_file(tmp_path, binary):
     np.testing.assert_allclose(read_columns(path, ["sensor 2"])[:, 0], Y[:, 1], atol=1e-5)
     np.testing.assert_allclose(read_signal(path, 1), Y[:, 0], atol=1e-5)
     assert "the times are 0.01 s apart, but 'step' is 0.03 s" in refusal(path, None, step=0.03)
-    assert "has no column 'sensor 3'; did you mean" in refusal(path, ["sensor 3"])
+    assert "has no column 'sensor 3'; it has sensor 1, sensor 2" in refusal(path, ["sensor 3"])
 
 
 def test_records_of_different_sampling_are_refused(tmp_path):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple, NoReturn
 import numpy as np
 
 from dynid.errors import FileError
-from dynid.suggestions import did_you_mean
+from dynid.suggestions import did_you_mean, shortened
 from dynid.tables.stamps import Clock, StepDisagreement, clock_of, printed_resolution
 from dynid.units import si_factor, split_heading, unit_fits
 
@@ -159,11 +159,12 @@ class DataTable:
         listings = ((self.names, name), (bare, name), (bare, split_heading(name)[0]))
         found = next((own for own, sought in listings if sought in own), None)
         if found is None:
-            hint = did_you_mean(name, self.names)
-            known = (
-                "" if hint else f"; it has {', '.join(self.names)}" if self.names else "; it has no header"
-            )
-            self.file.refuse(f"has no column '{name}'{hint or known}", key=key)
+            # Names that differ in their numbers alone are those of other sensors.
+            others = [own for own, short in zip(self.names, bare, strict=True) if not _numbered(name, short)]
+            hint = did_you_mean(name, others)
+            known = f"has {shortened(self.names, 20)}" if self.names else "has no header"
+            problem = f"has no column '{name}'{hint or f'; it {known}'}"
+            self.file.refuse(problem, f"It {known}." if hint else "", key=key)
         sought = name if name in found else split_heading(name)[0]
         if found.count(sought) > 1:
             self.file.refuse(f"has {found.count(sought)} columns '{sought}'", "Give its number.", key=key)
@@ -239,6 +240,12 @@ class DataTable:
             row = int(np.argmax(np.isnan(values).any(axis=1)))
             self.refuse_row(row, "a sample is missing", "Resampling needs every sample; drop the row.")
         return np.asarray(CubicSpline(times, values)(np.minimum(even, times[-1])))
+
+
+def _numbered(one: str, other: str) -> bool:
+    """Return True for two names that differ in numbers alone."""
+    bare, _ = split_heading(one)
+    return bare != other and re.sub(r"\d+", "0", bare) == re.sub(r"\d+", "0", other)
 
 
 def time_column(names: Sequence[str]) -> int | None:
