@@ -310,7 +310,13 @@ def place(text, fragment):
             ", |x]",
             "the model 'motor' has no port 'x'; it has supply",
         ),
-        ("models:", "use: none.yaml\nmodels:", "use: |none", "none.yaml: no such file"),
+        ("models:", "use: none.yaml\nmodels:", "use: |none", "none.yaml: no such file; 'use' is relative"),
+        (
+            "models:",
+            "use: dc_motor\nmodels:",
+            "use: |dc_motor",
+            "the model 'dc_motor' comes with dynid and needs no 'use': leave this out",
+        ),
         ("models:", "use: 3\nmodels:", "use: |3", "'use' names files of models"),
         ("m1.J.f", "m1.rotr.f", "[|m1.rotr", "'m1.rotr.f': no node 'm1.rotr'; did you mean 'm1.rotor'?"),
         (
@@ -335,6 +341,12 @@ def test_faults_stand_where_they_are_written(old, new, at, message):
     with pytest.raises((SceneError, FileError)) as raised:
         scene(text)
     assert f"scene.yaml:{place(text, at)}: {message}" in str(raised.value)
+
+
+def test_a_missing_file_of_models_is_not_answered_with_templates_of_scenes():
+    with pytest.raises(FileError) as raised:
+        scene(MOTOR.replace("models:", "use: none.yaml\nmodels:"))
+    assert "dynid new" not in str(raised.value)
 
 
 def test_one_mistake_is_reported_once():

@@ -92,7 +92,12 @@ def _used(source: Source, above: tuple[str, ...], faults: list[Fault]) -> Iterat
         try:
             found = read_source(file)
         except FileError as error:
-            raise FileError(str(source.fault(path, str(error)))) from None
+            if Path(name).stem in library_names():
+                message = f"the model '{Path(name).stem}' comes with dynid and needs no 'use': leave this out"
+                faults.append(source.fault(path, message))
+                continue
+            message = f"{error.problem}; 'use' is relative to the folder of its file"
+            raise FileError(str(source.fault(path, message))) from None
         if not isinstance(found.data, Mapping) or {"models", "use"}.isdisjoint(found.data):
             faults.append(source.fault(path, f"'{name}' has no 'models'"))
             continue

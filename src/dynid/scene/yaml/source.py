@@ -196,8 +196,8 @@ def _read_regular_file(name: str) -> bytes:
             scenes = [other for other in there if other.lower().endswith((".yaml", ".yml"))]
             bare = FilePath(name).name
             hint = next(filter(None, (did_you_mean(bare, some) for some in (scenes, there))), "")
-        hint = hint or ". To begin with a template: dynid new"
-        raise FileError(f"{name}: no such file{hint}", names=[name]) from None
+        remedy = "" if hint else "To begin with a template: dynid new"
+        raise FileError(f"{name}: no such file{hint}", remedy=remedy, names=[name]) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise FileError(f"{name} cannot be read: {reason}", names=[name]) from None
