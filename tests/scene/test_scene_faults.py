@@ -135,6 +135,12 @@ def test_what_is_no_scene_is_told_what_a_scene_is(text, fault):
         ("dynid: 1 ", "dynid: 1\ndynid: 1", "2:1: the key 'dynid' is given twice, first on line 1"),
         ("title: Passive tuned isolator", "title: 12", "3:8: 'title' must be a text, not 12"),
         ("b: 50", "b: 5O", "4:26: '5O' is neither a number nor a name"),
+        (
+            "b: 50",
+            "b: 50 Ns/m",
+            "4:26: '50 Ns': a value is a number in SI units, without its unit; a product",
+        ),
+        ("parameters:", "paramters:", "4:1: 'paramters' is not a key of a scene; did you mean 'parameters'?"),
         ("b: 50", "b: m_e, x: b + y", "4:34: no parameter 'y'"),
         ("b: 50", "b: 9**9**9", "4:26: the exact value has more than 20,000 binary digits"),
         ("b: 50", "b: .nan", "4:26: the value is not a number (nan)"),

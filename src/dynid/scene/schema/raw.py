@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from dynid.arithmetic.expression import ExpressionError, Number, parse, resolve_parameters
 from dynid.errors import Fault
 from dynid.scene.yaml.source import Source
+from dynid.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from dynid.arithmetic.dependent import Dependent
@@ -176,9 +177,15 @@ def read_names(source: Source, free: Mapping[str, float] | None = None) -> tuple
         identifying=free is not None or source.data.get("kind") == "identification",
         faulty=frozenset(raw.keys() - values.keys()),
         nodes=node_types(source.data) | references(source.data),
-        complete=isinstance(source.data.get("parameters", {}), dict),
+        complete=isinstance(source.data.get("parameters", {}), dict) and not _misnamed(source.data),
     )
     return names, faults
+
+
+def _misnamed(data: Mapping[Any, Any]) -> bool:
+    """Return True if a scene has its parameters under a wrong key, which is reported as such."""
+    others = (str(key) for key, value in data.items() if isinstance(value, dict))
+    return "parameters" not in data and any(did_you_mean(key, ["parameters"]) for key in others)
 
 
 def _dependent(
