@@ -64,6 +64,16 @@ def test_the_conda_recipe_has_the_version_and_the_dependencies_of_the_project():
     assert PROJECT["scripts"][name] == function
 
 
+def test_the_doctor_and_the_readme_list_every_extra_for_users():
+    from dynid.cli.start import _EXTRAS
+
+    users = PROJECT["optional-dependencies"].keys() - {"fuzz", "docs", "test", "dev"}
+    readme = (ROOT / "README.md").read_text("utf-8")
+    listed = readme.partition("Extras, as in")[2].partition("; `dynid doctor`")[0]
+    assert _EXTRAS.keys() == users
+    assert set(re.findall(r"`(\w+)`", listed)) == users
+
+
 def test_the_container_has_extras_that_exist_and_no_build_of_this_machine():
     container = (ROOT / "Dockerfile").read_text(encoding="utf-8")
     for extras in re.findall(r"\[([a-z,]+)\]'", container):

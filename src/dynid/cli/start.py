@@ -82,6 +82,7 @@ _EXTRAS = {
     "formats": "Universal Files, Nastran files, Parquet",
     "laboratory": "meshes, NetCDF",
     "figures": "figures as PDF and PNG",
+    "pandas": "results as tables of pandas",
     "posterior": "checks of importance samples",
     "xarray": "results as datasets of xarray",
     "cluster": "studies on a cluster",
