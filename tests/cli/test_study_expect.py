@@ -57,6 +57,18 @@ def test_an_error_replaces_the_junit_file_of_an_earlier_study(dynid, study, fold
     assert root.find(".//error").text in err
 
 
+def test_a_study_warns_of_what_its_scene_does_not_use(dynid, study, folder):
+    text = (folder / "small.yaml").read_text().replace("  time:", "  results: [properties]\n  time:")
+    (folder / "small.yaml").write_text(text)
+    code, _, err = dynid("study", study("0.75"), "--executor", "serial", "--dry-run")
+    assert (code, err) == (0, "")
+    code, _, err = dynid("check", "masses.yaml")
+    assert code == 0
+    assert err.count("small.yaml:") == err.count(": warning: nothing is computed with the block") == 2
+    _, _, err = dynid("study", "masses.yaml", "--executor", "serial", "-q")
+    assert err.count(": warning: nothing is computed with the block") == 2
+
+
 def test_expectations_of_the_scene_change_no_exit_code(dynid, study, folder):
     text = (folder / "small.yaml").read_text()
     (folder / "small.yaml").write_text(text.replace("dc_gain, value: 1", "dc_gain, value: 7"))
