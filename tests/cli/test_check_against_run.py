@@ -5,6 +5,8 @@ import re
 import numpy as np
 import pytest
 
+from tests.scene.example_scenes import ISOLATOR
+
 GRAPH = """\
 dynid: 1
 kind: bond-graph
@@ -187,3 +189,14 @@ def test_what_a_study_sets_is_no_fault_of_its_scene(dynid, data):
         STUDY.replace("PATH", matrix).replace("VALUES", "[[2, 1], [1, 2]], [[3, 1], [1, 3]]")
     )
     assert dynid("check", "study.yaml")[0] == 0
+
+
+def test_a_path_that_no_run_gives_is_refused_by_check_and_not_met_by_the_run(dynid, tmp_path):
+    scene = tmp_path / "isolator.yaml"
+    path = "bond_graph/properties/m_s.f/v_in/stabel"
+    scene.write_text(ISOLATOR.partition("expect:")[0] + f"expect: [{{path: {path}, value: true}}]\n")
+    code, _, said = dynid("check", scene)
+    assert (code, "did you mean 'stable'?" in said) == (2, True)
+    code, out, said = dynid("run", scene, "-o", tmp_path / "isolator.h5")
+    assert (code, "did you mean" in out + said) == (1, True)
+    assert (tmp_path / "isolator.h5").exists()

@@ -1,4 +1,4 @@
-"""Expectations of paths that no run of a bond graph gives are faults of its scene; others never are."""
+"""Expectations of paths that no run of a bond graph gives are found before it; others never are."""
 
 from dataclasses import fields
 from pathlib import Path
@@ -9,10 +9,11 @@ from dynid.bondgraph.request import PROPERTIES
 from dynid.lti.peaks import Bandwidth
 from dynid.lti.step_info import StepInfo
 from dynid.scene.doubts import scene_doubts
+from dynid.scene.kinds.expected_paths import impossible_paths
 from dynid.scene.load import check_source, load_scene
 from dynid.scene.run import run_scene
 from dynid.scene.yaml.source import apply_overrides, parse_source
-from tests.scene.example_scenes import ISOLATOR, check, faults_of
+from tests.scene.example_scenes import ISOLATOR, check
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 BASE = "bond_graph/properties"
@@ -38,9 +39,9 @@ def expecting(path):
     ],
 )
 def test_a_path_that_no_run_can_give_is_a_fault_at_its_place(path, said):
-    [fault] = faults_of(expecting(path))
-    assert fault.startswith("31:12: ")
-    assert said in fault
+    [fault] = impossible_paths(check(expecting(path)))
+    assert (fault.line, fault.column) == (31, 12)
+    assert said in fault.message
 
 
 @pytest.mark.parametrize(
@@ -58,6 +59,7 @@ def test_a_path_that_no_run_can_give_is_a_fault_at_its_place(path, said):
 def test_other_paths_are_left_to_the_run(path):
     scene = check(expecting(path))
     assert scene_doubts(scene) == []
+    assert list(impossible_paths(scene)) == []
 
 
 def test_a_property_of_a_result_that_is_not_requested_is_a_warning():
@@ -99,4 +101,6 @@ def test_every_path_of_a_result_may_be_expected(name):
     attributes = (f"{group}/{name}" for group, own in result.group_attrs.items() for name in own)
     every = [*result, *attributes, *(f"{path}/{name}" for path in result for name in result[path].attrs)]
     text += "".join(f"  - {{path: '{path}', value: 1}}\n" for path in every)
-    assert len(check_source(apply_overrides(parse_source(text, str(file)), ())).model.expect) == len(every)
+    expecting_all = check_source(apply_overrides(parse_source(text, str(file)), ()))
+    assert len(expecting_all.model.expect) == len(every)
+    assert list(impossible_paths(expecting_all)) == []

@@ -85,8 +85,9 @@ def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...],
 
 
 def _obstacles(scene: Scene) -> tuple[list[str], int]:
-    """Return the errors that prevent a valid scene from running, and the exit code of its run."""
+    """Return what prevents a valid scene from running and meeting its expectations, and the exit code."""
     from dynid.scene.files import missing_files
+    from dynid.scene.kinds.expected_paths import impossible_paths
     from dynid.scene.kinds.study import base_scene
     from dynid.scene.run import preparation_errors
 
@@ -109,8 +110,11 @@ def _obstacles(scene: Scene) -> tuple[list[str], int]:
     for error in errors:
         found += error.faults if isinstance(error, SceneError) else [checked.locate(error)]
         code = code or error.exit_code
-    missing = missing_files(scene)
-    in_order = sorted([*found, *missing], key=lambda fault: (fault.file, fault.line, fault.column))
+    missing, impossible = missing_files(scene), list(impossible_paths(checked))
+    code = code or (SceneError.exit_code if impossible else 0)
+    in_order = sorted(
+        [*found, *missing, *impossible], key=lambda fault: (fault.file, fault.line, fault.column)
+    )
     return list(dict.fromkeys(map(str, in_order))), code or (FileError.exit_code if missing else 0)
 
 

@@ -1,9 +1,12 @@
-"""Expectations of bond graphs whose paths no run of the scene can give, found before it is run."""
+"""Expectations of bond graphs whose paths no run of the scene can give, found before it is run.
+
+`dynid check` refuses them; a run, of which they are the least part, reports them as not met at its end.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 from dynid.bondgraph.request import PROPERTIES, ResultName
 from dynid.scene.schema.raw import MULTIPORTS, node_types, references
@@ -28,12 +31,14 @@ class _Path(NamedTuple):
     name: str
 
 
-def impossible_paths(scene: Scene, model: BondGraphScene) -> Iterator[Fault]:
-    """Yield the expectations of outputs, inputs and properties that the scene does not have.
+def impossible_paths(scene: Scene) -> Iterator[Fault]:
+    """Yield the expectations of outputs, inputs and properties that a bond graph does not have.
 
     Of graphs with multiports and structures, whose channels have names of their own, only properties.
     """
-    data = scene.source.data
+    if scene.kind != "bond-graph":
+        return
+    data, model = scene.source.data, cast("BondGraphScene", scene.model)
     types = node_types(data) | references(data)
     outputs = [str(port) for port in model.analysis.outputs]
     sources = [str(name) for name in model.analysis.inputs or ()]
