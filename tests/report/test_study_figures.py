@@ -94,3 +94,48 @@ def test_a_grid_leads_with_the_results_over_its_axes():
     assert leading("study", figures(line))[0].name == "course"
     assert "y (rad/s)" in drawn(line)["course"].svg
     assert leading("study", figures(random(60)))[0].name == "distributions"
+
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+def plots(figure):
+    """Return the title and the ends of the x axis of each subplot."""
+    found = []
+    for group in ET.fromstring(figure.svg).iter(f"{SVG}g"):
+        if group.get("class") == "plot":
+            texts = [t.text for t in group.iter(f"{SVG}text") if "strong" in t.get("class", "")]
+            found.append((texts, tuple(map(float, group.get("data-x").split()[1:]))))
+    return found
+
+
+def test_a_tornado_is_of_the_samples_and_has_a_share_for_each_result():
+    a, b = (values.ravel() for values in np.meshgrid(np.geomspace(1, 1e4, 9), np.geomspace(1, 1e4, 9)))
+    noise = np.random.default_rng(1).normal(size=81)
+    results = {"some/curved": 1e4 / (a + b), "some/straight": np.log(a) - np.log(b), "some/noise": noise}
+    tornado = drawn(study({"parameters.a": a, "parameters.b": b}, results))["tornado"]
+    assert [titles for titles, _ in plots(tornado)] == [["curved"], ["straight"]]
+    shares = [t.text for t in ET.fromstring(tornado.svg).iter(f"{SVG}text") if "R²" in (t.text or "")]
+    assert len(shares) == 2
+    assert shares[1] == "R² 1.00"
+    assert 0 < float(shares[0].removeprefix("R² ")) < 0.9
+    values = [row[4:6] for row in tornado.table.rows if "curved" in row[0]]
+    assert (1e4 / (a + b)).min() <= np.min(values)
+    assert np.max(values) <= (1e4 / (a + b)).max()
+    assert "No bars for noise: no input moves the mean" in tornado.caption
+
+
+def test_parts_of_a_variance_are_drawn_from_0_to_100_percent_with_standard_errors():
+    a, b = (values.ravel() for values in np.meshgrid(np.arange(1.0, 10.0), np.arange(1.0, 10.0)))
+    figure = drawn(study({"parameters.a": a, "parameters.b": b}, {"some/y": a, "some/z": a * b}))["sobol"]
+    assert [ends for _, ends in plots(figure)] == [(0, 100), (0, 100)]
+    assert min(row[2] for row in figure.table.rows) < 0
+    assert "Negative estimates are drawn as 0" in figure.caption
+    assert "± standard error" in figure.svg
+
+
+def test_the_magnitudes_of_a_conjugate_pair_are_one_number():
+    k = np.linspace(1, 4, 9)
+    poles = np.stack([-1 + 1j * k, -1 - 1j * k], axis=1)
+    figure = drawn(study({"parameters.k": k}, {"some/poles": poles}))["distributions"]
+    assert [row[0] for row in figure.table.rows] == ["|poles[1]| (rad/s)"]

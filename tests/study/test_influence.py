@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc, sobol_indices, spearmanr
 
-from dynid.study.analysis.design import one_at_a_time, saltelli_design, tornado
+from dynid.study.analysis.design import is_logarithmic, one_at_a_time, saltelli_design, tornado
 from dynid.study.analysis.influence import (
     Influences,
     classes,
@@ -167,17 +167,49 @@ def test_the_tornado_of_a_linear_model_is_the_model():
     assert {bar.input: bar.slope for bar in found.bars} == pytest.approx(
         {"a": 3, "b": -2e-6, "c": 0}, abs=1e-12
     )
-    known = x["a"][np.isfinite(values)]
-    assert found.bars[0].swing == pytest.approx(3 * np.diff(np.quantile(known, [0.05, 0.95]))[0], rel=1e-12)
+    known = np.sort(x["a"][np.isfinite(values)])
+    fifth = round(len(known) / 5)
+    swing = 3 * (known[-fifth:].mean() - known[:fifth].mean())
+    assert found.bars[0].swing == pytest.approx(swing, rel=1e-12)
+    assert [bar.exceeds_chance for bar in found.bars] == [True, True, False]
     assert found.r2 == pytest.approx(1, abs=1e-12)
-    assert found.method == "regression"
+    assert found.method == "conditional means"
+
+
+def test_a_tornado_stays_within_the_samples_and_knows_logarithms():
+    a, b = (values.ravel() for values in np.meshgrid(np.geomspace(1, 1e4, 9), np.geomspace(1, 1e4, 9)))
+    found = tornado({"a": a, "b": b}, 1e4 / (a + b))
+    ends = [end for bar in found.bars for end in (bar.at_low, bar.at_high)]
+    assert min(ends) >= (1e4 / (a + b)).min()
+    assert max(ends) <= (1e4 / (a + b)).max()
+    bar = next(bar for bar in found.bars if bar.input == "a")
+    lowest = a <= np.sort(a)[15]  # the lowest of 81 samples, and those equal to them
+    assert bar.at_low == pytest.approx((1e4 / (a + b))[lowest].mean(), rel=1e-12)
+    assert tornado({"a": a, "b": b}, 3 * np.log(a) - np.log(b)).r2 == pytest.approx(1, abs=1e-12)
+    straight = tornado({"a": np.log(a), "b": np.log(b)}, 3 * np.log(a) - np.log(b))
+    assert {bar.input: bar.slope for bar in straight.bars} == pytest.approx({"a": 3, "b": -1})
+
+
+def test_inputs_spaced_by_their_logarithm_are_known_on_grids_and_at_random():
+    rng = np.random.default_rng(3)
+    assert is_logarithmic(np.repeat(np.geomspace(1, 3, 4), 5))
+    assert is_logarithmic(10 ** rng.uniform(-2, 2, 200))
+    assert not is_logarithmic(np.linspace(1, 1000, 7))
+    assert not is_logarithmic(rng.uniform(1, 1000, 200))
+    assert not is_logarithmic(np.array([-1.0, 1.0, 10.0, 100.0]))
+
+
+def test_results_that_no_input_moves_say_so():
+    rng = np.random.default_rng(8)
+    found = tornado({"x": rng.random(400), "y": rng.random(400)}, rng.normal(size=400))
+    assert found.remark == "no input moves the mean by more than two standard errors"
 
 
 def test_a_bent_response_is_not_trusted():
     x = np.linspace(-1, 1, 101)
     found = tornado({"x": x, "y": np.random.default_rng(1).random(101)}, x**2)
     assert found.r2 < 0.2
-    assert "only order and direction" in found.remark
+    assert "no input moves the mean" in found.remark
 
 
 def test_inputs_that_move_together_are_not_told_apart():

@@ -7,17 +7,19 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.report.diagrams.study_samples import StudyNumbers
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture
-from dynid.report.notation import short
-from dynid.report.plot import Bars, Layer, PlotAxis, ReferenceLine, Subplot, chart, series_class
+from dynid.report.notation import labelled, short
+from dynid.report.plot import Bars, Curve, Layer, PlotAxis, Subplot, chart, series_class
 from dynid.study.analysis.design import tornado
 from dynid.study.analysis.influence import Influences
 
 if TYPE_CHECKING:
     from dynid.result import Result
 
+Floats = NDArray[np.float64]
 _PANELS, _BARS = 8, 12
 
 
@@ -43,17 +45,19 @@ def _in_pairs(name: str, title: str, about: str, subplots: Sequence[Subplot], ot
 
 def _tornadoes(numbers: StudyNumbers, name: str, title: str) -> Picture:
     names = {number.path: number.name for number in numbers.inputs}
-    subplots, rows, remark = list[Subplot](), list[tuple[CellValue, ...]](), ""
+    subplots, rows, left, reasons = list[Subplot](), list[tuple[CellValue, ...]](), 0, dict[str, str]()
+    fitted = False
     for number in numbers.outputs:
         found = tornado(numbers.table.inputs, number.values)
-        if found is None or not found.bars:
+        if found is None or not any(bar.exceeds_chance for bar in found.bars):
+            reasons[number.name] = "too few samples" if found is None else found.remark
             continue
-        remark = remark or f"{found.remark[0].upper()}{found.remark[1:]}."
         rows += [
-            (number.label, bar.input, bar.low, bar.high, bar.at_low, bar.at_high, bar.slope)
+            (number.label, bar.input, bar.low, bar.high, bar.at_low, bar.at_high, bar.slope, found.r2)
             for bar in found.bars
         ]
         if len(subplots) == _PANELS:
+            left += 1
             continue
         bars = found.bars[:_BARS][::-1]
         place = np.arange(len(bars), dtype=float)
@@ -69,11 +73,24 @@ def _tornadoes(numbers: StudyNumbers, name: str, title: str) -> Picture:
         ]
         upright = PlotAxis("", names=tuple(names.get(bar.input, bar.input) for bar in bars))
         height = max(70.0, 26.0 * len(bars))
-        subplots.append(Subplot(PlotAxis(number.label), upright, layers, height=height))
-    about = "Results with one input at its low (orange) and at its high end (blue). "
-    about += remark or "No result varies enough."
+        own_fit = bool(np.isfinite(found.r2))
+        fitted = fitted or own_fit
+        across = PlotAxis(labelled("mean" if own_fit else "result", number.units))
+        heading = number.name + (f"\nR² {found.r2:.2f}" if own_fit else "")
+        subplots.append(Subplot(across, upright, layers, heading, height=height))
+    about = "Results with one input at its low (orange) and at its high end (blue), around one centre."
+    if fitted:
+        about = (
+            "Means of the samples in the lowest (orange) and the highest fifth (blue) of each input. R²: the "
+            "share of the variance that a linear model explains, in the logarithm of inputs spaced by it."
+        )
+    about = about if subplots else ""
+    about += f" The first {_PANELS} of {_PANELS + left} results." if left else ""
+    for reason in dict.fromkeys(reasons.values()):
+        about += f" No bars for {', '.join(own for own in reasons if reasons[own] == reason)}: {reason}."
+    about = about.strip()
     svg = _in_pairs(name, title, about, subplots, "no result depends on an input")
-    columns = ("number", "input", "low", "high", "at low", "at high", "slope")
+    columns = ("number", "input", "low", "high", "at low", "at high", "slope", "R²")
     return Picture(svg, about, FigureTable(columns, tuple(rows)))
 
 
@@ -84,38 +101,59 @@ def _indices(numbers: StudyNumbers, name: str, title: str) -> Picture:
         ", ".join(short_names.get(part, part) for part in factor.split(", ")) for factor in influences.factors
     ]
     subplots, rows, estimator = list[Subplot](), list[tuple[CellValue, ...]](), ""
-    with_total = False
+    with_total = negative = False
     for number in numbers.outputs:
         found = influences.of(number.values)
         if found is None:
             continue
         estimator = found.estimator
         first, error = found.first, found.first_error
-        total = found.total if found.total is not None else np.full(len(names), np.nan)
+        none = np.full(len(names), np.nan)
+        total, total_error = (one if one is not None else none for one in (found.total, found.total_error))
         both = bool(np.isfinite(total).any())
         with_total = with_total or both
         rows += [
-            (number.label, own, float(alone), float(spread), float(whole))
-            for own, alone, spread, whole in zip(names, first, error, total, strict=True)
+            (number.label, own, *map(float, parts))
+            for own, *parts in zip(names, first, error, total, total_error, strict=True)
         ]
+        negative = negative or bool((first < 0).any() or (total < 0).any())
         if len(subplots) == _PANELS:
             continue
         order = np.argsort(np.where(np.isfinite(first), first, -1), kind="stable")[-_BARS:]
         place, zero = np.arange(len(order), dtype=float), np.zeros(len(order))
         shift, thick = (0.2, 0.35) if both else (0.0, 0.55)
-        tips = [f"{names[k]}: {100 * first[k]:.3g} ± {100 * error[k]:.2g} %" for k in order]
-        alone = Bars(place + shift, zero, 100 * first[order], "alone", series_class(0), thick, True, tips)
-        layers: list[Layer] = [alone, ReferenceLine(0.0, "", "hair", upright=True)]
-        if both:
-            values = 100 * total[order]
-            label = "with interactions (total)"
-            layers.append(Bars(place - shift, zero, values, label, series_class(1), 0.35, True))
+        layers = list[Layer]()
+        for part, spread, label, off in (
+            (first, error, "alone", shift),
+            (total, total_error, "with interactions (total)", -shift),
+        )[: 1 + both]:
+            percent, half = 100 * part[order], 100 * spread[order]
+            tips = [f"{names[k]}: {100 * part[k]:.3g} ± {100 * spread[k]:.2g} %" for k in order]
+            cls = series_class(off < 0)
+            layers.append(Bars(place + off, zero, np.clip(percent, 0, 100), label, cls, thick, True, tips))
+            layers.append(_whiskers(place + off, percent - half, percent + half))
         upright = PlotAxis("", names=tuple(names[k] for k in order))
         height = max(70.0, 26.0 * len(order))
-        across = PlotAxis("part of the variance (%)")
-        subplots.append(Subplot(across, upright, layers, number.label, height=height))
+        across = PlotAxis("part of the variance (%)", low=0, high=100)
+        subplots.append(Subplot(across, upright, layers, number.name, height=height))
     totals = " (blue) and with interactions (orange)" if with_total else ""
     about = f"Part of the variance that each input explains alone{totals}; {estimator or 'too few samples'}."
+    about += " Negative estimates are drawn as 0; the table has them." if negative else ""
     svg = _in_pairs(name, title, about, subplots, "too few samples")
-    columns = ("number", "input", "first order", "its standard error", "total order")
+    columns = (
+        "number",
+        "input",
+        "first order",
+        "its standard error",
+        "total order",
+        "standard error of the total",
+    )
     return Picture(svg, about, FigureTable(columns, tuple(rows)))
+
+
+def _whiskers(place: Floats, low: Floats, high: Floats) -> Curve:
+    """Return horizontal lines between the ends of standard errors, of parts from 0 to 100 %."""
+    gap = np.full(len(place), np.nan)
+    x = np.column_stack([np.clip(low, 0, 100), np.clip(high, 0, 100), gap]).ravel()
+    y = np.column_stack([place, place, gap]).ravel()
+    return Curve(x, y, "± standard error", "line", spans=False)

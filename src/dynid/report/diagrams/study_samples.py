@@ -87,7 +87,10 @@ class StudyNumbers:
 
     @cached_property
     def outputs(self) -> list[StudyVariable]:
-        """Results that are numbers and vary, named by the shortest distinct ends of their paths."""
+        """Results that are numbers and vary, named by the shortest distinct ends of their paths.
+
+        Magnitudes that repeat the column before, such as those of a conjugate pair, are omitted.
+        """
         found: list[StudyVariable] = []
         magnitudes = set()
         for path in sorted(filter(self.table.is_number, self.table.paths)):
@@ -96,8 +99,11 @@ class StudyNumbers:
             for column in islice(self.table.columns(path), ENTRIES):
                 known = column.values[np.isfinite(column.values)]
                 if known.size > 1 and np.ptp(known) > _ROUNDING * np.abs(known).max():
+                    size = self.table.variable(path).dtype.kind == "c"
+                    if size and found and np.array_equal(found[-1].values, column.values, equal_nan=True):
+                        continue  # of a conjugate pair, or the natural frequencies
                     found.append(StudyVariable(column.name, column.name, column.units, column.values))
-                    if self.table.variable(path).dtype.kind == "c":
+                    if size:
                         magnitudes.add(column.name)
         found = found[:COLUMNS]
         names = paths = [number.path for number in found]

@@ -1,4 +1,4 @@
-"""Sampling designs recognised from the samples; tornado diagrams of one-at-a-time designs."""
+"""Sampling designs recognised from the samples; tornado diagrams."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from dynid.study.analysis.sample_statistics import QUANTILES, quantile
 
 Columns = Mapping[str, NDArray[Any]]
 
@@ -128,6 +126,30 @@ Floats = NDArray[np.float64]
 TRUSTED = 0.9
 #: Condition number of the inputs' correlations above which the inputs are not distinguishable.
 _INSEPARABLE = 1e8
+#: Share of the samples that are at one end of an input, and standard errors that exceed chance.
+_END, _CHANCE = 0.2, 2.0
+#: Relative differences that are round-off.
+_ROUNDING = 1e-12
+#: Ratio of the ends of an input beyond which it may be spaced by its logarithm.
+_DECADE = 10.0
+
+
+def is_even(values: Floats) -> bool:
+    """Return True if ascending values are evenly spaced."""
+    steps = np.diff(values)
+    return bool(np.ptp(steps) <= 1e-6 * np.abs(steps).max())
+
+
+def is_logarithmic(column: Floats) -> bool:
+    """Return True if an input is spaced by its logarithm: on a grid, or around the median of its samples."""
+    levels = np.unique(column)
+    if len(levels) < 3 or not levels[0] > 0 or not np.isfinite(levels[-1]) or is_even(levels):
+        return False
+    if is_even(np.log(levels)):
+        return True
+    low, middle, high = levels[0], float(np.median(column)), levels[-1]
+    off = abs((middle - low) / (high - low) - 0.5), abs(np.log(middle / low) / np.log(high / low) - 0.5)
+    return bool(high > _DECADE * low and off[1] < off[0])
 
 
 @dataclass(frozen=True)
@@ -139,11 +161,15 @@ class Bar:
     input
         The input's path in the scene.
     low, high
-        The ends of the input.
+        The ends of the input; of other samples than one at a time, the medians of its lowest and its highest
+        fifth.
     at_low, at_high
-        The result at these ends.
+        The result at these ends; of other samples than one at a time, its means in these fifths.
     slope
-        The local sensitivity d result / d input.
+        The local sensitivity d result / d input, at the mean of the input; at the geometric mean where the
+        input is spaced by its logarithm.
+    error
+        Standard error of the swing; 0 for samples one at a time, NaN where an end has one sample only.
     """
 
     input: str
@@ -152,11 +178,17 @@ class Bar:
     at_low: float
     at_high: float
     slope: float
+    error: float = 0.0
 
     @property
     def swing(self) -> float:
         """Signed change of the result between the ends."""
         return self.at_high - self.at_low
+
+    @property
+    def exceeds_chance(self) -> bool:
+        """True if the swing is not within two standard errors of zero."""
+        return abs(self.swing) > (0.0 if np.isnan(self.error) else _CHANCE * self.error)
 
 
 @dataclass(frozen=True)
@@ -168,9 +200,9 @@ class Tornado:
     bars
         One for each input that is a number and varies.
     method
-        `one at a time` or `regression`.
+        `one at a time` or `conditional means`.
     r2
-        Share of the variance that the regression explains; NaN for samples one at a time.
+        Share of the variance that a linear model explains; NaN for samples one at a time.
     remark
         The reliability, in words.
     """
@@ -199,7 +231,9 @@ def tornado(inputs: Mapping[str, NDArray[Any]], values: Floats) -> Tornado | Non
     Notes
     -----
     For samples that differ from a centre in one input each, slopes are those between the ends of the input.
-    Other samples are fitted by a linear model; the ends are the 5 % and 95 % quantiles of the input.
+    Of other samples, the ends are the lowest and the highest fifth in the input. The result there is the mean
+    of these samples, less the linear effects of the other inputs (partial residuals), and within the range of
+    all samples. Slopes and R² are those of a linear model, in the logarithm of inputs that are spaced by it.
     """
     known = np.isfinite(values)
     numbers = {name: column for name, column in inputs.items() if column.dtype.kind in "bif"}
@@ -221,38 +255,59 @@ def tornado(inputs: Mapping[str, NDArray[Any]], values: Floats) -> Tornado | Non
             return None
         remark = "around one centre: exact there, without interactions of inputs"
         return Tornado(_by_swing(bars), "one at a time", float("nan"), remark)
-    return _fitted({name: column[known].astype(float) for name, column in numbers.items()}, values[known])
+    return _averaged({name: column[known].astype(float) for name, column in numbers.items()}, values[known])
 
 
-def _fitted(inputs: Mapping[str, Floats], y: Floats) -> Tornado | None:
+def _averaged(inputs: Mapping[str, Floats], y: Floats) -> Tornado | None:
     varying = {name: x for name, x in inputs.items() if len(x) and x.min() < x.max() and np.isfinite(x).all()}
     n = len(y)
     if not varying or n < len(varying) + 2:
         return None
-    x = np.column_stack(list(varying.values()))
+    logs = {name: is_logarithmic(x) for name, x in varying.items()}
+    x = np.column_stack([np.log(x) if logs[name] else x for name, x in varying.items()])
     mean, scale = x.mean(axis=0), x.std(axis=0)
     standard = (x - mean) / scale
     centred = y - y.mean()
     correlations = standard.T @ standard / n
     if np.linalg.cond(correlations) > _INSEPARABLE:
         remark = "the inputs are collinear: the samples do not distinguish them"
-        return Tornado((), "regression", float("nan"), remark)
+        return Tornado((), "conditional means", float("nan"), remark)
     slopes = np.linalg.solve(correlations, standard.T @ centred / n)
     power = float(centred @ centred)
     left = centred - standard @ slopes
     r2 = 1 - float(left @ left) / power if power > 0 else float("nan")
     bars = []
-    for (name, column), slope in zip(varying.items(), slopes / scale, strict=True):
-        ordered, count = np.sort(column), np.array(n)
-        low, high = (float(quantile(ordered, count, QUANTILES[end])) for end in ("p05", "p95"))
-        at = [float(y.mean() + slope * (end - column.mean())) for end in (low, high)]
-        bars.append(Bar(name, low, high, at[0], at[1], float(slope)))
-    remark = f"a linear model explains {100 * r2:.3g} % of the variance"
+    errors = left * np.sqrt(n / (n - len(slopes) - 1))
+    for place, (name, column) in enumerate(varying.items()):
+        own = y.mean() + slopes[place] * standard[:, place] + left  # without the linear effects of the others
+        slope = slopes[place] / scale[place] / (np.exp(mean[place]) if logs[name] else 1.0)
+        bars.append(_bar(name, column, float(slope), own, errors, (float(y.min()), float(y.max()))))
+    of_log = " (in the logarithm of " + ", ".join(name for name in logs if logs[name]) + ")"
+    remark = f"a linear model{of_log if any(logs.values()) else ''} explains {100 * r2:.3g} % of the variance"
     if np.isnan(r2):
         remark = "the result does not vary"
+    elif not any(bar.exceeds_chance for bar in bars):
+        remark = "no input moves the mean by more than two standard errors"
     elif r2 < TRUSTED:
-        remark += ": only order and direction of the longest bars are reliable; prefer the Sobol indices"
-    return Tornado(_by_swing(bars), "regression", r2, remark)
+        remark += ": means of samples hide curvature and interactions; see the Sobol indices, too"
+    return Tornado(_by_swing(bars), "conditional means", r2, remark)
+
+
+def _bar(
+    name: str, column: Floats, slope: float, own: Floats, errors: Floats, within: tuple[float, float]
+) -> Bar:
+    """Return the bar between the samples with the lowest and those with the highest values of an input."""
+    ordered, count = np.sort(column), max(1, round(_END * len(column)))
+    low, high = ordered[count - 1], ordered[-count]
+    if not low < high:  # most samples have the same value
+        low, high = ordered[0], ordered[-1]
+    ends = [column <= low, column >= high]
+    error = float("nan")
+    if all(end.sum() > 1 for end in ends):
+        error = float(np.sqrt(sum(np.mean(errors[end] ** 2) / end.sum() for end in ends)))
+    first, last = (float(np.median(column[end])) for end in ends)
+    at_low, at_high = (float(np.clip(own[end].mean(), *within)) for end in ends)
+    return Bar(name, first, last, at_low, at_high, slope, max(error, _ROUNDING * (within[1] - within[0])))
 
 
 def _by_swing(bars: list[Bar]) -> tuple[Bar, ...]:
