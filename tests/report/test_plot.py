@@ -22,9 +22,10 @@ from dynid.report.plot import (
     ReferenceLine,
     Subplot,
     chart,
+    parallel_coordinates,
     series_class,
 )
-from dynid.report.plot.chart import parallel_coordinates
+from dynid.report.plot.chart import embedded
 from dynid.report.plot.layers import by_column, decimated, runs, straightened
 from dynid.report.svg import SMALL, text_width
 
@@ -214,7 +215,9 @@ def test_nothing_to_show_is_drawn_as_such():
 
 def test_samples_as_lines_have_a_line_each_and_no_text_on_another():
     values = np.random.default_rng(1).normal(size=(50, 4))
-    text = parallel_coordinates("p", "Samples", ["a (m)", "b", "c", "d"], values)
+    text = parallel_coordinates(
+        "p", "Samples", [PlotAxis(label) for label in ("a (m)", "b", "c", "d")], values
+    )
     assert (
         sum(
             path.get("d").count("M")
@@ -224,6 +227,13 @@ def test_samples_as_lines_have_a_line_each_and_no_text_on_another():
         == 50
     )
     texts, _, _ = geometry(text)
+    assert "Samples" in [one[0] for one in texts]
+    token = embedded.set(280.0)
+    try:  # a page has the title above the figure
+        alone = parallel_coordinates("p", "Samples", [PlotAxis("a (m)"), PlotAxis("b")], values[:, :2])
+    finally:
+        embedded.reset(token)
+    assert "Samples" not in [one[0] for one in geometry(alone)[0]]
     assert not [1 for one, other in combinations(texts, 2) if overlap(one[2], other[2])]
 
 

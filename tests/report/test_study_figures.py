@@ -139,3 +139,47 @@ def test_the_magnitudes_of_a_conjugate_pair_are_one_number():
     poles = np.stack([-1 + 1j * k, -1 - 1j * k], axis=1)
     figure = drawn(study({"parameters.k": k}, {"some/poles": poles}))["distributions"]
     assert [row[0] for row in figure.table.rows] == ["|poles[1]| (rad/s)"]
+
+
+def test_results_that_some_samples_lack_leave_no_sample_without_a_line():
+    count = np.arange(7.0)
+    late = np.where(count < 5, np.nan, count)
+    result = study({"modes.count": count}, {"some/early": count**2, "some/late": late})
+    figure = drawn(result)["parallel"]
+    assert [row[0] for row in figure.table.rows] == list(range(7))
+    assert "1 result with missing values is omitted" in figure.caption
+    texts = [t.text for t in ET.fromstring(figure.svg).iter(f"{SVG}text") if "tick" in t.get("class", "")]
+    assert {"0", "1", "2", "3", "4", "5", "6"} <= set(texts)
+    assert "0.5" not in texts
+    every = study({"modes.count": count}, {"some/late": late})
+    assert "2 of 7 samples are drawn, the others lack a value" in drawn(every)["parallel"].caption
+
+
+def test_inputs_spaced_by_their_logarithm_have_logarithmic_axes_everywhere():
+    a, b = (values.ravel() for values in np.meshgrid(np.geomspace(1, 1e4, 9), np.linspace(1, 9, 9)))
+    found = drawn(study({"parameters.a": a, "parameters.b": b}, {"some/y": a / b}))
+    for name in ("map", "scatter"):
+        axes = {
+            g.get("data-x").split()[0]: g
+            for g in ET.fromstring(found[name].svg).iter(f"{SVG}g")
+            if g.get("data-x")
+        }
+        assert set(axes) == ({"log"} if name == "map" else {"log", "lin"})
+    levels = sorted({float(path.split()[1]) for path in lines_of(found["parallel"].svg)})
+    assert np.diff(levels) == pytest.approx(np.full(8, levels[1] - levels[0]), abs=0.2)
+
+
+def lines_of(svg):
+    """Return the beginning of the line of each sample: x and y."""
+    paths = (
+        path.get("d") for path in ET.fromstring(svg).iter(f"{SVG}path") if "fine" in path.get("class", "")
+    )
+    return [line.partition("L")[0] for d in paths for line in d.split("M")[1:]]
+
+
+def test_figures_of_some_columns_say_of_how_many():
+    rng = np.random.default_rng(2)
+    x = {f"parameters.p_{k}": rng.random(20) for k in range(5)}
+    found = drawn(study(x, {f"some/y_{k}": rng.random(20) for k in range(6)}))
+    assert "6 of 11 columns" in found["scatter"].caption
+    assert "9 of 11 columns" in found["parallel"].caption

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.number_format import counted
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture, evenly_spaced, table_of
 from dynid.report.notation import labelled, short
 from dynid.report.plot import (
@@ -28,6 +29,7 @@ from dynid.report.plot import (
     chart,
     parallel_coordinates,
 )
+from dynid.study.analysis.design import is_logarithmic
 from dynid.study.analysis.influence import correlations, scatter
 from dynid.study.analysis.sample_statistics import NAMES, statistics
 from dynid.study.analysis.table import StudyTable
@@ -49,17 +51,28 @@ _ROUNDING = 1e-12
 
 
 class StudyVariable(NamedTuple):
-    """A number of each sample: its short name, its full name, its units and values."""
+    """A number of each sample: its short name, its full name, its units, values, and logarithmic spacing."""
 
     name: str
     path: str
     units: str
     values: Floats
+    log: bool = False
 
     @property
     def label(self) -> str:
         """Its name with units."""
         return labelled(self.name, self.units)
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """The samples that have it."""
+        return np.isfinite(self.values)
+
+    def axis(self, label: str) -> PlotAxis:
+        """Return its axis: logarithmic where it is spaced by its logarithm, with whole ticks for counts."""
+        whole = bool((self.values[self.known] == np.round(self.values[self.known])).all())
+        return PlotAxis(label, log=self.log, step=float(whole))
 
 
 class StudyNumbers:
@@ -83,7 +96,10 @@ class StudyNumbers:
             if column.dtype.kind in "bif" and len(column) and (column != column[0]).any()
         }
         names = dict(zip(varied, short_paths(list(varied)), strict=True))
-        return [StudyVariable(names[path], path, "", values) for path, values in varied.items()]
+        return [
+            StudyVariable(names[path], path, "", values, is_logarithmic(values))
+            for path, values in varied.items()
+        ]
 
     @cached_property
     def outputs(self) -> list[StudyVariable]:
@@ -129,8 +145,8 @@ def figures(result: Result) -> Iterator[Figure]:
     title = "Distributions of the results"
     yield Figure("distributions", title, partial(_distributions, outputs, title))
     if inputs:
-        yield Figure("parallel", "Samples as lines", partial(_parallel, _selected(inputs, outputs, _AXES)))
-        yield Figure("scatter", "Scatter matrix", partial(_scatter, _selected(inputs, outputs, _MATRIX)))
+        yield Figure("parallel", "Samples as lines", partial(_parallel, inputs, outputs))
+        yield Figure("scatter", "Scatter matrix", partial(_scatter, inputs, outputs))
     if len(inputs) == 2:
         count = len(inputs[0].values)
         x, y = (np.unique(number.values) for number in inputs)
@@ -155,21 +171,40 @@ def _complete(numbers: Sequence[StudyVariable]) -> np.ndarray:
     return np.flatnonzero(np.all([np.isfinite(number.values) for number in numbers], axis=0))
 
 
-def _parallel(numbers: Sequence[StudyVariable]) -> Picture:
+def _columns_of(
+    inputs: Sequence[StudyVariable], outputs: Sequence[StudyVariable], most: int
+) -> tuple[list[StudyVariable], str]:
+    """Return the columns that a figure shows, and what it omits in words."""
+    numbers = _selected(inputs, outputs, most)
+    count = len(inputs) + len(outputs)
+    return numbers, f" {len(numbers)} of {count} columns." if len(numbers) < count else ""
+
+
+def _parallel(inputs: Sequence[StudyVariable], outputs: Sequence[StudyVariable]) -> Picture:
+    done = np.any([number.known for number in outputs], axis=0)
+    # A result that some samples lack would leave these samples without a line.
+    best = max((number.known & done).sum() for number in outputs)
+    whole = [number for number in outputs if (number.known & done).sum() == best]
+    numbers, cut = _columns_of(inputs, whole, _AXES)
+    if len(whole) < len(outputs):
+        lacking = len(outputs) - len(whole)
+        cut += f" {counted(lacking, 'result')} with missing values {'is' if lacking == 1 else 'are'} omitted."
     known = _complete(numbers)
     rows = known[evenly_spaced(len(known), LINES)]
-    cut = (
-        f" {len(rows)} of {len(known):,} samples are drawn, evenly spaced." if len(rows) < len(known) else ""
-    )
+    if len(rows) < len(known):
+        cut = f" {len(rows)} of {len(known):,} samples are drawn, evenly spaced.{cut}"
+    elif len(known) < len(done):
+        cut = f" {len(known)} of {len(done):,} samples are drawn, the others lack a value.{cut}"
     about = f"Each line is a sample; blue to green to orange: low to high values on the last axis.{cut}"
     values = np.array([number.values[rows] for number in numbers]).T
-    labels = [number.label for number in numbers]
-    svg = parallel_coordinates("parallel", "Samples as lines", labels, values, about)
+    axes = [number.axis(number.label) for number in numbers]
+    svg = parallel_coordinates("parallel", "Samples as lines", axes, values, about)
     table = table_of({"sample": rows} | {number.label: number.values[rows] for number in numbers})
     return Picture(svg, about, table)
 
 
-def _scatter(numbers: Sequence[StudyVariable]) -> Picture:
+def _scatter(inputs: Sequence[StudyVariable], outputs: Sequence[StudyVariable]) -> Picture:
+    numbers, cut = _columns_of(inputs, outputs, _MATRIX)
     size = max(105.0, 640.0 / len(numbers))
     ranks = np.eye(len(numbers))
     for i, one in enumerate(numbers):
@@ -179,8 +214,8 @@ def _scatter(numbers: Sequence[StudyVariable]) -> Picture:
     for i, down in enumerate(numbers):
         row = []
         for j, across in enumerate(numbers):
-            x_axis = PlotAxis(across.label if i == len(numbers) - 1 else "")
-            y_axis = PlotAxis(down.label if j == 0 else "")
+            x_axis = across.axis(across.label if i == len(numbers) - 1 else "")
+            y_axis = down.axis(down.label if j == 0 else "")
             layers: list[Layer]
             if j > i:
                 value = float(ranks[i, j])
@@ -188,27 +223,25 @@ def _scatter(numbers: Sequence[StudyVariable]) -> Picture:
                 x_axis = y_axis = PlotAxis("", names=("",))
                 layers = [Heatmap(np.array([[value]]), -1.0, 1.0, [[text]])]
             elif i == j:
-                values = down.values[np.isfinite(down.values)]
-                counts, edges = _histogram(values, 40)
-                # The upright axis is that of the number, onto which the counts are scaled.
-                low, high = float(values.min()), float(values.max())
-                tops, bottoms = low + (high - low) * counts / counts.max(), np.full(len(counts), low)
-                thick = float(edges[1] - edges[0]) * 0.9
-                layers = [Bars((edges[1:] + edges[:-1]) / 2, bottoms, tops, "", "s1", thick)]
+                layers = [_counts(down)]
             else:
                 x, y = scatter(across.values, down.values, most=10**9)
                 if len(x) <= POINTS:
                     layers = [Markers(x, y, "", "s1", "o", 1.6)]
                 else:  # a two-dimensional histogram
-                    cells, *bins = np.histogram2d(x, y, bins=BINS)
+                    edges = [_histogram(one, BINS, log)[1] for one, log in ((x, across.log), (y, down.log))]
+                    cells, *bins = np.histogram2d(x, y, bins=edges)
                     filled = np.where(cells > 0, np.sqrt(cells), np.nan).T
                     layers = [Heatmap(filled, 0.0, float(np.nanmax(filled)), edges=(bins[0], bins[1]))]
             row.append(Subplot(x_axis, y_axis, layers, height=size))
         rows.append(row)
-    count = len(_complete(numbers))
+    count, whole = int(np.any([number.known for number in outputs], axis=0).sum()), len(_complete(numbers))
+    if whole < count:
+        cut = f" {whole:,} of them have all values.{cut}"
     binned = " The opacity of a cell is the number of samples in it." if count > POINTS else ""
     about = (
-        f"Pairwise scatter plots, with the rank correlations above the diagonal; {count:,} samples.{binned}"
+        f"Pairwise scatter plots, with the rank correlations above the diagonal; {count:,} samples."
+        f"{cut}{binned}"
     )
     svg = chart("scatter", "Scatter matrix", rows, about, width=max(760.0, 160.0 * len(numbers)))
     table: tuple[tuple[CellValue, ...], ...] = tuple(
@@ -217,8 +250,21 @@ def _scatter(numbers: Sequence[StudyVariable]) -> Picture:
     return Picture(svg, about, FigureTable(("rank correlation", *(n.label for n in numbers)), table))
 
 
-def _histogram(values: Floats, most: int) -> tuple[NDArray[np.intp], Floats]:
+def _counts(number: StudyVariable) -> Bars:
+    """Return the histogram of a number on two axes of this number, the upright one for the counts."""
+    values = number.values[number.known]
+    counts, edges = _histogram(values, 40, number.log)
+    share, low, high = counts / counts.max(), float(values.min()), float(values.max())
+    tops = low * (high / low) ** share if number.log else low + (high - low) * share
+    middles, thick = (edges[1:] + edges[:-1]) / 2, 0.9 * np.diff(edges)
+    return Bars(middles, np.full(len(counts), low), tops, "", "s1", thick)
+
+
+def _histogram(values: Floats, most: int, log: bool = False) -> tuple[NDArray[np.intp], Floats]:
     """Return the counts of values in at most so many bins, and the edges; also of nearly equal values."""
+    if log:
+        counts, edges = _histogram(np.log(values), most)
+        return counts, np.exp(edges)
     low, high = float(values.min()), float(values.max())
     size = max(abs(low), abs(high))
     if not high - low > 1e-12 * size:
@@ -262,10 +308,7 @@ def _maps(
 ) -> Picture:
     x, y = grid
     columns, rows = np.searchsorted(x, inputs[0].values), np.searchsorted(y, inputs[1].values)
-    across, up = (
-        PlotAxis(number.label, log=_is_even(np.log(v)) if (v > 0).all() and not _is_even(v) else False)
-        for number, v in zip(inputs, grid, strict=True)
-    )
+    across, up = (PlotAxis(number.label, log=number.log) for number in inputs)
     subplots = []
     for number in outputs[:_MAPS]:
         values = np.full((len(y), len(x)), np.nan)
@@ -296,12 +339,6 @@ def _maps(
     return Picture(svg, about, table_of({n.label: n.values for n in [*inputs, *outputs[:_MAPS]]}))
 
 
-def _is_even(values: np.ndarray) -> bool:
-    """Return True if ascending values are evenly spaced."""
-    steps = np.diff(values)
-    return bool(np.ptp(steps) <= 1e-6 * np.abs(steps).max())
-
-
 def _edges(values: np.ndarray, log: bool) -> np.ndarray:
     """Return the borders halfway between levels."""
     at = np.log(values) if log else values
@@ -315,7 +352,6 @@ def _course(parameter: StudyVariable, outputs: Sequence[StudyVariable]) -> Pictu
     x = parameter.values[order]
     levels = np.unique(x)
     joined = len(levels) == len(x) and not parameter.path.endswith("seed")
-    log = bool((x > 0).all()) and not _is_even(levels) and _is_even(np.log(levels))
     subplots, columns = [], {parameter.label: x}
     for number in outputs[:_HISTOGRAMS]:
         y = columns[number.label] = number.values[order]
@@ -324,7 +360,7 @@ def _course(parameter: StudyVariable, outputs: Sequence[StudyVariable]) -> Pictu
         layers: list[Layer] = [Curve(x, y, "", "s1")] if joined else []
         if len(x) <= POINTS:
             layers.append(Markers(x, y, "", "s1", "o", 2.2))
-        across, up = PlotAxis(parameter.label, log=log), PlotAxis(number.units, log=wide)
+        across, up = parameter.axis(parameter.label), PlotAxis(number.units, log=wide)
         subplots.append(Subplot(across, up, layers, number.label, height=150.0))
     about = f"Results over {parameter.path}, the only input that varies."
     grid = [subplots[start : start + 2] for start in range(0, len(subplots), 2)]

@@ -7,7 +7,7 @@ and `data-y` (`lin` or `log`, then the values at the two ends), `data-x-label`, 
 """
 
 from dynid.report.plot.axis import PlotAxis
-from dynid.report.plot.chart import Subplot, chart, parallel_coordinates
+from dynid.report.plot.chart import Subplot, chart
 from dynid.report.plot.heatmap import Heatmap, Matrix, matrix_picture
 from dynid.report.plot.layers import (
     Annotation,
@@ -20,6 +20,7 @@ from dynid.report.plot.layers import (
     ReferenceLine,
     series_class,
 )
+from dynid.report.plot.parallel import parallel_coordinates
 
 __all__ = [
     "Annotation",

@@ -1,4 +1,4 @@
-"""Charts: subplots in rows and columns under one legend, and parallel coordinates.
+"""Charts: subplots in rows and columns under one legend.
 
 A subplot has two axes and the layers between them.
 """
@@ -11,12 +11,11 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.report.notation import raised
-from dynid.report.plot.axis import PlotAxis, Scale, Ticks, shortened
+from dynid.report.plot.axis import PlotAxis, Scale, Ticks
 from dynid.report.plot.layers import Layer, LegendEntry, PlotArea, symbol_class, symbol_path
-from dynid.report.svg import SIZE, SMALL, TITLE, Svg, path_of, text_width
+from dynid.report.svg import SIZE, SMALL, TITLE, Svg, text_width
 
 #: Space for the ticks of an axis and for its label, px.
 BELOW, LABEL, GAP = 18.0, 18.0, 7.0
@@ -27,10 +26,6 @@ WIDTH, HEIGHT = 760.0, 250.0
 _PAD, _BETWEEN, _KEY, _ROW, _TITLE_LINE = 12.0, 16.0, 26.0, 20.0, 15.0
 #: Width of a chart on a page, and least width and mean height of a subplot there, px.
 NARROW, _LEAST, _LOWEST = 420.0, 190.0, 64.0
-
-_PARALLEL_PAD, _PARALLEL_HEIGHT, _APART = 16.0, 280.0, 110.0
-#: Colours of samples in parallel coordinates, from the lowest values on the last axis to the highest.
-_HUES = ("s1", "s6", "s3", "s5", "s2")
 
 
 #: Where charts are collected instead of drawn as SVG; None: they are drawn.
@@ -331,60 +326,3 @@ def _draw_legend(svg: Svg, entries: Sequence[LegendEntry], y: float, width: floa
         x += needed
     svg.close()
     return y + 4
-
-
-def parallel_coordinates(
-    name: str, title: str, labels: Sequence[str], values: NDArray[np.float64], description: str = ""
-) -> str:
-    """Draw samples as lines across upright axes.
-
-    Parameters
-    ----------
-    name, title, description
-        The figure's name, its title, and a description for screen readers.
-    labels
-        One an axis.
-    values
-        Samples × axes, all finite. The last column determines the colours.
-
-    Returns
-    -------
-    str
-        An SVG document.
-    """
-    svg = Svg(name, title, description)
-    svg.text(_PARALLEL_PAD, _PARALLEL_PAD + TITLE, title, "title", anchor="start")
-    shown = [shortened(label, 30) for label in labels]
-    widest = max(text_width(label, SMALL, bold=True) for label in shown)
-    apart = max(_APART, widest + 12)
-    left = _PARALLEL_PAD + widest / 2 + 10
-    top = _PARALLEL_PAD + TITLE + 44
-    scales = [PlotAxis("").scale([column]) for column in values.T]
-    across = (left + apart * np.arange(len(labels), dtype=float)).tolist()
-    heights = [
-        top + _PARALLEL_HEIGHT * (1 - scale.share(column))
-        for scale, column in zip(scales, values.T, strict=True)
-    ]
-    places = np.column_stack(heights)
-    order = np.argsort(values[:, -1], kind="stable")
-    share = np.empty(len(order))
-    share[order] = np.arange(len(order)) / max(len(order) - 1, 1)
-    faint = f"{float(np.clip(12 / np.sqrt(len(order) + 1), 0.18, 0.9)):.2f}"
-    for shade, hue in enumerate(_HUES):  # one path a colour
-        own = np.flatnonzero(np.minimum((share * len(_HUES)).astype(int), len(_HUES) - 1) == shade)
-        if own.size:
-            lines = (zip(across, np.round(places[k], 1).tolist(), strict=True) for k in own)
-            svg.element("path", f"{hue} fine", d="".join(map(path_of, lines)), stroke_opacity=faint)
-    bottom = top + _PARALLEL_HEIGHT
-    for x, label, scale in zip(across, shown, scales, strict=True):
-        svg.line((x, top), (x, bottom), cls="line")
-        svg.text(x, top - 12, label, "small strong")
-        ticks = PlotAxis("").ticks(scale, _PARALLEL_HEIGHT, upright=True)
-        for value, text in zip(ticks.values, ticks.labels, strict=True):
-            y = round(float(top + _PARALLEL_HEIGHT * (1 - scale.share(value))), 1)
-            svg.line((x - 4, y), (x, y), cls="line")
-            svg.text(x - 6, y + 0.35 * SMALL, text, "small tick halo", anchor="end")
-        if ticks.power:
-            svg.text(x, bottom + 16, f"× 10{raised(ticks.power)}", "small muted")
-    width = across[-1] + widest / 2 + 10 + _PARALLEL_PAD
-    return svg.render(max(width, 2 * _PARALLEL_PAD + text_width(title, TITLE, bold=True)), bottom + 26)

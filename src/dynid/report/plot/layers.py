@@ -240,7 +240,7 @@ class Bars(_GriddedLayer):
     low, high
         Their ends.
     thick
-        Their thickness, in values of the other axis.
+        Their thickness, in values of the other axis; one for all, or one each.
     flat
         True for horizontal bars, whose ends are on x.
     """
@@ -250,22 +250,22 @@ class Bars(_GriddedLayer):
     high: ArrayLike
     label: str = ""
     cls: str = "s1"
-    thick: float = 0.7
+    thick: ArrayLike = 0.7
     flat: bool = False
     tips: Sequence[str] = ()
     symbol = "square"
 
     def extent(self) -> Extent:
         """Return their ends and borders."""
-        at = np.asarray(self.at, dtype=float)
-        ends, places = [self.low, self.high], [at - self.thick / 2, at + self.thick / 2]
+        at, half = np.asarray(self.at, dtype=float), np.asarray(self.thick, dtype=float) / 2
+        ends, places = [self.low, self.high], [at - half, at + half]
         return (ends, places) if self.flat else (places, ends)
 
     def draw(self, svg: Svg, area: PlotArea) -> None:
         """Draw them."""
-        at = np.atleast_1d(np.asarray(self.at, dtype=float))
+        at, half = np.atleast_1d(np.asarray(self.at, dtype=float)), np.asarray(self.thick, dtype=float) / 2
         along, across = (area.at_x, area.at_y) if self.flat else (area.at_y, area.at_x)
-        a, b = across(at - self.thick / 2), across(at + self.thick / 2)
+        a, b = across(at - half), across(at + half)
         low = along(np.broadcast_to(np.asarray(self.low, dtype=float), at.shape))
         high = along(np.broadcast_to(np.asarray(self.high, dtype=float), at.shape))
         for place in np.flatnonzero(np.isfinite(low) & np.isfinite(high)).tolist():
