@@ -72,6 +72,23 @@ def well_laid_out(text):
     return found
 
 
+@given(st.floats(-1e3, 1e3), st.floats(1e-3, 1e3), st.floats(60, 900), st.booleans(), st.booleans())
+@settings(max_examples=60, deadline=None)
+def test_an_axis_has_two_ticks_at_least(low, span, length, upright, log):
+    ends = (10 ** (low / 1e3), 10 ** (low / 1e3) * (1.5 + span)) if log else (low, low + span)
+    axis = PlotAxis("x (m)", log=log, low=ends[0], high=ends[1])
+    ticks = axis.ticks(axis.scale([]), length, upright=upright)
+    assert len(ticks.values) >= 2 or (not upright and length < 170)  # labels of five digits, side by side
+
+
+def test_a_residual_that_is_round_off_has_a_power_of_ten_on_its_axis():
+    axis = PlotAxis("residual (m)")
+    ticks = axis.ticks(axis.scale([[-1.3e-15, 0.9e-15]]), 64, upright=True)
+    assert ticks.power == -15
+    assert max(map(len, ticks.labels)) <= 4
+    assert len(ticks.labels) == 2
+
+
 @given(finite, finite, st.floats(40, 900), st.booleans())
 @settings(max_examples=25, deadline=None)
 def test_ticks_are_within_the_axis_and_their_labels_apart(a, b, length, upright):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,10 @@ _LINE = 16.0
 _ROUNDING = 1e-12
 #: Magnitudes from which, and below which, ticks are written with a common power of ten.
 _LARGE, _LITTLE = 5, -2
+#: Powers of ten by which the last two ticks of a short axis may be finer than its range.
+_FINER = 3
+#: Distances of ticks of angles, °.
+_ANGLES = (15.0, 30.0, 45.0, 90.0, 180.0)
 
 
 @dataclass(frozen=True)
@@ -74,7 +78,10 @@ class PlotAxis:
         return Scale(low, high, self.log)
 
     def ticks(self, scale: Scale, length: float, *, upright: bool) -> Ticks:
-        """Return as many ticks at round values as fit on a length, px; upright axes stack their labels."""
+        """Return as many ticks at round values as fit on a length, px, two at least where two labels fit.
+
+        The labels of upright axes are stacked.
+        """
         if self.names:
             found = Ticks((), ())
             for step in range(1, len(self.names) + 1):  # every n-th name where not all fit
@@ -90,7 +97,9 @@ class PlotAxis:
             found = _logarithmic(scale, count) if scale.log else _linear(scale, count, self.step)
             if len(found.values) <= most and found.fit(scale, length, upright):
                 break
-        return found
+        if len(found.values) > 1:
+            return found
+        return next((pair for pair in _pairs(scale, self.step) if pair.fit(scale, length, upright)), found)
 
 
 @dataclass(frozen=True)
@@ -160,17 +169,25 @@ def _linear(scale: Scale, count: int, least: float) -> Ticks:
     span = scale.high - scale.low
     raw = max(span / count, least or 0.0)
     if least >= 15 and raw > least:  # angles
-        step = next((s for s in (15.0, 30.0, 45.0, 90.0, 180.0) if s >= raw), 360.0 * math.ceil(raw / 360))
+        step = next((s for s in _ANGLES if s >= raw), 360.0 * math.ceil(raw / 360))
     else:
         unit = 10.0 ** math.floor(math.log10(raw))
         step = next(unit * factor for factor in (1, 2, 2.5, 5, 10) if unit * factor >= raw * (1 - 1e-9))
         if least:
             step = max(round(step / least), 1) * least
+    values = _multiples(scale, step)
+    return Ticks(values, *_labels(values, step)) if values else Ticks((), ())
+
+
+def _multiples(scale: Scale, step: float) -> tuple[float, ...]:
+    """Return the multiples of a step within a scale."""
     first, last = math.ceil(scale.low / step - 1e-9), math.floor(scale.high / step + 1e-9)
-    values = tuple(k * step for k in range(first, min(last, first + 1000) + 1))
-    if not values:
-        return Ticks((), ())
-    largest = max(map(abs, values)) or 1.0
+    return tuple(k * step for k in range(first, min(last, first + 1000) + 1))
+
+
+def _labels(values: tuple[float, ...], step: float) -> tuple[tuple[str, ...], tuple[float, ...], int]:
+    """Return the labels of multiples of a step, no minor ticks, and the power of ten of the labels."""
+    largest = max(map(abs, values)) or step
     magnitude = math.floor(math.log10(largest) + 1e-12)
     power = 3 * (magnitude // 3) if magnitude >= _LARGE or magnitude < _LITTLE else 0
     unit = 10.0**power
@@ -181,7 +198,30 @@ def _linear(scale: Scale, count: int, least: float) -> Ticks:
     labels = [
         text.replace(",", thin).replace("-", "−" if float(text.replace(",", "")) else "") for text in texts
     ]
-    return Ticks(values, tuple(labels), (), power)
+    return tuple(labels), (), power
+
+
+def _pairs(scale: Scale, least: float) -> Iterator[Ticks]:
+    """Yield pairs of ticks near both ends of a scale, at rounder values first."""
+    if scale.log:
+        around = range(math.floor(math.log10(scale.low)), math.ceil(math.log10(scale.high)) + 1)
+        for last in (1, 9):
+            every = sorted(k * 10.0**p for p in around for k in range(1, last + 1))
+            inside = tuple(value for value in every if scale.low <= value <= scale.high)
+            if len(inside) > 1:
+                ends = (inside[0], inside[-1])
+                yield Ticks(ends, tuple(short(value, 1) for value in ends), inside[1:-1])
+    unit = 10.0 ** math.ceil(math.log10(scale.high - scale.low))
+    steps = [unit * factor / 10**power for power in range(_FINER) for factor in (1, 0.5, 0.25, 0.2)]
+    if least >= 15:  # angles
+        steps = list(_ANGLES[::-1])
+    elif least:
+        steps = [max(round(step / least), 1) * least for step in steps]
+    for step in steps:
+        inside = _multiples(scale, step)
+        if len(inside) > 1:
+            ends = (inside[0], inside[-1])
+            yield Ticks(ends, *_labels(ends, step))
 
 
 def _logarithmic(scale: Scale, count: int) -> Ticks:
