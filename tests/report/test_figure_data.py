@@ -1,5 +1,7 @@
 """Data of figures that no other test checks: figures and tables hold the values of the result."""
 
+import re
+import xml.etree.ElementTree as ET
 from functools import cache
 from pathlib import Path
 
@@ -8,6 +10,8 @@ import pytest
 
 import dynid
 from dynid.report import figures
+from dynid.report.diagrams.responses import rounded_locus
+from dynid.report.notation import short
 from dynid.scene.kinds.planning import run_plan
 from tests.report.pages import bench, study
 
@@ -173,3 +177,6 @@ def test_of_a_long_array_a_study_draws_the_first_entries(entries):
         shown = [name for name in made["course"].table.columns if name.startswith("f[")]
         assert shown == [f"f[{k}]" for k in range(1, min(entries, 8) + 1)]
         assert column(made["course"].table, "f[2]").tolist() == [0, 2, 4, 6, 8]
+
+
+SVG = "{http://www.w3.org/2000/svg}"

@@ -102,7 +102,10 @@ def test_every_figure_stands_on_the_page_with_caption_and_table(made):
     result, html, reader = made
     every = figures(result)
     drawn = [attrs for name, attrs in reader.elements if name == "svg"]
-    assert len(drawn) == len(every)
+    first = re.findall(
+        r'<figure id="figure-[^"]*-first"', html
+    )  # the first plots of a figure that is whole below
+    assert len(drawn) == len(every) + len(first)
     tables = sum(1 for name, attrs in reader.elements if (name, attrs.get("class")) == ("details", "table"))
     assert tables == sum(figure.table is not None for figure in every) + 1  # and the list of arrays
     for figure in every:
@@ -171,9 +174,27 @@ PARTS = ["answer", "figures", "details", "derivations", "samples", "scene", "pro
 def test_of_a_long_table_of_the_answer_the_first_rows_are_shown_and_all_folded():
     rows = tuple((f"row {k}", str(k)) for k in range(40))
     section = ReportSection("Long", (TextTable(("", "n"), rows),), "answer")
-    part = str(document._answer([section], [], {}, "a note").inside)
+    part = str(document._answer([section], [], "a note").inside)
     assert part.index("a note") < part.index("row 5") < part.index("All 40 rows") < part.index("row 39")
     assert part.count(">row 39<") == 1
+
+
+def test_of_a_tall_figure_the_answer_has_the_first_plots_legibly_and_a_link_to_all():
+    result = study()
+    for k in range(9):
+        result.add(f"study/results/mode/a_{k}", np.random.default_rng(k).normal(size=60), ("sample",), "m")
+    html = page(result)
+    parts = dict(part.split('"', 1) for part in html.split('<section id="')[1:])
+    shown = parts["answer"].partition('<figure id="figure-distributions-first"')[2].partition("</figure>")[0]
+    whole = parts["figures"].partition('<figure id="figure-distributions"')[2].partition("</figure>")[0]
+    few, every = (part.count('<g class="plot"') for part in (shown, whole))
+    assert 2 <= few <= 6 < every
+    assert f"All plots: {every - few} more" in shown
+    assert 'href="#figure-distributions"' in shown
+    assert "<table" in whole
+    width, height = map(float, re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', shown).groups())
+    column, tallest, smallest = 383, 384, 10  # px, of the style sheet at a width of 1280 px, and of the fonts
+    assert min(column / width, tallest / height) * smallest > 9
 
 
 def test_transfer_functions_stand_in_raised_powers():

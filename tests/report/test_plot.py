@@ -25,7 +25,8 @@ from dynid.report.plot import (
     parallel_coordinates,
     series_class,
 )
-from dynid.report.plot.chart import embedded
+from dynid.report.plot.chart import PageSpace, embedded
+from dynid.report.plot.labels import fitted_label
 from dynid.report.plot.layers import by_column, decimated, runs, straightened
 from dynid.report.svg import SMALL, text_width
 
@@ -221,6 +222,22 @@ def test_a_script_can_tell_the_values_under_the_pointer():
     assert seen == [pytest.approx((0, 1), abs=0.02), pytest.approx((4, 3), abs=0.02)]
 
 
+def test_a_label_longer_than_its_axis_is_above_and_its_units_are_never_cut():
+    plot = Subplot(PlotAxis("time (s)"), PlotAxis("10.acceleration/6 (m/s²/N)"), [Curve([0, 1], [0, 1])])
+    for height in (64.0, 300.0):
+        texts = [t.text for t in ET.fromstring(chart("c", "C", [[plot]], height=height)).iter(f"{SVG}text")]
+        beside = ["10.acceleration/6", "m/s²/N"] if height < 100 else ["10.acceleration/6 (m/s²/N)"]
+        assert set(beside) <= set(texts)
+    below, _ = fitted_label("largest relative distance from the exact roots (rad/s)", 150.0)
+    assert "…" in below
+    assert below.endswith(" (rad/s)")
+    assert text_width(below, SMALL) <= 150
+    small = Subplot(PlotAxis("t (s)"), PlotAxis("a long name of a spool (m)"), [Curve([0, 1], [0, 3e-6])])
+    assert ">10⁻⁶ m<" in chart("c", "C", [[small]], height=64.0)
+    density = Subplot(PlotAxis("t (s)"), PlotAxis("ASD (m/s·(s/rad)^½)"), [Curve([0, 1], [0, 3e-3])])
+    assert ">10⁻³ m/s·(s/rad)^½<" in chart("c", "C", [[density]], height=64.0)
+
+
 def test_nothing_to_show_is_drawn_as_such():
     nothing = [np.nan, np.nan]
     text = chart(
@@ -245,7 +262,7 @@ def test_samples_as_lines_have_a_line_each_and_no_text_on_another():
     )
     texts, _, _ = geometry(text)
     assert "Samples" in [one[0] for one in texts]
-    token = embedded.set(280.0)
+    token = embedded.set(PageSpace(400.0))
     try:  # a page has the title above the figure
         alone = parallel_coordinates("p", "Samples", [PlotAxis("a (m)"), PlotAxis("b")], values[:, :2])
     finally:

@@ -112,7 +112,8 @@ _ADVANCES = (
 )
 _WIDTHS = {chr(32 + place): int(width) for place, width in enumerate(_ADVANCES.split())}
 _WIDTHS |= {"\u2003": 100, "\u2004": 33, "\u2005": 25, "\u2009": 20, "\u202f": 20, "·": 32}
-_BOLD = 1.12
+#: Width of bold text, relative to that of the same text.
+BOLD_WIDTH = 1.12
 
 
 def text_width(text: str, size: float = SIZE, *, bold: bool = False) -> float:
@@ -123,7 +124,7 @@ def text_width(text: str, size: float = SIZE, *, bold: bool = False) -> float:
             width += _WIDTHS[character]
         elif not unicodedata.combining(character):
             width += 100 if unicodedata.east_asian_width(character) in "WF" else 84
-    return width * size / 100 * (_BOLD if bold else 1)
+    return width * size / 100 * (BOLD_WIDTH if bold else 1)
 
 
 # Characters that are illegal in XML, control characters, and those that change the direction of writing.

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 import re
 from base64 import b64encode
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from hashlib import sha256
 from importlib.resources import files
 from string import Template
@@ -23,7 +24,7 @@ from dynid.report.content import array_rows, content
 from dynid.report.content.blocks import Block, DefinitionList, NumberedList, ReportSection, Statement
 from dynid.report.figure import Figure, figures, leading
 from dynid.report.page.html import Markup, figure_table, formula, grid, join, scrolling, tag, text
-from dynid.report.plot.chart import embedded
+from dynid.report.plot.chart import PageSpace, embedded
 from dynid.report.svg import css
 from dynid.result import Result
 
@@ -33,8 +34,8 @@ _NUMBER = re.compile(r"(?:[ζ×] )?[-+−±]?[\d∞–]|-$")
 _ARRAYS, _LINES = 500, 3000
 #: Width of a picture, and that above which it takes the whole width of the page, px.
 _WIDTH, _WIDE = re.compile(r'<svg[^>]*\bwidth="([\d.]+)"'), 520
-#: Largest sum of the heights of the plots of a figure beside the answer, px.
-_TALL = 280.0
+#: Largest height of a figure beside the answer, px: with the widest column there, that of the style sheet.
+_TALL = 370.0
 _FIRST = ("created", "dynid_version", "python", "packages", "seed", "folder")
 
 #: Most rows of a table of the answer that are not folded.
@@ -71,16 +72,20 @@ def page(result: Result, *, live: int | None = None, note: str = "") -> str:
     scripts += ["watch.js"] if live is not None else []
     every = figures(result)
     first, drawn = leading(result.kind, every), dict[str, Markup]()
+    previews = dict[str, Markup]()
     for figure in tracked(every, "figure"):
-        token = embedded.set(_TALL if figure in first else math.inf)
-        try:
-            drawn[figure.name] = _figure(figure)
-        finally:
-            embedded.reset(token)
+        if figure in first:
+            drawn[figure.name], omitted = _drawn(figure, _TALL)
+            if omitted:
+                previews[figure.name] = drawn[figure.name]
+        if figure not in first or figure.name in previews:
+            drawn[figure.name], _ = _drawn(figure, math.inf)
+    beside = drawn | previews
     # A wide figure would push the others down.
-    first = [figure for figure in first if figure is first[0] or 'class="wide"' not in drawn[figure.name]]
-    others = [figure for figure in every if figure not in first]
-    parts = [_answer(found.sections, first, drawn, note)]
+    first = [one for one in first if one is first[0] or 'class="wide"' not in beside[one.name]]
+    others = [figure for figure in every if figure not in first or figure.name in previews]
+    parts = [_answer(found.sections, [beside[one.name] for one in first], note)]
+    parts[0] = parts[0]._replace(entries=[_entry(one) for one in first if one.name not in previews])
     if shown := [figure for figure in others if not figure.derivation]:
         cells = tag("div", *(drawn[figure.name] for figure in shown), class_="figures")
         parts.append(PagePart("Figures", cells, [_entry(figure) for figure in shown]))
@@ -110,9 +115,7 @@ def page(result: Result, *, live: int | None = None, note: str = "") -> str:
     return document(result.title or "A result of dynid", found.method, parts, scripts, live)
 
 
-def _answer(
-    sections: Iterable[ReportSection], first: Sequence[Figure], drawn: Mapping[str, Markup], note: str
-) -> PagePart:
+def _answer(sections: Iterable[ReportSection], first: Sequence[Markup], note: str) -> PagePart:
     """Return the answer with the figures that show it; all but the first rows of its tables are folded."""
     answers = [section for section in sections if section.place == "answer"]
     cells = []
@@ -125,9 +128,9 @@ def _answer(
     inside = join(
         tag("p", note, class_="note") if note else "",
         tag("div", *cells, class_="answers") if answers else "",
-        tag("div", *(drawn[figure.name] for figure in first), class_="figures") if first else "",
+        tag("div", *first, class_="figures") if first else "",
     )
-    return PagePart("Answer", inside, [_entry(figure) for figure in first])
+    return PagePart("Answer", inside)
 
 
 def _entry(figure: Figure) -> tuple[str, str]:
@@ -258,8 +261,21 @@ def _block(block: Block, title: str, most: int | None = None) -> Markup:
     return join(caption, scrolling(first, f"{label}, first rows"), folded)
 
 
-def _figure(figure: Figure) -> Markup:
-    """Return a figure with its tools, caption and table, or the reason why it cannot be drawn."""
+def _drawn(figure: Figure, tallest: float) -> tuple[Markup, int]:
+    """Return a figure for a page, of a largest height, and the number of subplots that it omits."""
+    space = PageSpace(tallest)
+    token = embedded.set(space)
+    try:
+        return _figure(replace(figure), space), space.omitted
+    finally:
+        embedded.reset(token)
+
+
+def _figure(figure: Figure, space: PageSpace) -> Markup:
+    """Return a figure with its tools, caption and table, or the reason why it cannot be drawn.
+
+    A figure that omits subplots has a link to the whole one in place of its table.
+    """
     try:
         picture = figure.picture
     except DynidError as error:
@@ -276,8 +292,12 @@ def _figure(figure: Figure) -> Markup:
         tag("div", drawn, class_="picture", tabindex="0", role="group", aria_label=figure.title),
         tag("div", *buttons, tag("output"), class_="tools no-script"),
         tag("figcaption", picture.caption) if picture.caption else "",
-        figure_table(picture.table, figure.title) if picture.table else "",
-        id=f"figure-{figure.name}",
+        tag("p", tag("a", f"All plots: {space.omitted} more", href=f"#figure-{figure.name}"))
+        if space.omitted
+        else figure_table(picture.table, figure.title)
+        if picture.table
+        else "",
+        id=f"figure-{figure.name}{'-first' if space.omitted else ''}",
         class_="wide" if (size := _WIDTH.search(drawn)) and float(size[1]) > _WIDE else None,
     )
 

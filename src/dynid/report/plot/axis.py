@@ -99,7 +99,7 @@ class PlotAxis:
                 break
         if len(found.values) > 1:
             return found
-        return next((pair for pair in _pairs(scale, self.step) if pair.fit(scale, length, upright)), found)
+        return next((few for few in _ends(scale, self.step) if few.fit(scale, length, upright)), found)
 
 
 @dataclass(frozen=True)
@@ -201,8 +201,8 @@ def _labels(values: tuple[float, ...], step: float) -> tuple[tuple[str, ...], tu
     return tuple(labels), (), power
 
 
-def _pairs(scale: Scale, least: float) -> Iterator[Ticks]:
-    """Yield pairs of ticks near both ends of a scale, at rounder values first."""
+def _ends(scale: Scale, least: float) -> Iterator[Ticks]:
+    """Yield ticks near both ends of a scale, at rounder values first."""
     if scale.log:
         around = range(math.floor(math.log10(scale.low)), math.ceil(math.log10(scale.high)) + 1)
         for last in (1, 9):
@@ -210,7 +210,9 @@ def _pairs(scale: Scale, least: float) -> Iterator[Ticks]:
             inside = tuple(value for value in every if scale.low <= value <= scale.high)
             if len(inside) > 1:
                 ends = (inside[0], inside[-1])
-                yield Ticks(ends, tuple(short(value, 1) for value in ends), inside[1:-1])
+                decades = tuple(10.0**p for p in around if inside[0] < 10.0**p < inside[-1])
+                for kept in ((inside[0], *decades, inside[-1]), ends):
+                    yield Ticks(kept, tuple(short(value, 1) for value in kept), inside[1:-1])
     unit = 10.0 ** math.ceil(math.log10(scale.high - scale.low))
     steps = [unit * factor / 10**power for power in range(_FINER) for factor in (1, 0.5, 0.25, 0.2)]
     if least >= 15:  # angles

@@ -5,6 +5,7 @@ A subplot has two axes and the layers between them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
@@ -13,28 +14,43 @@ from typing import NamedTuple
 import numpy as np
 
 from dynid.report.notation import raised
-from dynid.report.plot.axis import PlotAxis, Scale, Ticks
+from dynid.report.plot.axis import PlotAxis, Scale
+from dynid.report.plot.labels import fitted, fitted_label, fitted_title, in_parts, with_power
 from dynid.report.plot.layers import Layer, LegendEntry, PlotArea, symbol_class, symbol_path
-from dynid.report.svg import SIZE, SMALL, TITLE, Svg, text_width
+from dynid.report.svg import BOLD_WIDTH, SIZE, SMALL, TITLE, Svg, text_width
 
 #: Space for the ticks of an axis and for its label, px.
 BELOW, LABEL, GAP = 18.0, 18.0, 7.0
-#: Length by which the label of an axis may exceed it, px, both ends together.
-_BESIDE = 24.0
+#: Lengths by which the labels below and beside an axis may exceed it, px, both ends together.
+_BESIDE, _OVER = 24.0, 6.0
 #: Width of a figure and height of a plot area, px.
 WIDTH, HEIGHT = 760.0, 250.0
 _PAD, _BETWEEN, _KEY, _ROW, _TITLE_LINE = 12.0, 16.0, 26.0, 20.0, 15.0
-#: Width of a chart on a page, and least width and mean height of a subplot there, px.
-NARROW, _LEAST, _LOWEST = 420.0, 190.0, 64.0
-
+#: Width of a chart on a page; least width and mean height of a subplot there, and of a square one, px.
+NARROW, _LEAST, _LOWEST, _SQUARE = 420.0, 190.0, 64.0, 120.0
 
 #: Where charts are collected instead of drawn as SVG; None: they are drawn.
 declared: ContextVar[list[Sequence[Sequence[Subplot]]] | None] = ContextVar("declared", default=None)
 
 
-#: Largest sum of the heights of plot areas, px, where charts are drawn for a page: as narrow as the screen of
-#: a phone, and without a title. None: they are not for a page.
-embedded: ContextVar[float | None] = ContextVar("embedded", default=None)
+@dataclass
+class PageSpace:
+    """Space of a chart on a page, as narrow as the screen of a phone, where it has no title.
+
+    Parameters
+    ----------
+    tallest
+        Largest height of a chart of the width `NARROW`, px: rows of subplots that exceed it are omitted.
+    omitted
+        Number of subplots that the chart omitted.
+    """
+
+    tallest: float
+    omitted: int = 0
+
+
+#: The space on a page, where charts are drawn for one; None: they are not for a page.
+embedded: ContextVar[PageSpace | None] = ContextVar("embedded", default=None)
 
 
 @dataclass(frozen=True)
@@ -82,7 +98,19 @@ class Subplot:
     def margin(self, height: float) -> float:
         """Return the width of the upright axis with its label, px."""
         ticks = self.y.ticks(self.scales[1], height, upright=True)
-        return ticks.width + GAP + (LABEL if self.y.label else 0.0) + 4
+        return ticks.width + GAP + (LABEL if self.headings(height)[1] else 0.0) + 4
+
+    def headings(self, height: float) -> tuple[str, str]:
+        """Return the text above it and the label beside it, at a height of the plot area, px.
+
+        A label that is longer than its axis is above, but for its units.
+        """
+        ticks = self.y.ticks(self.scales[1], height, upright=True)
+        beside = with_power(self.y.label, ticks)
+        if self.title or text_width(beside, SMALL) <= height + _OVER:
+            return self.title, beside
+        name, units = in_parts(self.y.label)
+        return name, " ".join(filter(None, (f"10{raised(ticks.power)}" if ticks.power else "", units)))
 
     def area(self, left: float, top: float, width: float, height: float) -> PlotArea:
         """Return the area of its data at a place and of a size."""
@@ -136,55 +164,30 @@ class Subplot:
                 svg.text(float(x), bottom + SMALL + 4, text, "small tick")
         for y, text in zip(np.round(area.at_y(up.values), 1), up.labels, strict=True):
             svg.text(area.left - GAP, float(y) + 0.35 * SMALL, text, "small tick", anchor="end")
-        below, beside = _with_power(self.x.label, across), _with_power(self.y.label, up)
+        title, beside = self.headings(area.height)
+        below = with_power(self.x.label, across)
         if below and labelled:
             text, cls = fitted_label(below, area.width + _BESIDE)
             svg.text(area.left + area.width / 2, bottom + BELOW + SMALL + 5, text, cls)
         if beside:
-            text, cls = fitted_label(beside, area.height + 6)
+            text, cls = (
+                fitted_label(beside, area.height + _OVER) if title == self.title else (beside, "label small")
+            )
             x, y = area.left - margin + LABEL - 4, area.top + area.height / 2
             svg.text(x, y, text, cls, transform=f"rotate(-90 {x:.6g} {y:.6g})")
-        for line, whole in enumerate(reversed(self.title.splitlines())):
-            cls = "strong" if line == self.title.count("\n") else "small"
-            text = fitted(whole, (area.width + _BETWEEN) / 1.12)
-            svg.text(area.left + area.width / 2, area.top - 7 - line * _TITLE_LINE, text, cls)
+        _draw_title(svg, area, title)
         svg.close()
 
 
-def _with_power(label: str, ticks: Ticks) -> str:
-    """Return the label of an axis with the power of ten of its ticks before the units.
-
-    An axis without a label belongs to a grid of subplots, whose edge has both.
-    """
-    if not (ticks.power and label):
-        return label
-    power = f"10{raised(ticks.power)}"
-    head, bracket, unit = label.rpartition(" (")
-    return f"{head} ({power} {unit}" if bracket and unit.endswith(")") else f"{label} ({power})"
-
-
-def fitted_label(text: str, space: float) -> tuple[str, str]:
-    """Return the label of an axis and its classes: small, then shortened in its middle, where space is short.
-
-    Labels mostly differ at their ends: a name first, an entry and the units last.
-    """
-    if text_width(text, SIZE) <= space:
-        return text, "label"
-    kept = len(text)
-    shown = text
-    while kept > 2 and text_width(shown, SMALL) > space:
-        kept -= 1
-        shown = f"{text[: kept // 3]}…{text[len(text) - (kept - kept // 3) :]}"
-    return shown, "label small"
-
-
-def fitted(text: str, space: float) -> str:
-    """Return a text, cut off with an ellipsis where it is wider than its space, px."""
-    if text_width(text, SIZE) <= space:
-        return text
-    while len(text) > 1 and text_width(f"{text}…", SIZE) > space:
-        text = text[:-1]
-    return f"{text}…"
+def _draw_title(svg: Svg, area: PlotArea, title: str) -> None:
+    """Write the title of a plot above it, its first line strong."""
+    x, space = area.left + area.width / 2, area.width + _BETWEEN
+    first, *others = title.splitlines() or [""]
+    for line, whole in enumerate(reversed(others)):
+        svg.text(x, area.top - 7 - line * _TITLE_LINE, fitted(whole, space / BOLD_WIDTH), "small")
+    if first:
+        text, cls = fitted_title(first, space)
+        svg.text(x, area.top - 7 - len(others) * _TITLE_LINE, text, cls)
 
 
 class _ColumnPlace(NamedTuple):
@@ -229,23 +232,64 @@ def chart(
     if (elsewhere := declared.get()) is not None:
         elsewhere.append(rows)
         return ""
-    svg = Svg(name, title, description)
-    groups, y, scale = [rows], _PAD + TITLE, 1.0
-    if (tallest := embedded.get()) is not None:
-        groups, width = _narrowed(rows, width, shared)
-        heights = [max(plot.height or height for plot in row) for group in groups for row in group]
-        between = 0.0 if shared else (BELOW + LABEL) * (len(heights) - 1)  # labels of every row
-        scale = min(1.0, max(tallest - between, _LOWEST * len(heights)) / sum(heights))
-        y = -4.0
-    else:
-        svg.text(_PAD, y, fitted(title, (width - 2 * _PAD) * SIZE / TITLE / 1.12), "title", anchor="start")
     if legend is None:
         legend = (entry for row in rows for plot in row for layer in plot.layers for entry in layer.legend())
-    y = _draw_legend(svg, list(dict.fromkeys(legend)), y + 8, width)
+    entries, groups = list(dict.fromkeys(legend)), [rows]
+    if (page := embedded.get()) is None:
+        svg, y = Svg(name, title, description), _PAD + TITLE
+        svg.text(
+            _PAD, y, fitted(title, (width - 2 * _PAD) * SIZE / TITLE / BOLD_WIDTH), "title", anchor="start"
+        )
+    else:
+        groups, width = _narrowed(rows, width, shared)
+        before, y = page.omitted, -4.0
+        lines = _draw_legend(Svg("", ""), entries, y + 8, width)
+        groups = _fitting(
+            groups, page, min(1.0, width / NARROW) * page.tallest - lines - _PAD, height, shared
+        )
+        svg = Svg(f"{name}-first" if page.omitted > before else name, title, description)
+    y = _draw_legend(svg, entries, y + 8, width)
     for group in groups:
-        sized = [[replace(plot, height=scale * (plot.height or height)) for plot in row] for row in group]
-        y = _draw_rows(svg, sized if scale < 1 else group, y, width, height, shared)
+        y = _draw_rows(svg, group, y, width, height, shared)
     return svg.render(width, y + _PAD)
+
+
+def _fitting(
+    groups: Sequence[Sequence[Sequence[Subplot]]], page: PageSpace, space: float, height: float, shared: bool
+) -> list[Sequence[Sequence[Subplot]]]:
+    """Return the rows that fit into a height, px, scaled down to it; grids of unlabelled axes stay whole."""
+    if math.isinf(space):
+        return list(groups)
+    found = [(place, row) for place, group in enumerate(groups) for row in group]
+    whole = any(not (plot.x.label or plot.x.names) for _, row in found for plot in row)
+    while True:
+        sizes = sum(max(plot.height or height for plot in row) for _, row in found)
+        around = sum(_around(row, _LOWEST, shared) for _, row in found)
+        around += (BELOW + LABEL) * len({place for place, _ in found}) if shared else 0.0
+        least = sum(_SQUARE if any(plot.square for plot in row) else _LOWEST for _, row in found)
+        if whole or len(found) == 1 or space - around >= least:
+            break
+        page.omitted += len(found.pop()[1])
+    scale = min(1.0, max(space - around, least) / sizes)
+    return [
+        [
+            [replace(plot, height=scale * (plot.height or height)) for plot in row]
+            for own, row in found
+            if own == k
+        ]
+        for k in sorted({place for place, _ in found})
+    ]
+
+
+def _around(row: Sequence[Subplot], height: float, shared: bool) -> float:
+    """Return the height of the texts above and below a row of plot areas of a height, px."""
+    titles = max(len(plot.headings(height)[0].splitlines()) for plot in row)
+    return _above(titles) + (0.0 if shared else BELOW + LABEL + 8)
+
+
+def _above(titles: int) -> float:
+    """Return the height of the lines above a row, px."""
+    return 9 + _TITLE_LINE * titles if titles else 10
 
 
 def _narrowed(
@@ -291,8 +335,8 @@ def _draw_rows(
         columns.append(_ColumnPlace(x, free * weight / sum(weights), margin))
         x += columns[-1].width + _BETWEEN
     for number, row in enumerate(rows):
-        titles = max(len(plot.title.splitlines()) for plot in row)
-        y += (9 + _TITLE_LINE * titles if titles else 10) + (8 if number and not shared else 0)
+        titles = max(len(plot.headings(plot.height or height)[0].splitlines()) for plot in row)
+        y += _above(titles) + (8 if number and not shared else 0)
         above = len(rows[number + 1]) if shared and number + 1 < len(rows) else 0
         beneath = 0.0
         for place, (plot, column) in enumerate(zip(row, columns, strict=False)):
