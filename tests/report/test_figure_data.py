@@ -180,3 +180,47 @@ def test_of_a_long_array_a_study_draws_the_first_entries(entries):
 
 
 SVG = "{http://www.w3.org/2000/svg}"
+
+
+def test_only_loops_have_a_critical_point():
+    figure = drawn("isolator")["nyquist"]
+    assert "critical" not in figure.caption
+    assert "−1</title>" not in figure.svg
+    assert ">−1</title>" in drawn("isolator_transmissibility")["loop-nyquist"].svg
+
+
+def test_a_circle_of_resonance_is_drawn_round_from_its_samples():
+    # A circle, sampled unevenly with up to 36° between samples.
+    angle = np.cumsum(np.tile([0.2, 0.5, 0.63], 4))
+    circle = 3 + 2j + 5 * np.exp(1j * angle)
+    locus, along = rounded_locus(circle, angle)
+    np.testing.assert_array_equal(locus[np.isin(along, angle)], circle)
+    inner = (along > angle[1]) & (along < angle[-2])
+    assert abs(np.abs(locus[inner] - (3 + 2j)) - 5).max() < 1e-3
+    turns = np.abs(np.diff(np.angle(np.diff(locus[inner])[1:] / np.diff(locus[inner])[:-1])))
+    assert turns.max() < np.radians(8)
+    assert (np.diff(along) > 0).all()
+    # Corners, gaps and straight lines stay as they are.
+    zigzag = np.array([0, 1, 1 + 1j, 2 + 1j, 2 + 2j, np.nan, 4, 5, 6, 7], dtype=complex)
+    np.testing.assert_array_equal(rounded_locus(zigzag, np.arange(10.0))[0], zigzag)
+
+
+def test_a_time_response_beside_its_nonlinear_one_has_the_ranges_of_both():
+    found, caption = result("servo_orifices"), drawn("servo_orifices")["time-response"].caption
+    for name in ("response", "nonlinear"):
+        peak = found[f"bond_graph/time_response/{name}"].data[:, 1].max()
+        law = {"response": "linear", "nonlinear": "nonlinear"}[name]
+        assert re.search(rf"\b{law} [^,;]* … {re.escape(short(float(peak)))}", caption), caption
+
+
+def test_a_map_of_poles_far_from_the_real_axis_shows_their_damping():
+    figure = drawn("servo_orifices")["poles-load_spring.q-load"]
+    group = next(g for g in ET.fromstring(figure.svg).iter(f"{SVG}g") if g.get("class") == "plot")
+    low, high = map(float, group.get("data-x").split()[1:])
+    poles = result("servo_orifices")["bond_graph/transfer_function/load_spring.q/load/poles"].data
+    assert np.ptp(poles.real) / (high - low) > 0.4
+    assert "different scales" in figure.caption
+    labels = [t for t in group.iter(f"{SVG}text") if (t.text or "").startswith("ζ")]
+    places = sorted(float(t.get("y")) for t in labels)
+    assert len(labels) >= 2
+    assert np.diff(places).min() >= 10

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.number_format import counted
-from dynid.report.diagrams.responses import ROW, decibels, frequencies
+from dynid.report.diagrams.responses import ROW, decibels, frequencies, rounded_locus
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture, evenly_spaced, table_of
 from dynid.report.notation import frequency_label, short
 from dynid.report.plot import (
@@ -40,6 +40,8 @@ Roots = tuple[str, Complex, NDArray[np.float64]]
 TRANSFER_FUNCTION = "bond_graph/transfer_function"
 #: Ratio of successive magnitudes above which the smaller roots have a subplot of their own.
 _FAR = 25.0
+#: Ratio of the ranges of a map beyond which equal scales would place all its roots on a line.
+_FLAT = 6.0
 _DAMPING = (0.1, 0.3, 0.5, 0.7, 0.9)
 _MOST = 400
 _SYMBOLS = {"pole": ("x", "s1"), "zero": ("ring", "s2"), "hidden mode": ("kite", "s4")}
@@ -112,6 +114,8 @@ def _map_picture(result: Result, group: str, name: str, title: str) -> Picture:
         where = "drawn as discs" if drawn else "too small to be seen, listed in the table"
         certified = f" Certified error bounds, at most {short(float(known.max()), 2)} rad/s: {where}."
     about = f"{counts}; dashed: constant damping ratio; circles: constant natural frequency.{certified}"
+    if not all(plot.square for plot in maps):
+        about += " Real and imaginary parts have different scales."
     legend = [LegendEntry(f"{what}s", *_SYMBOLS[what]) for what, values, _ in kinds if len(values)]
     width = 480.0 if len(maps) == 1 else 860.0
     svg = chart(name, title, [maps], about, width=width, height=360.0, legend=legend)
@@ -127,19 +131,25 @@ def _map(kinds: Sequence[Roots], reach: float, title: str, unit: FrequencyUnit) 
     ]
     every = np.concatenate([values for _, values, _ in within] or [np.zeros(0, complex)])
     layers = list[Layer]()
+    wide, tall = (reach * (0.06 if part.any() else 0.4) for part in (every.real, every.imag))
+    space = 1.14 * np.append(every, [-wide, wide, 1j * tall, -1j * tall])
+    ranges = np.ptp(space.real), np.ptp(space.imag)
+    square = bool(max(ranges) < _FLAT * min(ranges))
     if every.size and (every.real < 0).any():
         for zeta in _DAMPING:  # lines of constant damping ratio
             ray = reach * complex(-zeta, math.sqrt(1 - zeta * zeta))
-            end, at = 4 * ray, 1.08 * ray
+            inside = 0.92 * min(float(space.real.min()) / ray.real, float(space.imag.max()) / ray.imag)
+            end, at = 4 * ray, (1.08 if square else inside) * ray
             line = [end.real, 0, end.real], [end.imag, 0, -end.imag]
             layers.append(Curve(*line, "", "grid dashed", spans=False))
-            layers.append(Annotation(at.real, at.imag, f"ζ {zeta:g}", "small muted", "end", (-3.0, 3.0)))
+            # Beyond the circles, of which there is little on different scales: there within the frame.
+            anchor, shift = ("end", (-3.0, 3.0)) if square else ("start", (4.0, 3.0))
+            layers.append(Annotation(at.real, at.imag, f"ζ {zeta:g}", "small muted", anchor, shift))
         half_turn = np.exp(1j * np.linspace(0.5 * np.pi, 1.5 * np.pi, 61))
         for share in (0.25, 0.5, 0.75, 1.0):  # circles of constant natural frequency
             circle = share * reach * half_turn
             layers.append(Curve(circle.real, circle.imag, "", "grid", spans=False))
     layers += [ReferenceLine(0.0, "", "frame"), ReferenceLine(0.0, "", "frame", upright=True)]
-    margin = 0.06 * reach
     turn = np.exp(1j * np.linspace(0, 2 * np.pi, 73))
     for what, values, bounds in within:
         symbol, cls = _SYMBOLS[what]
@@ -161,10 +171,10 @@ def _map(kinds: Sequence[Roots], reach: float, title: str, unit: FrequencyUnit) 
             if bound > reach / 300:
                 disc = root + bound * turn
                 layers.append(Curve(disc.real, disc.imag, "", "s3 fine", spans=False))
-    space = 1.14 * np.append(every, [-margin, margin, 1j * margin, -1j * margin])
     across = PlotAxis(AXES[0], low=float(space.real.min()), high=float(space.real.max()))
     up = PlotAxis(AXES[1], low=float(space.imag.min()), high=float(space.imag.max()))
-    return Subplot(across, up, layers, title, square=True, parameter=frequency_label(unit), per_y=unit.factor)
+    over = frequency_label(unit)
+    return Subplot(across, up, layers, title, square=square, parameter=over, per_y=unit.factor)
 
 
 def root_loci(result: Result) -> Iterator[Figure]:
@@ -247,14 +257,15 @@ def _nyquist(result: Result) -> Picture:
     for loop, response in zip(loops[:_LOOPS], responses.T, strict=False):
         columns |= {f"Re L, {loop}": response.real, f"Im L, {loop}": response.imag}
         drawn = np.where(np.abs(response) <= 2 * _REACH, response, np.nan)
+        locus, along = rounded_locus(drawn, at.shown)
         size = float(np.nanmax(np.abs(drawn), initial=1.2)) if np.isfinite(drawn).any() else 1.2
         reach = min(_REACH, 1.1 * max(size, 1.2))
         layers: list[Layer] = [
             ReferenceLine(0.0, "", "frame"),
             ReferenceLine(0.0, "", "frame", upright=True),
             Curve(circle.real, circle.imag, "", "grid", name="|L| = 1"),
-            Curve(drawn.real, -drawn.imag, "", "s1 fine dashed", name="negative frequencies"),
-            Curve(drawn.real, drawn.imag, "", "s1", name="L", along=at.shown),
+            Curve(locus.real, -locus.imag, "", "s1 fine dashed", name="negative frequencies"),
+            Curve(locus.real, locus.imag, "", "s1", name="L", along=along),
             Markers([-1.0], [0.0], "", "mark", "+", 5, ["−1"]),
         ]
         across, up = (PlotAxis(f"{part} part", low=-reach, high=reach) for part in ("real", "imaginary"))

@@ -30,6 +30,10 @@ NamedResponse = tuple[str, Complex]
 CURVES, ROW, LOCI, OUTPUTS = 7, 3, 12, 12
 
 
+#: Bends of a sampled locus between which it is rounded, rad.
+_BENT, _CORNER = math.radians(4), math.radians(60)
+
+
 @dataclass(frozen=True)
 class Frequencies:
     """The frequencies of a response.
@@ -187,12 +191,10 @@ def _nyquist(at: Frequencies, curves: Sequence[NamedResponse], units: Sequence[s
         columns |= {f"Re {name}": response.real, f"Im {name}": response.imag}
         values = np.where(np.isfinite(response), response, np.nan)
         known = np.flatnonzero(np.isfinite(values))
-        size = np.nanmax(np.abs(values)) if known.size else 0.0
-        critical = bool(0.05 < size < 1e3)  # −1 is at the scale of the response
+        locus, along = rounded_locus(values, at.shown)
         layers: list[Layer] = [
-            Curve(values.real, -values.imag, "", "s1 fine dashed", name="negative frequencies"),
-            Curve(values.real, values.imag, "", "s1", name=name, along=at.shown),
-            Markers([-1.0], [0.0], "", "mark", "+", 5, ["−1"]) if critical else Markers([], []),
+            Curve(locus.real, -locus.imag, "", "s1 fine dashed", name="negative frequencies"),
+            Curve(locus.real, locus.imag, "", "s1", name=name, along=along),
         ]
         if known.size:
             first = known[0]
@@ -203,13 +205,49 @@ def _nyquist(at: Frequencies, curves: Sequence[NamedResponse], units: Sequence[s
     per_row = min(len(subplots), inputs if 1 < inputs <= ROW else ROW)
     rows = [subplots[start : start + per_row] for start in range(0, len(subplots), per_row)]
     left = f" The first {LOCI} of {len(curves)} responses." if len(curves) > LOCI else ""
-    about = (
-        "The dot is the lowest frequency, dashed lines are negative frequencies, the cross is the critical "
-        f"point −1.{left}"
-    )
+    about = f"The dot is the lowest frequency, dashed lines are negative frequencies.{left}"
     wide = 420.0 if per_row == 1 else 760.0
     svg = chart("nyquist", "Nyquist diagram", rows, about, width=wide, height=300.0 if per_row < 3 else 210.0)
     return Picture(svg, about, table_of(columns))
+
+
+def rounded_locus(values: Complex, at: Floats) -> tuple[Complex, Floats]:
+    """Return a locus with points between the samples where it bends, and its parameter at all of them.
+
+    Parameters
+    ----------
+    values
+        The samples, NaN where there is none.
+    at
+        The parameter, such as the frequency.
+
+    Notes
+    -----
+    The tangent at a sample is that of the circle through it and its neighbours; pieces between samples are
+    cubics with these tangents. Circles of resonance stay circles. Where a corner is sharper than 60°, there
+    are too few samples, and the line stays straight.
+    """
+    steps = np.diff(values)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        tangents = np.conj(1 / steps[:-1] + 1 / steps[1:])
+        tangents /= np.abs(tangents)
+        bend = np.abs(np.angle(steps[1:] / steps[:-1]))
+        turn = np.angle(tangents[1:] / tangents[:-1])  # of the pieces between samples that have tangents
+    points, places = [values[:1]], [at[:1]]
+    for k, step in enumerate(steps.tolist()):
+        if 0 < k < len(steps) - 1 and _BENT < max(bend[k - 1], bend[k]) < _CORNER:
+            u = np.linspace(0, 1, math.ceil(max(bend[k - 1], bend[k]) / _BENT) + 1)[1:-1]
+            reach = abs(step) / math.cos(turn[k - 1] / 4) ** 2
+            first, last = reach * tangents[k - 1], reach * tangents[k]
+            points.append(
+                (1 - u) ** 2 * (1 + 2 * u) * values[k]
+                + u**2 * (3 - 2 * u) * values[k + 1]
+                + u * (1 - u) * ((1 - u) * first - u * last)
+            )
+            places.append(at[k] + u * (at[k + 1] - at[k]))
+        points.append(values[k + 1 : k + 2])
+        places.append(at[k + 1 : k + 2])
+    return np.concatenate(points), np.concatenate(places)
 
 
 def time_responses(result: Result) -> Iterator[Figure]:
@@ -234,9 +272,9 @@ def _time_response(result: Result, group: str) -> Picture:
     curves += [(n, Curve(time, values, "", series_class(6)), 90.0) for n, values in list(moving.items())[:3]]
     ranges = []
     for name, values in shown[:3]:
-        data = np.asarray(values)
-        if np.isfinite(data).any():
-            ranges.append(f"{name}: {short(np.nanmin(data))} … {short(np.nanmax(data))}")
+        both = {"linear ": values, "nonlinear ": laws[name]} if name in laws else {"": values}
+        own = [f"{law}{_range(np.asarray(data))}" for law, data in both.items() if np.isfinite(data).any()]
+        ranges += [f"{name}: {', '.join(own)}"] if own else []
     way = "" if moving else "Free response to the initial state. "
     left = f" The first {OUTPUTS} of {len(outputs)} outputs." if len(outputs) > OUTPUTS else ""
     about = f"{way}{'; '.join(ranges)}, over {short(float(time[-1] - time[0]))} s.{left}"
@@ -254,6 +292,11 @@ def _time_response(result: Result, group: str) -> Picture:
     also = {f"nonlinear {name}": values for name, values in laws.items()}
     svg = chart("time-response", "Time response", rows, about, shared=True)
     return Picture(svg, about, table_of({"time (s)": time, **dict(shown), **also, **moving}))
+
+
+def _range(data: Floats) -> str:
+    """Return the least and the largest value as text."""
+    return f"{short(np.nanmin(data))} … {short(np.nanmax(data))}"
 
 
 def _columns(result: Result, group: str, name: str, axis: str, unit: str) -> Mapping[str, ArrayLike]:

@@ -25,7 +25,7 @@ def series_class(place: int, dash: bool | None = None) -> str:
 
 def symbol_class(symbol: str, cls: str) -> str:
     """Return the classes of a symbol of a series."""
-    return f"{cls} dot" if symbol in ("o", "square", "diamond") else f"{cls} fine"
+    return f"{cls} dot" if symbol in ("o", "square", "diamond", "up", "down") else f"{cls} fine"
 
 
 def symbol_path(symbol: str, x: float, y: float, r: float) -> str:
@@ -37,6 +37,9 @@ def symbol_path(symbol: str, x: float, y: float, r: float) -> str:
         return f"M{x - r:.6g} {y - r:.6g}l{2 * r:.3g} {2 * r:.3g}m0 {-2 * r:.3g}l{-2 * r:.3g} {2 * r:.3g}"
     if symbol == "+":
         return f"M{x - r:.6g} {b}h{2 * r:.3g}M{a} {y - r:.6g}v{2 * r:.3g}"
+    if symbol in ("up", "down"):
+        rise = -r if symbol == "up" else r
+        return f"M{x - r:.6g} {y - 0.7 * rise:.6g}h{2 * r:.3g}l{-r:.3g} {1.7 * rise:.3g}z"
     if symbol == "square":
         return f"M{x - r:.6g} {y - r:.6g}h{2 * r:.3g}v{2 * r:.3g}h{-2 * r:.3g}z"
     return f"M{x - r:.6g} {b}l{c} {-r:.3g}l{c} {c}l{-r:.3g} {c}z"
@@ -52,7 +55,7 @@ class LegendEntry(NamedTuple):
 
 @dataclass(frozen=True)
 class PlotArea:
-    """The area of a subplot in which data are drawn, px, with its scales."""
+    """The area of a subplot in which data are drawn, px, with its scales and the boxes of texts in it."""
 
     left: float
     top: float
@@ -60,6 +63,7 @@ class PlotArea:
     height: float
     x: Scale
     y: Scale
+    texts: list[tuple[float, float, float, float]] = field(default_factory=list)
 
     def at_x(self, values: ArrayLike) -> NDArray[np.float64]:
         """Return the positions of values along x."""
@@ -189,7 +193,7 @@ class Markers(_GriddedLayer):
     Parameters
     ----------
     symbol
-        `o` (filled), `ring`, `x`, `+`, `square`, `diamond` or `kite` (hollow).
+        `o` (filled), `ring`, `x`, `+`, `square`, `diamond`, `up`, `down` (triangles) or `kite` (hollow).
     size
         Its radius, px.
     tips
@@ -304,7 +308,7 @@ class ReferenceLine(_GriddedLayer):
 
 @dataclass(frozen=True)
 class Annotation(_GriddedLayer):
-    """A text at a point, which the axes need not contain."""
+    """A text at a point, which the axes need not contain; it is omitted where it would be on another one."""
 
     x: float
     y: float
@@ -323,7 +327,12 @@ class Annotation(_GriddedLayer):
         width = text_width(self.text, SMALL)
         left = x - width * {"start": 0.0, "middle": 0.5, "end": 1.0}[self.anchor]
         inside = area.left <= left and left + width <= area.left + area.width
-        if inside and area.top + SMALL <= y <= area.top + area.height - 2:
+        box = (left, y - SMALL, left + width, y + 2)
+        free = not any(
+            box[0] < b[2] and b[0] < box[2] and box[1] < b[3] and b[1] < box[3] for b in area.texts
+        )
+        if inside and free and area.top + SMALL <= y <= area.top + area.height - 2:
+            area.texts.append(box)
             svg.text(x, y, self.text, self.cls, anchor=self.anchor)
 
 
