@@ -224,3 +224,27 @@ def test_a_map_of_poles_far_from_the_real_axis_shows_their_damping():
     places = sorted(float(t.get("y")) for t in labels)
     assert len(labels) >= 2
     assert np.diff(places).min() >= 10
+
+
+def test_marks_of_a_benchmark_look_like_no_alternative_and_only_what_is_drawn_has_a_name():
+    made = bench()
+    for k in range(5):
+        group = f"bench/roots/other_{k}"
+        made.annotate(group, peer=True, exponent=1.0)
+        made.add_axis(f"{group}/size", [20, 100])
+        errors = [np.inf, np.inf] if k == 4 else [1e-9, 1e-9 + k]
+        for name, values in (("time", [0.1, 0.2]), ("memory", [1e6, 1e6]), ("error", errors)):
+            made.add(f"{group}/{name}", values, ("size",))
+        for name in ("pareto", "default"):
+            made.add(f"{group}/{name}", [False, False], ("size",))
+    figure = {one.name: one for one in figures(made)}["bench-roots-precision"]
+    legend = next(g for g in ET.fromstring(figure.svg).iter(f"{SVG}g") if g.get("class") == "legend")
+    names = [text.text for text in legend.iter(f"{SVG}text")]
+    shapes = [re.sub(r"^M\S+ \S+", "", path.get("d").partition("M")[2]) for path in legend.iter(f"{SVG}path")]
+    shapes = [re.sub(r"^[\d.]+ [\d.]+", "", shape) for shape in shapes]
+    assert "other_4" not in names
+    assert {"other_3", "Pareto-optimal in time and error", "default of the suite"} <= set(names)
+    assert "infinite ones of other_4" in figure.caption
+    classes = [path.get("class") for path in legend.iter(f"{SVG}path")]
+    filled = [shape + cls.partition(" ")[2] for shape, cls in zip(shapes, classes, strict=True)]
+    assert len(set(filled)) == len(names)

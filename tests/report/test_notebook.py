@@ -153,8 +153,12 @@ def test_every_layer_is_drawn(monkeypatch):
         Curve(x, x, "curve", "s2 dash"),
         BandLayer(x, x - 1, x + 1, "band", "s3"),
         Markers(x, x, "markers", symbol="ring"),
+        *(
+            Markers(x, x + 1, symbol=symbol)
+            for symbol in ("o", "square", "x", "+", "diamond", "up", "down", "kite")
+        ),
         Bars([1, 2], 0, [2, 3], "bars"),
-        Bars([1, 2], 0, [2, 3], flat=True),
+        Bars([1, 2], 0, [2, 3], thick=np.array([0.5, 0.7]), flat=True),
         ReferenceLine(2.0, "level"),
         ReferenceLine(1.5, upright=True),
         Annotation(1, 1, "here", anchor="end"),

@@ -29,7 +29,17 @@ if TYPE_CHECKING:
 #: Most rows of a table that are shown.
 _ROWS = 12
 #: Markers of matplotlib by the symbols of figures; hollow ones are not filled.
-_SYMBOLS = {"o": "o", "ring": "o", "x": "x", "+": "+", "square": "s", "diamond": "D", "kite": "D"}
+_SYMBOLS = {
+    "o": "o",
+    "ring": "o",
+    "x": "x",
+    "+": "+",
+    "square": "s",
+    "diamond": "D",
+    "up": "^",
+    "down": "v",
+    "kite": "D",
+}
 _HOLLOW = ("ring", "kite")
 #: Columns that stand first in a table.
 _FIRST = ("omega", "frequency", "frequencies")

@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
 #: Least error that is drawn: zero has no place on a logarithmic axis.
 LEAST = 1e-17
-_SYMBOLS = ("o", "square", "diamond", "x", "+", "ring", "kite")
+#: Symbols of the alternatives; none is that of a mark.
+_SYMBOLS = ("o", "square", "diamond", "x", "+", "up", "down")
 _COLUMNS = ("size", "time", "memory", "error", "pareto")
 #: Marked points: name of the array, label, symbol, its size and class. In benchmarks the default of the suite
 #: is marked, in runs the choice.
@@ -60,11 +61,16 @@ def figures(result: Result) -> Iterator[Figure]:
 def _over_error(result: Result, group: str, name: str, title: str, found: Alternatives) -> Picture:
     layers: list[Layer] = []
     marked: dict[str, list[tuple[float, float]]] = {}
+    absent = []
     for place, (own, columns) in enumerate(found.items()):
         if "error" not in columns:
             continue
         error, time = columns["error"].data, columns["time"].data
         shown = np.isfinite(error)
+        if not shown.all():
+            absent.append(own)
+        if not shown.any():
+            continue
         x, y = np.maximum(error[shown], LEAST), time[shown]
         tips = [
             f"{own}, {size:,}: {short(t, 3)} s, error {short(e, 2)}"
@@ -82,10 +88,10 @@ def _over_error(result: Result, group: str, name: str, title: str, found: Altern
             xs, ys = zip(*marked[column], strict=True)
             layers.append(Markers(xs, ys, words, cls, symbol, size))
     measure = str(result.group_attrs.get(group, {}).get("measure", "error"))
-    label = measure if measure.startswith("error") else f"error: {measure}"
-    label = label if len(label) <= 90 else f"{label[:89]}…"
-    about = "Errors of zero are drawn at 10⁻¹⁷; infinite errors are only in the table."
-    return _picture(result, group, name, title, found, PlotAxis(label, log=True), layers, about)
+    about = f"{measure[:1].upper()}{measure[1:]}" if measure.startswith("error") else f"Error: {measure}"
+    about += ". Errors of zero are drawn at 10⁻¹⁷"
+    about += f"; infinite ones of {', '.join(absent)} are only in the table." if absent else "."
+    return _picture(result, group, name, title, found, PlotAxis("error", log=True), layers, about)
 
 
 def _over_size(result: Result, group: str, name: str, title: str, found: Alternatives) -> Picture:
