@@ -248,3 +248,17 @@ def test_marks_of_a_benchmark_look_like_no_alternative_and_only_what_is_drawn_ha
     classes = [path.get("class") for path in legend.iter(f"{SVG}path")]
     filled = [shape + cls.partition(" ")[2] for shape, cls in zip(shapes, classes, strict=True)]
     assert len(set(filled)) == len(names)
+
+
+def test_estimates_stand_in_the_order_of_the_table():
+    figure = drawn("table2")["estimates"]
+    ticks = [t for t in ET.fromstring(figure.svg).iter(f"{SVG}text") if t.get("text-anchor") == "end"]
+    names = [t.text for t in sorted(ticks, key=lambda t: float(t.get("y")))]
+    assert names == [row[0] for row in figure.table.rows]
+    estimate, true = column(figure.table, "estimate"), column(figure.table, "true")
+    circles = [
+        p for p in ET.fromstring(figure.svg).iter(f"{SVG}path") if p.get("class") == "s2 dot" and len(p)
+    ]
+    down = sorted(circles, key=lambda p: float(p.get("d").split()[1].partition("a")[0]))
+    across = [float(p.get("d")[1:].split()[0]) for p in down]
+    assert np.corrcoef(across, estimate / true - 1)[0, 1] == pytest.approx(1, abs=1e-3)

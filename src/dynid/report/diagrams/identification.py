@@ -91,7 +91,7 @@ def _estimates(result: Result) -> Picture:
     reference = np.where(np.isfinite(true), true, estimate)
     scale = np.where(reference == 0, 1.0, np.abs(reference)) / 100
     off, half = (estimate - reference) / scale, 1.96 * error / scale
-    place = np.arange(len(names), dtype=float)
+    place = np.arange(len(names), dtype=float)[::-1]  # axes go up, the first parameter is at the top
     known = bool(np.isfinite(true).any())
     barred = not is_rejected(result)
     tips = [
@@ -110,7 +110,7 @@ def _estimates(result: Result) -> Picture:
         layers.append(Markers(ends, np.tile(place, 2), "Cramér–Rao bound, 95 %", "s3", "+", 5))
     label = "error relative to the true value (%)" if known else "deviation from the estimate (%)"
     height = max(90.0, 30.0 * len(names))
-    plot = Subplot(PlotAxis(label), PlotAxis("", names=tuple(names)), layers, height=height)
+    plot = Subplot(PlotAxis(label), PlotAxis("", names=tuple(names[::-1])), layers, height=height)
     about = "The Cramér–Rao bound is the least standard error of any unbiased estimator on this record."
     columns = {
         title: result[f"{GROUP}/{name}"].data
