@@ -429,6 +429,19 @@ def test_samples_are_paged_sorted_filtered_and_counted(visit):
     assert "1,000 of 1,000 samples" in host.text_content()
 
 
+def test_equal_samples_have_no_spread_and_the_first_column_that_varies_is_chosen(visit):
+    result = study(40, failed=())
+    result.add("study/results/a/converged", np.ones(40), ("sample",))
+    result.add("study/results/b/constant", np.full(40, 0.1), ("sample",))
+    host = visit(result).page.locator("#sample-table")
+    choice = host.get_by_label("Column", exact=True)
+    assert choice.evaluate("(one) => one.selectedOptions[0].textContent") not in ("a/converged", "b/constant")
+    choice.select_option(label="b/constant")
+    numbers = host.locator("[aria-label='Statistics of the chosen column'] td").all_text_contents()
+    assert numbers[1:4] == ["0.1", "0", "0.1"]
+    assert "rows 1 … 25, page 1 of 2" in host.text_content()
+
+
 def test_long_names_do_not_make_a_narrow_page_wide(visit):
     result = study(30, failed=())
     long = "group/" + "_".join(["a_very_long_name"] * 8)

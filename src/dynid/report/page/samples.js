@@ -38,8 +38,13 @@
   // One column at a time: choose it, and bound it.
   const choice = make("select", { "aria-label": "Column" });
   columns.forEach((column, place) => choice.append(make("option", { value: place }, column.title)));
-  const first = columns.findIndex((column) => column.role === "result" && !column.levels);
-  choice.value = String(Math.max(0, first));
+  const isResult = (column) => column.role === "result" && !column.levels;
+  const varies = (column) => {
+    const known = column.values.filter((value) => !Number.isNaN(value));
+    return known.some((value) => value !== known[0]);
+  };
+  const varied = columns.findIndex((column) => isResult(column) && varies(column));
+  choice.value = String(Math.max(0, varied < 0 ? columns.findIndex(isResult) : varied));
   const from = make("input", { size: 9, "aria-label": "at least", placeholder: "at least" });
   const to = make("input", { size: 9, "aria-label": "at most", placeholder: "at most" });
   const holds = make("input", { size: 16, "aria-label": "contains", placeholder: "contains" });
@@ -124,8 +129,9 @@
     const size = known.length;
     if (!size) return [["count", 0]];
     const mean = known.reduce((sum, value) => sum + value / size, 0);
-    const spread = known.reduce((sum, value) => sum + (value - mean) ** 2, 0);
-    return [["count", size], ["mean", mean], ["std", size > 1 ? Math.sqrt(spread / (size - 1)) : NaN], ["min", known[0]],
+    // Equal values have no spread, although their mean is rounded.
+    const spread = known[0] === known[size - 1] ? 0 : known.reduce((sum, value) => sum + (value - mean) ** 2, 0);
+    return [["count", size], ["mean", Math.min(Math.max(mean, known[0]), known[size - 1])], ["std", size > 1 ? Math.sqrt(spread / (size - 1)) : NaN], ["min", known[0]],
       ["p05", quantile(known, 0.05)], ["median", quantile(known, 0.5)], ["p95", quantile(known, 0.95)], ["max", known[size - 1]]];
   };
 
@@ -191,7 +197,7 @@
       body.append(make("tr", {}, ...columns.map((one) => make("td", one.levels ? {} : { class: "n" }, said(one, row)))));
     }
     table.tBodies[0].replaceWith(body);
-    where.textContent = rows.length ? `samples ${page * SIZE + 1} … ${Math.min((page + 1) * SIZE, rows.length)}, page ${page + 1} of ${last() + 1}` : "no sample";
+    where.textContent = rows.length ? `rows ${page * SIZE + 1} … ${Math.min((page + 1) * SIZE, rows.length)}, page ${page + 1} of ${last() + 1}` : "no sample";
     buttons.forEach((button, place) => { button.disabled = place < 2 ? page === 0 : page >= last(); });
     heads.forEach((head, place) => {
       const sorted = place === order.place;
