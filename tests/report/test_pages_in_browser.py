@@ -442,6 +442,50 @@ def test_equal_samples_have_no_spread_and_the_first_column_that_varies_is_chosen
     assert "rows 1 … 25, page 1 of 2" in host.text_content()
 
 
+def test_a_drawing_wider_than_a_phone_scrolls_and_is_shown_whole(visit):
+    from tests.report.pages import run
+
+    opened = visit(run(WIDE), viewport={"width": 420, "height": 900}).page
+    figure = opened.locator('figure[id="figure-bond-graph"]')
+    figure.scroll_into_view_if_needed()
+    picture, svg = figure.locator(".picture"), figure.locator("svg")
+    widths = "(one) => [one.scrollWidth, one.clientWidth]"
+    scrolled, seen = picture.evaluate(widths)
+    assert scrolled > seen + 100
+    opened.wait_for_function("document.querySelector('.picture.more')")
+    assert opened.evaluate(
+        "getComputedStyle(document.querySelector('#figure-bond-graph output'), '::before').content"
+    ).startswith('"Scroll sideways')
+    figure.locator("button[data-do=all]").click()
+    assert svg.bounding_box()["width"] <= seen + 1
+    figure.locator("button[data-do=in]").click()
+    assert svg.bounding_box()["width"] > seen + 100
+    figure.locator("button[data-do=out]").click()
+    scrolled, seen = picture.evaluate(widths)
+    assert scrolled <= seen + 1
+    assert figure.locator(".tools").bounding_box()["height"] < 60  # no empty line below the buttons
+    steps = opened.locator("details.fold svg").evaluate_all(
+        "(all) => all.map((one) => { one.closest('details').open = true;"
+        " return one.getBoundingClientRect().width / one.viewBox.baseVal.width; })"
+    )
+    assert steps
+    assert min(steps) > 0.9
+
+
+WIDE = """\
+dynid: 1
+kind: bond-graph
+title: A long chain
+graph:
+  nodes: {F: Se, m: {type: I, value: 2}, k: {type: C, value: 0.04}, b: {type: R, value: 0.7}, one: 1,
+          zero: 0, two: 1, M: {type: I, value: 3}, B: {type: R, value: 1},
+          other: 0, K: {type: C, value: 0.02}, three: 1, L: {type: I, value: 1}}
+  bonds: [F -> one -> m, one -> b, one -> zero -> k, zero -> two -> M, two -> B, two -> other -> K,
+          other -> three -> L]
+analysis: {inputs: [F], outputs: [M.f], frequency: {start: 0.5, stop: 50, points: 30}}
+"""
+
+
 def test_long_names_do_not_make_a_narrow_page_wide(visit):
     result = study(30, failed=())
     long = "group/" + "_".join(["a_very_long_name"] * 8)

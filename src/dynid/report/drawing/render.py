@@ -9,6 +9,7 @@ from functools import cached_property
 from dynid.report.drawing.layout import GAP, GraphLayout, lay_out
 from dynid.report.drawing.sketch import COLOUR, PAD_Y, Sketch
 from dynid.report.notation import TypesetFormula, draw_formula, typeset
+from dynid.report.plot.chart import embedded
 from dynid.report.svg import SIZE, SMALL, Svg, number, text_width
 
 #: Greatest width of a drawing within a panel, px.
@@ -200,10 +201,11 @@ def wrapped(text: str, width: float, size: float) -> Iterator[str]:
 
 
 def draw_panels(svg: Svg, panels: Sequence[Panel]) -> tuple[float, float]:
-    """Draw panels in rows from left to right; return the width and height of all of them."""
+    """Draw panels in rows from left to right, on a page one a row; return the width and height of all."""
     rows: list[list[Panel]] = []
+    widest = _WIDTH if embedded.get() is None else 0.0
     for panel in panels:
-        if rows and sum(other.full_width + _PAD for other in rows[-1]) + panel.full_width <= _WIDTH:
+        if rows and sum(other.full_width + _PAD for other in rows[-1]) + panel.full_width <= widest:
             rows[-1].append(panel)
         else:
             rows.append([panel])

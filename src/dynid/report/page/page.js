@@ -164,6 +164,11 @@
       if (path) element.style.stroke = getComputedStyle(path).stroke;
     };
 
+    // A figure that is wider than a narrow screen scrolls, until it is shown whole.
+    const scrolls = () => picture.scrollWidth > picture.clientWidth + 1;
+    const fit = (small) => picture.classList.toggle("whole", small);
+    new ResizeObserver(() => picture.classList.toggle("more", scrolls())).observe(svg);
+
     const readAlongX = (plot, value, near, said) => {
       const x = plot.atX(value);
       if (!(x >= plot.left - 0.01 && x <= plot.left + plot.width + 0.01)) return;
@@ -252,11 +257,14 @@
         .map(([quantity, value, unit]) => `${quantity}: ${withUnit(value, unit)}`).join(" · ");
     };
 
+    const larger = (factor) => { if (picture.classList.contains("whole")) fit(false); else zoom(factor); };
+    const smaller = (factor) => { if (box[2] < whole[2]) zoom(factor); else fit(scrolls() || picture.classList.contains("whole")); };
+    const all = () => { box = [...whole]; show(); if (scrolls()) fit(true); };
     tools.addEventListener("click", (event) => {
       const action = event.target.dataset && event.target.dataset.do;
-      if (action === "in") zoom(0.6);
-      if (action === "out") zoom(1 / 0.6);
-      if (action === "all") { box = [...whole]; show(); }
+      if (action === "in") larger(0.6);
+      if (action === "out") smaller(1 / 0.6);
+      if (action === "all") all();
     });
     picture.addEventListener("wheel", (event) => {
       if (!event.ctrlKey && !event.metaKey) return; // a page that is scrolled past goes on scrolling
@@ -283,9 +291,9 @@
     let place = 0.5;
     picture.addEventListener("keydown", (event) => {
       const step = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
-      if (event.key === "+" || event.key === "=") zoom(0.8);
-      else if (event.key === "-") zoom(1.25);
-      else if (event.key === "0") { box = [...whole]; show(); }
+      if (event.key === "+" || event.key === "=") larger(0.8);
+      else if (event.key === "-") smaller(1.25);
+      else if (event.key === "0") all();
       else if (step && box[2] < whole[2]) move(step[0] * box[2] / 10, step[1] * box[3] / 10);
       else if (step && step[0] && plots.length) {
         place = Math.min(Math.max(place + step[0] / 100, 0), 1);
