@@ -360,8 +360,8 @@ def _course(parameter: StudyVariable, outputs: Sequence[StudyVariable]) -> Pictu
         layers: list[Layer] = [Curve(x, y, "", "s1")] if joined else []
         if len(x) <= POINTS:
             layers.append(Markers(x, y, "", "s1", "o", 2.2))
-        across, up = parameter.axis(parameter.label), PlotAxis(number.units, log=wide)
-        subplots.append(Subplot(across, up, layers, number.label, height=150.0))
+        across, up = parameter.axis(parameter.label), PlotAxis(number.label, log=wide)
+        subplots.append(Subplot(across, up, layers, height=150.0))
     about = f"Results over {parameter.path}, the only input that varies."
     grid = [subplots[start : start + 2] for start in range(0, len(subplots), 2)]
     svg = chart("course", f"Results over {parameter.name}", grid, about, width=760.0, shared=True)
