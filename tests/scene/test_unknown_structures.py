@@ -124,6 +124,18 @@ structure:
     np.testing.assert_array_equal(model.slopes({"theta": 1.0})[0]["K"], [[2, -2], [-2, 2]])
 
 
+@pytest.mark.parametrize(("labels", "unit"), [("", ""), (", labels: [theta_1, w_2]", "N.m/rad")])
+def test_a_shared_stiffness_has_a_unit_where_labels_say_what_its_dofs_are(tmp_path, labels, unit):
+    np.savetxt(tmp_path / "A.txt", np.eye(2))
+    text = f"""
+parameters: {{s: {{start: 7}}}}
+structure: {{matrices: {{mass: A.txt, stiffness: A.txt{labels}}}}}
+joints: {{j: {{dofs: [1], k: {{value: s}}}}}}
+"""
+    (unknown,) = structure_of(tmp_path, text).unknowns
+    assert (unknown.name, unknown.unit) == ("s", unit)
+
+
 def test_a_missing_part_is_located(tmp_path):
     with pytest.raises(SceneError, match=r"scene\.yaml:7:\d+: no parameter 'thet'"):
         structure_of(

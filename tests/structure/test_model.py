@@ -339,4 +339,9 @@ def test_units_follow_what_a_joint_holds():
     )
     model = StructuralModel(np.eye(2), np.zeros((2, 2)), np.eye(2), joints, ("theta_1", "w_2"))
     assert [u.unit for u in model.unknowns] == ["N.m/rad", "N.m.s/rad", "N/m", "N.s/m", ""]
+    numbered = StructuralModel(np.eye(2), np.zeros((2, 2)), np.eye(2), [Joint("j", (1,), unknown)])
+    assert [u.unit for u in numbered.unknowns] == [""]  # a displacement or a rotation
+    masses = lumped([1.0, 1.0], [], [Joint("j", (1, 2), unknown)])
+    assert [u.unit for u in masses.unknowns] == ["N/m"]
+    assert [u.unit for u in masses.projected(np.eye(2), ("q_1", "q_2")).unknowns] == ["N/m"]
     assert [Channel(dof, "velocity").unit for dof in ("theta_1", "w_2", 1)] == ["rad/s", "m/s", "m/s"]

@@ -148,10 +148,13 @@ class Assembly:
         joints: Iterable[Joint] = (),
         parameters: Iterable[Parameter] = (),
         nodes: Nodes | None = None,
+        *,
+        translations: bool = False,
     ) -> StructuralModel:
         """Return the structure, its damping that of `damping` and of what was added."""
+        M, C, K = self.sum("M"), self.sum("C"), self.sum("K")
         return damped_structure(
-            self.sum("M"), self.sum("C"), self.sum("K"), damping, joints, self.dofs, parameters, nodes
+            M, C, K, damping, joints, self.dofs, parameters, nodes, translations=translations
         )
 
 
@@ -164,6 +167,8 @@ def damped_structure(
     dofs: Sequence[Label] = (),
     parameters: Iterable[Parameter] = (),
     nodes: Nodes | None = None,
+    *,
+    translations: bool = False,
 ) -> StructuralModel:
     """Return the structure of matrices that may depend on parameters, its damping C and that of `damping`."""
     modal = None
@@ -186,6 +191,7 @@ def damped_structure(
         terms=terms,
         modal=modal,
         nodes=nodes,
+        translations=translations,
     )
 
 
@@ -299,6 +305,7 @@ def assembled_parts(
             for name, model in parts.items()
             for motion, weights in model.motions.items()
         },
+        translations=all("unknown" not in model.kinds for model in parts.values()),
     )
 
 

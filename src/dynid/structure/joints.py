@@ -186,7 +186,9 @@ class JointTerm(NamedTuple):
 
 
 def unit_of(letter: str, kinds: Collection[str]) -> str:
-    """Return the unit of a stiffness, damping or mass between DOFs of these kinds."""
+    """Return the unit of a value (k, c, m) between DOFs of these kinds; empty if one is "unknown"."""
+    if "unknown" in kinds:
+        return ""
     turning = set(kinds) == {"rotation"}
     return {"k": ("N/m", "N.m/rad"), "c": ("N.s/m", "N.m.s/rad"), "m": ("kg", "kg.m^2")}[letter][turning]
 

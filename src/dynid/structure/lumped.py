@@ -149,4 +149,4 @@ def lumped(
         whole.add("C", dofs, pattern.times(link.c))
         whole.add("K", dofs, pattern.times(link.k))
     check_springs([float(mass) for mass in masses], [(link.dofs, float(link.k)) for link in links])
-    return whole.model(None, joints, parameters)
+    return whole.model(None, joints, parameters, translations=True)

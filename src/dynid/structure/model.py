@@ -111,6 +111,8 @@ class StructuralModel(NamedDofs):
     motions
         Named weighted sums of the full model's DOFs, such as the displacement ``p:x`` of a point. They are
         named like DOFs.
+    translations
+        True where DOFs whose labels have no direction are translations, as those of point masses.
 
     Raises
     ------
@@ -129,6 +131,7 @@ class StructuralModel(NamedDofs):
     modal: ModalPart | ModalSum | None = None
     nodes: Nodes | None = None
     motions: Mapping[str, Motion] = field(default_factory=dict)
+    translations: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(self.joints))
@@ -219,7 +222,7 @@ class StructuralModel(NamedDofs):
                 part.low,
                 part.high,
                 part.prior,
-                unit=unit_of(letter, [labels.kind(self.label(dof)) for dof in joint.dofs])
+                unit=unit_of(letter, [self.kind(dof) for dof in joint.dofs])
                 if part.matrix is None
                 else "",  # of the factor of a block
             )

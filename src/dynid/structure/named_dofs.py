@@ -28,11 +28,14 @@ class NamedDofs:
         Of a reduced model, the way back to all DOFs (`structure.model.Basis`).
     motions
         Named weighted sums of the full model's DOFs.
+    translations
+        True where DOFs whose labels have no direction are translations.
     """
 
     dofs: tuple[Label, ...]
     basis: Any
     motions: Mapping[str, Motion]
+    translations: bool
 
     @property
     def size(self) -> int:
@@ -41,8 +44,19 @@ class NamedDofs:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Of each DOF ``translation``, ``rotation`` or ``unknown``, from its label."""
-        return tuple(labels.kind(label) for label in self.dofs)
+        """Of each DOF ``translation``, ``rotation`` or ``unknown``."""
+        return tuple(self.kind(label) for label in self.dofs)
+
+    def kind(self, dof: Label) -> str:
+        """Return ``translation``, ``rotation`` or ``unknown`` of a DOF of the full model or a motion.
+
+        Raises
+        ------
+        UsageError
+            As `label`.
+        """
+        found = labels.kind(self.label(dof))
+        return "translation" if found == "unknown" and self._full.translations else found
 
     def label(self, dof: Label) -> Label:
         """Return the own label of a DOF, or the name of a motion.

@@ -204,19 +204,26 @@ def _of_joints(
     structures: Sequence[StructureModel], joints: Mapping[str, JointModel]
 ) -> Iterator[tuple[Quantity | None, str]]:
     """Yield the values of joints with their units."""
-    # DOFs that are named by number have labels where the scene determines these.
-    labels = structures[0].labels() or [] if len(structures) == 1 else []
+    labels = _known_labels(structures[0]) if len(structures) == 1 else []
+    point_masses = all(structure.lumped for structure in structures)
     for joint in joints.values():
         ends = [
             labels[dof - 1] if isinstance(dof, int) and 1 <= dof <= len(labels) else dof for dof in joint.dofs
         ]
+        kinds = ["translation"] * len(ends) if point_masses else [kind(end) for end in ends]
         for letter in "kcm":
             own: ParameterModel | MassModel | dict[str, ParameterModel] | None = getattr(joint, letter)
             if isinstance(own, dict):
                 for along, one in own.items():
                     yield one.value, unit_of(letter, [kind(f"1:{along}")])
             elif own is not None and own.matrix is None:
-                yield own.value, unit_of(letter, [kind(end) for end in ends])
+                yield own.value, unit_of(letter, kinds)
+
+
+def _known_labels(structure: StructureModel) -> Sequence[int | str]:
+    """Return the labels of DOFs that the scene states or determines; empty where files have them."""
+    stated = structure.matrices.labels if structure.matrices else None
+    return stated if isinstance(stated, list) else structure.labels() or []
 
 
 def _springs(structure: StructureModel) -> Iterator[tuple[Any, list[str]]]:

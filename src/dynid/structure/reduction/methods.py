@@ -250,6 +250,7 @@ def _cut(model: StructuralModel, places: Indices) -> StructuralModel:
         parameters=model.parameters,
         terms=tuple(term._replace(matrix=cut(term.matrix)) for term in model.terms),
         motions=inside,
+        translations=model.translations,
     )
 
 
@@ -308,6 +309,7 @@ def with_coordinates(model: StructuralModel, rows: Mapping[Label, Array]) -> tup
         dofs=tuple(dofs),
         parameters=model.parameters,
         terms=tuple(term._replace(matrix=congruent(T, term.matrix)) for term in model.terms),
+        translations=model.translations,
     )
     at = {label: place for place, label in enumerate(model.dofs)}
     # Joints name DOFs that are none any more by the motions that these are now.
