@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 #: Control characters except line feed and tab; marks of writing direction; surrogates.
@@ -159,3 +160,20 @@ def short_paths(paths: Sequence[str]) -> list[str]:
         names = [place for place, part in enumerate(parts) if not part.isdigit() and part not in _BARE]
         ends.append(path if "," in path else ".".join(parts[names[-1] if names else 0 :]))
     return ends if len(set(ends)) == len(ends) else list(paths)
+
+
+def distinct_ends(paths: Sequence[str]) -> list[str]:
+    """Return of each path the shortest end, of whole parts between slashes, that no other path has.
+
+    Labels in brackets may have slashes too; they belong to the last part.
+    """
+    every = []
+    for path in paths:
+        groups, bracket, labels = path.partition("[")
+        parts = groups.split("/")
+        every.append([*parts[:-1], f"{parts[-1]}{bracket}{labels}"])
+    counts = Counter("/".join(parts[k:]) for parts in every for k in range(len(parts)))
+    return [
+        next((end for k in range(len(parts), 0, -1) if counts[end := "/".join(parts[k - 1 :])] == 1), path)
+        for path, parts in zip(paths, every, strict=True)
+    ]

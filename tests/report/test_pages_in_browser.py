@@ -372,6 +372,89 @@ def test_a_printed_page_is_light_and_unfolded_without_controls(visit):
     assert opened.locator("details.fold:not([open])").count() == folded
 
 
+PAPER = {"width": 700, "height": 1000}  # A4 less its margins, px
+PRINTED = """() => {
+  const tables = [...document.querySelectorAll("table")].filter((one) => one.offsetWidth);
+  const numbers = tables.flatMap((one) => [...one.querySelectorAll("td.n")]);
+  const broken = (cell) => {
+    const range = document.createRange();
+    range.selectNodeContents(cell);
+    return new Set([...range.getClientRects()].map((box) => Math.round(box.top))).size > 1;
+  };
+  return {
+    widest: Math.max(...tables.map((one) => one.getBoundingClientRect().right)),
+    broken: numbers.filter(broken).map((cell) => cell.textContent),
+  };
+}"""
+
+
+def printed(opened):
+    """Bring a page into the state in which it is printed."""
+    opened.set_viewport_size(PAPER)
+    opened.evaluate("dispatchEvent(new Event('beforeprint'))")
+    opened.emulate_media(media="print")
+    return opened.evaluate(PRINTED)
+
+
+def wide_table():
+    """Return a study with twenty more numbers, whose names differ in their groups."""
+    result = study(count=60)
+    for k in range(20):
+        name = f"study/results/modes_{k}/natural_frequency"
+        result.add(name, result["study/results/mode/omega"].data * (k + np.pi), ("sample",), "rad/s")
+    return result
+
+
+@pytest.mark.parametrize("kind", ["identification", "reduction", "bench", "study"])
+def test_printed_tables_fit_the_paper_and_break_no_number(visit, kind):
+    opened = visit(wide_table() if kind == "study" else result_of(kind)).page
+    found = printed(opened)
+    assert found["widest"] <= PAPER["width"]
+    assert found["broken"] == []
+
+
+def test_printed_samples_have_headings_and_say_how_many_they_are(visit):
+    opened = visit(wide_table()).page
+    printed(opened)
+    parts = opened.locator("#sample-table table.part:visible")
+    assert parts.count() > 1
+    columns = opened.locator("#sample-table table.split thead th")
+    heads = [part.locator("thead th").all_text_contents() for part in parts.all()]
+    assert [name for names in heads for name in names[1:]] == columns.all_text_contents()[1:]
+    assert {names[0] for names in heads} == {"sample"}
+    assert parts.first.locator("thead th button").first.is_visible()
+    assert opened.get_by_text("samples 1 … 25 of 60, page 1 of 3").is_visible()
+    opened.evaluate("dispatchEvent(new Event('afterprint'))")
+    assert opened.locator("table.part, table.split").count() == 0
+
+
+def test_a_folded_table_is_printed_once(visit):
+    opened = visit(wide_table()).page
+    folded = opened.locator("#answer details.rows")
+    assert folded.count() == 1
+    printed(opened)
+    shown = opened.locator("#answer table:visible tbody th", has_text="modes_3/natural_frequency")
+    assert shown.count() == 1
+
+
+def test_headings_of_samples_are_the_ends_that_distinguish_them(visit):
+    opened = visit(wide_table()).page
+    heads = opened.locator("#sample-table thead th button")
+    texts, titles = heads.all_text_contents(), [one.get_attribute("title") for one in heads.all()]
+    assert {"c", "k", "omega [rad/s]", "modes_3/natural_frequency [rad/s]"} <= set(texts)
+    assert {"parameters.k", "mode/omega [rad/s]"} <= set(titles)
+
+
+def test_a_wide_table_scrolls_below_its_first_column(visit):
+    opened = visit(result_of("reduction"), viewport={"width": 420, "height": 800}).page
+    scroll = opened.locator("#answer .scroll").first
+    head = scroll.locator("tbody th").first
+    before = head.bounding_box()["x"]
+    assert scroll.evaluate("one => one.scrollWidth - one.clientWidth") > 50
+    scroll.evaluate("one => { one.scrollLeft = 50; }")
+    assert head.bounding_box()["x"] == before
+
+
 def test_a_figure_is_zoomed_and_shown_whole_again(visit):
     opened = visit(result_of("bond-graph")).page
     figure = opened.locator("figure").first
@@ -403,10 +486,10 @@ def test_samples_are_paged_sorted_filtered_and_counted(visit):
     assert column("sample") == [str(number) for number in range(25)]
     host.get_by_role("button", name="Next page").click()
     assert column("sample")[0] == "25"
-    table.get_by_role("button", name="parameters.k").click()
-    np.testing.assert_allclose([float(x) for x in column("parameters.k")], np.sort(stiffness)[:25], rtol=6e-7)
-    table.get_by_role("button", name="parameters.k").click()
-    np.testing.assert_allclose(float(column("parameters.k")[0]), stiffness.max(), rtol=6e-7)
+    table.get_by_title("parameters.k").click()
+    np.testing.assert_allclose([float(x) for x in column("k")], np.sort(stiffness)[:25], rtol=6e-7)
+    table.get_by_title("parameters.k").click()
+    np.testing.assert_allclose(float(column("k")[0]), stiffness.max(), rtol=6e-7)
     assert table.locator("th[aria-sort=descending]").count() == 1
 
     host.get_by_label("Column", exact=True).select_option(label="mode/omega [rad/s]")

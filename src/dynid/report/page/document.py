@@ -38,6 +38,8 @@ _WIDTH, _WIDE = re.compile(r'<svg[^>]*\bwidth="([\d.]+)"'), 520
 _TALL = 370.0
 _FIRST = ("created", "dynid_version", "python", "packages", "seed", "folder")
 
+#: A text of more characters in a cell has room for several words a line.
+_LONG = 24
 #: Most rows of a table of the answer that are not folded.
 _SHOWN = 6
 
@@ -166,7 +168,7 @@ def document(
     def asset(name: str) -> str:
         return (files("dynid.report.page") / name).read_text(encoding="utf-8")
 
-    code = [asset(name) for name in ("page.js", *scripts)]
+    code = [asset(name) for name in ("page.js", "print.js", *scripts)]
     every = [(part, part.heading.lower()) for part in parts if part.inside]
     theme = tag(
         "button",
@@ -246,7 +248,7 @@ def _block(block: Block, title: str, most: int | None = None) -> Markup:
     rows = []
     for place, row in enumerate(block.rows):
         cells = (
-            tag("td", formula(value), class_="n" if right else None)
+            tag("td", formula(value), class_="n" if right else "long" if len(value) > _LONG else None)
             for value, right in zip(row[1:], numeric[1:], strict=True)
         )
         head = tag("th", row[0], scope="row") if row[0] else tag("td")

@@ -12,20 +12,6 @@
   name();
   for (const hidden of document.querySelectorAll(".no-script")) hidden.classList.remove("no-script");
 
-  // Paper is white and cannot be clicked: print in light, all unfolded but long tables of numbers, which the file has.
-  let before;
-  let closed = [];
-  addEventListener("beforeprint", () => {
-    before = root.dataset.theme;
-    root.dataset.theme = "light";
-    closed = [...document.querySelectorAll("details:not([open], .table, .index)")];
-    for (const one of closed) one.open = true;
-  });
-  addEventListener("afterprint", () => {
-    if (before) root.dataset.theme = before; else delete root.dataset.theme;
-    for (const one of closed) one.open = false;
-  });
-
   // A link opens the folded parts around its target.
   const reveal = () => {
     const target = location.hash.length > 1 && document.getElementById(decodeURIComponent(location.hash.slice(1)));

@@ -19,6 +19,7 @@
   };
   const columns = stored.columns.map((column) => ({
     ...column, data: undefined, values: unpack(column), title: column.units ? `${column.name} [${column.units}]` : column.name,
+    heading: column.units ? `${column.short} [${column.units}]` : column.short,
   }));
   const digits = (value) => {
     if (Number.isNaN(value)) return "";
@@ -128,6 +129,7 @@
     const known = Float64Array.from(rows, (row) => column.values[row]).filter((value) => !Number.isNaN(value)).sort();
     const size = known.length;
     if (!size) return [["count", 0]];
+    if (known[0] === known[size - 1]) return [["count", size], ["every sample", known[0]]];
     const mean = known.reduce((sum, value) => sum + value / size, 0);
     // Equal values have no spread, although their mean is rounded.
     const spread = known[0] === known[size - 1] ? 0 : known.reduce((sum, value) => sum + (value - mean) ** 2, 0);
@@ -197,16 +199,16 @@
       body.append(make("tr", {}, ...columns.map((one) => make("td", one.levels ? {} : { class: "n" }, said(one, row)))));
     }
     table.tBodies[0].replaceWith(body);
-    where.textContent = rows.length ? `rows ${page * SIZE + 1} … ${Math.min((page + 1) * SIZE, rows.length)}, page ${page + 1} of ${last() + 1}` : "no sample";
+    where.textContent = rows.length ? `rows ${page * SIZE + 1} … ${Math.min((page + 1) * SIZE, rows.length)} of ${rows.length.toLocaleString("en")}, page ${page + 1} of ${last() + 1}` : "no sample";
     buttons.forEach((button, place) => { button.disabled = place < 2 ? page === 0 : page >= last(); });
     heads.forEach((head, place) => {
       const sorted = place === order.place;
       head.setAttribute("aria-sort", sorted ? (order.down ? "descending" : "ascending") : "none");
-      head.firstChild.textContent = columns[place].title + (sorted ? (order.down ? " ▼" : " ▲") : "");
+      head.firstChild.textContent = columns[place].heading + (sorted ? (order.down ? " ▼" : " ▲") : "");
     });
   };
   const heads = columns.map((column, place) => {
-    const button = make("button", { type: "button" }, column.title);
+    const button = make("button", { type: "button", title: column.title }, column.heading);
     button.addEventListener("click", () => {
       order = { place, down: order.place === place && !order.down };
       sort();

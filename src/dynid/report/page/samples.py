@@ -14,6 +14,7 @@ from dynid.report.content.study import display_name, shown_numbers
 from dynid.report.page.html import Markup, join, shown_rows, tag, visible
 from dynid.result import Result
 from dynid.study.analysis.table import StudyTable
+from dynid.suggestions import distinct_ends, short_paths
 
 #: Most samples on a page, and most bytes of their columns as text.
 _SAMPLES, _BYTES = 50_000, 1_100_000
@@ -29,8 +30,14 @@ def samples(result: Result) -> Markup:
     count = len(table.numbers)
     rows = np.array(shown_rows(count, 1, _SAMPLES), dtype=np.intp)
     kept, left, size = [], [], 0
-    for name, units, role, values in _columns(table):
-        column = {"name": visible(name), "units": visible(units), "role": role, **_packed(values[rows])}
+    every = list(_columns(table))
+    inputs, others = (
+        [name for name, _, role, _ in every if (role == "input") is own] for own in (True, False)
+    )
+    heads = dict(zip([*inputs, *others], [*short_paths(inputs), *distinct_ends(others)], strict=True))
+    for name, units, role, values in every:
+        said = {"name": visible(name), "short": visible(heads[name]), "units": visible(units), "role": role}
+        column = {**said, **_packed(values[rows])}
         size += len(column["data"]) + len(json.dumps(column.get("levels", ""), ensure_ascii=False).encode())
         if size > _BYTES and role == "result":
             size -= len(column["data"])
