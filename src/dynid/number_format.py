@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -11,6 +12,7 @@ if TYPE_CHECKING:
 
 #: Most roots in a list.
 MOST_ROOTS = 12
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 #: Most decimals of a number.
 _MOST_DECIMALS = 6
 #: Least p-value that is written as a number.
@@ -61,9 +63,30 @@ def with_error(value: float, error: float) -> str:
     return f"{_fixed(value, digits)} ± {_fixed(error, digits)}"
 
 
+def significant(value: float, digits: int) -> str:
+    """Return a number with this many significant digits, trailing zeros included, for columns of a table."""
+    text = f"{value:#.{digits}g}"
+    return text.removesuffix(".")
+
+
 def limit(value: float) -> str:
-    """Return a gain or a degree, which may be infinite."""
-    return f"{value:.6g}".replace("inf", "∞")
+    """Return a gain or a degree, which may be infinite: with four digits, unless it is whole or short."""
+    if not (math.isfinite(value) and abs(value) < 1e7):
+        return quantity(value)
+    if value == round(value):
+        return _fixed(value + 0.0, 0)
+    return short if float(short := f"{value:.4g}") == value else quantity(value)
+
+
+def unit_text(unit: str) -> str:
+    """Return a unit in mathematical notation: `N.s/m` is N·s/m, `m/s2` is m/s², `1` is nothing."""
+    text = "" if unit == "1" else unit.replace(".", "·").replace("^0·5", "^½")
+    return re.sub(r"(?<=[A-Za-z])\^?(-?\d)", lambda found: found[1].translate(_RAISED), text)
+
+
+def headed(name: str, unit: str) -> str:
+    """Return a heading: a name, with its unit in brackets if it has one."""
+    return f"{name} [{text}]" if (text := unit_text(unit)) else name
 
 
 def counted(count: int, what: str) -> str:
@@ -114,11 +137,13 @@ def roots_text(roots: NDArray[np.complex128], *, hertz: bool = False) -> str:
 
 
 def percent(value: float) -> str:
-    """Return a percentage with two significant digits, whole from a hundred on."""
+    """Return a percentage with two significant digits, whole from a hundred on, a power of ten if tiny."""
     if not math.isfinite(value):
         return "-"
     value += 0.0  # no negative zero
-    return f"{value:.0f} %" if 100 <= abs(value) < 1e6 else f"{value:.2g} %"
+    if 100 <= abs(value) < 1e6 or not value:
+        return f"{value:.0f} %"
+    return f"{significant(value, 2) if abs(value) >= 1e-3 else f'{value:.1e}'} %"
 
 
 def p_text(p: float, digits: int = 2) -> str:

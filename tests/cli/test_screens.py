@@ -32,7 +32,7 @@ def screen(dynid, folder):
 
 
 def test_gains_and_operating_points_have_their_units(screen, folder):
-    assert "T(0) = 0 m/(s.N) · T(∞) = 0 m/(s.N)" in screen
+    assert "T(0) = 0 m/(s·N) · T(∞) = 0 m/(s·N)" in screen
     assert "T(0) = 0.5 m/N · T(∞) = 0 m/N" in screen
     assert "F = 1 gives e = 1 N, f = 0 m/s\n" in screen
     page = (folder / "a.html").read_text()

@@ -405,7 +405,7 @@ def test_whiteness_of_records_stands_beside_modes():
     residual = measurement[0] - measurement[1]
     for place, left in zip(np.flatnonzero(there), (residual - residual.mean(axis=0)).T, strict=True):
         assert r[0, place] == pytest.approx(left[1:] @ left[:-1] / (left @ left), abs=1e-6)
-    assert any("white residuals are not rejected" in one for one in verdict_sentences(result))
+    assert any("the residuals are white" in one for one in verdict_sentences(result))
     figure = next(one for one in figures(result) if one.name == "whiteness")
     assert len(figure.draw().table.rows[0]) == 3
 

@@ -7,7 +7,7 @@ import pytest
 
 from dynid.cli.summary.identification import lines
 from dynid.identification.verdict import verdict
-from dynid.number_format import p_text, quantity, share_text, with_error
+from dynid.number_format import limit, p_text, percent, quantity, share_text, unit_text, with_error
 from dynid.report.content.identification import cautions, method, noise_sentences, sections
 from dynid.result import Result
 from tests.identification.cases import run, simulated
@@ -81,12 +81,12 @@ def test_interval_is_that_of_the_logarithm_and_the_bound_is_relative_to_the_trut
         "  2 physical states, 2 unknown parameters; 9 samples of 1.velocity",
         "",
         "                   start          estimate     95 % interval      true    error    CR bound",
-        "    a.c [N.s/m]    10.00           25 ± 10     11.41 … 54.75     20.00     25 %        40 %",
-        "    a.k [N/m]      5 000    11 200 ± 1 000    9 348 … 13 300    11 000    1.4 %         9 %",
+        "    a.c [N·s/m]    10.00           25 ± 10     11.41 … 54.75     20.00     25 %        40 %",
+        "    a.k [N/m]      5 000    11 200 ± 1 000    9 348 … 13 300    11 000    1.4 %       9.0 %",
         "",
         "  converged: optimum found, the model explains the record",
         "  RMS residual 5 % of the signal",
-        "  white residuals are not rejected (p = 0.44; level 1e-6)",
+        "  the residuals are white (p = 0.44; level 1e-6)",
         "  well conditioned; the parameters are distinguishable (condition number 1.8)",
         "  largest relative standard error: 40 % (a.c)",
     ]
@@ -96,7 +96,7 @@ def test_without_truth_there_is_neither_error_nor_bound():
     said = lines(outcome(true=[np.nan, np.nan]))
     assert said[2:5] == [
         "                   start          estimate     95 % interval",
-        "    a.c [N.s/m]    10.00           25 ± 10     11.41 … 54.75",
+        "    a.c [N·s/m]    10.00           25 ± 10     11.41 … 54.75",
         "    a.k [N/m]      5 000    11 200 ± 1 000    9 348 … 13 300",
     ]
     said = lines(outcome(true=[np.nan, 11e3]))
@@ -148,7 +148,7 @@ def test_the_verdict_says_whether_the_optimum_is_found_and_the_record_explained(
     changed, verdict, remedy = CASES[case]
     result = outcome(**changed)
     p, white = changed.get("whiteness_p", 0.44), "white" if changed.get("white", True) else "not white"
-    said = "  white residuals are not rejected (p = 0.44; level 1e-6)"
+    said = "  the residuals are white (p = 0.44; level 1e-6)"
     if white == "not white":
         said = f"  the residuals are not white (p = {p:.2g})"
     shown = " ".join(" ".join(lines(result)).split())
@@ -180,7 +180,6 @@ def test_error_bars_of_what_is_no_noise_are_called_nominal():
     assert nominal in lines(outcome(white=False))
     assert nominal not in lines(outcome())
     assert nominal not in lines(outcome(white=False, explained=False))
-    assert nominal in lines(run(measurement=simulated(0.0)))
     assert nominal not in lines(run(measurement=simulated(0.05)))
 
 
@@ -215,6 +214,16 @@ def test_a_p_value_of_zero_is_an_inequality(p, text):
 )
 def test_less_than_all_is_not_100_percent(part, text):
     assert share_text(part) == text
+
+
+def test_estimates_from_a_record_without_noise_have_no_error_bars():
+    result = run(measurement=simulated(0.0))
+    screen = lines(result)
+    assert screen[2].split() == ["start", "estimate", "true", "error"]
+    row = screen[3].split("  ")
+    assert [cell.strip() for cell in row if cell][:4] == ["j2.k [N/m]", "10 000", "20 000.0", "20 000"]
+    assert any(line.startswith("  the residuals are round-off: the record has no noise") for line in screen)
+    assert not any("error bars are nominal" in line or "standard error" in line for line in screen)
 
 
 def test_warnings_stand_below_the_verdict():
@@ -330,3 +339,35 @@ def test_modes_of_a_structure_and_its_massless_dofs(count):
     else:
         assert screen[1] == f"    massless: {', '.join(f'd{k}' for k in range(1, 9))} … d25"
         assert statement.text == f"25 massless: {', '.join(f'd{k}' for k in range(1, 21))}, …"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(20000.0, "20 000"), (-0.0, "0"), (0.5, "0.5"), (1310.82, "1 311"), (1 / 6, "0.1667"), (np.inf, "∞"),
+     (4.43787e11, "4.438e+11")],
+)  # fmt: skip
+def test_gains_have_four_digits_unless_they_are_short(value, text):
+    assert limit(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(1.0, "1.0 %"), (0.0, "0 %"), (0.07, "0.070 %"), (12.34, "12 %"), (1.7e-13, "1.7e-13 %")],
+)
+def test_percentages_have_two_digits_trailing_zeros_included(value, text):
+    assert percent(value) == text
+
+
+@pytest.mark.parametrize(
+    ("unit", "text"),
+    [
+        ("N.s/m", "N·s/m"),
+        ("m3/(s.Pa)", "m³/(s·Pa)"),
+        ("kg.m^2", "kg·m²"),
+        ("1", ""),
+        ("", ""),
+        ("m.s^-2", "m·s⁻²"),
+    ],
+)
+def test_units_are_written_as_in_figures(unit, text):
+    assert unit_text(unit) == text

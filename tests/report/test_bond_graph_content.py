@@ -269,9 +269,9 @@ def test_the_operating_point_its_slopes_and_the_range_of_linear_results():
         "linear results are exact for the slopes as rounded to doubles",
         "energy in k 50 %, m 50 %; dissipated in c 100 %",
     )
-    assert "d c.e / d c.f = 0.5 N.s/m d k.e / d k.q = 2 N/m" in screen(result)
-    assert "slope value d c.e / d c.f 0.5 N.s/m d k.e / d k.q 2 N/m" in page(result)
-    assert "m.p 0 N.s k.q 0.5 m" in page(result)
+    assert "d c.e / d c.f = 0.5 N·s/m d k.e / d k.q = 2 N/m" in screen(result)
+    assert "slope value d c.e / d c.f 0.5 N·s/m d k.e / d k.q 2 N/m" in page(result)
+    assert "m.p 0 N·s k.q 0.5 m" in page(result)
     linear, other = (
         result[f"bond_graph/time_response/{name}"].data[..., 0] for name in ("response", "nonlinear")
     )

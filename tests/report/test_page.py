@@ -19,7 +19,7 @@ from dynid.report.content.reduction import seconds_text
 from dynid.report.content.transfer_functions import sensitivity_text
 from dynid.report.figure import Figure, FigureTable, Picture
 from dynid.report.page import document, page, samples
-from dynid.report.page.html import CELLS, ROWS, Markup, figure_table, formula, shown_rows, tag, text
+from dynid.report.page.html import CELLS, ROWS, Markup, figure_table, formula, sentence, shown_rows, tag, text
 from tests.report.pages import HOSTILE, result_of, run, study, template
 
 KINDS = ["bond-graph", "identification", "reduction", "study", "bench"]
@@ -198,6 +198,13 @@ def test_of_a_tall_figure_the_answer_has_the_first_plots_legibly_and_a_link_to_a
 
 
 def test_transfer_functions_stand_in_raised_powers():
+    assert formula("-2.5 ± 3e-06j, x - 1, a-1") == "−2.5 ± 3·10<sup>−6</sup>j, x - 1, a-1"
+    assert (
+        formula("see `dynid bench a-b`")
+        == sentence("see `dynid bench a-b`")
+        == "see <code>dynid bench a-b</code>"
+    )
+    assert sentence("`<b>`") == "<code>&lt;b&gt;</code>"
     assert formula("s**2*m + s^10 < 1") == "s<sup>2</sup>⋅m + s<sup>10</sup> &lt; 1"
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc, sobol_indices, spearmanr
 
+from dynid.report.content.study import variance_sources
 from dynid.study.analysis.design import is_logarithmic, one_at_a_time, saltelli_design, tornado
 from dynid.study.analysis.influence import (
     Influences,
@@ -16,6 +17,8 @@ from dynid.study.analysis.influence import (
     scatter,
 )
 from dynid.study.analysis.sample_statistics import worst, worst_entries
+from dynid.study.analysis.table import StudyColumn, StudyTable
+from tests.report.pages import study
 
 A, B = 7.0, 0.1
 
@@ -310,3 +313,16 @@ def test_what_is_missing_is_never_the_worst():
 
 def test_no_sample_is_worst_where_all_failed():
     assert worst(np.array([np.nan, np.nan])) is None
+
+
+def test_numbers_without_an_input_that_matters_are_counted_in_one_line():
+    table = StudyTable(study(count=60, failed=()))
+    noise = np.random.default_rng(7).normal(size=(2, 60))
+    shown = [("mode/omega", StudyColumn(name, "", values)) for name, values in zip("ab", noise, strict=True)]
+    rows, _ = variance_sources(table, shown, 9)
+    assert rows == [("each of 2 numbers", "no input alone")]
+    driven = [*shown, ("mode/omega", StudyColumn("c", "", table.inputs["parameters.k"]))]
+    rows, _ = variance_sources(table, driven, 9)
+    assert [name for name, _ in rows] == ["a", "b", "c"]
+    assert rows[0][1] == "no input alone"
+    assert rows[2][1].startswith("k ↑")

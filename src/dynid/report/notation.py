@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from dynid.number_format import unit_text
 from dynid.report.svg import TITLE, Svg, number, plain, text_width
 
 if TYPE_CHECKING:
@@ -30,8 +31,7 @@ def raised(power: int) -> str:
 
 def unit(text: str) -> str:
     """Return units in mathematical notation: `N.s/m` is N·s/m, `m/s2` is m/s²."""
-    text = text.replace(".", "·").replace("^0·5", "^½")
-    return re.sub(r"(?<=[A-Za-z])\d", lambda found: found[0].translate(_RAISED), text)
+    return "1" if text == "1" else unit_text(text)
 
 
 def labelled(name: str, units: str = "") -> str:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 from dynid.cli.summary.common import aligned, paragraph, response_lines, wrapped
-from dynid.number_format import counted, span_text
+from dynid.number_format import counted, significant, span_text
 from dynid.report.content.identifiability import (
     GROUP,
     bound_table,
@@ -165,7 +165,8 @@ def _modes(result: Result) -> Iterable[str]:
     yield f"    {'mode':>4}  {'rad/s':>10}  {'Hz':>10}  {'ζ':>9}"
     for k in range(min(len(omega), _MODES)):
         hertz, percent = omega[k] / (2 * math.pi), 100 * damping[k]
-        row = f"    {k + 1:>4}  {omega[k]:>10.5g}  {hertz:>10.5g}  {percent:>7.3g} %  {name[k]}"
+        sizes = "  ".join(f"{significant(value, 5):>10}" for value in (omega[k], hertz))
+        row = f"    {k + 1:>4}  {sizes}  {percent:>7.3g} %  {name[k]}"
         yield row.rstrip()
     if len(omega) > _MODES:
         unit = frequency_unit(result)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dynid.number_format import counted, roots_text
+from dynid.number_format import counted, limit, roots_text, unit_text
 from dynid.report.content.blocks import (
     Block,
     DefinitionList,
@@ -134,18 +134,25 @@ def nonlinear_facts(result: Result) -> Iterator[str]:
 
 def point_slopes(result: Result) -> list[tuple[str, str]]:
     """Return the slopes of the laws as text."""
-    if f"{POINT}/slope" not in result:
-        return []
-    names, values = (result[f"{POINT}/{name}"].data for name in ("slope", "slope_value"))
-    units = result[f"{POINT}/slope_unit"].data if f"{POINT}/slope_unit" in result else [""] * len(names)
-    return [(str(n), f"{v:.6g} {u}".rstrip()) for n, v, u in zip(names, values, units, strict=True)]
+    return _of_point(result, "slope", "slope_value", "slope_unit")
 
 
 def point_values(result: Result) -> list[tuple[str, str]]:
     """Return the variables at the operating point as text."""
-    names, values = (result[f"{POINT}/{name}"].data for name in ("variable", "value"))
-    units = result[f"{POINT}/unit"].data if f"{POINT}/unit" in result else [""] * len(names)
-    return [(str(n), f"{v:.6g} {u}".rstrip()) for n, v, u in zip(names, values, units, strict=True) if v == v]
+    return _of_point(result, "variable", "value", "unit")
+
+
+def _of_point(result: Result, name: str, value: str, unit: str) -> list[tuple[str, str]]:
+    """Return names and values of the operating point as text; without the values that are unknown."""
+    if f"{POINT}/{name}" not in result:
+        return []
+    names, values = result[f"{POINT}/{name}"].data, result[f"{POINT}/{value}"].data
+    units = result[f"{POINT}/{unit}"].data if f"{POINT}/{unit}" in result else [""] * len(names)
+    return [
+        (str(name), f"{limit(size)} {unit_text(unit)}".rstrip())
+        for name, size, unit in zip(names, values, units, strict=True)
+        if size == size
+    ]
 
 
 def _operating_point(result: Result) -> Iterator[ReportSection]:
@@ -333,7 +340,7 @@ def _operating_points(result: Result) -> Iterator[str]:
             values = []
             for letter, key in (("e", "effort"), ("f", "flow")):
                 variable = result[f"{group}/operating_{key}"]
-                values.append(f"{letter} = {variable.data[place]:.4g} {variable.units}".rstrip())
+                values.append(f"{letter} = {variable.data[place]:.4g} {unit_text(variable.units)}".rstrip())
             yield f"{name} = 1 gives {', '.join(values)}"
     if note := result.group_attrs.get(group, {}).get("note"):
         yield str(note)

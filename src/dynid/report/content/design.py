@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from dynid.number_format import counted
+from dynid.number_format import counted, unit_text
 from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
@@ -66,7 +66,8 @@ def target_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]
                 cells.append(_root(omega, damping, unit.factor, damped))
         else:
             word = {"peak": "peak", "h2": "H2 norm", "hinf": "H∞ norm"}[str(kind)]
-            measure = f", {get['unit'][k]}" if get["unit"][k] not in ("", "1") else ""
+            measured = unit_text(str(get["unit"][k]))
+            measure = f", {measured}" if measured else ""
             cells = [
                 f"{word} of {channel}{measure}",
                 "least",

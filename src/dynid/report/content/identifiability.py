@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.defaults import CALIBRATION
-from dynid.number_format import quantity, time_text
+from dynid.number_format import headed, percent, quantity, time_text
 from dynid.report.content.blocks import ReportSection, Statement, TextTable, more
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
@@ -24,6 +24,8 @@ _CONSIDERED = "identification/considered"
 _MODES, _QUANTITIES = 20, 60
 #: Least relative change that is shown as a number; least effect, in standard errors, that has a sentence.
 _LEAST, _WORTH = 1e-6, 0.1
+#: Standard errors from which an effect is not counted in them: they are those of round-off.
+_UNTOLD = 1e6
 #: What stands for no change.
 _NO_SHIFT = "-"
 
@@ -32,7 +34,7 @@ def bound_text(value: float) -> str:
     """Return a relative bound as text."""
     if not math.isfinite(value):
         return "not identifiable"
-    return f"{100 * value:.2g} %" if value < 1 else f"{100 * value:.3g} %"
+    return percent(100 * value)
 
 
 def identifiability_sections(result: Result) -> Iterator[ReportSection]:
@@ -83,7 +85,7 @@ def bound_table(result: Result) -> BoundTable:
     of_time = "identification/measurement/omega" not in result
     rows = tuple(
         (
-            f"{name} [{unit}]".removesuffix(" []"),
+            headed(name, unit),
             quantity(value),
             bound_text(bound),
             *([bound_text(least)] if of_time else []),
@@ -250,11 +252,11 @@ def calibration_sentences(result: Result) -> Iterator[str]:
     errors = [float(np.nan_to_num(found.deviations[place])) for place in worst]
     for (k, j), many in zip(worst, errors, strict=True):
         sentence = f"{found.changes[j]} would bias {found.parameters[k]} by {_percent(found.moves[k, j])}"
-        if many:
+        if 0 < many < _UNTOLD:
             sentence += f" ({f'{many:.0f}' if 100 <= many < 1e5 else f'{many:.2g}'} standard errors)"
         if found.kinds[j] == "parameter":
             sentence += "; included in standard_error_total"
-        elif many == max(errors) > CALIBRATION.value:
+        elif many < _UNTOLD and many == max(errors) > CALIBRATION.value:
             sentence += "; not included in the error bars"
         yield sentence
 

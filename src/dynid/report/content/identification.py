@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from dynid.defaults import SIGNAL, WHITENESS
-from dynid.number_format import counted, p_text, percent, quantity, span_text, with_error
+from dynid.number_format import counted, headed, p_text, percent, quantity, significant, span_text, with_error
 from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable, more
 from dynid.report.content.identifiability import calibration_sections, identifiability_sections
 from dynid.report.content.modes import derived_sections, has_modes, modal_sections, modal_summary
@@ -26,6 +26,8 @@ _COEFFICIENTS = 4
 _HALF_WIDTH = 1.959963984540054
 #: Condition number of the information above which parameters are badly conditioned.
 _BADLY = 1e3
+#: Residuals, relative to the signal, below which they are rounding of doubles over thousands of steps.
+_ROUND_OFF = 1e-11
 _MEASURED, _DIAGNOSTICS = "identification/measurement", "identification/diagnostics"
 _PARAMETERS = "identification/parameters"
 
@@ -89,8 +91,8 @@ def sections(result: Result) -> Iterator[ReportSection]:
     modes = tuple(
         (
             str(k + 1),
-            f"{omega:.5g}",
-            f"{omega / (2 * math.pi):.5g}",
+            significant(omega, 5),
+            significant(omega / (2 * math.pi), 5),
             f"{100 * damping + 0.0:.3g} %",
             *([str(name)] if named else []),
         )
@@ -140,6 +142,7 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
     Intervals are nominal where the residuals contradict the model.
     Error and bound are relative to the true value; of a true value of 0 the bound is absolute. Where a true
     value is unknown, the bound is that at the estimate, which equals the standard error, and is omitted.
+    Where residuals are round-off there is neither an interval nor a bound.
     Where the residuals contradict the given noise, a column has the standard error for the noise of the
     residuals.
     """
@@ -148,7 +151,8 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
         for name, variable in result.items()
         if name.startswith(f"{_PARAMETERS}/")
     }
-    known, barred = bool(np.isfinite(get["true"]).any()), not is_rejected(result)
+    known, exact = bool(np.isfinite(get["true"]).any()), is_round_off(result)
+    barred = not (exact or is_rejected(result))
     bounded = barred and bool(np.isfinite(get["true"]).all())
     contradicted = f"{_DIAGNOSTICS}/noise_contradicted"
     scaled = get.get("standard_error_scaled") if result.get(contradicted) is not None else None
@@ -160,7 +164,7 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
     rows, linear = [], linear_parameters(result)
     for k, name in enumerate(get["name"]):
         estimate, error, true = (float(get[part][k]) for part in ("estimate", "standard_error", "true"))
-        shown: tuple[str, ...] = (quantity(estimate),)
+        shown: tuple[str, ...] = (quantity(estimate, abs(estimate) * 1e-4 if exact else None),)
         if barred:
             low, high = interval(estimate, error, linear[k])
             shown = (with_error(estimate, error), f"{quantity(low, error)} … {quantity(high, error)}")
@@ -170,7 +174,7 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
         bound = (percent(100 * least / abs(true)) if true else quantity(least),) if bounded else ()
         rows.append(
             (
-                f"{name} [{get['unit'][k]}]".removesuffix(" []"),
+                headed(name, get["unit"][k]),
                 quantity(get["start"][k]),
                 *shown,
                 *(() if scaled is None else (with_error(estimate, float(scaled[k])),)),
@@ -226,6 +230,12 @@ def lacks_fit(result: Result) -> bool:
     """Return True if the residuals contradict the model, also where it explains most of the signal."""
     found = result.get(f"{_DIAGNOSTICS}/lacks_fit")
     return found is not None and bool(found.data)
+
+
+def is_round_off(result: Result) -> bool:
+    """Return True if all residuals are round-off, as of a record without noise."""
+    ratio = result.get(f"{_DIAGNOSTICS}/residual_ratio")
+    return ratio is not None and not is_rejected(result) and bool(np.all(ratio.data < _ROUND_OFF))
 
 
 def cautions(result: Result) -> Iterator[str]:
@@ -289,7 +299,10 @@ def verdict_sentences(result: Result) -> Iterator[str]:
     residuals = f"the residuals are not white ({p_text(p)})"
     if white:
         level = f"{WHITENESS.value:.0e}".replace("e-0", "e-")
-        residuals = f"white residuals are not rejected ({p_text(p)}; level {level})"
+        residuals = f"the residuals are white ({p_text(p)}; level {level})"
+    exact = is_round_off(result)
+    if exact:
+        residuals = "the residuals are round-off: the record has no noise, and the estimates no error bars"
     yield str(result.value(f"{_DIAGNOSTICS}/verdict"))
     yield left
     if not has_modes(result) or f"{_DIAGNOSTICS}/autocorrelation" in result:  # modes alone have no order
@@ -298,7 +311,7 @@ def verdict_sentences(result: Result) -> Iterator[str]:
     rejected = is_rejected(result)
     if rejected:
         yield "error bars are not printed: the result is rejected (those in the file are nominal)"
-    elif not (white or lacks_fit(result)):  # of which the verdict says it
+    elif not (white or exact or lacks_fit(result)):  # of which the verdict says it
         yield "error bars are nominal: the residuals are not white noise"
     names, bounds = result[f"{_PARAMETERS}/name"].data, f"{_PARAMETERS}/at_bound"
     held = ", ".join(names[result[bounds].data]) if bounds in result else ""
@@ -312,7 +325,7 @@ def verdict_sentences(result: Result) -> Iterator[str]:
             else "well conditioned; the parameters are distinguishable"
         )
         yield f"{verdict} (condition number {condition:.2g})"
-    if not rejected:
+    if not (rejected or exact):
         size = np.abs(result[f"{_PARAMETERS}/estimate"].data)
         relative = np.where(linear_parameters(result), 0.0, result[f"{_PARAMETERS}/standard_error"].data)
         relative = relative / np.where(size > 0, size, 1.0)

@@ -64,9 +64,9 @@ def method_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]
                 percent(100 * error.max()) if len(error) else "",
                 f"{agreement.min():.3f}" if len(agreement) else "",
                 *frac,
-                "" if condition is None else f"{condition.data.item():.2g}",
+                "" if condition is None else _condition(condition.data.item()),
                 seconds_text(attrs.get("seconds")),
-                f"{peak:.1f} MB" if isinstance(peak, float) else "",
+                "" if not isinstance(peak, float) else f"{peak:.1f} MB" if peak >= 0.1 else "-",
             )
         )
     return (*columns, "condition", "time", "memory"), rows
@@ -116,6 +116,11 @@ def _span(numbers: list[int]) -> str:
 
 def _frequency(value: float, unit: FrequencyUnit) -> str:
     return quantity(unit.factor * value) if value else "0"
+
+
+def _condition(value: float) -> str:
+    """Return a condition number, to two digits or whole."""
+    return f"{value:,.0f}".replace(",", " ") if 100 <= value < 1e6 else f"{value:.2g}"
 
 
 def seconds_text(value: object) -> str:

@@ -8,9 +8,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dynid.checks.comparison import word
 from dynid.checks.expectations import expected_words
-from dynid.number_format import counted, quantity
+from dynid.number_format import counted, headed, limit, quantity, unit_text
 from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable, definitions, more
 from dynid.report.scenes import plain_data
 from dynid.result import Result
@@ -65,7 +64,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
         if len(row) == 1:
             items.append((name, row[0]))
         else:
-            numbers.append((f"{name} [{column.units}]" if column.units else name, *row))
+            numbers.append((headed(name, column.units), *row))
     items += [
         *((re.sub(r"^bond_graph/\w+/", "", path), shares) for path, shares in text_shares(table)),
         *((path, counted(table.size(path), "value") + " per sample") for path in hidden),
@@ -149,9 +148,12 @@ def variance_sources(
             total = "" if indices.total is None else f" (in all {_percent(indices.total[place])} %)"
             within = f" ± {float(f'{100 * error:.1g}'):g}" if error > _EXACT else ""
             parts.append(f"{factors[place]}{arrow} {_percent(first)}{within} %{total}")
-        rows.append((display_name(table, path, column), ", ".join(parts) or "no input alone"))
+        rows.append((display_name(table, path, column), ", ".join(parts)))
     if not rows:
         return [], []
+    if not any(inputs for _, inputs in rows):
+        rows = [(f"each of {counted(len(rows), 'number')}", "")]
+    rows = [(name, inputs or "no input alone") for name, inputs in rows]
     notes = [f"{estimator}; ± is the standard error"]
     if any("↑" in inputs or "↓" in inputs for _, inputs in rows):
         notes.append("↑ increases, ↓ decreases with the input")
@@ -185,7 +187,7 @@ def text_shares(table: StudyTable) -> Iterator[tuple[str, str]]:
 def range_text(column: np.ndarray) -> str:
     """Return the range of an input as text."""
     if column.dtype.kind in "if" and len(column):
-        return f"{quantity(float(column.min()))} … {quantity(float(column.max()))}"
+        return f"{limit(float(column.min()))} … {limit(float(column.max()))}"
     levels = list(dict.fromkeys(map(str, column)))
     return ", ".join(levels[:4]) + (f", … ({len(levels)})" if len(levels) > 4 else "")
 
@@ -238,7 +240,7 @@ def constant_text(table: StudyTable, path: str, column: StudyColumn) -> str | No
         return None
     if table.variable(path).attrs.get("stored") == "bool":
         return "true" if known[0] else "false"
-    return " ".join(filter(None, (word(known[0]), column.units)))
+    return f"{limit(float(known[0]))} {unit_text(column.units)}".rstrip()
 
 
 def statistics_row(table: StudyTable, path: str, column: StudyColumn) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 
-from dynid.number_format import quantity, roots_text
+from dynid.number_format import quantity, roots_text, unit_text
 from dynid.report.content.blocks import ReportSection, TextTable, definitions
 from dynid.report.content.transfer_functions import numeric_forms
 from dynid.report.drawing.sketch import ELEMENT_UNITS
@@ -51,10 +51,10 @@ def sections(result: Result) -> Iterator[ReportSection]:
 def wanted(result: Result) -> tuple[tuple[str, str], str, str]:
     """Return the function as name and formula, its zeros, and its poles."""
     name = "Y(s)" if _about(result, "function") == "admittance" else "Z(s)"
-    hertz, unit = in_hertz(result), _about(result, "unit")
+    hertz, unit = in_hertz(result), unit_text(_about(result, "unit"))
     formula = next(iter(numeric_forms(result, "synthesis")), "as given")
     zeros, poles = (roots_text(result[f"synthesis/{part}"].data, hertz=hertz) for part in ("zeros", "poles"))
-    return (name, f"{formula}{f' {unit}' if unit not in ('', '1') else ''}"), zeros, poles
+    return (name, f"{formula} {unit}".rstrip()), zeros, poles
 
 
 def kind_text(result: Result) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.number_format import MOST_ROOTS, limit, root_text, roots_text
+from dynid.number_format import MOST_ROOTS, limit, root_text, roots_text, unit_text
 from dynid.report.content.blocks import Block, ReportSection, TextTable, definitions, more
 from dynid.report.scenes import in_hertz
 from dynid.result import Result
@@ -59,7 +59,7 @@ def same_poles(result: Result, channels: list[Channel]) -> bool:
 def channel_unit(result: Result, output: str, source: str) -> str:
     """Return the unit of a channel after a space; empty where it is unknown or 1."""
     unit = str(result.group_attrs.get(f"bond_graph/transfer_function/{output}/{source}", {}).get("unit", "1"))
-    return "" if unit == "1" else f" {unit}"
+    return f" {unit_text(unit)}".rstrip()
 
 
 def symbolic_text(result: Result, group: str) -> str:
@@ -272,7 +272,8 @@ def sensitivity_text(moved: complex) -> str:
     if not np.isfinite(moved):
         return "∞"
     if isinstance(moved, complex | np.complexfloating) and moved.imag:
-        return f"{moved.real:+.3g} {'+' if moved.imag > 0 else '-'} {abs(moved.imag):.3g}j"
+        sign, size = "+" if moved.imag > 0 else "-", f"{abs(moved.imag):.3g}j"
+        return f"{moved.real:+.3g} {sign} {size}" if moved.real else f"{sign}{size}"
     return f"{moved.real:+.3g}" if moved else "0"
 
 
@@ -376,11 +377,8 @@ def source_lines(result: Result) -> Iterator[Line]:
             group = path.removesuffix("/active_power")
             power, impedance = result[path].data, result[f"{group}/impedance"]
             at = int(np.argmax(power))
-            size, unit = abs(impedance.data[at]), impedance.units
+            size, unit = abs(impedance.data[at]), unit_text(impedance.units)
             name = group.removeprefix(f"{_SOURCES}/")
             text = f"at an amplitude of 1 at most {power[at]:.4g} {result[path].units or 'W'}"
             where = frequency(result, omega[at])
-            yield (
-                name,
-                f"{text} at {where}, where |Z| = {size:.4g}{f' {unit}' if unit not in ('', '1') else ''}",
-            )
+            yield name, f"{text} at {where}, where |Z| = {size:.4g} {unit}".rstrip()

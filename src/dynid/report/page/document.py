@@ -23,7 +23,17 @@ from dynid.progress import tracked
 from dynid.report.content import array_rows, content
 from dynid.report.content.blocks import Block, DefinitionList, NumberedList, ReportSection, Statement
 from dynid.report.figure import Figure, figures, leading
-from dynid.report.page.html import Markup, figure_table, formula, grid, join, scrolling, tag, text
+from dynid.report.page.html import (
+    Markup,
+    figure_table,
+    formula,
+    grid,
+    join,
+    scrolling,
+    sentence,
+    tag,
+    text,
+)
 from dynid.report.plot.chart import PageSpace, embedded
 from dynid.report.svg import css
 from dynid.result import Result
@@ -237,7 +247,7 @@ def _block(block: Block, title: str, most: int | None = None) -> Markup:
         )
         return tag("dl", *items)
     if isinstance(block, Statement):
-        return tag("p", block.text, class_=f"note {block.tone}".strip())
+        return tag("p", sentence(block.text), class_=f"note {block.tone}".strip())
     if isinstance(block, NumberedList):
         return tag("ol", *(tag("li", formula(item)) for item in block.items))
     columns = zip(*block.rows, strict=True) if block.rows else ((),) * len(block.columns)

@@ -65,10 +65,25 @@ def tag(name: str, *content: str, **attrs: str | bool | None) -> Markup:
 _POWER = re.compile(r"(?:\*\*|\^)(-?\d+(?:\.\d+)?|\([^()]*\))")
 
 
+_EXPONENT = re.compile(r"(?<=\d)e([+-]\d{2,3})(?=j\b|\b(?!\.\d))")
+_CODE = re.compile(r"`([^`\n]+)`")
+_MINUS = re.compile(r"(?<![\w.)\]-])-(?=\d|∞)")
+
+
 def formula(value: str) -> Markup:
-    """Return a formula in Python's notation with superscript powers and dots for products."""
-    safe = _POWER.sub(lambda found: f"<sup>{found[1].strip('()')}</sup>", text(value))
-    return Markup(safe.replace("*", "\N{DOT OPERATOR}"))
+    """Return a formula in Python's notation with minus signs, superscript powers and dots for products."""
+    value = _EXPONENT.sub(lambda found: f"·10^{int(found[1])}", _MINUS.sub("−", value))
+    safe = _POWER.sub(lambda found: f"<sup>{found[1].strip('()').replace('-', '−')}</sup>", text(value))
+    return _with_code(safe.replace("*", "\N{DOT OPERATOR}"))
+
+
+def sentence(value: str) -> Markup:
+    """Return a sentence; what stands between backticks is set as code."""
+    return _with_code(text(value))
+
+
+def _with_code(safe: str) -> Markup:
+    return Markup(_CODE.sub(r"<code>\1</code>", safe))
 
 
 def shown_rows(count: int, columns: int, most: int = ROWS) -> list[int]:
