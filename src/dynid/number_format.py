@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 #: Most roots in a list.
 MOST_ROOTS = 12
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+#: Spaces within roots, equations with a number, and between a number and its unit.
+_JOINT = re.compile(r" (?=± )|(?<=±) | (?== [-−\d∞])|(?<= =) (?=[-−\d∞])|(?<=\d) (?=(?:Hz|rad/s|%)(?!\w))")
 #: Most decimals of a number.
 _MOST_DECIMALS = 6
 #: Least p-value that is written as a number.
@@ -82,6 +84,11 @@ def unit_text(unit: str) -> str:
     """Return a unit in mathematical notation: `N.s/m` is N·s/m, `m/s2` is m/s², `1` is nothing."""
     text = "" if unit == "1" else unit.replace(".", "·").replace("^0·5", "^½")
     return re.sub(r"(?<=[A-Za-z])\^?(-?\d)", lambda found: found[1].translate(_RAISED), text)
+
+
+def unbroken(text: str) -> str:
+    """Return a text with no-break spaces within `± 2j`, `f_n = 3 Hz` and the like."""
+    return _JOINT.sub("\N{NO-BREAK SPACE}", text)
 
 
 def headed(name: str, unit: str) -> str:

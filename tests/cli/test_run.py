@@ -19,7 +19,7 @@ def test_a_run_writes_one_file_named_after_the_scene_in_the_current_folder(dynid
     assert sorted(path.name for path in folder.iterdir()) == ["scenes", "small.h5"]
     assert out.startswith("A mass on a damper")
     assert "wrote small.h5" in out
-    assert "1 of 1 expectations met" in out
+    assert "1 of 1 expectation met" in out
     result = read_result("small.h5")
     assert result.value("bond_graph/properties/m.f/F/dc_gain") == 1
     assert result.attrs["scene"] == (folder / "scenes" / "small.yaml").read_text()
@@ -95,7 +95,7 @@ def test_a_failed_expectation_is_exit_1_with_the_file_for_a_look(dynid, folder):
     assert err == (
         "small.yaml:14:5: expectation failed: bond_graph/properties/m.f/F/dc_gain: dc_gain is 1, expected 2\n"
     )
-    assert "0 of 1 expectations met" in out
+    assert "0 of 1 expectation met" in out
     assert (folder / "small.h5").exists()
 
 

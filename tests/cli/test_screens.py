@@ -1,5 +1,7 @@
 """Screens: units, ranges, plurals, blank lines, and names instead of numbers."""
 
+from types import SimpleNamespace
+
 import h5py
 import pytest
 
@@ -35,7 +37,7 @@ def test_gains_and_operating_points_have_their_units(screen, folder):
     assert "T(0) = 0 m/(s·N) · T(∞) = 0 m/(s·N)" in screen
     assert "T(0) = 0.5 m/N · T(∞) = 0 m/N" in screen
     assert "F = 1 gives e = 1 N, f = 0 m/s\n" in screen
-    page = (folder / "a.html").read_text()
+    page = (folder / "a.html").read_text().replace("\N{NO-BREAK SPACE}", " ")
     assert "0.5 m/N" in page
     assert "F = 1 gives e = 1 N, f = 0 m/s" in page
 
@@ -86,7 +88,7 @@ def test_one_of_a_thing_is_one(dynid, folder):
     (folder / "b.h5").write_bytes((folder / "a.h5").read_bytes())
     with h5py.File(folder / "b.h5", "r+") as file:
         file["structure/modes/omega"][0] = 1.0
-    assert dynid("compare", "a.h5", "b.h5")[1].endswith("\n1 difference\n")
+    assert dynid("compare", "a.h5", "b.h5")[1].startswith("1 difference\n")
 
 
 def test_a_scene_in_hertz_is_answered_in_hertz(dynid, folder):
@@ -103,7 +105,7 @@ def test_a_scene_in_hertz_is_answered_in_hertz(dynid, folder):
     assert "max |m.f / F| = 2 at 0.1592 Hz" in out
     assert "max |k.q / F| = 2.016 at 0.1566 Hz" in out
     assert "f_n = 0.1592 Hz, ζ = 0.125" in out
-    assert "poles   -0.125 ± 0.9922j rad/s (f_n = 0.1592 Hz)" in out
+    assert "poles   -0.125 ± 0.9922j rad/s\n" in out  # its natural frequency stands below
     page = (folder / "a.html").read_text()
     assert "frequency (Hz)" in page
     assert "2.016" in page
@@ -164,3 +166,59 @@ analysis:
     (folder / "a.yaml").write_text(scene.replace("start: 2", "start: 0.1"))
     _, out, _ = dynid("run", "a.yaml")
     assert "max |m.f / F| = 0.5 at 1 rad/s\n" in out
+
+
+@pytest.fixture
+def narrow(monkeypatch):
+    """A terminal of 80 columns."""
+    monkeypatch.setenv("COLUMNS", "80")
+    terminal = SimpleNamespace(stdout=SimpleNamespace(isatty=lambda: True))
+    monkeypatch.setattr("dynid.cli.summary.common.sys", terminal)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["bench", "--list"],
+        ["library"],
+        ["new"],
+        ["doctor"],
+        ["check", "a.yaml", "--explain"],
+        ["check", "identification.yaml", "--explain"],
+        ["run", "a.yaml"],
+        ["show", "a.h5", "--all"],
+        ["compare", "a.h5", "b.h5"],
+        ["study", "study.yaml", "--dry-run"],
+    ],
+    ids=" ".join,
+)
+@pytest.mark.usefixtures("narrow")
+def test_screens_are_as_wide_as_the_terminal_and_break_no_word(dynid, folder, command):
+    (folder / "a.yaml").write_text(GRAPH)
+    for template in ("identification", "study", "bond-graph"):
+        dynid("new", template, "--no-schema")
+    if "a.h5" in command:
+        dynid("run", "a.yaml", "-q")
+        dynid("run", "a.yaml", "-q", "--set", "graph.nodes.m.value=2.5", "-o", "b.h5")
+    out = dynid(*command)[1]
+    wide = [line for line in out.splitlines() if len(line) > 80 and " " in line.strip()]
+    assert wide == []
+
+
+def test_what_was_left_out_is_one_line_and_in_full_on_request(screen, dynid):
+    (line,) = [line for line in screen.splitlines() if "left out" in line]
+    assert line.startswith("  left out: 1 of 3 engines; ")
+    assert line.endswith("; why: -v, or dynid show --trace")
+    assert "the exact engine is used" not in screen
+    assert "the exact engine is used" in " ".join(dynid("show", "a.h5", "--trace")[1].split())
+
+
+def test_differences_are_counted_first_and_have_the_digits_that_differ(dynid, folder):
+    (folder / "a.yaml").write_text(GRAPH)
+    dynid("run", "a.yaml", "-q")
+    dynid("run", "a.yaml", "-q", "--set", "graph.nodes.k.value=0.500000123456789", "-o", "b.h5")
+    first, *listed, last = dynid("compare", "a.h5", "b.h5")[1].splitlines()
+    assert int(first.split()[0]) == len(listed) + int(last.split()[0])
+    assert last.endswith("in error bounds and in what was left out, which are not listed")
+    (gain,) = [line for line in listed if "k.q/F/dc_gain" in line]
+    assert gain == "  bond_graph/properties/k.q/F/dc_gain: 0.5 against 0.500000123"

@@ -38,7 +38,7 @@ NUMBER = re.compile(r"(?<![\w.])[-+−]?\d+(?:[ ,]\d{3})*(?:\.\d+)?(?:e[-+]?\d+)
 # An estimated error is of the size of rounding, which differs between processors.
 MEASURED = re.compile(
     r"(?<=  )\s*\d[\d.]* (?:[mµn]?s|min|[kMG]?B)(?=  |$|\n)|(?<=took )\d[\d.]* [mµ]?s"
-    r"|(?<=estimated error )[\d.e-]+"
+    r"|(?<=estimated error )[\d.e-]+|(?<=s  )\s*-(?=\n)"  # memory below the resolution of the system
 )
 
 

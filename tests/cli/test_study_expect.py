@@ -28,8 +28,10 @@ def study(folder):
 
 def test_statistics_that_meet_their_expectations(dynid, study):
     # stable where m > 0; |poles| 1, 1/2, 1/4 and 1
-    code, out, err = dynid("study", study("0.75"), "--executor", "serial", "--junit", "out.xml")
+    files = ("--junit", "out.xml", "--report", "out.html")
+    code, out, err = dynid("study", study("0.75"), "--executor", "serial", *files)
     assert (code, err.count("expectation failed")) == (0, 0)
+    assert "\n  wrote masses.h5, out.html\n" in out
     assert "2 of 2 expectations met" in out
     root = ElementTree.parse("out.xml").getroot()
     assert (root.get("tests"), root.get("failures")) == ("2", "0")

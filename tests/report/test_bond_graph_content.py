@@ -137,17 +137,17 @@ def test_sensitivities_are_what_one_percent_does(everything):
 
     moved = 0.01 * (np.array(poles(k=0.5 * (1 + 1e-6))) - poles()) / 1e-6
     (grid,) = {
-        block
+        block  # the poles of all channels, in one table
         for part in content(everything).sections
         for block in part.blocks
         if isinstance(block, TextTable)
         and block.caption.startswith("Changes if a parameter")
-        and len(block.columns) == 4
+        and block.columns[1].startswith("pole")
     }
     row = next(row for row in grid.rows if row[0] == "k")
     shown = [complex(text.replace(" ", "")) for text in row[1:3]]
     np.testing.assert_allclose(shown, moved, rtol=5e-3)  # three digits are shown
-    assert row[3] == "0"  # the zero lies behind k
+    assert len(grid.columns) == 3
     assert f"k {' '.join(row[1:])}" in screen(everything)
 
 
@@ -278,7 +278,7 @@ def test_the_operating_point_its_slopes_and_the_range_of_linear_results():
     assert linear.shape == other.shape
     deviation = 100 * np.abs(other - linear).max() / np.abs(linear).max()
     both_say(result, f"k.q: the nonlinear response is off the linear one by {deviation:.3g} % of its maximum")
-    both_say(result, "integrated with a relative tolerance of 1e-08; estimated error")
+    both_say(result, "integrated with relative tolerance 1e-08; estimated error")
 
 
 def test_a_given_point_leaves_open_what_it_does_not_say():

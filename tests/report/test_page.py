@@ -198,7 +198,9 @@ def test_of_a_tall_figure_the_answer_has_the_first_plots_legibly_and_a_link_to_a
 
 
 def test_transfer_functions_stand_in_raised_powers():
-    assert formula("-2.5 ± 3e-06j, x - 1, a-1") == "−2.5 ± 3·10<sup>−6</sup>j, x - 1, a-1"
+    assert formula("-2.5 ± 3e-06j, x - 1, a-1") == "−2.5~±~3·10<sup>−6</sup>j, x - 1, a-1".replace(
+        "~", "\N{NO-BREAK SPACE}"
+    )
     assert (
         formula("see `dynid bench a-b`")
         == sentence("see `dynid bench a-b`")

@@ -25,6 +25,11 @@ class Difference:
     def __str__(self) -> str:
         return f"{self.path}: {self.message}"
 
+    @property
+    def of_method(self) -> bool:
+        """True for error bounds and for what was left out: how a result was computed, not what it is."""
+        return "/need/" in self.path or self.path.endswith("_error_bound")
+
 
 def compare(a: Result, b: Result, rtol: float = RTOL, atol: float = 0.0) -> list[Difference]:
     """Return the differences of two results beyond tolerances; titles, provenance and costs are ignored.
@@ -74,6 +79,14 @@ def word(value: Any) -> str:
     return f"'{value}'" if isinstance(value, str) else repr(value)
 
 
+def _words_apart(one: Any, other: Any) -> str:
+    """Return two different values, numbers with as many digits as show that they differ, and two more."""
+    if all(isinstance(value, float | np.floating) for value in (one, other)):
+        digits = next((k for k in range(4, 16) if f"{one:.{k}g}" != f"{other:.{k}g}"), 17)
+        return f"{one:.{min(17, digits + 2)}g} against {other:.{min(17, digits + 2)}g}"
+    return f"{word(one)} against {word(other)}"
+
+
 def words_of(data: NDArray[Any]) -> str:
     """Return a few values as text, or the shape of more."""
     if data.dtype.names or data.size > 6:
@@ -117,7 +130,7 @@ def _value_difference(pairs: _Pairs, shape: tuple[int, ...], rtol: float, atol: 
         if len(misses) and not count:
             place = tuple(misses[0])
             entry = ", ".join(str(step + 1 + start * (not axis)) for axis, step in enumerate(place))
-            first = f"{word(a[place])} against {word(b[place])}{f' at entry {entry}' if entry else ''}"
+            first = f"{_words_apart(a[place], b[place])}{f' at entry {entry}' if entry else ''}"
         count += len(misses)
     size = math.prod(shape)
     return first + (f" ({count} of {size} entries differ)" if count and size > 1 else "")

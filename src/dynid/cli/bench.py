@@ -81,11 +81,10 @@ def bench(
     """  # noqa: D301 - click's mark against wrapping
     from dynid.bench import BENCHMARKS, DEFAULT_RUN, benchmark, run_benchmarks
     from dynid.cli.summary import summary
+    from dynid.cli.summary.common import described
 
     if listing:
-        width = max(map(len, BENCHMARKS))
-        for name in BENCHMARKS:
-            click.echo(f"  {name:{width}}  {benchmark(name).title}")
+        click.echo("\n".join(described([(name, benchmark(name).title) for name in BENCHMARKS])))
         return 0
     own_sizes: dict[str, list[int]] = {}
     for text in sizes:

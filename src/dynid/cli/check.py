@@ -162,6 +162,7 @@ def explanation_lines(explained: Explanation, loading: float = 0.0) -> Iterator[
 
     `loading`: seconds in which a scene is read, a part of every run.
     """
+    from dynid.cli.summary.common import folded
     from dynid.cli.summary.identification import identifiability_lines
     from dynid.cli.summary.transfer_functions import causality_lines
 
@@ -182,12 +183,15 @@ def explanation_lines(explained: Explanation, loading: float = 0.0) -> Iterator[
         parts.append([*_hanging("cost", total), *(_hanging("", shares) if large else ())])
     for part in filter(None, parts):
         yield ""
-        yield from "\n".join(part).rstrip("\n").split("\n")
+        whole = "\n".join(part).rstrip("\n").split("\n")
+        yield from (piece for line in whole for piece in folded(line))
     yield ""
 
 
 def _hanging(topic: str, text: str) -> Iterator[str]:
-    first, *rest = wrap(text, 91, break_long_words=False) or [""]
+    from dynid.cli.summary.common import columns
+
+    first, *rest = wrap(text, min(91, columns() - 17), break_long_words=False, break_on_hyphens=False) or [""]
     yield f"  {topic:<13}  {first}"
     yield from (f"{'':17}{line}" for line in rest)
 

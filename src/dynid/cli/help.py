@@ -65,6 +65,7 @@ def library(name: str | None) -> int:
 
     A graph has it as a node `{model: NAME}`; to change it, write it to a file and `use:` that file.
     """
+    from dynid.cli.summary.common import described
     from dynid.scene.model_files import library_text
     from dynid.scene.yaml.source import parse_source
 
@@ -72,10 +73,11 @@ def library(name: str | None) -> int:
         refuse_unknown(name, _models(), "model")
         click.echo(library_text(name), nl=False)
         return 0
-    width = max(map(len, _models()))
+    rows = []
     for model in _models():
         (data,) = parse_source(library_text(model)).data["models"].values()
-        click.echo(f"{model:{width}}  {data['title']}; ports {', '.join(data['ports'])}")
+        rows.append((model, f"{data['title']}; ports {', '.join(data['ports'])}"))
+    click.echo("\n".join(described(rows, "")))
     return 0
 
 

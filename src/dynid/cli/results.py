@@ -160,6 +160,7 @@ def compare(first: str, second: str, rtol: float, atol: float, quiet: bool) -> i
     """
     from dynid.checks import compare as differences_between
     from dynid.checks.comparison import compare_identifications
+    from dynid.cli.summary.common import folded
     from dynid.number_format import counted
     from dynid.store import open_stored
 
@@ -167,9 +168,13 @@ def compare(first: str, second: str, rtol: float, atol: float, quiet: bool) -> i
         differences = differences_between(one, other, rtol, atol)
         compared = compare_identifications(one, other) if differences and not quiet else []
     if not quiet:
-        for difference in differences:
-            click.echo(str(difference))
+        of_method = [one for one in differences if one.of_method]
         click.echo(counted(len(differences), "difference") if differences else "no differences")
+        for difference in differences:
+            if not difference.of_method:
+                click.echo("\n".join(folded(f"  {difference}")))
+        if of_method:
+            click.echo(f"  {len(of_method)} in error bounds and in what was left out, which are not listed")
         if compared:
             click.echo("\n".join(["", *compared]))
     return 1 if differences else 0

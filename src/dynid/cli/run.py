@@ -158,7 +158,9 @@ def report_expectations(scene: Scene, outcomes: list[CheckOutcome], quiet: bool)
     """Print how many expectations are met, and each failure at its place; return the exit code."""
     met = sum(outcome.passed for outcome in outcomes)
     if outcomes and not quiet:
-        click.echo(f"  {met} of {len(outcomes)} expectations met")
+        from dynid.number_format import counted
+
+        click.echo(f"  {met} of {counted(len(outcomes), 'expectation')} met")
     for index, outcome in enumerate(outcomes):
         if not outcome.passed:
             message = f"expectation failed: {outcome.path}: {outcome.message}"

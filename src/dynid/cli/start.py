@@ -101,26 +101,31 @@ def doctor() -> int:
 
     Exit code 3: a required package is missing or cannot be loaded.
     """
-    click.echo(f"dynid {__version__} on Python {platform.python_version()}, {platform.platform()}")
-    click.echo(f"  {sys.executable}, {os.cpu_count()} processors\n")
+    from dynid.cli.summary.common import folded
+
+    def echo(line: str) -> None:
+        click.echo("\n".join(folded(line)))
+
+    echo(f"dynid {__version__} on Python {platform.python_version()}, {platform.platform()}")
+    echo(f"  {sys.executable}, {os.cpu_count()} processors\n")
     required, extras = _requirements()
     broken = []
     for name in required:
         fault = _import_fault(_MODULES.get(name, name))
-        click.echo(f"  {name:<18} {_version(name) or 'MISSING'}{f' ({fault})' if fault else ''}")
+        echo(f"  {name:<18} {_version(name) or 'MISSING'}{f' ({fault})' if fault else ''}")
         broken += [name] if fault else []
     click.echo("")
     for extra, use in _EXTRAS.items():
         lacking = [name for name in extras.get(extra, ()) if not _version(name)]
         state = f"not installed: pip install 'dynid[{extra}]'" if lacking else "installed"
-        click.echo(f"  {extra:<18} {use}: {state}")
+        echo(f"  {extra:<18} {use}: {state}")
     click.echo("")
     unwritable = []
     for what, folder, variable in _folders():
         fault = _unwritable(folder)
-        click.echo(f"  {what:<18} {folder}{f' (not writable: {fault})' if fault else ''}")
+        echo(f"  {what:<18} {folder}{f' (not writable: {fault})' if fault else ''}")
         unwritable += [(what, variable)] if fault else []
-    click.echo(f"  {'compiled library':<18} {_library()}")
+    echo(f"  {'compiled library':<18} {_library()}")
     click.echo(f"  {'threads':<18} {os.environ['OPENBLAS_NUM_THREADS']} for linear algebra\n")
     for name in broken:
         click.echo(f"  problem: {name} cannot be loaded: pip install --force-reinstall {name}")
@@ -233,17 +238,17 @@ def new(
     """Write a commented template scene; without NAME, list the templates.
 
     \b
-    bond-graph      transfer functions, zeros, poles and responses of a motor
-    chain           a bond graph: masses, springs and dampers in N stages (--stages N)
-    structure       modes and responses of a chain of masses with known joints
-    synthesis       bond graphs with a wanted driving-point impedance
-    reduction       comparison of model reductions of a beam
-    identification  joints of a chain of masses, from a simulated record
+    bond-graph            transfer functions, poles and responses of a motor
+    chain                 a bond graph: masses, springs and dampers in N stages
+    structure             modes and responses of a chain of masses
+    synthesis             bond graphs with a wanted driving-point impedance
+    reduction             comparison of model reductions of a beam
+    identification        joints of a chain of masses, from a simulated record
     identification-graph  values of a bond graph: motor, gear, flexible shaft
-    record          joints from a measured record, with its samples in record.csv
-    frf             joints from measured frequency responses, stored in frf.csv
-    beam            joints of a beam, identified on a reduced model
-    study           a parameter study of the motor with Latin hypercube sampling
+    record                joints from a measured record, its samples in record.csv
+    frf                   joints from frequency responses, stored in frf.csv
+    beam                  joints of a beam, identified on a reduced model
+    study                 a parameter study of the motor, Latin hypercube
     """  # noqa: D301 - click's mark against wrapping
     from dynid.file_access import replace_file
 

@@ -135,6 +135,7 @@ def study(
         refuse_overwriting(scene, target, junit, report)
     refuse_missing_folders(target, junit, report)
     if dry_run:
+        from dynid.cli.summary.common import folded
         from dynid.cli.summary.study import plan_lines
         from dynid.study.keys import sample_keys
         from dynid.study.run import foreign_samples, shard_of, valid_samples
@@ -142,7 +143,7 @@ def study(
         numbers = shard_of(plan, shard)
         foreign = foreign_samples(target, sample_keys(plan, numbers))
         lines = plan_lines(plan, numbers, valid_samples(plan, target, shard), target, foreign)
-        click.echo("\n".join(lines))
+        click.echo("\n".join(part for line in lines for part in folded(line)))
         return 0
     from dynid.cli.progress import noticing, showing_study
     from dynid.cli.run import checked_expectations, report_expectations, warn_of_doubts
@@ -179,7 +180,8 @@ def study(
             click.echo(summary(result, f"{time.perf_counter() - started:.2g} s"))
             if plan.size > 1 and (reason := why_alone(plan.base, plan.settings, plan.collect)):
                 click.echo(f"\n  samples were run one by one: {reason}")
-            click.echo(f"\n  wrote {target}")
+            more = f", {report}" if report else f" · see it: dynid report {target}"
+            click.echo(f"\n  wrote {target}{more}")
         if part:
             return 0
         return report_expectations(loaded, checked_expectations(loaded, result, junit), quiet)

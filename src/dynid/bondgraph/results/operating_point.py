@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 GROUP = "bond_graph/operating_point"
 _TIME = "bond_graph/time_response"
 _NUMERICAL = (
-    "linear results are exact for the slopes as rounded to doubles; what rests on exact equality of slopes, "
-    "as roots that cancel, is numerical"
+    "linear results are exact for the slopes as rounded to doubles; roots that cancel only where slopes are "
+    "equal are found to rounding, not exactly"
 )
 _STABILITY = {1: "stable", 0: "neutral", -1: "unstable"}
 

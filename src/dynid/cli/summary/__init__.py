@@ -45,7 +45,7 @@ def summary(result: Result, note: str, *, trace: bool = False) -> str:
         lines.pop()
     if warnings := doubts(result):
         lines += ["", *(f"  {line}" for sentence in warnings for line in wrapped(sentence, 104))]
-    if need := need_lines(result):
+    if need := need_lines(result, in_full=trace):
         lines += ["", *need]
     if "accuracy" in result.group_attrs:
         from dynid.cli.summary.bench import accuracy_lines
@@ -70,25 +70,41 @@ def contents(result: Result) -> str:
     from dynid.report.content import array_rows
 
     width = max((len(path) for path in result), default=0)
-    return "\n".join(
+    lines = (
         f"  {path:<{width}}  {kind}  {axes}  {units}".rstrip()
         for path, kind, axes, units in array_rows(result)
     )
+    return "\n".join(part for line in lines for part in folded(line))
 
 
-def need_lines(result: Result) -> list[str]:
-    """Return one sentence on the parts of the model that were left out and why; empty if not recorded."""
+def need_lines(result: Result, *, in_full: bool) -> list[str]:
+    """Return what was left out of the model, in one line, or with the reasons; empty if not recorded.
+
+    Parameters
+    ----------
+    result
+        The result.
+    in_full
+        True for all parts and the reasons; else these are shown where they fit in one line.
+    """
     group = next((path.rpartition("/")[0] for path in result if path.endswith("/need/part")), None)
     if group is None:
         return []
-    columns = ("part", "kept", "left_out", "left_out_names", "why")
-    texts = []
-    for part, kept, left, names, why in zip(
-        *(result[f"{group}/{column}"].data for column in columns), strict=True
+    names = ("part", "kept", "left_out", "left_out_names", "why")
+    texts, short = [], []
+    for part, kept, left, named, why in zip(
+        *(result[f"{group}/{column}"].data for column in names), strict=True
     ):
         if left:
-            short = names and names.count(", ") < _NAMES and part != "results"
-            name = part_name(result, str(part))
-            texts.append(f"{left:,} of {kept + left:,} {name}{f': {names}' if short else ''} ({why})")
-    sentence = f"left out: {'; '.join(texts) or 'nothing'}"
-    return wrapped(sentence, 108, initial_indent="  ", subsequent_indent="    ")
+            listed = named and named.count(", ") < _NAMES and part != "results"
+            short.append(f"{left:,} of {kept + left:,} {part_name(result, str(part))}")
+            texts.append(f"{short[-1]}{f': {named}' if listed else ''} ({why})")
+    lines = wrapped(
+        f"left out: {'; '.join(texts) or 'nothing'}", 108, initial_indent="  ", subsequent_indent="    "
+    )
+    if in_full or len(lines) == 1:
+        return lines
+    room = min(108, columns()) - len("  left out: ; why: -v, or dynid show --trace")
+    while len("; ".join(short)) > room and len(short) > 1:
+        short[-2:] = ["…"]
+    return [f"  left out: {'; '.join(short)}; why: -v, or dynid show --trace"]

@@ -48,7 +48,8 @@ def lines(result: Result) -> list[str]:
         answer = derivation_lines(result)
     if answer and answer[-1]:
         answer.append("")
-    return [*answer, *_operating_point(result), *_about(result)]
+    # What everything below is linearised at.
+    return [*_operating_point(result), *answer, *_about(result)]
 
 
 def _about(result: Result) -> Iterable[str]:

@@ -76,6 +76,19 @@ def folded(line: str) -> list[str]:
     return wrap(line, columns(), subsequent_indent=hanging, break_long_words=False, break_on_hyphens=False)
 
 
+def described(rows: Sequence[tuple[str, str]], indent: str = "  ") -> list[str]:
+    """Return names with their descriptions in a second column, which is wrapped on a terminal."""
+    width = max((len(name) for name, _ in rows), default=0)
+    left = f"{indent}{'':{width}}  "
+    lines = []
+    for name, text in rows:
+        line = f"{indent}{name:{width}}  {text}"
+        narrow = sys.stdout.isatty() and len(line) > columns()
+        options = {"subsequent_indent": left, "break_long_words": False, "break_on_hyphens": False}
+        lines += wrap(line, columns(), **options) if narrow else [line.rstrip()]
+    return lines
+
+
 def aligned(
     rows: Sequence[Sequence[str]], indent: str = "    ", *, gap: int = 2, left: Collection[int] = (0,)
 ) -> Iterable[str]:

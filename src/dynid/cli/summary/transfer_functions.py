@@ -7,12 +7,14 @@ from collections.abc import Iterable
 import numpy as np
 
 from dynid.cli.summary.common import aligned, columns, wrapped
-from dynid.number_format import MOST_ROOTS, counted, limit, root_text, roots_text
+from dynid.number_format import MOST_ROOTS, counted, limit, root_text, roots_text, unbroken
 from dynid.report.content.transfer_functions import (
+    POLE,
     Channel,
     channel_unit,
     channels,
     characteristics,
+    first_sensitivities,
     influence,
     numeric_forms,
     oscillation_text,
@@ -43,6 +45,7 @@ def channel_lines(result: Result) -> Iterable[str]:
     if common:
         yield "  every channel"
         yield from _poles(result, *every[0])
+        yield from _sensitivities(result, first_sensitivities(result, every), only=POLE)
         yield ""
     for output, source in every[:_FULL]:
         yield f"  {output} / {source}"
@@ -63,11 +66,13 @@ def channel_lines(result: Result) -> Iterable[str]:
             if f"{group}/symbolic_{part}" in result:
                 terms = result[f"{group}/symbolic_{part}"].attrs["terms"]
                 yield f"    expanded {part} of {counted(int(terms), 'term')} in the file"
-        yield from _roots(result, output, source, "zeros", "zero_stability")
+        yield from _roots(result, output, source, "zeros", "zero_stability", hertz=in_hertz(result))
         if not common:
             yield from _poles(result, output, source)
         yield from _properties(result, output, source)
-        yield from _sensitivities(result, f"bond_graph/sensitivities/{output}/{source}")
+        yield from _sensitivities(
+            result, f"bond_graph/sensitivities/{output}/{source}", without=POLE if common else None
+        )
         yield ""
     if len(every) > _FULL:
         yield from _table(result, every[_FULL:])
@@ -96,22 +101,25 @@ def _table(result: Result, several: list[Channel]) -> Iterable[str]:
 
 def _poles(result: Result, output: str, source: str) -> Iterable[str]:
     """Yield the poles, their stability, and frequency and damping of up to four oscillatory pairs."""
-    yield from _roots(result, output, source, "poles", "stability")
     path = f"bond_graph/transfer_function/{output}/{source}/poles"
-    if path in result:
-        pairs = [pole for pole in result[path].data if pole.imag > 0]
-        if 0 < len(pairs) <= 4:
-            yield f"            {' · '.join(oscillation_text(result, pole) for pole in pairs)}"
+    pairs = [pole for pole in result[path].data if pole.imag > 0] if path in result else []
+    beside = 0 < len(pairs) <= 4
+    # Natural frequencies are written once: with the poles, or with the damping ratios below them.
+    yield from _roots(result, output, source, "poles", "stability", hertz=in_hertz(result) and not beside)
+    if beside:
+        yield f"            {' · '.join(oscillation_text(result, pole) for pole in pairs)}"
 
 
-def _roots(result: Result, output: str, source: str, name: str, verdict: str) -> Iterable[str]:
+def _roots(
+    result: Result, output: str, source: str, name: str, verdict: str, *, hertz: bool
+) -> Iterable[str]:
     roots = result.get(f"bond_graph/transfer_function/{output}/{source}/{name}")
     path = f"bond_graph/properties/{output}/{source}/{verdict}"
     text = str(result[path].data) if path in result else ""
     reasons = [f"            {line}" for line in wrapped(text, 92)]
     if roots is not None:
         about = " (approximate)" if "approximate" in roots.attrs else ""
-        yield from _hanging(f"    {name}   ", roots_text(roots.data, hertz=in_hertz(result)) + about)
+        yield from _hanging(f"    {name}   ", roots_text(roots.data, hertz=hertz) + about)
         yield from reasons
     elif path in result:
         yield f"    {name}   {reasons[0].lstrip()}"
@@ -144,7 +152,7 @@ def _properties(result: Result, output: str, source: str) -> Iterable[str]:
 
 def _hanging(head: str, text: str, *, indent: int | None = None) -> Iterable[str]:
     """Yield a formula or a list of roots after its heading, wrapped with a hanging indent."""
-    whole = text.replace(" ± ", "\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}")
+    whole = unbroken(text)
     left = " " * (len(head) if indent is None else indent)
     lines = wrapped(
         head + whole,
@@ -156,11 +164,16 @@ def _hanging(head: str, text: str, *, indent: int | None = None) -> Iterable[str
     yield from (line.replace("\N{NO-BREAK SPACE}", " ") for line in lines)
 
 
-def _sensitivities(result: Result, group: str) -> Iterable[str]:
-    """Yield a table of the changes of zeros, poles and gains of a channel per 1 % of the main parameters."""
+def _sensitivities(
+    result: Result, group: str, *, only: str = "", without: str | None = None
+) -> Iterable[str]:
+    """Yield a table of the changes of zeros, poles and gains of a channel per 1 % of the main parameters.
+
+    `only`, `without`: as of `sensitivity_columns`.
+    """
     if f"{group}/parameter" not in result:
         return
-    every = sensitivity_columns(result, group)
+    every = sensitivity_columns(result, group, only=only, without=without)
     if not every:
         return
     yield "    a parameter larger by 1 % moves"

@@ -129,7 +129,7 @@ def nonlinear_facts(result: Result) -> Iterator[str]:
         block.text for block in more(len(outputs), _OUTPUTS, "output") if isinstance(block, Statement)
     )
     tolerance, error = (float(about[f"nonlinear_{name}"]) for name in ("tolerance", "error"))
-    yield f"integrated with a relative tolerance of {tolerance:.0e}; estimated error {error:.1g} of it"
+    yield f"integrated with relative tolerance {tolerance:.0e}; estimated error {error:.1g} of the maximum"
 
 
 def point_slopes(result: Result) -> list[tuple[str, str]]:

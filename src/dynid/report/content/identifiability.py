@@ -280,7 +280,7 @@ def calibration_sections(result: Result) -> Iterator[ReportSection]:
         )
         for j, change in enumerate(found.changes[:_QUANTITIES])
     )
-    caption = "First-order changes of the estimates if a load or a measured signal is larger by this fraction"
+    caption = "First-order changes of the estimates that each error would cause"
     yield ReportSection(
         "Calibration errors",
         (

@@ -105,12 +105,15 @@ def channel_sections(result: Result) -> Iterator[ReportSection]:
     common = len(every) > 1 and same_poles(result, every)
     if common:
         yield ReportSection("Every channel", (definitions(*_poles(result, *every[0])),), "answer")
+        if moved := tuple(_sensitivities(result, first_sensitivities(result, every), only=POLE)):
+            yield ReportSection("Sensitivities of the poles", moved)
     if len(every) > 1:
         table = TextTable(*_channel_table(result, every[:_ROWS], poles=not common))
         yield ReportSection("Channels", (table, *more(len(every), _ROWS, "channel")), "answer")
     for output, source in every[:_FULL]:
         items = definitions(*_channel_items(result, output, source, poles=not common))
-        sensitivities = tuple(_sensitivities(result, f"bond_graph/sensitivities/{output}/{source}"))
+        group = f"bond_graph/sensitivities/{output}/{source}"
+        sensitivities = tuple(_sensitivities(result, group, without=POLE if common else None))
         name, place = f"{output} / {source}", "details" if len(every) > 1 else "answer"
         if place == "answer" and sensitivities:
             yield ReportSection(name, (items,), place)
@@ -171,7 +174,7 @@ def _channel_items(result: Result, output: str, source: str, *, poles: bool) -> 
         if len(lines) > MOST_ROOTS:
             formulas.append(f"… {len(lines) - MOST_ROOTS} more in the file")
     yield "T(s)", tuple(formulas)
-    yield "zeros", tuple(_roots(result, output, source, "zeros", "zero_stability"))
+    yield "zeros", tuple(_roots(result, output, source, "zeros", "zero_stability", hertz=in_hertz(result)))
     if poles:
         yield from _poles(result, output, source)
     group, unit = f"bond_graph/properties/{output}/{source}", channel_unit(result, output, source)
@@ -197,12 +200,14 @@ def _channel_items(result: Result, output: str, source: str, *, poles: bool) -> 
         yield "hidden modes", tuple(modes)
 
 
-def _roots(result: Result, output: str, source: str, name: str, verdict: str) -> Iterator[str]:
+def _roots(
+    result: Result, output: str, source: str, name: str, verdict: str, *, hertz: bool
+) -> Iterator[str]:
     """Yield the roots and the verdict on their stability."""
     path = f"bond_graph/transfer_function/{output}/{source}/{name}"
     if path in result:
         about = " (approximate)" if "approximate" in result[path].attrs else ""
-        yield roots_text(result[path].data, hertz=in_hertz(result)) + about
+        yield roots_text(result[path].data, hertz=hertz) + about
     path = f"bond_graph/properties/{output}/{source}/{verdict}"
     if path in result:
         yield str(result.value(path))
@@ -210,10 +215,12 @@ def _roots(result: Result, output: str, source: str, name: str, verdict: str) ->
 
 def _poles(result: Result, output: str, source: str) -> list[Definition]:
     """Return the poles with their natural frequencies and damping ratios."""
-    lines = list(_roots(result, output, source, "poles", "stability"))
     path = f"bond_graph/transfer_function/{output}/{source}/poles"
     pairs = [pole for pole in result[path].data if pole.imag > 0] if path in result else []
-    if 0 < len(pairs) <= MOST_ROOTS:
+    beside = 0 < len(pairs) <= MOST_ROOTS
+    hertz = in_hertz(result) and not beside  # natural frequencies are written once
+    lines = list(_roots(result, output, source, "poles", "stability", hertz=hertz))
+    if beside:
         lines.append("; ".join(oscillation_text(result, pole) for pole in pairs))
     return [("poles", tuple(lines))]
 
@@ -225,11 +232,16 @@ def oscillation_text(result: Result, pole: complex) -> str:
     return f"{frequency}, ζ = {-pole.real / size or 0.0:.4g}"
 
 
-def _sensitivities(result: Result, group: str) -> Iterator[Block]:
-    """Yield the table of sensitivities of a channel, the most influential parameter first."""
+def _sensitivities(
+    result: Result, group: str, *, only: str = "", without: str | None = None
+) -> Iterator[Block]:
+    """Yield the table of sensitivities of a channel, the most influential parameter first.
+
+    `only`, `without`: as of `sensitivity_columns`.
+    """
     if f"{group}/parameter" not in result:
         return
-    every = sensitivity_columns(result, group)
+    every = sensitivity_columns(result, group, only=only, without=without)
     shown = every[:_COLUMNS]
     names = result[f"{group}/parameter"].data
     weight = influence(every) if every else np.zeros(len(names))
@@ -244,18 +256,37 @@ def _sensitivities(result: Result, group: str) -> Iterator[Block]:
         yield from more(len(every), _COLUMNS, "column")
 
 
-def sensitivity_columns(result: Result, group: str) -> list[tuple[str, NDArray[Any]]]:
-    """Return titles and relative sensitivities of the poles, zeros and gains that depend on a parameter."""
+def first_sensitivities(result: Result, every: list[Channel]) -> str:
+    """Return the group of the sensitivities of the first channel that has some; those of poles are common."""
+    groups = [f"bond_graph/sensitivities/{output}/{source}" for output, source in every]
+    return next((group for group in groups if f"{group}/parameter" in result), groups[0])
+
+
+#: First word of the titles of columns of poles.
+POLE = "pole"
+
+
+def sensitivity_columns(
+    result: Result, group: str, *, only: str = "", without: str | None = None
+) -> list[tuple[str, NDArray[Any]]]:
+    """Return titles and relative sensitivities of the poles, zeros and gains that depend on a parameter.
+
+    `only`, `without`: the beginning of the titles of the columns that are wanted, or are not.
+    """
     found = []
     unit = " rad/s" if in_hertz(result) else ""
-    for name in ("pole", "zero"):
+    for name in (POLE, "zero"):
         moved = result[f"{group}/{name}_sensitivity_relative"].data
         for place, root in enumerate(result[f"{group}/{name}s"].data):
             if root.imag >= 0:
                 found.append((f"{name} {root_text(root)}{unit}", moved[place]))
     for title, name in (("T(0)", "dc_gain"), ("T(∞)", "high_frequency_gain")):
         found.append((title, result[f"{group}/{name}_sensitivity_relative"].data))
-    return [(title, moved) for title, moved in found if moved.any()]
+    return [
+        (title, moved)
+        for title, moved in found
+        if moved.any() and title.startswith(only) and not (without and title.startswith(without))
+    ]
 
 
 def influence(columns: list[tuple[str, NDArray[Any]]]) -> NDArray[np.float64]:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from html import escape
 
+from dynid.number_format import unbroken
 from dynid.report.figure import CellValue, FigureTable, evenly_spaced
 
 
@@ -72,7 +73,7 @@ _MINUS = re.compile(r"(?<![\w.)\]-])-(?=\d|∞)")
 
 def formula(value: str) -> Markup:
     """Return a formula in Python's notation with minus signs, superscript powers and dots for products."""
-    value = _EXPONENT.sub(lambda found: f"·10^{int(found[1])}", _MINUS.sub("−", value))
+    value = _EXPONENT.sub(lambda found: f"·10^{int(found[1])}", _MINUS.sub("−", unbroken(value)))
     safe = _POWER.sub(lambda found: f"<sup>{found[1].strip('()').replace('-', '−')}</sup>", text(value))
     return _with_code(safe.replace("*", "\N{DOT OPERATOR}"))
 
