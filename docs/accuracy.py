@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 import sys
 import tempfile
 import traceback
@@ -18,6 +19,15 @@ from itertools import groupby
 from pathlib import Path
 
 HERE = Path(__file__).parent
+#: What the hard cases of each half are about.
+SUBJECTS = {
+    "frequency": "bond graphs",
+    "structure": "structures",
+    "identification": "identification",
+    "long run": "long runs",
+}
+#: Exponent below which a time does not grow.
+CONSTANT = 0.05
 sys.path.insert(0, str(HERE.parent))
 os.environ["PYTHONPATH"] = str(HERE.parent)  # workers find the peers of `benchmarks/`
 
@@ -51,7 +61,7 @@ Measured on {machine}.
 
 ## Hard cases
 
-{hard}; source, bound and error of each are in [hard_cases.md](hard_cases.md).
+{hard}; source, bound and error of each are in [Hard cases](hard_cases.md).
 
 {benchmarks}
 """
@@ -75,6 +85,16 @@ def by_size(result: Result, group: str) -> list[BenchmarkRow]:
     return sorted(every, key=lambda row: row.size)
 
 
+def power(size: str, exponent: float) -> str:
+    """Return how a time grows with a size."""
+    return f"{size}<sup>{exponent:.2f}</sup>" if abs(exponent) >= CONSTANT else f"not with the {size}"
+
+
+def raised(page: str) -> str:
+    """Return a page with superscripts in place of `^`."""
+    return re.sub(r"(?<=[\w)])\^(-?\d[\d.]*)", r"<sup>\1</sup>", page)
+
+
 def link(benchmark: str) -> str:
     """Return a link to the part of a benchmark."""
     return f"[{benchmark}](#{benchmark})"
@@ -91,7 +111,7 @@ def summary(result: Result, group: str) -> list[str]:
     return [
         link(name),
         ", ".join(dict.fromkeys(row.name for row in chosen)) or "-",
-        f"{about['size']}^{grows:.2f}" if grows is not None else "-",
+        power(str(about["size"]), grows) if grows is not None else "-",
         ("always" if not off else f"not at {', '.join(off)}") if chosen else "-",
         better_peers(result, group) if "beaten" in about else "-",
     ]
@@ -159,7 +179,7 @@ def main() -> int:
         if f"bench/{name}" in each.group_attrs
     }
     heads = ("benchmark", "default", "its time grows as", "on the front", "peers faster and more accurate")
-    counts = [f"{sum(case.half == half for case in cases())} of the {half} half" for half in HALVES]
+    counts = [f"{sum(case.half == half for case in cases())} on {SUBJECTS[half]}" for half in HALVES]
     page = PAGE.format(
         clock=results[0].group_attrs["bench"]["clock"],
         machine=machine(),
@@ -179,7 +199,7 @@ def main() -> int:
         hard=f"There are {len(cases())}: {', '.join(counts)}",
         benchmarks="\n".join(part for group, result in found.items() for part in section(result, group)),
     )
-    (HERE / "accuracy.md").write_text(page.rstrip() + "\n", encoding="utf-8")
+    (HERE / "accuracy.md").write_text(raised(page.rstrip()) + "\n", encoding="utf-8")
     absent = [name for name in BENCHMARKS if f"bench/{name}" not in found]
     if absent:
         print(f"not on the page: {', '.join(absent)}", file=sys.stderr)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import tempfile
@@ -10,7 +11,6 @@ from typing import NamedTuple
 
 import dynid
 from dynid.report import Figure, figures
-from dynid.report.figure import as_file
 
 HERE = Path(__file__).parent
 CONFIGS = HERE.parent / "configs"
@@ -97,6 +97,13 @@ ENTRIES = (
 )
 
 
+def on_paper(svg: str) -> str:
+    """Return a figure on a ground of its own, light or dark as its reader prefers."""
+    x, y, width, height = re.search(r'viewBox="([^"]+)"', svg)[1].split()
+    ground = f'<rect x="{x}" y="{y}" width="{width}" height="{height}" class="paper"/>'
+    return svg.replace("</style>", f"</style>\n{ground}", 1)
+
+
 def result_of(entry: Entry, folder: Path) -> dynid.Result:
     """Run the scene of an entry; a study as its command does, into a folder."""
     scene = CONFIGS / f"{entry.scene}.yaml"
@@ -113,7 +120,8 @@ def main() -> None:
     folder.mkdir(exist_ok=True)
     results: dict[tuple[str, tuple[str, ...]], dict[str, Figure]] = {}
     names: set[str] = set()
-    lines = ["# Gallery", "", "Written by `python docs/gallery.py` from the scenes in `configs/`.", ""]
+    how = "Written by `python docs/gallery.py` from the scenes in `configs/`; a click shows its full size."
+    lines = ["# Gallery", "", how, ""]
     with tempfile.TemporaryDirectory() as scratch:
         for entry in ENTRIES:
             key = (entry.scene, entry.overrides)
@@ -124,9 +132,9 @@ def main() -> None:
             name = f"{Path(entry.scene).name}-{entry.figure}"
             name = f"{name}-2.svg" if f"{name}.svg" in names else f"{name}.svg"
             names.add(name)
-            (folder / name).write_bytes(as_file(figure.svg, "svg"))  # readable whatever the ground
+            (folder / name).write_text(on_paper(figure.svg), encoding="utf-8")
             heading = f"{entry.about[0].upper()}{entry.about[1:]}"
-            lines += [f"## {heading}", "", f"![{figure.title}](gallery/{name})", ""]
+            lines += [f"## {heading}", "", f"[![{figure.title}](gallery/{name})](gallery/{name})", ""]
             lines += [f"{figure.caption} (`configs/{entry.scene}.yaml`)", ""]
     for old in folder.glob("*.svg"):
         if old.name not in names:

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 import numpy as np
+from gallery import on_paper
 
 import dynid
 from dynid.errors import NumericalError
-from dynid.report.figure import as_file
-from dynid.report.plot import Band, Curve, PlotAxis, ReferenceLine, Subplot, chart, series_class
+from dynid.report.plot import BandLayer, Curve, PlotAxis, ReferenceLine, Subplot, chart, series_class
 from dynid.scene.kinds.structures import build_structure
 from dynid.structure.response import Channel, frequency_response
 
@@ -30,8 +30,8 @@ HEADER = """\
 
 Written by `python docs/tables.py` from `configs/table1.yaml` … `table6.yaml`. Errors are those of one
 record (noise seed 1, start values half the true values); the bound is the Cramér–Rao bound on the
-standard error, at the true values, with the initial state unknown. Errors over 2,000 records of Tables 2
-and 4: [monte_carlo.md](monte_carlo.md). If the paper does not state step, duration and amplitude, they
+standard error, at the true values, with the initial state unknown. Tables 2 and 4 over 2,000 records:
+[Errors over many records](monte_carlo.md). If the paper does not state step, duration and amplitude, they
 are 0.002 s, 800 samples and 100 N. An error of the paper below the bound (Table 4) belongs to another
 record. A clean record has no bound: its residuals are round-off.
 """
@@ -118,7 +118,7 @@ def history(result, title: str) -> Subplot:
     layers = [ReferenceLine(100.0, cls="line dashed")]
     for k, name in enumerate(column(result, "name")):
         layers.append(
-            Band(
+            BandLayer(
                 time, estimate[:, k] - deviation[:, k], estimate[:, k] + deviation[:, k], cls=series_class(k)
             )
         )
@@ -183,7 +183,7 @@ def responses() -> Subplot:
 def save(name: str, title: str, *row: Subplot) -> None:
     """Write one figure."""
     svg = chart(f"tables-{name}", title, [row], width=1000.0 if len(row) > 1 else 760.0)
-    (HERE / f"tables-{name}.svg").write_bytes(as_file(svg, "svg"))
+    (HERE / f"tables-{name}.svg").write_text(on_paper(svg), encoding="utf-8")
 
 
 def main() -> None:

@@ -16,6 +16,7 @@ from dynid.bench.benchmark import BENCHMARKS, Benchmark, benchmark
 from dynid.bench.worker import Process
 from dynid.defaults import of_benchmark
 from dynid.errors import NumericalError, UsageError
+from dynid.number_format import significant
 from dynid.result import Result
 
 
@@ -215,7 +216,7 @@ def beaten(
             found.append(f"at {case.size} {size:,} the default has no figures")
             continue
         found += [
-            f"at {case.size} {size:,} by {name} ({default.time / at[name].time:.2g} times faster)"
+            f"at {case.size} {size:,} by {name} ({significant(default.time / at[name].time, 2)} times faster)"
             for name in peers
             if name in at and at[name].time < default.time and at[name].error < default.error
         ]
