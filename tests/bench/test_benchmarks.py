@@ -16,9 +16,12 @@ from dynid.bench.worker import _timed, measured, processor
 from dynid.cli import cli
 from dynid.cli.summary import summary
 from dynid.errors import DynidError, Singular, UsageError
+from dynid.report.content import content
+from dynid.report.content.blocks import TextTable
 from dynid.report.page import page
 from dynid.result import Result
 from dynid.store import read_result, write_result
+from tests.report.pages import bench as sample_bench
 
 #: A small size of each, and the largest error of dynid's own (first) alternative there.
 SMALL = {
@@ -197,8 +200,8 @@ def test_the_page_holds_every_figure_that_was_measured(result):
         assert f">{alternative.name}<" in text
     assert not re.search(r"<(link|img|iframe)\b|@import|url\((?!#)", text)
     names = [each.name for each in benchmark("propagation").alternatives if not each.missing()]
-    whole = text[text.index('<details class="rows">') :]  # the first rows stand above it as well
-    rows = re.findall(r'<tr(?: class="marked")?><th scope="row">([^<]*)</th>', whole)
+    assert '<details class="rows">' not in text  # every row is shown
+    rows = re.findall(r'<tr(?: class="marked")?><th scope="row">([^<]*)</th>', text)
     assert sorted(rows) == sorted(2 * names)
 
 
@@ -261,7 +264,7 @@ def test_a_peer_that_beats_the_default_is_named():
         "exponential-spline": [BenchmarkFigure(5, 2.0, 0, 1e-6)],
         "lsim": [BenchmarkFigure(5, 1.0, 0, 1e-7)],
     }
-    assert beaten(case, case.default, figures) == ["at samples 5 by lsim (2 times faster)"]
+    assert beaten(case, case.default, figures) == ["at samples 5 by lsim (2.0 times faster)"]
     slower = {**figures, "lsim": [BenchmarkFigure(5, 3.0, 0, 1e-7)]}
     assert beaten(case, case.default, slower) == []
     assert "no figures" in beaten(case, case.default, {"lsim": figures["lsim"]})[0]
@@ -390,3 +393,10 @@ def test_times_of_another_clock_are_not_compared(tmp_path):
         with pytest.raises(UsageError) as error:
             CliRunner().invoke(cli, command, catch_exceptions=False)
         assert said in str(error.value)
+
+
+def test_errors_on_a_page_are_numbers_or_infinite():
+    shown = sample_bench()
+    shown["bench/roots/float/error"].data[:] = [np.inf, np.nan]
+    (table,) = [block for block in content(shown).sections[0].blocks if isinstance(block, TextTable)]
+    assert [row[4] for row in table.rows] == ["0", "∞", "3.0e-14", "-"]

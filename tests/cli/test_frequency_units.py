@@ -76,7 +76,7 @@ def test_a_plan_is_in_the_unit_of_its_scene(dynid, folder, unit, other):
     assert dynid("report", "p.h5", "-o", "p.html")[0] == 0
     page = (folder / "p.html").read_text()
     text = page[page.index("<main") : page.index("</main")] if "<main" in page else page
-    assert re.search(rf"^ +(2 at [0-9.]+ {unit}) ", out, re.MULTILINE)[1] in text
+    assert re.search(rf"^ +(DOF 2 at [0-9.]+ {unit})", out, re.MULTILINE)[1] in text
 
 
 @pytest.mark.parametrize(("unit", "expected"), [("Hz", "excited up to 15 Hz"), ("rad/s", "up to 15 rad/s")])

@@ -174,7 +174,7 @@ PARTS = ["answer", "figures", "details", "derivations", "samples", "scene", "pro
 def test_of_a_long_table_of_the_answer_the_first_rows_are_shown_and_all_folded():
     rows = tuple((f"row {k}", str(k)) for k in range(40))
     section = ReportSection("Long", (TextTable(("", "n"), rows),), "answer")
-    part = str(document._answer([section], [], "a note").inside)
+    part = str(document._answer([section], [], "a note", 6).inside)
     assert part.index("a note") < part.index("row 5") < part.index("All 40 rows") < part.index("row 39")
     assert part.count(">row 39<") == 1
 

@@ -114,7 +114,7 @@ def bench(
     if report:
         from dynid.cli.results import write_page
 
-        write_page(result, report)
+        write_page(read_result(output) if output else result, report)  # stored, it has versions and date
         click.echo(f"  wrote {report}")
     return _compared(result, before) if before else 0
 

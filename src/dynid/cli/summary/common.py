@@ -84,8 +84,11 @@ def described(rows: Sequence[tuple[str, str]], indent: str = "  ") -> list[str]:
     for name, text in rows:
         line = f"{indent}{name:{width}}  {text}"
         narrow = sys.stdout.isatty() and len(line) > columns()
-        options = {"subsequent_indent": left, "break_long_words": False, "break_on_hyphens": False}
-        lines += wrap(line, columns(), **options) if narrow else [line.rstrip()]
+        if narrow:
+            pieces = wrap(
+                line, columns(), subsequent_indent=left, break_long_words=False, break_on_hyphens=False
+            )
+        lines += pieces if narrow else [line.rstrip()]
     return lines
 
 

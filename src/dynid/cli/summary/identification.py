@@ -37,10 +37,11 @@ from dynid.report.content.plan import (
     best_bands_text,
     best_sensors_text,
     best_sines_text,
-    chosen_lines,
     driven,
     efficiency_text,
     gain_text,
+    place_text,
+    sine_rows,
     steady_state_text,
 )
 from dynid.report.content.reduction import method_table, remarks, seconds_text
@@ -219,14 +220,8 @@ def _excitation(result: Result) -> Iterable[str]:
         yield f"  {PRESCRIBED}"
         return
     names = [str(name) for name in result[f"{group}/parameter"].data]
-    choice = chosen_lines(result)
     yield from wrapped(f"  {best_sines_text(result)}", 110, subsequent_indent="    ")
-    gains = result[f"{group}/gain"].data
-    bounds = [[""] * len(names)] * (len(choice) - 1)
-    bounds.append(list(map(bound_text, result[f"{group}/best_bound"].data)))
-    rows = [(f"{'+ ' if k else ''}{name}", *bounds[k], gain_text(gains[k])) for k, name in enumerate(choice)]
-    now = ("present", *map(bound_text, result[f"{group}/present_bound"].data), "")
-    yield from aligned([("", *names, GAIN_OF_SINES), *rows, now])
+    yield from aligned([("", *names, GAIN_OF_SINES), *sine_rows(result)])
     yield f"    {efficiency_text(result.value(f'{group}/efficiency'), f'{driven(result)}s')}"
     yield from wrapped(f"    {steady_state_text(result)}", 110, subsequent_indent="      ")
     group, unit = f"{group}/bands", frequency_unit(result)
@@ -234,7 +229,10 @@ def _excitation(result: Result) -> Iterable[str]:
         *(result[f"{group}/{name}"].data[:_BANDS] for name in ("dof", "low", "high", "bound")), strict=True
     )
     rows = [
-        (f"{dof}: {span_text(unit.factor * low, unit.factor * high)} {unit.name}", *map(bound_text, bound))
+        (
+            f"{place_text(dof)}: {span_text(unit.factor * low, unit.factor * high)} {unit.name}",
+            *map(bound_text, bound),
+        )
         for dof, low, high, bound in bands
     ]
     yield ""

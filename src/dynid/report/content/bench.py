@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -38,7 +39,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
                 f"{row.size:,}",
                 time_text(row.time),
                 memory_text(row.memory),
-                f"{row.error:.1e}",
+                _error_text(row.error),
                 row.marks,
             )
             for row in every
@@ -46,11 +47,18 @@ def sections(result: Result) -> Iterator[ReportSection]:
         marked = frozenset(place for place, row in enumerate(every) if row.best)
         heads = ("", str(about["size"]), "time", "memory", "error", "")
         statements = (
-            Statement(f"{term}: {text}", "bad" if term == "failed" else "")
+            Statement(f"{term}: {text.replace('inf: ', '∞: ')}", "bad" if term == "failed" else "")
             for term, text in remarks(result, group)
         )
         table = TextTable(heads, rows, marked, str(about["title"]))
         yield ReportSection(group.partition("/")[2], (table, Statement(f"{_SIGNS}."), *statements), "answer")
+
+
+def _error_text(error: float) -> str:
+    """Return an error with two digits; infinite ones are wrong results."""
+    if math.isnan(error):
+        return "-"
+    return "∞" if math.isinf(error) else f"{error:.1e}" if error else "0"
 
 
 class BenchmarkRow(NamedTuple):

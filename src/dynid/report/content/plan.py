@@ -42,23 +42,17 @@ def sections(result: Result) -> Iterator[ReportSection]:
     if f"{group}/choice" not in result:
         yield ReportSection("Excitation", (Statement(f"{_capitalized(PRESCRIBED)}."),), "answer")
     else:
-        choice, gains = chosen_lines(result), result[f"{group}/gain"].data
-        blank = [""] * (len(heads) - 2)
-        best = list(map(bound_text, result[f"{group}/best_bound"].data))
-        rows = [
-            (f"{'+ ' if k else ''}{name}", *(best if k == len(choice) - 1 else blank), gain_text(gain))
-            for k, (name, gain) in enumerate(zip(choice, gains, strict=True))
-        ]
-        rows.append(("present", *map(bound_text, result[f"{group}/present_bound"].data), ""))
         caption = _capitalized(best_sines_text(result))
-        blocks: list[Block] = [TextTable((*heads[:-1], GAIN_OF_SINES), tuple(rows), caption=caption)]
+        blocks: list[Block] = [
+            TextTable((*heads[:-1], GAIN_OF_SINES), tuple(sine_rows(result)), caption=caption)
+        ]
         blocks.append(_efficiency(result, group, f"{driven(result)}s"))
         yield ReportSection("Excitation", tuple(blocks), "answer")
         bands = [result[f"{group}/bands/{name}"].data[:_BANDS] for name in ("dof", "low", "high", "bound")]
         unit = frequency_unit(result)
         spans = tuple(
             (
-                f"{dof}: {span_text(unit.factor * low, unit.factor * high)} {unit.name}",
+                f"{place_text(dof)}: {span_text(unit.factor * low, unit.factor * high)} {unit.name}",
                 *map(bound_text, bounds),
             )
             for dof, low, high, bounds in zip(*bands, strict=True)
@@ -70,11 +64,35 @@ def sections(result: Result) -> Iterator[ReportSection]:
     yield from calibration_sections(result)
 
 
+def place_text(name: str) -> str:
+    """Return where an excitation acts: a label or a source as it is, a number as that of a DOF."""
+    return f"DOF {name}" if name.isdecimal() else name
+
+
 def chosen_lines(result: Result) -> list[str]:
     """Return DOF and frequency of the chosen sines, in the unit of the scene."""
     unit = frequency_unit(result)
     dofs, omega = (result[f"plan/excitation/choice_{name}"].data for name in ("dof", "omega"))
-    return [f"{dof} at {unit.text(float(at), 5)}" for dof, at in zip(dofs, omega, strict=True)]
+    return [f"{place_text(dof)} at {unit.text(float(at), 4)}" for dof, at in zip(dofs, omega, strict=True)]
+
+
+def sine_rows(result: Result) -> list[tuple[str, ...]]:
+    """Return the rows of the chosen sines with their gains; and of their set and the present with bounds."""
+    group, choice = "plan/excitation", chosen_lines(result)
+    gains = [gain_text(gain) for gain in result[f"{group}/gain"].data]
+    best, present = (
+        list(map(bound_text, result[f"{group}/{name}_bound"].data)) for name in ("best", "present")
+    )
+    if len(choice) == 1:
+        rows = [(choice[0], *best, gains[0])]
+    else:
+        blank = [""] * len(best)
+        rows = [
+            (f"{'+ ' if k else ''}{name}", *blank, gain)
+            for k, (name, gain) in enumerate(zip(choice, gains, strict=True))
+        ]
+        rows.append((f"all {len(choice)}", *best, ""))
+    return [*rows, ("present", *present, "")]
 
 
 def best_sensors_text(count: int, candidates: int) -> str:

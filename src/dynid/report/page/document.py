@@ -96,7 +96,8 @@ def page(result: Result, *, live: int | None = None, note: str = "") -> str:
     # A wide figure would push the others down.
     first = [one for one in first if one is first[0] or 'class="wide"' not in beside[one.name]]
     others = [figure for figure in every if figure not in first or figure.name in previews]
-    parts = [_answer(found.sections, [beside[one.name] for one in first], note)]
+    most = None if result.kind == "bench" else _SHOWN  # of a benchmark every row is an answer
+    parts = [_answer(found.sections, [beside[one.name] for one in first], note, most)]
     parts[0] = parts[0]._replace(entries=[_entry(one) for one in first if one.name not in previews])
     if shown := [figure for figure in others if not figure.derivation]:
         cells = tag("div", *(drawn[figure.name] for figure in shown), class_="figures")
@@ -127,12 +128,14 @@ def page(result: Result, *, live: int | None = None, note: str = "") -> str:
     return document(result.title or "A result of dynid", found.method, parts, scripts, live)
 
 
-def _answer(sections: Iterable[ReportSection], first: Sequence[Markup], note: str) -> PagePart:
-    """Return the answer with the figures that show it; all but the first rows of its tables are folded."""
+def _answer(
+    sections: Iterable[ReportSection], first: Sequence[Markup], note: str, most: int | None
+) -> PagePart:
+    """Return the answer with the figures that show it; all but the first `most` rows of tables are folded."""
     answers = [section for section in sections if section.place == "answer"]
     cells = []
     for one in answers:
-        blocks = (tag("div", _block(block, one.title, _SHOWN), class_="block") for block in one.blocks)
+        blocks = (tag("div", _block(block, one.title, most), class_="block") for block in one.blocks)
         # Sentences need no heading.
         head = "" if all(isinstance(block, Statement) for block in one.blocks) else tag("h3", one.title)
         terms = all(isinstance(block, DefinitionList) for block in one.blocks)
