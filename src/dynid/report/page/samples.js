@@ -131,9 +131,8 @@
     if (!size) return [["count", 0]];
     if (known[0] === known[size - 1]) return [["count", size], ["every sample", known[0]]];
     const mean = known.reduce((sum, value) => sum + value / size, 0);
-    // Equal values have no spread, although their mean is rounded.
-    const spread = known[0] === known[size - 1] ? 0 : known.reduce((sum, value) => sum + (value - mean) ** 2, 0);
-    return [["count", size], ["mean", Math.min(Math.max(mean, known[0]), known[size - 1])], ["std", size > 1 ? Math.sqrt(spread / (size - 1)) : NaN], ["min", known[0]],
+    const spread = known.reduce((sum, value) => sum + (value - mean) ** 2, 0);
+    return [["count", size], ["mean", mean], ["std", Math.sqrt(spread / (size - 1))], ["min", known[0]],
       ["p05", quantile(known, 0.05)], ["median", quantile(known, 0.5)], ["p95", quantile(known, 0.95)], ["max", known[size - 1]]];
   };
 
