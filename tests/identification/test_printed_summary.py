@@ -326,7 +326,7 @@ def test_modes_of_a_structure_and_its_massless_dofs(count):
     table, *remark = section.blocks
     assert table.rows[1] == ("2", "6.2832", "1.0000", "2 %")
     assert table.caption == "2 modes of 30 DOFs, 1 of the rigid body"
-    assert screen[-1].split() == ["2", "6.2832", "1", "2", "%"]
+    assert screen[-1].split() == ["2", "6.2832", "1.0000", "2", "%"]
     said = {0: "no massless DOFs", 2: "2 massless DOFs", 25: "25 massless DOFs"}[count]
     assert screen[0] == f"  2 modes of 30 DOFs; 1 rigid-body mode, {said}"
     if not count:
