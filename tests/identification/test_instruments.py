@@ -170,7 +170,11 @@ def test_shifted_signals_keep_their_ends():
     ("delay", "problem", "remedy"),
     [
         (-2 * STEP, "need it up to 0.602 s", "State samples: 298 in the measurement (300 are used now)."),
-        (2 * STEP, "need it from -0.004 s on", "Correct the excitation by its delay instead"),
+        (
+            2 * STEP,
+            "need it from -0.004 s on",
+            "Take 0.004 s from every delay, of the excitation and of all channels",
+        ),
     ],
 )
 def test_a_delay_beyond_the_samples_of_the_excitation_says_how_many_can_be_used(delay, problem, remedy):

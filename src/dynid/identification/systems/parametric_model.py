@@ -407,7 +407,8 @@ def _check_known(signals: Sequence[Signal], times: Array, sampling: RecordSampli
     if begin < first - rounding:
         raise UsageError(
             f"{which} from {begin:.6g} s on",
-            remedy="Correct the excitation by its delay instead: before its start it keeps its first value.",
+            remedy=f"Take {first - begin:.6g} s from every delay, of the excitation and of all channels "
+            "(0 where none is stated): only their differences count.",
             names=("channels", "records"),
         )
 
