@@ -126,6 +126,20 @@ def test_a_tornado_is_of_the_samples_and_has_a_share_for_each_result():
     assert "No bars for noise: no input moves the mean" in tornado.caption
 
 
+def test_what_a_study_derives_from_its_inputs_is_no_input_of_their_influence():
+    rng = np.random.default_rng(4)
+    a, b = rng.uniform(0.9, 1.6, 40), rng.uniform(1, 10, 40)
+    inputs = {"parameters.a": a, "parameters.b": b}
+    results = {"some/number": 0.1 * a + b + 0.3 * b**2}
+    own, other = study(inputs, results), study(inputs | {"root": np.sqrt(a)}, results)
+    other.attrs["scene"] = "dynid: 1\nkind: study\nderive: {root: sqrt(a)}\n"
+    for name in ("tornado", "sobol"):
+        assert repr(drawn(other)[name].table.rows) == repr(drawn(own)[name].table.rows)  # some are NaN
+    alone = study({"parameters.a": a, "root": np.sqrt(a)}, {"some/number": a})
+    alone.attrs["scene"] = other.attrs["scene"]
+    assert "tornado" not in drawn(alone)
+
+
 def test_parts_of_a_variance_are_drawn_from_0_to_100_percent_with_standard_errors():
     a, b = (values.ravel() for values in np.meshgrid(np.arange(1.0, 10.0), np.arange(1.0, 10.0)))
     figure = drawn(study({"parameters.a": a, "parameters.b": b}, {"some/y": a, "some/z": a * b}))["sobol"]

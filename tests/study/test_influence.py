@@ -254,11 +254,11 @@ def test_there_is_no_tornado_of_nothing_and_no_trust_in_what_stays():
 
 
 def test_inputs_that_stay_have_no_influence_and_texts_no_direction():
-    nothing = Influences(SimpleNamespace(inputs={"x": np.ones(9), "y": np.ones(0)}))
+    nothing = Influences(SimpleNamespace(varied={"x": np.ones(9), "y": np.ones(0)}))
     assert nothing.inputs == {}
     assert nothing.of(np.arange(9.0)) is None
     words = np.array(["p", "q", "r"] * 20, object)
-    found = Influences(SimpleNamespace(inputs={"word": words, "x": np.arange(60.0) // 3}))
+    found = Influences(SimpleNamespace(varied={"word": words, "x": np.arange(60.0) // 3}))
     values = np.tile([1.0, 5.0, 9.0], 20)
     assert found.of(values).first == pytest.approx([1, 1 - 59 / 40])  # any x has all words: corrected for 20
     assert np.isnan(found.direction(0, values))

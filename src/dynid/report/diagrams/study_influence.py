@@ -26,7 +26,7 @@ _PANELS, _BARS = 8, 12
 def figures(result: Result) -> Iterator[Figure]:
     """Yield tornado diagrams, and Sobol indices where the samples suffice."""
     numbers = StudyNumbers(result)
-    if len(numbers.inputs) < 2 or not numbers.outputs:
+    if sum(number.path in numbers.table.varied for number in numbers.inputs) < 2 or not numbers.outputs:
         return
     for name, title, draw in (
         ("tornado", "Tornado: influence of each input", _tornadoes),
@@ -48,7 +48,7 @@ def _tornadoes(numbers: StudyNumbers, name: str, title: str) -> Picture:
     subplots, rows, left, reasons = list[Subplot](), list[tuple[CellValue, ...]](), 0, dict[str, str]()
     fitted = False
     for number in numbers.outputs:
-        found = tornado(numbers.table.inputs, number.values)
+        found = tornado(numbers.table.varied, number.values)
         if found is None or not any(bar.exceeds_chance for bar in found.bars):
             reasons[number.name] = "too few samples" if found is None else found.remark
             continue

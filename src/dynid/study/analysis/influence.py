@@ -216,13 +216,14 @@ class Influences:
     ----------
     table
         The study. For Saltelli's design, indices are of first and total order, and inputs that change
-        together are one factor; else they are of first order, for every input.
+        together are one factor; else they are of first order, for every input. Derived columns are no inputs:
+        their share is that of what they are computed from.
     """
 
     def __init__(self, table: StudyTable) -> None:
         self.inputs = {
             name: column
-            for name, column in table.inputs.items()
+            for name, column in table.varied.items()
             if len(column) and (column != column[0]).any()
         }
 

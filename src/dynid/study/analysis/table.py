@@ -99,6 +99,12 @@ class StudyTable:
         return {name: self.result[f"{SAMPLES}/{name}"].data for name in names}
 
     @cached_property
+    def varied(self) -> dict[str, NDArray[Any]]:
+        """The inputs that the study varies; without those that its `derive` computes from them."""
+        derived = self._scene.get("derive") or ()
+        return {name: column for name, column in self.inputs.items() if name not in derived}
+
+    @cached_property
     def paths(self) -> list[str]:
         """Paths of all outputs, including texts, in the order of the study's `collect`."""
         every = {path: self.variable(path) for path in _below(self.result, RESULTS)}
@@ -108,20 +114,21 @@ class StudyTable:
             for path, variable in found.items()
             if "lengths" in variable.attrs
         }
-        wanted = self._collected
+        wanted = [str(one).strip("/") for one in self._scene.get("collect") or ()]
         return sorted(
             (path for path in found if path not in lengths),
             key=lambda path: next((k for k, one in enumerate(wanted) if _covers(one, path)), len(wanted)),
         )
 
     @cached_property
-    def _collected(self) -> list[str]:
-        """What the study collects, as its `collect` names it."""
+    def _scene(self) -> dict[str, Any]:
+        """Data of the study's scene; empty in a file that others wrote."""
         try:
             data = parse_source(str(self.result.attrs.get("scene", ""))).data
-            return [str(one).strip("/") for one in data.get("collect") or ()]
-        except (DynidError, AttributeError, TypeError):  # of a file that others wrote
-            return []
+        except DynidError:
+            return {}
+        whole = isinstance(data, dict) and isinstance(data.get("derive") or {}, dict)
+        return data if whole and isinstance(data.get("collect") or [], list) else {}
 
     def variable(self, path: str) -> Variable:
         """Return the output at a path; its first axis is the samples."""
