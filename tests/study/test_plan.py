@@ -284,6 +284,14 @@ FAULTS = [
      ":4:22: 'high' of a lognormal distribution is above 0"),
     ("vary: {parameters.m: {distribution: triangular, low: 1, mode: 3, high: 2}}",
      ":4:22: 'low', 'mode' and 'high' do not follow each other"),
+    ("vary: {parameters.m: {distribution: triangular, low: 1}}",
+     ":4:22: distribution 'triangular' needs the keys low, mode, high"),
+    ("vary: {parameters.m: {distribution: uniform, min: 1, max: 2}}",
+     ":4:22: distribution 'uniform' needs the keys low, high; write 'low' for 'min'; write 'high' for 'max'"),
+    ("vary: {parameters.m: {distribution: normal, mean: 1, std: 1, max: 2}}",
+     ":4:22: distribution 'normal' needs the keys mean, std; write 'high' for 'max'"),
+    ("vary: {parameters.m: {distribution: uniform, low: 1, high: 2, seed: 3}}",
+     "is not a key of vary.parameters.m; its keys are points, name, distribution, low, high"),
 ]  # fmt: skip
 
 

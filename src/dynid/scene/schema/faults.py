@@ -229,7 +229,7 @@ def _model_at(model: Any, loc: Sequence[Any]) -> type[BaseModel] | None:
         models = [option for option in options if _is_model(option)]
         chosen = None  # the member of a discriminated union whose tag is in the location
         for option in models:
-            fields = (option.model_fields.get(key) for key in ("kind", "method"))
+            fields = (option.model_fields.get(key) for key in ("kind", "method", "distribution"))
             tags = (get_args(field.annotation) for field in fields if field is not None)
             if chosen is None and any(part in tag for tag in tags):
                 chosen = option

@@ -139,6 +139,9 @@ _FORMS = {
     "lognormal": "normal",
     "triangular": "triangular",
 }
+_MODELS: dict[str, type[_Distribution]] = {"uniform": Uniform, "normal": Normal, "triangular": Triangular}
+#: Names of other programs for the keys of distributions.
+_OTHER_NAMES = {"min": "low", "max": "high", "mu": "mean", "sigma": "std"}
 
 
 def _form_of(raw: Any) -> str:
@@ -158,6 +161,13 @@ def _as_mapping(raw: Any) -> Any:
     if not isinstance(name, str) or name not in _FORMS:
         hint = did_you_mean(str(name), _FORMS)
         raise fault(f"there is no distribution '{name}'; it is one of {', '.join(_FORMS)}{hint}")
+    if "distribution" in raw:
+        fields = _MODELS[_FORMS[name]].model_fields
+        needed = [key for key, field in fields.items() if field.is_required() and key != "distribution"]
+        renamed = [(key, own) for key, own in _OTHER_NAMES.items() if key in raw and own in fields]
+        if renamed or not all(key in raw for key in needed):
+            hint = "".join(f"; write '{own}' for '{key}'" for key, own in renamed)
+            raise fault(f"distribution '{name}' needs the keys {', '.join(needed)}{hint}")
     return raw
 
 
