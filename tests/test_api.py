@@ -42,10 +42,18 @@ def test_errors_are_those_of_the_package(tmp_path):
 
 
 def test_a_result_is_read_back_as_it_was_written(result, tmp_path):
-    write_result(result, tmp_path / "r.h5")
+    dynid.write_result(result, tmp_path / "r.h5")
     again = dynid.open_result(tmp_path / "r.h5")
     assert again.equals(result)
     assert again.attrs["scene"] == ISOLATOR.read_text()
+
+
+def test_expectations_are_evaluated_by_one_call(result):
+    expected = dynid.load_scene(ISOLATOR).source.data["expect"]
+    outcomes = dynid.checks.check_expectations(result, expected)
+    assert [outcome.passed for outcome in outcomes] == [True] * len(expected)
+    wrong = [{**expected[0], "value": 1e9}]
+    assert not dynid.checks.check_expectations(result, wrong)[0].passed
 
 
 def test_the_same_scene_gives_the_same_bytes_of_data(result):

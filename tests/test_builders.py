@@ -48,6 +48,31 @@ def test_plain_data_are_checked_like_a_file():
     assert "no node 'n'" in said
 
 
+def test_a_name_that_is_given_twice_is_refused():
+    built = dynid.GraphBuilder().node("m", "I", 2)
+    with pytest.raises(UsageError, match="the node 'm' is given twice"):
+        built.node("m", "I", 20)
+    joined = dynid.StructureBuilder.lumped([1]).joint("j", [1], k=1)
+    with pytest.raises(UsageError, match="the joint 'j' is given twice"):
+        joined.joint("j", [1], k=2)
+
+
+def test_faults_of_a_built_scene_name_the_value():
+    built = dynid.GraphBuilder().node("F", "Se").node("b", "R", "q").bond("F -> b")
+    with pytest.raises(SceneError, match=r":\d+:\d+: graph\.nodes\.b\.value: no parameter 'q'$"):
+        built.scene(outputs=["b.f"])
+
+
+def test_a_loop_around_a_mass_moves_its_pole():
+    built = dynid.GraphBuilder().node("F", "Se").node("body", 1).node("m", "I", 2).node("b", "R", 4)
+    built.bond("F -> body -> m").bond("body -> b")
+    with pytest.raises(SceneError, match="'control' is not a key of analysis; write it at the top level"):
+        built.scene(outputs=["m.f"], control={"loops": []})
+    built.loop("m.f", "F", {"gain": 6}, setpoint="w")
+    poles = dynid.run(built.scene(outputs=["m.f"]))["bond_graph/transfer_function/m.f/w/poles"].data
+    assert poles == pytest.approx([-(4 + 6) / 2])
+
+
 def test_a_builder_goes_on_after_a_scene_was_taken():
     built = dynid.GraphBuilder("R").node("F", "Se").node("b", "R", 4).bond("F -> b")
     first = built.scene(outputs=["b.f"])

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from types import ModuleType
 
-    from dynid import errors, lti
+    from dynid import checks, errors, lti
     from dynid.result import Result
     from dynid.scene.load import Scene
 
@@ -29,16 +29,18 @@ __all__ = [
     "GraphBuilder",
     "StructureBuilder",
     "__version__",
+    "checks",
     "errors",
     "load_scene",
     "lti",
     "open_result",
     "run",
     "scene_from",
+    "write_result",
 ]
 
 # Packages that users reach as attributes after `import dynid`, and that only their use should load.
-_LAZY = ("errors", "lti", "report", "store")
+_LAZY = ("checks", "errors", "lti", "report", "store")
 
 
 def __getattr__(name: str) -> ModuleType:
@@ -73,7 +75,9 @@ def load_scene(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> S
 
 
 def run(scene: Scene | str | os.PathLike[str]) -> Result:
-    """Run a scene, or the scene in a file.
+    """Run a scene, or the scene in a file; nothing is written, and the scene's `expect` is not evaluated.
+
+    `dynid.write_result` writes the result; `dynid.checks.check_expectations` evaluates expectations.
 
     Raises
     ------
@@ -105,3 +109,16 @@ def open_result(path: str | os.PathLike[str]) -> Result:
     from dynid.store import read_result
 
     return read_result(path)
+
+
+def write_result(result: Result, path: str | os.PathLike[str]) -> None:
+    """Write a result to an HDF5 file as `dynid run` does: whole or not at all; an existing file is replaced.
+
+    Raises
+    ------
+    dynid.errors.FileError
+        Where the file cannot be written; an existing file is untouched then.
+    """
+    from dynid.store import write_result as write
+
+    write(result, path)

@@ -14,10 +14,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
+    from dynid.errors import Fault
     from dynid.scene.load import Scene
+    from dynid.scene.yaml.source import Source
 
 Number = int | float | str
 """A number, the name of a parameter, or an expression."""
@@ -36,14 +39,32 @@ def scene_from(data: Mapping[str, Any], folder: str | os.PathLike[str] = ".") ->
     Raises
     ------
     dynid.errors.SceneError
-        With all faults, located in the YAML text of the data (`scene.source.text` of a valid scene).
+        With all faults, located in the YAML text of the data (`scene.source.text` of a valid scene), each
+        with the path of its value: `graph.nodes.b.value`.
     """
+    from dynid.errors import SceneError
     from dynid.scene.load import check_source
     from dynid.scene.yaml.source import parse_source
     from dynid.scene.yaml.writer import dump
 
     text = dump({"dynid": 1, **data})
-    return check_source(parse_source(text, os.path.join(os.fspath(folder), "<scene>")))  # noqa: PTH118
+    source = parse_source(text, os.path.join(os.fspath(folder), "<scene>"))  # noqa: PTH118
+    try:
+        return check_source(source)
+    except SceneError as error:
+        raise SceneError(_with_path(source, fault) for fault in error.faults) from None
+
+
+def _with_path(source: Source, fault: Fault) -> Fault:
+    """Return a fault with the path of its value in the message: nobody sees the lines of a built scene."""
+    place = (fault.line, fault.column)
+    paths = [path for path, marks in source.marks.items() if place in (marks.key, marks.value)]
+    dotted = ".".join(map(str, min(paths, key=len, default=())))
+    return (
+        fault
+        if not dotted or dotted in fault.message
+        else replace(fault, message=f"{dotted}: {fault.message}")
+    )
 
 
 class SceneBuilder:
@@ -63,6 +84,14 @@ class SceneBuilder:
         self._data.setdefault("expect", []).append(given)
         return self
 
+    @staticmethod
+    def _refuse_twice(what: str, name: str, known: Mapping[str, Any]) -> None:
+        """Refuse a second definition, as YAML refuses a key that is given twice."""
+        if name in known:
+            from dynid.errors import UsageError
+
+            raise UsageError(f"the {what} '{name}' is given twice; use another name")
+
     def _scene(self, folder: str | os.PathLike[str], **parts: Any) -> Scene:
         from copy import deepcopy
 
@@ -71,7 +100,7 @@ class SceneBuilder:
 
 
 class GraphBuilder(SceneBuilder):
-    """A bond graph, node by node.
+    """A bond graph, node by node; for sub-models, designs and other blocks use `scene_from`.
 
     Parameters
     ----------
@@ -85,7 +114,14 @@ class GraphBuilder(SceneBuilder):
         self._bonds: list[str] = []
 
     def node(self, name: str, type: str | int, value: Number | None = None, **more: Any) -> Self:
-        """Add a node: Se, Sf, I, C, R, TF, GY, 0 or 1, with its value where it has one (SI units)."""
+        """Add a node: Se, Sf, I, C, R, TF, GY, 0 or 1, with its value where it has one (SI units).
+
+        Raises
+        ------
+        dynid.errors.UsageError
+            If the graph has a node of this name.
+        """
+        self._refuse_twice("node", name, self._nodes)
         given = {} if value is None else {"value": value}
         self._nodes[name] = {"type": type, **given, **more} if given or more else type
         return self
@@ -93,6 +129,15 @@ class GraphBuilder(SceneBuilder):
     def bond(self, chain: str) -> Self:
         """Add a bond, or a chain of bonds: `a -> b -> c`, power positive along the arrows."""
         self._bonds.append(chain)
+        return self
+
+    def loop(self, measured: str, source: str, controller: Mapping[str, Any], **more: Any) -> Self:
+        """Close a loop from a variable (`m.f`) through a controller (`{"pid": {"kp": 2}}`) to a source.
+
+        `reference` and `setpoint` name its inputs, as in `control.loops` in YAML.
+        """
+        loops = self._data.setdefault("control", {"loops": []})["loops"]
+        loops.append({"from": measured, "to": source, "controller": dict(controller), **more})
         return self
 
     def scene(
@@ -148,8 +193,15 @@ class StructureBuilder(SceneBuilder):
         return self
 
     def joint(self, name: str, dofs: Sequence[int | str], **parts: Any) -> Self:
-        """Add a joint; `k` and `c` are numbers where known, `{"start": …}` where to be identified."""
-        self._data.setdefault("joints", {})[name] = {"dofs": list(dofs), **parts}
+        """Add a joint; `k` and `c` are numbers where known, `{"start": …}` where to be identified.
+
+        Raises
+        ------
+        dynid.errors.UsageError
+            If the structure has a joint of this name.
+        """
+        self._refuse_twice("joint", name, self._data.setdefault("joints", {}))
+        self._data["joints"][name] = {"dofs": list(dofs), **parts}
         return self
 
     def excite(self, dof: int | str, kind: str, **keys: Any) -> Self:

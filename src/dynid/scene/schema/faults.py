@@ -134,7 +134,9 @@ def _elsewhere(source: Source, path: Sequence[Any]) -> str:
 
 
 def _misplaced(model: type[BaseModel], path: Sequence[Any]) -> str:
-    """Return the place of a key at the top level of a scene that belongs into its analysis."""
+    """Return the place of a key that belongs into the analysis, or from there to the top level of a scene."""
+    if len(path) == 2 and path[0] == "analysis" and path[1] in model.model_fields:
+        return "; write it at the top level of the scene, outside 'analysis'"
     if len(path) != 1:
         return ""
     if path[0] == "modes" and "reduction" in get_args(model.model_fields["kind"].annotation):
