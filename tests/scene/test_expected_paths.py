@@ -5,13 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from dynid.bondgraph.request import PROPERTIES
+from dynid.bondgraph.request import MARGINS, PROPERTIES
+from dynid.lti.margins import Margins
 from dynid.lti.peaks import Bandwidth
 from dynid.lti.step_info import StepInfo
 from dynid.scene.doubts import scene_doubts
 from dynid.scene.kinds.expected_paths import impossible_paths
-from dynid.scene.load import check_source, load_scene
+from dynid.scene.load import Scene, check_source, load_scene
 from dynid.scene.run import run_scene
+from dynid.scene.schema.study import StudyScene
 from dynid.scene.yaml.source import apply_overrides, parse_source
 from tests.scene.example_scenes import ISOLATOR, check
 
@@ -51,7 +53,6 @@ def test_a_path_that_no_run_can_give_is_a_fault_at_its_place(path, said):
         f"/{BASE}/m_s.f/v_in/stable",
         f"{BASE}/m_s.f/v_in/natural_frequency",
         "bond_graph/transfer_function/m_s.f/v_in/unit",
-        "bond_graph/margins/phase",
         "kind",
         "bond_graph/engine",
     ],
@@ -60,6 +61,43 @@ def test_other_paths_are_left_to_the_run(path):
     scene = check(expecting(path))
     assert scene_doubts(scene) == []
     assert list(impossible_paths(scene)) == []
+
+
+def test_margins_of_a_graph_without_loops_are_a_fault():
+    [fault] = impossible_paths(check(expecting("bond_graph/margins/phase")))
+    assert "a graph without loops has no margins" in fault.message
+
+
+def collecting(name, *paths, vary="parameters.m: [1, 2]"):
+    """Return the faults in `collect` of a study of a shipped scene, with the line of each."""
+    base = load_scene(CONFIGS / f"{name}.yaml")
+    collect = "".join(f"  - {path}\n" for path in paths)
+    text = f"dynid: 1\nkind: study\nscene: x.yaml\nvary: {{{vary}}}\ncollect:\n{collect}"
+    study = Scene(parse_source(text), StudyScene.model_validate(parse_source(text).data))
+    return [(fault.line, fault.message) for fault in impossible_paths(base, study)]
+
+
+def test_a_study_cannot_collect_what_no_sample_gives():
+    name, margin = "isolator_controlled", "bond_graph/margins"
+    good = [f"{margin}/phase", margin, f"{margin}/phase_*", "study/x", f"{BASE}", "bond_graph/engine"]
+    assert collecting(name, *good) == []
+    found = collecting(name, f"{margin}/phase", f"{margin}/phase_margin", f"{BASE}/no.f/v_in/order")
+    assert [line for line, _ in found] == [7, 8]
+    assert found[0][1] == "loops have no margin 'phase_margin'; did you mean 'phase'?"
+    assert "'no.f' is not an output" in found[1][1]
+
+
+def test_outputs_that_a_study_varies_may_be_collected():
+    vary = "analysis.outputs.0: [no.f, m_s.f]"
+    assert collecting("isolator_controlled", f"{BASE}/no.f/v_in/order", vary=vary) == []
+
+
+def test_the_known_margins_are_those_of_a_result():
+    every = {field.name for field in fields(Margins)} | {"loop"}
+    assert every <= MARGINS
+    assert {f"bond_graph/margins/{name}" for name in every} <= set(
+        run_scene(load_scene(CONFIGS / "isolator_controlled.yaml"))
+    )
 
 
 def test_a_property_of_a_result_that_is_not_requested_is_a_warning():

@@ -36,8 +36,9 @@ def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...],
     whose commas may be decimal. Exit code, as of the run: 0: all scenes are valid; 2: a scene is invalid;
     3: a graph is singular; 4: a file could not be read.
 
-    For a study, the scene that it varies is checked, too. Errors of its computation, such as a singular
-    graph, are reported only if the first sample has them as well; errors of other samples are not found.
+    For a study, the scene that it varies is checked, too, and the paths of 'collect'. Errors of its
+    computation, such as a singular graph, are reported only if the first sample has them as well; errors of
+    other samples are not found.
 
     With --explain, reports for each valid scene what a run would do: independent and dependent states, the
     engine or estimator and the reason for it, the identifiability of each parameter, the parts of the model
@@ -110,7 +111,8 @@ def _obstacles(scene: Scene) -> tuple[list[str], int]:
     for error in errors:
         found += error.faults if isinstance(error, SceneError) else [checked.locate(error)]
         code = code or error.exit_code
-    missing, impossible = missing_files(scene), list(impossible_paths(checked))
+    study = scene if checked is not scene else None
+    missing, impossible = missing_files(scene), list(impossible_paths(checked, study))
     code = code or (SceneError.exit_code if impossible else 0)
     in_order = sorted(
         [*found, *missing, *impossible], key=lambda fault: (fault.file, fault.line, fault.column)

@@ -1,6 +1,7 @@
-"""Expectations of bond graphs whose paths no run of the scene can give, found before it is run.
+"""Paths of expectations and of `collect` that no run of a bond graph can give, found before it is run.
 
-`dynid check` refuses them; a run, of which they are the least part, reports them as not met at its end.
+`dynid check` refuses them; a run, of which they are the least part, reports them as not met at its end, and a
+study with the samples that fail.
 """
 
 from __future__ import annotations
@@ -8,33 +9,44 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple, cast
 
-from dynid.bondgraph.request import PROPERTIES, ResultName
+from dynid.bondgraph.request import MARGINS, PROPERTIES, ResultName
 from dynid.scene.schema.raw import MULTIPORTS, node_types, references
+from dynid.scene.schema.study import paths_of
 from dynid.suggestions import did_you_mean, shortened
 
 if TYPE_CHECKING:
     from dynid.errors import Fault
     from dynid.scene.load import Scene
     from dynid.scene.schema.bond_graph import BondGraphScene
+    from dynid.scene.schema.study import StudyScene
 
 #: The groups that have one group for each output, and in it one for each input.
 _OF_CHANNELS = ("properties", "transfer_function", "sensitivities")
 
 
-class _Path(NamedTuple):
-    """The path of an expectation in a group of channels, and its number in the scene."""
+class _Wanted(NamedTuple):
+    """A path in `expect` of a scene or in `collect` of a study, and its place there."""
 
-    number: int
-    group: str
-    output: str
-    source: str
-    name: str
+    parts: tuple[str, ...]
+    holder: Scene
+    place: tuple[str | int, ...]
+
+    def fault(self, problem: str) -> Fault:
+        return self.holder.source.fault(self.place, problem)
 
 
-def impossible_paths(scene: Scene) -> Iterator[Fault]:
-    """Yield the expectations of outputs, inputs and properties that a bond graph does not have.
+def impossible_paths(scene: Scene, study: Scene | None = None) -> Iterator[Fault]:
+    """Yield the paths of outputs, inputs, properties and margins that a bond graph does not have.
 
-    Of graphs with multiports and structures, whose channels have names of their own, only properties.
+    Of graphs with multiports and structures, whose channels have names of their own, only properties and
+    margins; also where a study varies more than values.
+
+    Parameters
+    ----------
+    scene
+        The scene whose `expect` is checked.
+    study
+        The study that varies it; its `collect` is checked as well, except for patterns.
     """
     if scene.kind != "bond-graph":
         return
@@ -43,37 +55,68 @@ def impossible_paths(scene: Scene) -> Iterator[Fault]:
     outputs = [str(port) for port in model.analysis.outputs]
     sources = [str(name) for name in model.analysis.inputs or ()]
     sources = sources or [name for name, kind in types.items() if kind in ("Se", "Sf")]
-    certain = not any(kind in MULTIPORTS for kind in types.values())
+    certain = not any(kind in MULTIPORTS for kind in types.values()) and _varies_values(study)
     known = {name: None for names in PROPERTIES.values() for name in names}
-    for path in _paths(model):
+    for path in (*_expected(scene), *_collected(study)):
+        group, *rest = path.parts
         problem = ""
-        if certain and path.output not in outputs:
-            problem = _not_among("output", path.output, outputs)
-        elif certain and path.source not in sources:
-            problem = _not_among("input", path.source, sources)
-        elif path.group == "properties" and path.name not in known:
+        if group == "margins" and certain and model.control is None:
+            problem = "a graph without loops has no margins; close loops with 'control'"
+        elif group == "margins" and len(rest) == 1 and rest[0] not in MARGINS:
+            there = f"; there are: {shortened(sorted(MARGINS))}"
+            problem = f"loops have no margin '{rest[0]}'{did_you_mean(rest[0], MARGINS) or there}"
+        elif group not in _OF_CHANNELS or len(rest) < 3:
+            continue
+        elif certain and rest[0] not in outputs:
+            problem = _not_among("output", rest[0], outputs)
+        elif certain and rest[1] not in sources:
+            problem = _not_among("input", rest[1], sources)
+        elif group == "properties" and rest[2] not in known:
             # Without a similar name it may be one of an attribute.
-            close = did_you_mean(path.name, known)
-            problem = f"no channel has the property '{path.name}'{close}" if close else ""
+            close = did_you_mean(rest[2], known)
+            problem = f"no channel has the property '{rest[2]}'{close}" if close else ""
         if problem:
-            yield scene.source.fault(("expect", path.number, "path"), problem)
+            yield path.fault(problem)
 
 
 def unrequested_paths(scene: Scene, model: BondGraphScene) -> Iterator[Fault]:
     """Yield the expectations of properties of results that the scene does not request."""
     asked = model.analysis.asked()
-    for path in (path for path in _paths(model) if path.group == "properties"):
-        holders: list[ResultName] = [one for one, names in PROPERTIES.items() if path.name in names]
+    for path in _expected(scene):
+        if path.parts[0] != "properties" or len(path.parts) < 4:
+            continue
+        name = path.parts[3]
+        holders: list[ResultName] = [one for one, names in PROPERTIES.items() if name in names]
         if holders and asked.isdisjoint(holders):
-            message = f"'{path.name}' comes with the result '{holders[0]}', which 'results' does not list"
-            yield scene.source.fault(("expect", path.number, "path"), f"{message}; add it")
+            message = f"'{name}' comes with the result '{holders[0]}', which 'results' does not list"
+            yield path.fault(f"{message}; add it")
 
 
-def _paths(model: BondGraphScene) -> Iterator[_Path]:
-    for number, expectation in enumerate(model.expect):
-        root, *parts = expectation.path.strip("/").split("/")
-        if root == "bond_graph" and len(parts) > 3 and parts[0] in _OF_CHANNELS:
-            yield _Path(number, *parts[:4])
+def _expected(scene: Scene) -> Iterator[_Wanted]:
+    for number, expectation in enumerate(scene.model.expect):
+        if parts := _parts(expectation.path):
+            yield _Wanted(parts, scene, ("expect", number, "path"))
+
+
+def _collected(study: Scene | None) -> Iterator[_Wanted]:
+    for number, path in enumerate(cast("StudyScene", study.model).collect if study else ()):
+        if (parts := _parts(path)) and not any(letter in path for letter in "*?["):
+            yield _Wanted(parts, cast("Scene", study), ("collect", number))
+
+
+def _parts(path: str) -> tuple[str, ...]:
+    """Return the parts of a path below the group of bond graphs; none of others."""
+    root, *parts = path.strip("/").split("/")
+    return tuple(parts) if root == "bond_graph" else ()
+
+
+def _varies_values(study: Scene | None) -> bool:
+    """Return True if all samples of a study have the nodes, outputs and inputs of its scene."""
+    if study is None:
+        return True
+    model = cast("StudyScene", study.model)
+    paths = [path for key in model.vary for path in paths_of(key)] + list(model.derive)
+    return all(path.startswith("parameters.") or path.endswith(".value") or "." not in path for path in paths)
 
 
 def _not_among(what: str, name: str, known: list[str]) -> str:
