@@ -59,12 +59,10 @@ def _with_path(source: Source, fault: Fault) -> Fault:
     """Return a fault with the path of its value in the message: nobody sees the lines of a built scene."""
     place = (fault.line, fault.column)
     paths = [path for path, marks in source.marks.items() if place in (marks.key, marks.value)]
-    dotted = ".".join(map(str, min(paths, key=len, default=())))
-    return (
-        fault
-        if not dotted or dotted in fault.message
-        else replace(fault, message=f"{dotted}: {fault.message}")
-    )
+    shortest = min(paths, key=len) if paths else ()
+    dotted = ".".join(map(str, shortest))
+    known = not dotted or dotted in fault.message
+    return fault if known else replace(fault, message=f"{dotted}: {fault.message}")
 
 
 class SceneBuilder:
