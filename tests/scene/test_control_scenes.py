@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import dynid
+from dynid.checks import check_expectations
 from dynid.errors import SceneError
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
@@ -368,7 +369,8 @@ def test_a_feed_forward_limits_nothing_and_moves_no_pole(gain, back, forth):
     assert margins["stability"][1].startswith("stable: L = 0")
     assert margins["stable"].tolist() == [gain > 0, True]
     alone = dynid.run(scene("\n".join(line for line in text.splitlines() if "from: r.f" not in line)))
-    assert all(margins[name][0] == alone[f"bond_graph/margins/{name}"].data[0] for name in margins)
+    for name, values in margins.items():
+        np.testing.assert_array_equal(values[:1], alone[f"bond_graph/margins/{name}"].data)
     group = "bond_graph/sensitivity_functions"
     s = 1j * result[f"{group}/omega"].data
     loop = gain * np.exp(-s * back) / (0.5 * s + 2)
@@ -467,3 +469,43 @@ def test_a_study_over_a_gain_of_a_controller_is_run_alone():
     template = scene(SERVO.replace("CONTROLLER", "{gain: kp}") + "parameters: {kp: 20}\n")
     path = "bond_graph/properties/shaft.q/target/dc_gain"
     assert batched(template, [{"parameters.kp": 10}, {"parameters.kp": 40}], (path,)) is None
+
+
+UNSTABLE = """\
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {u: Se, axis: 1, m: {type: I, value: 1}, k: {type: C, value: 1}, b: {type: R, value: 1}}
+  bonds: [u -> axis -> m, axis -> k, axis -> b]
+control:
+  loops: [{from: k.q, to: u, controller: {numerator: [KI], denominator: [1, 0], delay: DELAY}, setpoint: w}]
+analysis: {inputs: [w], outputs: [k.q], results: [properties]}
+expect:
+  - {path: bond_graph/margins/gain, min: 0}
+  - {path: bond_graph/margins/gain_reduction, max: 1}
+  - {path: bond_graph/margins/phase, min: 0}
+  - {path: bond_graph/margins/delay, min: 0}
+  - {path: bond_graph/margins/gain_crossover, min: 0}
+  - {path: bond_graph/margins/phase_crossover, min: 0}
+"""
+
+
+@pytest.mark.parametrize(
+    ("ki", "delay", "stable"), [(0.5, 0, True), (2, 0, False), (0.5, 0.05, True), (0.5, 9, False)]
+)
+def test_margins_of_a_loop_that_is_not_stable_are_not_defined_and_meet_no_bound(ki, delay, stable):
+    """s (s^2 + s + 1) + KI exp(-s τ): Routh has it stable for 0 < KI < 1 without delay."""
+    loaded = scene(UNSTABLE.replace("KI", str(ki)).replace("DELAY", str(delay)))
+    result = dynid.run(loaded)
+    outcomes = check_expectations(result, [one.model_dump(exclude_none=True) for one in loaded.model.expect])
+    assert [one.passed for one in outcomes] == [stable] * 6
+    below, above = (result[f"bond_graph/margins/crossing_gain_{side}"].data[0] for side in ("below", "above"))
+    s = 1j * np.array([0.5, 1.0, 2.0])
+    loop = ki * np.exp(-s * delay) / (s * (s * s + s + 1))
+    assert (result["bond_graph/margins/Ms"].data[0] >= abs(1 / (1 + loop))).all()
+    if not delay:
+        assert (below, above) == pytest.approx((0, 1 / ki) if stable else (1 / ki, np.inf))
+    if not stable:
+        assert outcomes[0].message == (
+            "gain is not defined (the closed loop is not stable) at loop 'k.q -> u', expected at least 0"
+        )

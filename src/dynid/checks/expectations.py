@@ -106,11 +106,17 @@ def _check(result: Result, expectation: Mapping[str, Any]) -> CheckOutcome:
             labels = [f"{axis.dim} {word(axis.labels[at])}" for axis, at in zip(axes, first, strict=True)]
             where = f" at {', '.join(labels)}" if labels else ""
             count = f" ({len(misses)} of {data.size} entries miss)" if data.size > 1 else ""
-            said = _missing_word(data[first], bound[first])
-            raise _Unmet(f"is {said}{unit}{where}, {words}{word(bound[first])}{unit}{count}")
+            said = _undefined(picked, data[first]) or f"{_missing_word(data[first], bound[first])}{unit}"
+            raise _Unmet(f"is {said}{where}, {words}{word(bound[first])}{unit}{count}")
     except _Unmet as unmet:
         return CheckOutcome(False, path, expected, found, f"{path.rpartition('/')[2]} {unmet}")
     return CheckOutcome(True, path, expected, found, f"{path.rpartition('/')[2]} is {found}")
+
+
+def _undefined(variable: Variable, value: Any) -> str:
+    """Return why a value is not defined, where its array says so; else ''."""
+    reason = variable.attrs.get("undefined", "")
+    return f"not defined ({reason})" if reason and value != value else ""
 
 
 def _missing_word(value: Any, bound: Any) -> str:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
@@ -28,11 +28,16 @@ FEED_FORWARD = "stable: L = 0, nothing is fed back"
 _PRECISION = 160
 
 
+#: Margins that are defined for a stable loop alone: the changes that make it unstable, and their frequencies.
+CHANGES = ("gain", "gain_reduction", "phase", "delay", "gain_crossover", "phase_crossover")
+
+
 @dataclass(frozen=True)
 class Margins:
     """Margins of a closed loop 1 + L = 0; infinite where nothing limits them.
 
-    Where the closed loop is unstable, they are the changes at which a root crosses the axis.
+    Where the closed loop is not stable, `gain`, `gain_reduction`, `phase` and `delay` are changes at which a
+    root crosses the axis, and no margins: `where_stable` leaves them undefined.
 
     Parameters
     ----------
@@ -77,6 +82,10 @@ class Margins:
     Ms: float
     Mt: float
     Mt_at: float
+
+    def where_stable(self) -> Margins:
+        """Return them with NaN for the changes that make a stable loop unstable, where it is not stable."""
+        return self if self.stable else replace(self, **dict.fromkeys(CHANGES, math.nan))
 
 
 def margins(numerator: Any, denominator: Any) -> Margins:

@@ -17,12 +17,14 @@ from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.request import Analysis
 from dynid.lti.certified_roots import certified_roots, repeated
 from dynid.lti.delay_margins import delay_margins
-from dynid.lti.margins import Margins, margins
+from dynid.lti.margins import CHANGES, Margins, margins
 from dynid.lti.quasi_polynomials import PRECISION, QuasiPolynomial, on_axis, rightmost_roots
 from dynid.number_format import roots_text
 from dynid.result import Result, Variable, as_kept
 
 MARGINS, FUNCTIONS, LOCUS = "bond_graph/margins", "bond_graph/sensitivity_functions", "bond_graph/root_locus"
+#: Why margins are NaN.
+UNDEFINED = "the closed loop is not stable"
 _UNITS = {"phase": "deg", "delay": "s"}
 #: Frequencies of the functions where the scene has none, and gains of a root locus.
 _POINTS, _GAINS = 400, 121
@@ -52,9 +54,15 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
     result.add_axis(f"{MARGINS}/loop", names)
     for name in (field.name for field in fields(Margins)):
         unit = _UNITS.get(name, "rad/s" if name.endswith(("crossover", "_at")) else "")
-        values = [getattr(one, name) for one in found]
+        values = [getattr(one.where_stable(), name) for one in found]
         kept = np.array(values, dtype=object if name == "stability" else None)
-        result.add(f"{MARGINS}/{name}", kept, ("loop",), unit)
+        note = {"undefined": UNDEFINED} if name in CHANGES and not all(one.stable for one in found) else {}
+        result.add(f"{MARGINS}/{name}", kept, ("loop",), unit, **note)
+    for name, values in (
+        ("crossing_gain_below", [one.gain_reduction for one in found]),
+        ("crossing_gain_above", [one.gain for one in found]),
+    ):
+        result.add(f"{MARGINS}/{name}", np.array(values), ("loop",))
     closed = cut.closed()
     if not closed.is_rational:
         _add_roots(result, closed)

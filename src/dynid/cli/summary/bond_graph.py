@@ -119,7 +119,7 @@ def _margins(result: Result) -> Iterable[str]:
         return
     for place, loop in enumerate(result[f"{group}/loop"].data):
         yield f"  loop {loop}"
-        gains = [float(result[f"{group}/{name}"].data[place]) for name in ("gain", "gain_reduction")]
+        gains = [float(result[f"{group}/crossing_gain_{side}"].data[place]) for side in ("above", "below")]
         if not result[f"{group}/Mt"].data[place]:
             yield "    L = 0: nothing is fed back, so that it moves no pole"
         elif result[f"{group}/stable"].data[place]:
@@ -135,8 +135,8 @@ def _margins(result: Result) -> Iterable[str]:
             verdict = str(result[f"{group}/stability"].data[place])
             yield from wrapped(verdict, 92, initial_indent="    ", subsequent_indent="      ")
             changes = " and ".join(f"gain times {gain:.4g}" for gain in gains if 0 < gain < np.inf)
-            if changes:
-                yield f"    its roots cross the axis at {changes}"
+            crossings = f"; its roots cross the axis at {changes}" if changes else ""
+            yield f"    margins not defined: the closed loop is not stable{crossings}"
     if f"{group}/poles" in result:
         poles = result[f"{group}/poles"]
         text = f"poles with delays: {roots_text(poles.data, hertz=in_hertz(result))}"

@@ -183,6 +183,9 @@ def margin_texts(result: Result, place: int) -> dict[str, str]:
     unit, texts = frequency_unit(result), {}
     for name, (sign, crossover) in _MARGINS.items():
         size, where = float(result[f"bond_graph/margins/{name}"].data[place]), ""
+        if np.isnan(size):
+            texts[name] = "not defined"
+            continue
         if crossover:
             at = float(result[f"bond_graph/margins/{crossover}"].data[place]) * unit.factor
             where = f" at {at:.4g} {unit.name}" if np.isfinite(at) else " at high frequencies"
@@ -196,15 +199,15 @@ def _loops(result: Result) -> Iterator[ReportSection]:
     if f"{group}/loop" not in result:
         return
     names, stabilities, stable = (result[f"{group}/{name}"].data for name in ("loop", "stability", "stable"))
-    rows = []
-    for place, loop in enumerate(names):
-        shown = [
-            "" if text == "∞" and not stable[place] else text for text in margin_texts(result, place).values()
-        ]
-        rows.append((str(loop), *shown, str(stabilities[place]).partition(":")[0]))
+    rows = [
+        (str(loop), *margin_texts(result, place).values(), str(stabilities[place]).partition(":")[0])
+        for place, loop in enumerate(names)
+    ]
     blocks: list[Block] = [
         TextTable(("", "gain margin", "phase margin", "delay margin", "Ms", "Mt", "closed loop"), tuple(rows))
     ]
+    if not stable.all():
+        blocks.append(Statement("Margins are not defined where the closed loop is not stable."))
     yield ReportSection("Feedback loops", tuple(blocks), "answer")
     if f"{group}/poles" in result:
         poles = result[f"{group}/poles"]

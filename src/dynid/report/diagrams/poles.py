@@ -316,7 +316,8 @@ def _root_locus(result: Result, group: str, name: str, title: str) -> Picture:
             str(result.group_attrs[group]["loop"])
         )
         crossings = [
-            float(result[f"bond_graph/margins/{name}_crossover"].data[place]) for name in ("gain", "phase")
+            float(result[f"bond_graph/margins/{name}"].data[place])
+            for name in ("gain_crossover", "phase_crossover", "modulus_at")
         ]
         notable = notable[notable <= 4 * next((one for one in crossings if 0 < one < np.inf), np.inf)]
     reach = 1.5 * float(np.max(notable[np.isfinite(notable)], initial=0.1))
