@@ -202,8 +202,19 @@ def test_nonsense_is_refused():
     ):
         with pytest.raises(UsageError):
             propagate(system, *arguments)
-    with pytest.raises(NumericalError, match="overflows"):
-        propagate(StateSpace([[50.0]], [[1.0]], [[1.0]], [[0.0]]), [Step()], np.arange(100.0))
+
+
+def test_an_overflow_names_the_mode_that_grows_only_where_one_does():
+    growing = StateSpace([[50.0, 2.0], [-2.0, 50.0]], [[1.0], [0.0]], [[1.0, 0.0]], [[0.0]])
+    with pytest.raises(NumericalError, match="beyond double precision") as caught:
+        propagate(growing, [Step()], np.arange(100.0))
+    assert caught.value.remedy.startswith(
+        "The natural mode at 50 ± 2j rad/s grows by e^4950 in 99 s: shorten"
+    )
+    huge = StateSpace([[-1.0]], [[1e300]], [[1e300]], [[0.0]])
+    with pytest.raises(NumericalError, match="beyond double precision") as caught:
+        propagate(huge, [Step()], np.arange(10.0))
+    assert "Check the units" in caught.value.remedy
 
 
 @pytest.mark.parametrize(

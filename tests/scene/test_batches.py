@@ -440,7 +440,7 @@ def test_an_undefined_characteristic_is_missing_with_the_reason():
         assert (unstable.error, list(unstable.values)) == ("", [f"{properties}/step_status"])
         said = str(unstable.values[f"{properties}/step_status"].data)
         assert said.startswith("undefined: there is no steady state; unstable")
-        assert said.endswith("give it damping or feedback, or take a time response")
+        assert said.endswith("stabilise it by damping or by the gains of a feedback, or take a time response")
     both = run_batch(template, overrides, ())  # every number, and the status of those that may be missing
     assert [f"{properties}/step_status" in one.values for one in both] == [True, True]
     assert (

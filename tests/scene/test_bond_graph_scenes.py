@@ -7,9 +7,10 @@ from time import process_time
 import numpy as np
 import pytest
 
-from dynid.errors import UsageError
+from dynid.errors import NumericalError, UsageError
 from dynid.scene.kinds.bond_graph import built_graph
 from dynid.scene.kinds.signals import angular_frequencies
+from dynid.scene.load import check_source
 from dynid.scene.run import run_scene
 from dynid.scene.schema.bond_graph import domain_faults
 from dynid.scene.yaml.source import parse_source
@@ -312,3 +313,26 @@ analysis: {outputs: [r.f], results: [sensitivities]}
 """
     with pytest.raises(UsageError, match="by single values, but 's' depends on m"):
         run_scene(check(text))
+
+
+RUNAWAY = """\
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {u: Se, j: 1, m: {type: I, value: 1}, b: {type: R, value: -800}}
+  bonds: [u -> j -> m, j -> b]
+analysis:
+  inputs: [u]
+  outputs: [m.f]
+  results: [time_response]
+  time: {stop: 2, step: 0.1, input: {kind: step}}
+"""
+
+
+def test_a_response_that_grows_beyond_double_precision_is_refused_at_its_time():
+    loaded = check_source(parse_source(RUNAWAY, "scene.yaml"))
+    with pytest.raises(NumericalError) as caught:
+        run_scene(loaded)
+    fault = loaded.locate(caught.value)
+    assert (fault.line, fault.column) == (10, 3)
+    assert "natural mode at 800 rad/s grows by e^1600 in 2 s: shorten the time" in fault.message

@@ -72,7 +72,8 @@ def step_info(numerator: Any, denominator: Any) -> StepInfo:
     poles: tuple[SidedRoot, ...] = certified_roots(denominator)
     if not all(pole.side == -1 for pole in poles):
         why = f"there is no steady state; {stability(poles)}"
-        return StepInfo(f"undefined: {why}; give it damping or feedback, or take a time response")
+        remedy = "stabilise it by damping or by the gains of a feedback, or take a time response"
+        return StepInfo(f"undefined: {why}; {remedy}")
     if numerator.degree() > denominator.degree():
         why = "the response to a step has an impulse (the channel is improper)"
         return StepInfo(f"undefined: {why}; take the impulse response, or another output")

@@ -13,13 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 from dynid.defaults import LONG_STEPS
 from dynid.errors import NumericalError, UsageError
 from dynid.lti.exponential import accurate_exponential, balance, exponential, rescaled
-from dynid.lti.floating import guarded
+from dynid.lti.floating import REMEDY, guarded
 from dynid.lti.generator import Signal
 from dynid.lti.recurrence import recurrence
 from dynid.lti.signals import Impulse, Multisine, Random
 from dynid.lti.state_space import StateSpace
 from dynid.lti.timeline import Timeline, timeline
 from dynid.lti.waveforms import sum_lines
+from dynid.number_format import root_text
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -31,6 +32,8 @@ _NEAR_POLE = 1e-4
 _MANY = 100
 # Phase, rad, of which double precision keeps three digits.
 _LARGEST_PHASE = 1e-3 / float(np.finfo(float).eps)
+# Exponent of a growing mode beyond which it explains an overflow: that of doubles is 709.
+_GROWS = 300.0
 # Decay exponent beyond which the phase of an oscillation is irrelevant.
 _DECAYED = 40.0
 # Relative differences of this size are rounding: of the pieces of a spline, of sin(pi).
@@ -102,6 +105,30 @@ def propagate(
     generated, spread = _split_lines(poles, signals)
     line = timeline(generated, t, start)
     check_phase(poles, float(t[-1]) - start)
+    with guarded("the time response", remedy=_remedy(poles, float(t[-1]) - start)):
+        return _response(system, line, initial, spread, t, start)
+
+
+def _remedy(poles: ComplexArray, duration: float) -> str:
+    """Return what to do where the response overflows, with the mode whose growth explains it."""
+    fastest = poles[poles.real.argmax()] if len(poles) else 0.0
+    if not fastest.real * duration > _GROWS:
+        return REMEDY
+    mode = root_text(complex(fastest.real, abs(fastest.imag)))
+    growth = f"e^{fastest.real * duration:.4g} in {duration:.4g} s"
+    remedy = "shorten the time (stop), or stabilise the system"
+    return f"The natural mode at {mode} rad/s grows by {growth}: {remedy}."
+
+
+def _response(
+    system: StateSpace,
+    line: Timeline,
+    initial: Array,
+    spread: Sequence[tuple[int, Array, ComplexArray, float]],
+    t: Array,
+    start: float,
+) -> TimeResponse:
+    """Return the response to a timeline and to lines of random signals that are spread over frequencies."""
     highest = len(system.higher)
     inputs = np.stack([line.inputs(order) for order in range(highest + 1)])
     states = np.zeros((len(t), len(initial)))
@@ -118,9 +145,7 @@ def propagate(
         outputs = outputs + derivative @ feedthrough.T
     outputs = np.asarray(outputs)
     if not (np.isfinite(outputs).all() and np.isfinite(states).all()):
-        raise NumericalError(
-            "the time response overflows", remedy="The system is unstable: shorten the time."
-        )
+        raise OverflowError
     return TimeResponse(outputs, states, inputs[0])
 
 

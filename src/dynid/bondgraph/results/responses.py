@@ -131,6 +131,7 @@ def add_time_response(
         The flow of an I or the effort of a C at t = 0, by name.
     """
     from dynid.bondgraph.state_space import rational_matrices, state_space
+    from dynid.lti.floating import guarded
     from dynid.lti.refined_response import refined_response
     from dynid.lti.signals import Impulse
     from dynid.lti.time_response import impulsive_outputs
@@ -144,7 +145,8 @@ def add_time_response(
         if driving or not any(driven.values()):
             rational = partial(rational_matrices, reduced, tuple(initial), [name for name, _ in driving])
             shapes = [signal for _, signal in driving]
-            solved[part], doubt = refined_response(_driven(system, driving), shapes, times, rational)
+            with guarded("the time response", names=("analysis.time",)):
+                solved[part], doubt = refined_response(_driven(system, driving), shapes, times, rational)
             doubts.append(doubt)
     outputs = {"response": np.asarray(sum(part.outputs for part in solved.values()))}
     outputs |= {part: alone.outputs for part, alone in solved.items()} if len(solved) > 1 else {}
