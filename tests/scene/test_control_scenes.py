@@ -7,6 +7,7 @@ import pytest
 
 import dynid
 from dynid.checks import check_expectations
+from dynid.cli.summary import summary
 from dynid.errors import SceneError
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
@@ -509,3 +510,35 @@ def test_margins_of_a_loop_that_is_not_stable_are_not_defined_and_meet_no_bound(
         assert outcomes[0].message == (
             "gain is not defined (the closed loop is not stable) at loop 'k.q -> u', expected at least 0"
         )
+
+
+MEASURED = """\
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {u: Se, axis: 1, m: {type: I, value: 1}, BESIDE, b: {type: R, value: 1}}
+  bonds: [u -> axis -> m, axis -> k, axis -> b]
+control:
+  loops: [{from: FROM, to: u, controller: {gain: 2}, setpoint: w}]
+analysis: {inputs: [w], outputs: [axis.f], results: [RESULT]}
+"""
+
+
+@pytest.mark.parametrize("result_name", ["properties", "hidden_modes"])
+@pytest.mark.parametrize(
+    ("measured", "beside", "hidden"),
+    [
+        ("axis.q", "k: {type: C, value: 1}", 1),  # its integral and that of the spring differ by a constant
+        ("k.q", "k: {type: C, value: 1}", 0),
+        ("axis.q", "k: {type: R, value: 3}", 0),  # nothing else has the position
+    ],
+)
+def test_a_hidden_mode_of_an_integral_that_measures_is_named(measured, beside, hidden, result_name):
+    text = MEASURED.replace("FROM", measured).replace("BESIDE", beside).replace("RESULT", result_name)
+    result = dynid.run(scene(text))
+    group = "bond_graph/properties/axis.f/w"
+    assert result[f"{group}/hidden_modes"].data.tolist() == [0] * hidden
+    note = result.group_attrs.get(group, {}).get("hidden_mode_note", "")
+    assert ("the integral that measures axis.q" in note) == bool(hidden)
+    said = " ".join(summary(result, "").split())
+    assert ("the integral that measures axis.q for a loop differs by a constant" in said) == bool(hidden)

@@ -15,7 +15,7 @@ from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.reduction.junctions import JunctionStructure
 from dynid.bondgraph.reduction.solvability import hold
 from dynid.bondgraph.request import ENGINES, RESULTS, Analysis
-from dynid.bondgraph.results.channels import add_channels
+from dynid.bondgraph.results.channels import add_channels, note_measuring_integrals
 from dynid.bondgraph.results.prototype import add_output_dynamics, add_prototypes, add_steps
 from dynid.bondgraph.results.responses import (
     add_frequency_response,
@@ -160,6 +160,8 @@ def _add_dynamics(result: Result, reduced: ReducedGraph, analysis: Analysis) -> 
     cut = _cut_loops(analysis) if "properties" in asked else None
     if asked & {"transfer_function", "zeros", "poles", "properties", "hidden_modes"}:
         add_channels(result, reduced, analysis)
+    if analysis.opened is not None and asked & {"properties", "hidden_modes"}:
+        note_measuring_integrals(result, reduced, analysis)
     if cut is not None:
         from dynid.bondgraph.results.margins import add_margins
 

@@ -116,11 +116,14 @@ class ClosedLoops:
         Variables of the driven sources, under the names that they had: ``pump.e``.
     answered
         What the controller of each loop answers to: what is measured, less the setpoint.
+    integrals
+        By the junction whose flow it is, what is measured by an integral of its own: no state of the graph.
     """
 
     graph: BondGraph
     variables: dict[Port, Port]
     answered: tuple[Port, ...]
+    integrals: dict[str, Port]
 
 
 def close_loops(graph: BondGraph, loops: Iterable[Loop]) -> ClosedLoops:
@@ -142,7 +145,8 @@ def close_loops(graph: BondGraph, loops: Iterable[Loop]) -> ClosedLoops:
     for source in dict.fromkeys(loop.source for loop in loops):
         circuit.drive(source)
     answered = tuple(circuit.close(loop.approximated()) for loop in loops)
-    return ClosedLoops(BondGraph(circuit.nodes.values(), circuit.bonds), circuit.variables, answered)
+    closed = BondGraph(circuit.nodes.values(), circuit.bonds)
+    return ClosedLoops(closed, circuit.variables, answered, circuit.integrals)
 
 
 class Circuit:
@@ -156,6 +160,7 @@ class Circuit:
         self.bonds = list(graph.bonds)
         self.driven: dict[str, int] = {}  # by driven source 1 where its arrow points away, else -1
         self.variables: dict[Port, Port] = {}  # of driven sources: where they are now
+        self.integrals: dict[str, Port] = {}  # by their junction what they measure
         self._sensors: dict[tuple[str, str], str] = {}
 
     def drive(self, source: str) -> None:
@@ -237,6 +242,7 @@ class Circuit:
             return at, bond_sign(self.graph, port.node) * value
         if port.quantity in "qp":
             state = self._integrator(f"{owner}.{port.quantity}")
+            self.integrals[state] = port
             self._activate(at, state, Fraction(1))
             return state, Fraction(1)
         return at, Fraction(1)

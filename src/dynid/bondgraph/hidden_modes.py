@@ -7,7 +7,7 @@ irreducible polynomial has a root, the state equations are integers.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -96,7 +96,51 @@ class _Deficits:
 
 def _rank_deficits(reduced: ReducedGraph, channel: Channel, factor: Any) -> _Deficits:
     """Return the exact rank deficits at the roots of an irreducible polynomial."""
-    from flint import nmod, nmod_mat
+    matrices = _modular(reduced, channel, factor)
+    a, b, c = matrices.a, matrices.b, matrices.c
+    driven = [[*row, entry] for row, entry in zip(a, b, strict=True)]
+    return _Deficits(matrices.deficit(a), matrices.deficit(driven), matrices.deficit([*a, c]))
+
+
+def conserved(reduced: ReducedGraph, channel: Channel, names: Collection[str]) -> list[str]:
+    """Return which of the named states enter a sum of states that is constant, whatever the input.
+
+    Such a sum is a left null vector of [A, b]: an uncontrollable mode at 0.
+    """
+    from flint import fmpz_poly
+
+    matrices = _modular(reduced, channel, fmpz_poly([0, 1]))
+    driven = [[*row, entry] for row, entry in zip(matrices.a, matrices.b, strict=True)]
+    rank = len(driven) - matrices.deficit(driven)
+    found = []
+    for name in names:
+        others = [row for state, row in zip(matrices.states, driven, strict=True) if state != name]
+        if len(others) < len(driven) and others and len(driven) - matrices.deficit(others) == rank:
+            found.append(name)  # its row depends on those of the others
+    return found
+
+
+@dataclass(frozen=True)
+class _Modular:
+    """A - s with b and c modulo a prime, by rows of the states; s is a root of a polynomial."""
+
+    prime: int
+    states: list[str]
+    a: list[list[Any]]
+    b: list[Any]
+    c: list[Any]
+
+    def deficit(self, rows: list[list[Any]]) -> int:
+        """Return by how much the rank of rows is less than the number of states."""
+        from flint import nmod_mat
+
+        entries = [int(entry) % self.prime for row in rows for entry in row]
+        return len(self.states) - int(nmod_mat(len(rows), len(rows[0]), entries, self.prime).rank())
+
+
+def _modular(reduced: ReducedGraph, channel: Channel, factor: Any) -> _Modular:
+    """Return the state equations at a root of an irreducible polynomial, modulo a prime."""
+    from flint import nmod
 
     prime, root = _root_modulo(factor, reduced)
 
@@ -113,15 +157,7 @@ def _rank_deficits(reduced: ReducedGraph, channel: Channel, factor: Any) -> _Def
         for own, form in zip(states, rates.values(), strict=True)
     ]
     b = [form.get(("u", channel[1], 0), 0) for form in rates.values()]
-    c = [output.get(s, 0) for s in states]
-
-    def deficit(rows: list[list[Any]]) -> int:
-        entries = [int(entry) % prime for row in rows for entry in row]
-        return len(states) - int(nmod_mat(len(rows), len(rows[0]), entries, prime).rank())
-
-    return _Deficits(
-        deficit(a), deficit([[*row, entry] for row, entry in zip(a, b, strict=True)]), deficit([*a, c])
-    )
+    return _Modular(prime, list(rates), a, b, [output.get(s, 0) for s in states])
 
 
 def _root_modulo(factor: Any, reduced: ReducedGraph) -> tuple[int, int]:

@@ -207,6 +207,26 @@ def _add_modes(result: Result, group: str, values: NDArray[Any]) -> None:
     result.add(f"{group}/hidden_modes", values, ("hidden_mode",), "rad/s")
 
 
+def note_measuring_integrals(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
+    """Say of hidden modes at 0 where they are of integrals that dynid adds to measure for a loop."""
+    from dynid.bondgraph.control import close_loops
+    from dynid.bondgraph.hidden_modes import conserved
+
+    assert analysis.opened is not None
+    integrals = close_loops(analysis.opened, analysis.loops).integrals
+    for channel in reduced.channels() if integrals else ():
+        path = f"bond_graph/properties/{channel[0]}/{channel[1]}/hidden_modes"
+        if path not in result or not (result[path].data == 0).any():
+            continue
+        measured = dict.fromkeys(str(integrals[name]) for name in conserved(reduced, channel, integrals))
+        if measured:
+            note = (
+                f"0: the integral that measures {', '.join(measured)} for a loop differs by a constant from "
+                "states of the graph; no fault of the graph"
+            )
+            result.annotate(path.rpartition("/")[0], hidden_mode_note=note)
+
+
 # --- roots -----------------------------------------------------------------------------------------
 
 

@@ -140,6 +140,8 @@ def _properties(result: Result, output: str, source: str) -> Iterable[str]:
         return
     head = "    hidden modes (uncontrollable or unobservable in this channel)  "
     yield from _hanging(head, roots_text(hidden.data, hertz=hertz), indent=12)
+    note = str(result.group_attrs.get(group, {}).get("hidden_mode_note", ""))
+    yield from (f"            {line}" for line in wrapped(note, 92))
     if f"{group}/hidden_mode_cause" not in result:
         return
     causes, elements = (result[f"{group}/hidden_mode_{part}"].data for part in ("cause", "elements"))

@@ -197,6 +197,8 @@ def _channel_items(result: Result, output: str, source: str, *, poles: bool) -> 
             for place in upper[:MOST_ROOTS]:
                 held = f"; its energy is in {elements[place]}" if elements[place] else ""
                 modes.append(f"{root_text(hidden.data[place], hertz=hertz)}: {causes[place]}{held}")
+        note = str(result.group_attrs.get(group, {}).get("hidden_mode_note", ""))
+        modes += [note] if note else []
         yield "hidden modes", tuple(modes)
 
 
