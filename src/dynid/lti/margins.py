@@ -85,7 +85,10 @@ class Margins:
 
     def where_stable(self) -> Margins:
         """Return them with NaN for the changes that make a stable loop unstable, where it is not stable."""
-        return self if self.stable else replace(self, **dict.fromkeys(CHANGES, math.nan))
+        if self.stable:
+            return self
+        undefined: dict[str, Any] = dict.fromkeys(CHANGES, math.nan)
+        return replace(self, **undefined)
 
 
 def margins(numerator: Any, denominator: Any) -> Margins:
