@@ -60,7 +60,8 @@ def test_an_unstable_loop_has_the_gains_at_which_its_roots_cross():
     verdict, crossing = own.splitlines()[:2]
     assert verdict.startswith("    unstable: poles at 53.43 ± 251.1j lie in the right half-plane")
     assert crossing == (
-        "    margins not defined: the closed loop is not stable; its roots cross the axis at gain times 0.01313"
+        "    margins not defined: the closed loop is not stable; "
+        "its roots cross the axis at gain times 0.01313"
     )
 
 
