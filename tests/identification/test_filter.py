@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import Diverged
-from dynid.identification.estimators.filter import check_run_away, filter_pass
+from dynid.identification.estimators.filter import MOST_ROWS, Pass, check_run_away, filter_pass, thinned
 from dynid.native import VARIABLE
 from tests.identification.cases import suspension
 from tests.identification.test_kernels import fits_of, origin_of
@@ -49,3 +49,16 @@ def test_deviations_scale_with_the_prior_however_small(monkeypatch, wish):
     for small, tiny in zip(narrow(1e-100), narrow(1e-180), strict=True):
         assert (small > 0).any()
         np.testing.assert_allclose(tiny, small, rtol=1e-12)  # rounding of some twenty steps
+
+
+@pytest.mark.parametrize(("samples", "every"), [(MOST_ROWS, 1), (2 * MOST_ROWS + 1, 3)])
+def test_of_a_long_history_every_so_many_rows_are_stored_the_last_among_them(samples, every):
+    column = np.arange(float(samples))[:, None]
+    history = Pass(column, column + 0.25, column + 0.5, column + 0.75, np.eye(1), column)
+    kept = thinned(history)
+    assert kept.eta[-1] == samples - 1
+    np.testing.assert_array_equal(np.diff(kept.eta[:, 0]), every)
+    assert len(kept.eta) <= MOST_ROWS
+    for name, offset in (("deviations", 0.25), ("states", 0.5), ("state_deviations", 0.75)):
+        np.testing.assert_array_equal(getattr(kept, name), kept.eta + offset)
+    assert len(kept.innovations) == samples

@@ -30,6 +30,12 @@ EQUIVALENT: dict[str, str] = {
     "sign >= 0 else self._minus_one)": "a sign is 1 or -1",
     f"{_REDUCTION}.network:port_form: sign(graph, port.node) > 0 else program.neg(valu → sign(graph, port.node) >= 0 else "
     "program.neg(valu": "a sign is 1 or -1",
+    f"{_FILTER}:: MALL, _LARGE = (1e-280, 1e+280) → MALL, _LARGE = (1e-280, 2e+280)": (
+        "both are far within the range of squares in double precision"
+    ),
+    f"{_FILTER}:Linearised.follow: np.abs(eta - self.eta) <= np.minimum(self._part * → np.abs(eta - self.eta) < np.minimum(self._part * ": (
+        "coordinates are never moved by just this much"
+    ),
     "dynid.identification.estimators.filter::  = (LINEARISED.value, 0.1) →  = (LINEARISED.value, 0.2)": (
         "how often steps are linearised anew is between cost and accuracy; both are far within the tests' bounds"
     ),

@@ -70,7 +70,8 @@ PROPERTIES: Mapping[ResultName, frozenset[str]] = {
 #: Names in the group `margins` of a graph with loops, with those of its attributes.
 MARGINS = frozenset(
     {"loop", "stable", "stability", "unstable_poles", "gain", "gain_reduction", "phase", "delay", "modulus"}
-    | {"gain_crossover", "phase_crossover", "modulus_at", "Ms", "Mt", "Mt_at"}
+    | {"gain_crossover", "phase_crossover", "modulus_at", "Ms", "Mt", "Mt_at", "undefined"}
+    | {"crossing_gain_below", "crossing_gain_above"}
     | {"pole", "poles", "poles_error_bound", "approximants_agree", "approximate"}
 )
 

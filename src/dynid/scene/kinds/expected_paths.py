@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from dynid.scene.schema.bond_graph import BondGraphScene
     from dynid.scene.schema.study import StudyScene
 
+#: Attributes of a channel's properties that are named like one of these.
+_NOTES = frozenset({"hidden_mode_note"})
 #: The groups that have one group for each output, and in it one for each input.
 _OF_CHANNELS = ("properties", "transfer_function", "sensitivities")
 
@@ -56,7 +58,7 @@ def impossible_paths(scene: Scene, study: Scene | None = None) -> Iterator[Fault
     sources = [str(name) for name in model.analysis.inputs or ()]
     sources = sources or [name for name, kind in types.items() if kind in ("Se", "Sf")]
     certain = not any(kind in MULTIPORTS for kind in types.values()) and _varies_values(study)
-    known = {name: None for names in PROPERTIES.values() for name in names}
+    known = {name: None for names in (*PROPERTIES.values(), _NOTES) for name in names}
     for path in (*_expected(scene), *_collected(study)):
         group, *rest = path.parts
         problem = ""
