@@ -33,7 +33,7 @@ EQUIVALENT: dict[str, str] = {
     f"{_FILTER}:: MALL, _LARGE = (1e-280, 1e+280) → MALL, _LARGE = (1e-280, 2e+280)": (
         "both are far within the range of squares in double precision"
     ),
-    f"{_FILTER}:Linearised.follow: np.abs(eta - self.eta) <= np.minimum(self._part * → np.abs(eta - self.eta) < np.minimum(self._part * ": (
+    f"{_FILTER}:Linearised.follow: np.abs(eta - self.eta) <= np.minimum(self._part * → np.abs(eta - self.eta) < np.minimum(self._part *": (
         "coordinates are never moved by just this much"
     ),
     "dynid.identification.estimators.filter::  = (LINEARISED.value, 0.1) →  = (LINEARISED.value, 0.2)": (
