@@ -446,16 +446,16 @@ recursion written by hand for just this chain:
 
 | stages | time | memory of the process | of the recursion |
 | --- | --- | --- | --- |
-| 1,000 | 0.05 s | 72 MB | 4.7 times |
-| 10,000 | 0.63 s | 0.38 GB | 5.5 times |
-| 30,000 (90,000 elements) | 3.0 s | 0.45 GB | 7.5 times |
-| 100,000 (300,000 elements) | 9.4 s | 1.05 GB | 7.6 times |
-| 1,000,000, on paper | 2 min | 10 GB | |
+| 1,000 | 0.04 s | 72 MB | 3.5 times |
+| 10,000 | 0.33 s | 0.38 GB | 2.7 times |
+| 30,000 (90,000 elements) | 1.1 s | 0.45 GB | 3.0 times |
+| 100,000 (300,000 elements) | 3.5 s | 1.05 GB | 2.7 times |
+| 1,000,000, on paper | 40 s | 10 GB | |
 
-- **Growth.** Time grew as the number of stages to the power of 1.08 between 1,000 and 10,000, and 1.17
-  from there to 100,000, on a machine whose memory others used, too. On loops fill of the elimination adds
-  to it, as of any sparse matrix: a ladder of two rails stays near linear, a square mesh of $n$ elements
-  takes $n^{{1.5}}$ at best.
+- **Growth.** Time, from the nodes and bonds on, grew as the number of stages to the power of 0.9 between
+  1,000 and 10,000, and 1.03 from there to 100,000. On loops fill of the elimination adds to it, as of any
+  sparse matrix: a ladder of two rails stays near linear, a square mesh of $n$ elements takes $n^{{1.5}}$ at
+  best.
 - **Exact zeros and poles** cost the cube of the order and more: 400 storage elements, 80 on many loops,
   then the floating-point engine takes over, up to 8,000 ([limits](limits.md#bond-graphs-sizes)).
 - **A scene** is limited to 8 MiB of text. Larger graphs are built in Python.
