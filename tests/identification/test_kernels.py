@@ -49,18 +49,6 @@ def one_pass(fits, origin, spread=2.0):
     return filter_pass(fits.model, fits.data.values, prior, 0.1 * fits.data.rms, origin)
 
 
-@needs_library
-def test_forces_too_many_for_a_table_give_the_same_pass(monkeypatch):
-    fits = [fits_of(suspension()) for _ in range(2)]
-    monkeypatch.setenv(VARIABLE, "1")
-    origin = np.log([unknown.start for unknown in suspension().unknowns])
-    with_table = one_pass(fits[0], origin)
-    monkeypatch.setattr(kernels, "FORCING_TABLE", replace(kernels.FORCING_TABLE, value=0))
-    without = one_pass(fits[1], origin)
-    assert len(kernels._forcing(fits[1].model, fits[1].model.affine)[0]) == 0
-    np.testing.assert_allclose(without.eta, with_table.eta, rtol=1e-10)
-
-
 def fits_of(model, channels=VELOCITIES, loads=LOADS, step=0.002, samples=60, missing=()):
     measurement = simulated(0.05, 3, settle=0.5, samples=samples, channels=channels)
     measurement = type(measurement)(step, samples, channels, measurement.source)
@@ -337,3 +325,15 @@ def test_the_library_stays_within_its_arrays(tmp_path):
     )
     root = Path(__file__).parents[2]
     subprocess.run([sys.executable, "-c", script], check=True, env=environment, cwd=root, timeout=900)
+
+
+@needs_library
+def test_forces_too_many_for_a_table_give_the_same_pass(monkeypatch):
+    fits = [fits_of(suspension()) for _ in range(2)]
+    monkeypatch.setenv(VARIABLE, "1")
+    origin = np.log([unknown.start for unknown in suspension().unknowns])
+    with_table = one_pass(fits[0], origin)
+    monkeypatch.setattr(kernels, "FORCING_TABLE", replace(kernels.FORCING_TABLE, value=0))
+    without = one_pass(fits[1], origin)
+    assert len(kernels._forcing(fits[1].model, fits[1].model.affine)[0]) == 0
+    np.testing.assert_allclose(without.eta, with_table.eta, rtol=1e-10)

@@ -138,16 +138,17 @@ def on_axis(
     `again` finds the same registers where the graph is planned anew; absent: it is not.
     """
     evaluate = _doubled if len(planned.program) > _LONG else _double
+    many = _ANEW / len(planned.program)  # points that cost as much in ball arithmetic as another plan
     stride, balanced = len(omega) // _SAMPLE, False
     looped = len(planned.graph.bonds) >= len(planned.graph.nodes)
-    if again is not None and looped and stride > 1 and len(omega) * len(planned.program) > _ANEW:
+    if again is not None and looped and stride > 1 and len(omega) > many:
         _, trusted = evaluate(planned, registers, omega[::stride])  # they show whether the plan serves
-        if stride * np.count_nonzero(~trusted) * len(planned.program) > _ANEW:
+        if stride * np.count_nonzero(~trusted) > many:
             planned, evaluate, balanced = planned.balanced(), _doubled, True
             registers = again(planned)
     response, trusted = evaluate(planned, registers, omega)
     unsure = np.flatnonzero(~trusted)
-    if again is not None and not balanced and len(unsure) * len(planned.program) > _ANEW:
+    if again is not None and not balanced and len(unsure) > many:
         planned = planned.balanced()
         registers = again(planned)
         response[unsure], trusted = _doubled(planned, registers, omega[unsure])
