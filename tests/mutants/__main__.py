@@ -26,6 +26,8 @@ _LOST = ("survived", "not reached")
 def main() -> int:
     """Try the mutants that were asked for; return the exit code."""
     asked = _arguments()
+    if asked.resume:
+        asked.resume.mkdir(parents=True, exist_ok=True)
     sources = {name: path.read_text() for name, path in MODULES.items()}
     every = [mutant for name, source in sources.items() for mutant in mutants(name, source)]
     chosen = [mutant for mutant in _sample(every, asked.sample, asked.seed) if asked.only in mutant.key]
