@@ -328,6 +328,41 @@ def test_the_library_stays_within_its_arrays(tmp_path):
 
 
 @needs_library
+@pytest.mark.parametrize("norm", [3.9, 7.9, 15.9, 31.9])
+def test_the_longest_steps_are_exact_and_read_nothing_behind_the_table_of_forces(monkeypatch, norm):
+    """Halved so often that the series just reaches them, they take all degrees of the table."""
+    monkeypatch.setenv(VARIABLE, "1")
+    table = kernels._forcing
+
+    def followed_by_nothing(*args):
+        forcing, turned = table(*args)
+        room = np.full(2 * forcing.size, np.nan)
+        room[: forcing.size] = forcing.ravel()
+        return room[: forcing.size].reshape(forcing.shape), turned
+
+    monkeypatch.setattr(kernels, "_forcing", followed_by_nothing)
+    model = lumped([1.0], [], [Joint("j", (1,), unknown(4e4, 0.1), unknown(40.0, 0.5))])
+    channels, loads, eta = (Channel(1, "velocity"),), (Load(1, Step(1.0)),), origin_of(model)
+    scaled = np.abs(fits_of(model, channels, loads).model.at(eta).A).sum(axis=0).max()  # 1-norm
+    joint = fits_of(model, channels, loads, norm / scaled, 9).model
+    at, missed = kernels.linear(joint, eta), np.zeros(1, dtype=bool)
+    native.call("dynid_prepare", kernels.tables(joint), at.members, missed)
+    assert not missed.any()
+    expected = kernels.linear(joint, eta)
+    kernels.place(expected, 0, joint.transition(eta, norm / scaled))
+    assert_same([expected.forward], [at.forward], 1e-12)  # rounding, squared up to three times
+
+
+@needs_library
+def test_a_table_of_forces_takes_no_more_than_its_limit(monkeypatch):
+    joint = fits_of(suspension()).model
+    size = kernels._forcing(joint, joint.affine)[0].size
+    for limit in (size, size // 3, 1):
+        monkeypatch.setattr(kernels, "FORCING_TABLE", replace(kernels.FORCING_TABLE, value=limit))
+        assert kernels._forcing(joint, joint.affine)[0].size <= limit
+
+
+@needs_library
 def test_forces_too_many_for_a_table_give_the_same_pass(monkeypatch):
     fits = [fits_of(suspension()) for _ in range(2)]
     monkeypatch.setenv(VARIABLE, "1")

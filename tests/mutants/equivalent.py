@@ -88,4 +88,10 @@ EQUIVALENT: dict[str, str] = {
     ),
     "dynid.bondgraph.formulas.transfer:: DABLE, _LIMIT = (40, 4000) → DABLE, _LIMIT = (40, 4001)": "a limit of cost",
     f"{_REDUCTION}.network:: BOND = Tie(None, False) → BOND = Tie(None, True)": "a bond has no modulus to invert",
+    "dynid.identification.systems.kernels:tables: rank = max(1, int((s > 8 * np.finfo(float).eps → rank = max(1, int((s >= 8 * np.finfo(float).eps": (
+        "of slopes that are zero, further columns are zeros"
+    ),
+    "dynid.bondgraph.formulas.lowest_terms:FormulaRing.__init__: lf._ring.gens(), strict=True)) → lf._ring.gens(), strict=False))": (
+        "the ring has as many generators as it was given names"
+    ),
 }
