@@ -3,6 +3,7 @@
 A study has them also of another executor.
 """
 
+import json
 import os
 import subprocess
 import sys
@@ -32,32 +33,35 @@ SCENES = [
     TEMPLATES / "reduction.yaml",
     TEMPLATES / "structure.yaml",
 ]
+#: Less of these shows the same.
+SHORTER = {"beam_frf": "measurement.frf.simulate.lines.points=100", "table6": "measurement.samples=300"}
 STUDY = CONFIGS / "studies" / "isolator_tuning.yaml"
 RUN = """
-import os, sys
+import json, os, sys
 from dynid.cli import main
 os.umask(int(sys.argv[1], 8))
-for command, scene, file in zip(*[iter(sys.argv[3:])] * 3, strict=True):
-    executor = ["--executor", sys.argv[2]] if command == "study" else []
+for call in json.loads(sys.argv[2]):
     try:
-        main([command, "-q", scene, "-o", file, *executor])
+        main(call)
     except SystemExit as end:
-        assert end.code == 0, scene
+        assert end.code == 0, call
 """
 
 
 def results(folder, scenes, place, umask, executor, **environment):
     """Run scenes in one new process, and return the files."""
-    calls = [("run", scene, folder / f"{scene.stem}.h5") for scene in scenes]
-    calls.insert(len(calls) // 2, ("study", STUDY, folder / f"{STUDY.stem}.h5"))
+    files = {path.stem: folder / f"{path.stem}.h5" for path in [*scenes, STUDY]}
+    calls = [["run", scene, "--set", SHORTER.get(scene.stem, "title=Again")] for scene in scenes]
+    calls.insert(len(calls) // 2, ["study", STUDY, "--executor", executor])
+    calls = [[str(word) for word in [*call, "-q", "-o", files[call[1].stem]]] for call in calls]
     subprocess.run(
-        [sys.executable, "-c", RUN, umask, executor, *(str(word) for call in calls for word in call)],
+        [sys.executable, "-c", RUN, umask, json.dumps(calls)],
         cwd=place,
         env={**os.environ, "PYTHONPATH": str(ROOT / "src"), **environment},
         check=True,
         timeout=300,
     )
-    return {file.stem: file for _, _, file in calls}
+    return files
 
 
 def datasets(path):
