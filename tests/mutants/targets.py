@@ -24,9 +24,9 @@ MODULES = {
 TESTS = [
     f"tests/{folder}/test_{name}.py"
     for folder, names in {
-        "bondgraph": "activated_bonds bicausal compiled_plans compiled_response hidden_modes latex modelled_part port "
-        "program published_graphs reduction regressions sensitivity snapshots state_equations stored_energy trace "
-        "transfer_formulas transfer_properties",
+        "bondgraph": "activated_bonds bicausal compiled_plans compiled_response hidden_modes latex "
+        "modelled_part port program published_graphs reduction regressions sensitivity snapshots "
+        "state_equations stored_energy trace transfer_formulas transfer_properties",
         "identification": "filter kernels estimators sensitivities extreme_values diagnostics",
     }.items()
     for name in names.split()
