@@ -67,12 +67,14 @@ SLOW = (
     "invariant-imbedding",
     "least-squares",
     "full",
+    "below-1-bands",
+    "below-5-bands",
     "below-10-bands",
     "study-processes",
     "graph-4",
 )
-#: One command for each sample: those of the other study are the default case.
-REPEATED = (("study-of-reductions", "process-each"),)
+#: One command for each sample: those of another study are the default case.
+REPEATED = tuple((f"study-of-{name}", "process-each") for name in ("reductions", "identifications"))
 
 
 def test_every_benchmark_has_a_small_size_here():

@@ -30,7 +30,8 @@ vary:
   parameters.m: {start: 1, stop: 4, points: 4}
   parameters.b: {values: [0.5, 1, -2]}
 collect:
-  - bond_graph/properties
+  - bond_graph/properties/m.f/F/dc_gain
+  - bond_graph/properties/m.f/F/stable
   - bond_graph/transfer_function/m.f/F/poles
 """
 
