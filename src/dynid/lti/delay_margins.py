@@ -180,15 +180,27 @@ class _Quotient:
                 break
             slope, bend = self._slope(low, high)
             ends = [(abs(self(float(end))), float(end)) for end in (low, high)]
-            if not slope.contains(0):
+            if not slope.contains(0) or bend > 0:
                 best = largest_of([best, *ends])
-            elif not bend.contains(0) or high - low <= _TOUCH * high:
-                omega = _zero(lambda at: self._slope(at, at)[0], low, high)
-                best = largest_of([best, *ends, (abs(self(omega)), omega)])
+            elif bend < 0 or high - low <= _TOUCH * high:
+                best = largest_of([best, *ends])
+                if not bend < 0 or self._below_tangents(low, high, ends) > best[0] * (1 + _EXCESS):
+                    omega = _zero(lambda at: self._slope(at, at)[0], low, high)
+                    best = largest_of([best, (abs(self(omega)), omega)])
             else:
                 for part in divided(low, high, top):
                     heappush(intervals, (-self.sizes(*part)[1], next(number), *part))
         return best
+
+    def _below_tangents(self, low: Any, high: Any, ends: list[tuple[float, float]]) -> float:
+        """Return a bound on the size over an interval where its logarithm is concave."""
+        (at_low, _), (at_high, _) = ends
+        rising, falling = (float(self._slope(end, end)[0].mid()) for end in (low, high))
+        if not (rising > 0 > falling and min(at_low, at_high) > 0):
+            return max(at_low, at_high)
+        first, last = math.log(at_low), math.log(at_high)
+        ahead = (last - first - falling * float((high - low).mid())) / (rising - falling)
+        return math.exp(first + rising * ahead)
 
     def _slope(self, low: Any, high: Any) -> tuple[Any, Any]:
         """Return enclosures of the first two derivatives of log |quotient| by ω."""
