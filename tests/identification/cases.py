@@ -3,7 +3,7 @@
 import numpy as np
 
 from dynid.identification.identify import identify
-from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.measurement import Measurement, data
 from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter
@@ -31,6 +31,11 @@ def suspension(factor=0.5, links=LINKS):
 
 def simulated(noise_ratio=0.0, seed=1, settle=10.0, samples=800, channels=VELOCITIES):
     return Measurement(0.002, samples, channels, Simulation(noise_ratio, seed, settle))
+
+
+def recorded(noise_ratio=0.0, seed=1, **options):
+    """Return the values of a simulated record of the suspension (times x channels)."""
+    return data(suspension(), LOADS, simulated(noise_ratio, seed, **options)).values
 
 
 def run(model=None, measurement=None, loads=LOADS, **options):

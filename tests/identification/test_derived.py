@@ -56,6 +56,15 @@ def test_every_value_is_within_its_band(result):
             assert np.all(low > 0), group
 
 
+@pytest.mark.usefixtures("derived")
+def test_small_systems_have_them_without_a_request(result):
+    plain = run(measurement=simulated(0.05, samples=200))
+    assert {path for path in plain if path.startswith(DERIVED)} == {
+        path for path in result if path.startswith(DERIVED)
+    }
+    assert [one.group_attrs[DERIVED]["requested"] for one in (plain, result)] == [False, True]
+
+
 def test_nothing_is_derived_where_nothing_is_requested():
     result = run(measurement=simulated(0.05), further=Further(DerivedRequest(())))
     assert not any(path.startswith(DERIVED) for path in result)

@@ -8,8 +8,8 @@ from dynid.identification import identify as identification
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.goodness_of_fit.instrument_mistakes import instrument_mistakes
 from dynid.identification.identify import Experiment, identify, identify_all, identify_frf
-from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, frf_data, unstacked
+from dynid.identification.records.measurement import Measurement, data
 from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Sampled
 from dynid.structure.joints import Joint, JointParameter
@@ -36,8 +36,7 @@ def load(samples, step=STEP):
 def record(seed=1, noise=0.05, step=STEP):
     """Values of a good record (samples x channels)."""
     simulation = Measurement(step, SAMPLES, CHANNELS, Simulation(noise, seed))
-    found = identify(model(), load(force(seed), step), simulation, OutputError())
-    return np.array(found["identification/measurement/measured"].data)
+    return data(model(), load(force(seed), step), simulation).values
 
 
 def later(values, samples):
@@ -147,7 +146,7 @@ def test_a_factor_of_a_frequency_response_is_suggested(factor, expected):
     channels = tuple(Frf(Channel(dof, "acceleration"), 1) for dof in (1, 2))
     omega = np.linspace(5, 45, 81)
     simulated = FrfMeasurement(omega, channels, Simulation(0.03, 3))
-    values = np.array(identify_frf(model(), simulated)["identification/measurement/measured"].data)
+    values = unstacked(frf_data(model(), simulated).values)
     try:
         found = identify_frf(model(), FrfMeasurement(omega, channels, values * [1, factor]))
         every = " ".join(found["identification/diagnostics/warnings"].data)
@@ -182,6 +181,7 @@ def test_none_of_many_good_records_gives_cause_for_suggestions(monkeypatch):
     assert suggested_of_good_records(monkeypatch, range(4, 64)) == []
 
 
+@pytest.mark.usefixtures("poor_starts")
 def test_a_reversed_sensor_is_suggested_after_a_start_too_far_away_to_show_it():
     def joint(name, dofs, k, c):
         start = JointParameter(start=2e4, true=k), JointParameter(start=5, true=c)
@@ -194,7 +194,7 @@ def test_a_reversed_sensor_is_suggested_after_a_start_too_far_away_to_show_it():
     shaking = np.sin(2 * np.pi * np.arange(2, 80, 0.5) * t + 3 * tones[1]) @ tones[0]
     driven = load(40 * shaking / shaking.std() * np.minimum(1, t[:, 0] / 0.05) ** 2, 1 / 1024)
     simulation = Measurement(1 / 1024, 1024, channels, Simulation(0.02, 1))
-    good = np.array(identify(chain, driven, simulation)["identification/measurement/measured"].data)
+    good = data(chain, driven, simulation).values
     with pytest.raises(DynidError) as error:
         identify(chain, driven, Measurement(1 / 1024, 1024, channels, good * [1, -1]))
     assert "3.acceleration is -1 times the model: a reversed sensor" in error.value.remedy

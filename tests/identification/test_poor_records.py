@@ -15,12 +15,15 @@ from tests.identification.cases import (
     diagnostic,
     in_bounds,
     parameter,
+    recorded,
     run,
     simulated,
     suspension,
 )
 from tests.identification.test_reduced_models import BEAM
 from tests.scene.example_scenes import check
+
+pytestmark = pytest.mark.usefixtures("derived")
 
 # The force had been acting for 10 s when the record began.
 LOADS = (Load(5, Multisine([100] * 3, [70, 110, 250], [700, 1100, 2500])),)
@@ -67,7 +70,7 @@ def test_a_start_far_off_ends_at_the_optimum_or_says_that_it_did_not(factor):
 
 def clipped(level):
     """Return a record cut off at so many times its RMS."""
-    clean = run(measurement=simulated(0.02)).value("identification/measurement/measured")
+    clean = recorded(0.02)
     size = level * np.sqrt(np.mean(clean**2, axis=0))
     return Measurement(0.002, 800, VELOCITIES, np.clip(clean, -size, size))
 

@@ -21,6 +21,7 @@ from tests.identification.cases import (
     diagnostic,
     in_bounds,
     parameter,
+    recorded,
     run,
     simulated,
     suspension,
@@ -145,10 +146,10 @@ def test_a_dead_sensor_is_named():
 
 def record_at_ten_seconds():
     """A noisy record as a laboratory would hand it over: its own time, its own phases."""
-    y = run(measurement=simulated(0.05)).value("identification/measurement/measured")
-    return y, (Load(5, Multisine([100] * 3, [70, 110, 250], [700, 1100, 2500])),)
+    return recorded(0.05), (Load(5, Multisine([100] * 3, [70, 110, 250], [700, 1100, 2500])),)
 
 
+@pytest.mark.usefixtures("derived")
 def test_measured_values_and_missing_samples():
     y, loads = record_at_ten_seconds()
     complete = run(measurement=Measurement(0.002, 800, VELOCITIES, y), loads=loads)
@@ -192,7 +193,7 @@ def test_noise_instead_of_a_record_is_answered_and_rejected():
     assert "shows no response" in diagnostic(result, "verdict")
 
 
-@pytest.mark.usefixtures("few_starts")
+@pytest.mark.usefixtures("poor_starts")
 @pytest.mark.parametrize("factor", [1e-6, 1e6])
 def test_a_record_in_wrong_units_is_refused(factor):
     y, loads = record_at_ten_seconds()
@@ -209,7 +210,7 @@ def test_a_record_in_wrong_units_is_refused(factor):
             run(measurement=record, loads=loads, estimator=Filter(2))
 
 
-@pytest.mark.usefixtures("few_starts")
+@pytest.mark.usefixtures("poor_starts")
 def test_a_wrong_excitation_is_refused():
     y, _ = record_at_ten_seconds()
     with pytest.raises(Diverged, match="is unexplained, and the residual is not noise"):
@@ -261,7 +262,7 @@ def test_measurements_must_make_sense(make):
         make()
 
 
-@pytest.mark.usefixtures("few_starts")
+@pytest.mark.usefixtures("poor_starts")
 @pytest.mark.parametrize("start", sample([1e-8, 1e14], 1))
 def test_a_filter_that_runs_away_names_the_parameters_it_lost(start):
     joints = [
