@@ -92,7 +92,7 @@ def assert_same(found, other):
 
 def test_the_estimate_and_its_bars_are_those_of_the_whole_model():
     options = {"proportional": True}
-    assert_same(measured(0.95, **options), measured(0.95, estimator=OutputError(), **options))
+    assert_same(measured(0.99, **options), measured(0.99, estimator=OutputError(), **options))
 
 
 def test_a_search_evaluates_the_whole_model_a_few_times(monkeypatch):

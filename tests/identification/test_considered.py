@@ -24,7 +24,7 @@ PARAMETER = "identification/parameters"
 
 def chain(m, c, std=None):
     """Return a chain with unknown k and kg, and a mass m and damping c that are considered, or fixed."""
-    unknown = (Parameter("k", 1e4, 1.5e4), Parameter("kg", 1e3, 2e3, scale="linear"))
+    unknown = (Parameter("k", 1.3e4, 1.5e4), Parameter("kg", 1.7e3, 2e3, scale="linear"))
     known = (
         ()
         if std is None

@@ -14,6 +14,7 @@ from tests.identification.cases import (
     diagnostic,
     in_bounds,
     parameter,
+    recorded,
     run,
     simulated,
     suspension,
@@ -36,7 +37,7 @@ def test_the_number_of_equations_is_the_papers(clean):
 
 
 def test_a_noisy_record_may_end_near_the_bound():
-    result = run(measurement=simulated(0.05), estimator=InvariantImbedding())
+    result = run(measurement=simulated(0.05, samples=300), estimator=InvariantImbedding())
     assert np.abs(in_bounds(result)).max() < 5
 
 
@@ -48,9 +49,9 @@ def test_a_noisy_record_that_it_gets_wrong_is_not_called_converged():
 
 
 def test_missing_samples_are_bridged():
-    y = data(suspension(), LOADS, simulated(settle=0.0)).values.copy()
+    y = recorded(settle=0.0, samples=300)
     y[100:110, 0] = np.nan
-    result = run(measurement=Measurement(0.002, 800, VELOCITIES, y), estimator=InvariantImbedding())
+    result = run(measurement=Measurement(0.002, 300, VELOCITIES, y), estimator=InvariantImbedding())
     estimate = parameter(result, "estimate")
     np.testing.assert_allclose(estimate, [2e4, 20, 2e4, 20], rtol=0.05)
 
@@ -81,7 +82,7 @@ def test_the_jacobian_is_the_derivative_of_the_rate():
 
 
 def test_an_unmodelled_input_widens_the_error_bars():
-    short = simulated(0.05, samples=150)
+    short = simulated(0.05, samples=60)
     plain, wary = (
         run(measurement=short, estimator=InvariantImbedding(input_deviation=force)) for force in (0.0, 30.0)
     )

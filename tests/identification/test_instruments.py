@@ -74,7 +74,7 @@ def test_records_are_the_delayed_multiples_of_ideal_ones(kind):
 
 @pytest.mark.parametrize("kind", SIGNALS)
 def test_derivatives_are_those_of_the_prediction_but_for_free_motions(kind):
-    made = parametric_model(model(), loads(kind), CHANNELS, np.arange(300) * STEP)
+    made = parametric_model(model(), loads(kind), CHANNELS, np.arange(150) * STEP)
     eta = coordinates(made.unknowns, np.array(list(expected(made.unknowns).values()))) + 1e-3 * np.arange(5)
     x0 = 0.1 * np.random.default_rng(0).standard_normal(made.states)
 
@@ -99,6 +99,7 @@ def test_derivatives_are_those_of_the_prediction_but_for_free_motions(kind):
         np.testing.assert_allclose(off, 0, atol=(1e-4 if rough else 1e-9) * np.abs(difference).max())
 
 
+@pytest.mark.usefixtures("derived")
 @pytest.mark.parametrize("kind", sample(SIGNALS, 1, "chirp"))
 def test_gains_offsets_and_delays_are_estimated_within_their_bounds(kind):
     result = identify(model(), loads(kind), measurement(noise=0.02))
@@ -121,6 +122,7 @@ def test_compiled_kernels_take_gains_and_offsets(monkeypatch):
     np.testing.assert_allclose(*found, rtol=1e-7)
 
 
+@pytest.mark.usefixtures("derived")
 def test_frequency_responses_turn_by_the_delay_and_grow_by_the_gain():
     omega = np.linspace(5.0, 200.0, 80)
     ideal = FrfSystem.of(model(()), [Frf(Channel(2, "velocity"), 3)]).response(omega).values

@@ -144,7 +144,10 @@ measurement:
 
 @pytest.mark.parametrize("method", ["filter, passes: 4", "auto", "output-error", "invariant-imbedding"])
 def test_values_of_zero_and_below_are_estimated_within_their_bounds(tmp_path, method):
-    (tmp_path / "scene.yaml").write_text(f"{SCENE}estimator: {{method: {method}}}\n")
+    scene = f"{SCENE}estimator: {{method: {method}}}\n"
+    if method == "invariant-imbedding":  # half of the record takes a second
+        scene = scene.replace(f"samples: {SAMPLES}", f"samples: {SAMPLES // 2}")
+    (tmp_path / "scene.yaml").write_text(scene)
     result = dynid.run(dynid.load_scene(tmp_path / "scene.yaml"))
     estimate, true, bound, error = (
         np.asarray(result.value(f"identification/parameters/{name}"))

@@ -36,7 +36,7 @@ from tests.sample import sample
 QUICK = (0, 6, 9, 30, 37, 83, 105)
 
 
-@pytest.mark.parametrize("seed", sample(QUICK, 3))
+@pytest.mark.parametrize("seed", sample(QUICK, 0, 0, 37))  # of one and of nine stages
 def test_a_random_structure_ends_at_the_optimum(seed):
     assert judged(seed).status == "optimum"
 

@@ -69,7 +69,7 @@ def as_blocks():
         (Auto(), 300),
         (Filter(), 300),
         pytest.param(OutputError(), 300, marks=pytest.mark.slow),  # is part of `auto`
-        (InvariantImbedding(), 60),
+        (InvariantImbedding(), 30),
     ],
 )
 def test_a_factor_of_the_spring_pattern_is_the_scalar_joint(monkeypatch, kernels, estimator, samples):
@@ -80,7 +80,7 @@ def test_a_factor_of_the_spring_pattern_is_the_scalar_joint(monkeypatch, kernels
     )
     # The logarithms differ by a constant, that is by rounding, which the integration of eqs 19 and 20
     # magnifies up to its tolerance.
-    rel = 1e-3 if samples == 60 else 1e-7
+    rel = 1e-3 if samples == 30 else 1e-7
     unit = np.array([2e4, 10.0])
     for name in ("estimate", "standard_error", "cramer_rao"):
         assert unit * parameter(other, name) == pytest.approx(parameter(one, name), rel=rel)

@@ -1,5 +1,7 @@
 """Error of an estimate by the reduction of the model, apart from the noise."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -16,13 +18,18 @@ CLEAN = (
 NOISY = CLEAN.replace("noise_ratio: 0", "noise_ratio: 0.05")
 
 
+@cache
+def identified(text):
+    return dynid.run(check(text))
+
+
 def estimate(result):
     return result["identification/parameters/estimate"].data
 
 
 @pytest.mark.parametrize("text", [CLEAN, NOISY], ids=["clean", "noisy"])
 def test_the_shift_is_what_the_full_model_would_change(text):
-    reduced = dynid.run(check(text))
+    reduced = identified(text)
     full = estimate(dynid.run(check(text.replace(f"reduction: {AWARE}\n", ""))))
     found = reduced["identification/model_error/shift"].data
     # Two steps leave little; of noisy records, the weights of the channels differ a little as well.
@@ -31,7 +38,7 @@ def test_the_shift_is_what_the_full_model_would_change(text):
 
 
 def test_the_larger_one_of_the_two_errors_is_named():
-    clean, noisy = (dynid.run(check(text)) for text in (CLEAN, NOISY))
+    clean, noisy = identified(CLEAN), identified(NOISY)
     group = "identification/model_error"
     assert clean[f"{group}/dominant"].data.all()
     warning = clean.value(f"{group}/warning")

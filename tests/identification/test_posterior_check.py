@@ -127,7 +127,8 @@ def test_the_evidence_of_responses_is_the_integral_over_the_prior():
     assert result.value(f"{POSTERIOR}/log_evidence") == pytest.approx(evidence, abs=0.02)
 
 
-def test_without_priors_there_is_no_evidence_and_the_reason_is_given():
+def test_without_priors_there_is_no_evidence_and_the_reason_is_given(monkeypatch):
+    monkeypatch.setattr(importance, "DRAWS", 300)
     result, _ = frf(noise=None)
     assert f"{POSTERIOR}/log_evidence" not in result
     reason = result.group_attrs[POSTERIOR]["no_evidence"]
