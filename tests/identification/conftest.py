@@ -4,24 +4,30 @@ from dataclasses import replace
 
 import pytest
 
+from dynid.identification import identify
 from dynid.identification.estimators import auto
 from dynid.identification.results import write_derived
 
-_STATES = write_derived._STATES
+_STATES, _MISTAKES = write_derived._STATES, identify.instrument_mistakes
 
 
 @pytest.fixture(autouse=True, scope="package")
-def _derived_on_request():
-    """Compute derived quantities where they are requested: they take half of a small identification."""
+def _estimates_alone():
+    """Leave out what takes most of the time of a small identification and few tests are about.
+
+    These are derived quantities without a request, and mistakes of instruments that explain a lack of fit.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(write_derived, "_STATES", 0)
+        patch.setattr(identify, "instrument_mistakes", lambda *_: [])
         yield
 
 
 @pytest.fixture
-def derived(monkeypatch):
-    """Compute derived quantities of small systems, as users get them without a request."""
+def complete(monkeypatch):
+    """Give a test all that users get without a request, see `_estimates_alone`."""
     monkeypatch.setattr(write_derived, "_STATES", _STATES)
+    monkeypatch.setattr(identify, "instrument_mistakes", _MISTAKES)
 
 
 @pytest.fixture

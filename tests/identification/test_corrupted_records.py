@@ -7,6 +7,8 @@ from tests.identification import corrupted
 from tests.identification.corrupted import FAULTS, case, cases, outcome, power, response
 from tests.sample import sample
 
+pytestmark = pytest.mark.usefixtures("complete")
+
 
 def test_the_oracle_obeys_the_equations_of_motion():
     """Differences of displacements (exact to h^2) fit masses, springs, dampers and force."""

@@ -56,7 +56,7 @@ def test_every_value_is_within_its_band(result):
             assert np.all(low > 0), group
 
 
-@pytest.mark.usefixtures("derived")
+@pytest.mark.usefixtures("complete")
 def test_small_systems_have_them_without_a_request(result):
     plain = run(measurement=simulated(0.05, samples=200))
     assert {path for path in plain if path.startswith(DERIVED)} == {

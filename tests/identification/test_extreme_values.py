@@ -30,7 +30,7 @@ from tests.identification.cases import (
 )
 from tests.sample import sample
 
-pytestmark = pytest.mark.usefixtures("derived")
+pytestmark = pytest.mark.usefixtures("complete")
 
 EVERY = ("displacement", "velocity", "acceleration")
 

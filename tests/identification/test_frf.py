@@ -47,7 +47,7 @@ def exact(channels=CHANNELS):
     return np.array(out)
 
 
-@pytest.mark.usefixtures("derived")
+@pytest.mark.usefixtures("complete")
 def test_clean_responses_give_the_joints_back_exactly():
     result = run()
     assert parameter(result, "error_percent").max() < 1e-8
@@ -182,7 +182,7 @@ def test_a_model_that_is_wrong_is_said_to_be():
     assert "are not white noise" in coloured
 
 
-@pytest.mark.usefixtures("poor_starts")
+@pytest.mark.usefixtures("complete", "poor_starts")
 def test_units_that_are_wrong_leave_nothing_explained():
     with pytest.raises(Diverged, match="invalid"):  # accelerances that are given as receptances
         identify_frf(

@@ -174,7 +174,7 @@ def test_what_no_channel_depends_on_is_named():
     assert "J" in raised.value.names
 
 
-@pytest.mark.usefixtures("derived")
+@pytest.mark.usefixtures("complete")
 def test_a_motor_is_identified_from_frequency_responses():
     names = ("Ra", "L", "Km", "J", "flex", "JL")
     model = motor(names, (0.6, 1.5, 0.7, 2.0, 0.5, 1.4))

@@ -99,7 +99,6 @@ def test_derivatives_are_those_of_the_prediction_but_for_free_motions(kind):
         np.testing.assert_allclose(off, 0, atol=(1e-4 if rough else 1e-9) * np.abs(difference).max())
 
 
-@pytest.mark.usefixtures("derived")
 @pytest.mark.parametrize("kind", sample(SIGNALS, 1, "chirp"))
 def test_gains_offsets_and_delays_are_estimated_within_their_bounds(kind):
     result = identify(model(), loads(kind), measurement(noise=0.02))
@@ -122,7 +121,7 @@ def test_compiled_kernels_take_gains_and_offsets(monkeypatch):
     np.testing.assert_allclose(*found, rtol=1e-7)
 
 
-@pytest.mark.usefixtures("derived")
+@pytest.mark.usefixtures("complete")
 def test_frequency_responses_turn_by_the_delay_and_grow_by_the_gain():
     omega = np.linspace(5.0, 200.0, 80)
     ideal = FrfSystem.of(model(()), [Frf(Channel(2, "velocity"), 3)]).response(omega).values

@@ -20,7 +20,6 @@ from dynid.identification.records.measurement import Experiment, simulated
 from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Multisine, Sampled, Sine
 from dynid.parameters import ParameterPrior
-from dynid.result import Selection
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.response import Load
@@ -42,18 +41,15 @@ RIGS = rigs()
 QUICK = [name for name in RIGS if not name.startswith("beam")]
 
 
-VERDICTS = ("converged", "optimum", "explained", "redundancy", "signal_p", "lack_of_fit_p")
-
-
 def verdicts(result):
-    return {name: diagnostic(result, name) for name in VERDICTS}
+    return {
+        name: diagnostic(result, name)
+        for name in ("converged", "optimum", "explained", "redundancy", "signal_p", "lack_of_fit_p")
+    }
 
 
 def noise_only(rig, seed, noise=None):
-    record = Experiment(rig.loads, rig.measured(rig.noise(seed), noise))
-    # Without warnings no mistake of an instrument is sought, which takes as long as the estimate.
-    into = Selection("identification", [f"identification/diagnostics/{name}" for name in VERDICTS])
-    return verdicts(identify_all(rig.model, [record], into=into))
+    return verdicts(identify(rig.model, rig.loads, rig.measured(rig.noise(seed), noise)))
 
 
 def recorded(rig, ratio=0.02, seed=7, truth=None, loads=None):

@@ -23,7 +23,7 @@ from dynid.lti.state_space import Matrices
 from dynid.lti.time_response import propagate
 from dynid.parameters import Parameter, true_values
 
-pytestmark = pytest.mark.usefixtures("derived")
+pytestmark = pytest.mark.usefixtures("complete")
 
 TRUE = {"R": 2.0, "L": 0.5, "C": 0.1, "G": 0.3}
 

@@ -23,7 +23,7 @@ from tests.identification.cases import (
 from tests.identification.test_reduced_models import BEAM
 from tests.scene.example_scenes import check
 
-pytestmark = pytest.mark.usefixtures("derived")
+pytestmark = pytest.mark.usefixtures("complete")
 
 # The force had been acting for 10 s when the record began.
 LOADS = (Load(5, Multisine([100] * 3, [70, 110, 250], [700, 1100, 2500])),)

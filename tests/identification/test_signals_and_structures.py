@@ -149,7 +149,7 @@ def record_at_ten_seconds():
     return recorded(0.05), (Load(5, Multisine([100] * 3, [70, 110, 250], [700, 1100, 2500])),)
 
 
-@pytest.mark.usefixtures("derived")
+@pytest.mark.usefixtures("complete")
 def test_measured_values_and_missing_samples():
     y, loads = record_at_ten_seconds()
     complete = run(measurement=Measurement(0.002, 800, VELOCITIES, y), loads=loads)

@@ -21,6 +21,7 @@ from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.response import Channel, Load
 from tests.identification.cases import parameter
+from tests.sample import sample
 
 TRUE = {"EI": 1700.0, "rhoA": 0.1, "m": 0.2, "turn.k": 5e3, "link.k": 1e4, "link.c": 20.0}
 LOADS = [Load("w_4", Multisine([50] * 6, [9, 25, 60, 110, 190, 320]))]
@@ -74,7 +75,7 @@ def assert_bound_met(errors):
     assert abs(inside - 0.95) < 3 * math.sqrt(0.05 * 0.95 / count)
 
 
-@pytest.mark.parametrize("channels", CHANNELS)
+@pytest.mark.parametrize("channels", sample(CHANNELS, 1))
 def test_a_beam_with_six_unknowns_is_found_from_poor_starts(channels):
     assert_bound_met(errors_over_bounds(channels, range(1, 9), 1.7))
 
