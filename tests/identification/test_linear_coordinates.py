@@ -142,10 +142,12 @@ measurement:
 """
 
 
-@pytest.mark.parametrize("method", ["filter, passes: 4", "auto", "output-error", "invariant-imbedding"])
+@pytest.mark.parametrize(
+    "method", ["filter, passes: 4", "auto", "output-error", "invariant-imbedding, tolerance: 1.0e-3"]
+)
 def test_values_of_zero_and_below_are_estimated_within_their_bounds(tmp_path, method):
     scene = f"{SCENE}estimator: {{method: {method}}}\n"
-    if method == "invariant-imbedding":  # half of the record takes a second
+    if "imbedding" in method:  # half of the record takes a second
         scene = scene.replace(f"samples: {SAMPLES}", f"samples: {SAMPLES // 2}")
     (tmp_path / "scene.yaml").write_text(scene)
     result = dynid.run(dynid.load_scene(tmp_path / "scene.yaml"))
