@@ -142,6 +142,37 @@ def test_a_miss_is_said_with_its_unit_and_the_digits_that_show_it(value, demand,
     assert outcome.message == message
 
 
+@pytest.mark.parametrize(
+    ("values", "demand", "message"),
+    [
+        # 1.2 misses by 10 times what is tolerated beside 1, 110 by 5 times what is beside 100.
+        ([1.2, 110, 1], {"value": [1, 100, 1], "rtol": 0.02}, "is 1.2 at n 1, expected 1 (2 of 3 entries"),
+        ([1.2, 110, 1], {"value": [1, 100, 1], "atol": 0.1}, "is 110 at n 2, expected 100 (2 of 3 entries"),
+        ([1, 2, 7, 3], {"value": 1, "rtol": 0}, "is 7 at n 3, expected 1 (3 of 4 entries miss)"),
+        ([6, -9, 7], {"max_abs": 5}, "is -9 at n 2, expected a magnitude of at most 5 (3 of 3 entries miss)"),
+        ([2.5, 110], {"max_abs": [1, 100]}, "is 2.5 at n 1, expected a magnitude of at most 1 (2 of 2"),
+        ([6, 9, 7], {"max": 5}, "is 9 at n 2, expected at most 5 (3 of 3 entries miss)"),
+        ([6, -9, -math.inf, 7], {"min": 5}, "is -inf at n 3, expected at least 5 (2 of 4 entries miss)"),
+        ([6, math.nan, 7], {"max": 5}, "is nan at n 2, expected at most 5 (3 of 3 entries miss)"),
+        ([1j, 3, -4j], {"max_abs": 2}, "is -0-4j at n 3, expected a magnitude of at most 2 (2 of 3 entries"),
+        ([True, False, False], {"value": True}, "is false at n 2, expected true (2 of 3 entries miss)"),
+        (
+            [-1, 8, -3, 2],
+            {"min": 0, "max": 5},
+            "is -3 at n 3, expected at least 0 (2 of 4 entries miss); "
+            "is 8 at n 2, expected at most 5 (1 of 4 entries miss)",
+        ),
+        ([math.nan, 1], {"min": 0, "max": 5}, "is nan at n 1, expected at least 0 (1 of 2 entries miss)"),
+    ],
+)  # fmt: skip
+def test_of_several_entries_the_worst_is_named(values, demand, message):
+    result = Result("k")
+    result.add("x", values, ("n",))
+    [outcome] = check_expectations(result, [{"path": "x", **demand}])
+    assert message in outcome.message
+    assert outcome.message.count("expected") == message.count("expected")
+
+
 def change(result, path, data, dims=()):
     other = Result(result.kind, "another title", {"seed": 4})
     other.merge(result)

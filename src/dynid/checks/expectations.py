@@ -83,7 +83,8 @@ def check_expectations(result: Result, expectations: Iterable[Mapping[str, Any]]
     Returns
     -------
     list of CheckOutcome
-        One for each expectation, in order. NaN meets none.
+        One for each expectation, in order. NaN meets none. Of several entries that miss, the message names
+        the one that misses most: relative to its tolerance, to its `max_abs`, or beyond `min` and `max`.
     """
     return [_check(result, expectation) for expectation in expectations]
 
@@ -98,16 +99,19 @@ def _check(result: Result, expectation: Mapping[str, Any]) -> CheckOutcome:
         data = _in_unit(picked, np.asarray(picked.data[place], dtype=picked.dtype), expectation)
         unit = unit or (f" {picked.units}" if picked.units else "")
         found = words_of(data) + unit
-        for met, bound, words in _demands(data, data.shape, expectation):
-            misses = np.argwhere(~np.asarray(met))
-            if not len(misses):
+        named: dict[tuple[int, ...], str] = {}
+        for demand in _demands(data, data.shape, expectation):
+            misses = demand.misses()
+            if not len(misses) or (worst := tuple(misses[0])) in named:
                 continue
-            first = tuple(misses[0])
-            labels = [f"{axis.dim} {word(axis.labels[at])}" for axis, at in zip(axes, first, strict=True)]
+            labels = [f"{axis.dim} {word(axis.labels[at])}" for axis, at in zip(axes, worst, strict=True)]
             where = f" at {', '.join(labels)}" if labels else ""
             count = f" ({len(misses)} of {data.size} entries miss)" if data.size > 1 else ""
-            said = _undefined(picked, data[first]) or f"{_missing_word(data[first], bound[first])}{unit}"
-            raise _Unmet(f"is {said}{where}, {words}{word(bound[first])}{unit}{count}")
+            bound = demand.expected[worst]
+            said = _undefined(picked, data[worst]) or f"{_missing_word(data[worst], bound)}{unit}"
+            named[worst] = f"is {said}{where}, {demand.words}{word(bound)}{unit}{count}"
+        if named:
+            raise _Unmet("; ".join(named.values()))
     except _Unmet as unmet:
         return CheckOutcome(False, path, expected, found, f"{path.rpartition('/')[2]} {unmet}")
     return CheckOutcome(True, path, expected, found, f"{path.rpartition('/')[2]} is {found}")
@@ -201,8 +205,8 @@ def _met(
     try:
         place, _ = _select(first, path, expectation.get("at", {}))
         data = _in_unit(samples[path], samples[path].data[(slice(None), *place)], expectation)
-        for found, *_ in _demands(data, data.shape[1:], expectation):
-            met &= found.reshape(count, -1).all(axis=1)
+        for demand in _demands(data, data.shape[1:], expectation):
+            met &= demand.met.reshape(count, -1).all(axis=1)
     except _Unmet:
         met[:] = False
     return met
@@ -241,31 +245,69 @@ def _lookup(result: Result, path: str) -> Variable:
     return Variable((), as_array(value))
 
 
-def _demands(
-    data: NDArray[Any], shape: tuple[int, ...], expectation: Mapping[str, Any]
-) -> Iterator[tuple[NDArray[Any], NDArray[Any], str]]:
-    """Yield for each demand the mask of entries that meet it, the expected values, and the words of it.
+@dataclass(frozen=True)
+class _Demand:
+    """What is expected of all entries of an array.
 
-    The data have the shape given, or samples along a further first axis.
+    Parameters
+    ----------
+    met
+        Mask of the entries that meet it.
+    words
+        The words before the expected value.
+    compared
+        The entries, or their magnitudes.
+    expected
+        The expected values.
+    tolerance
+        The unit in which a miss is large.
     """
+
+    met: NDArray[Any]
+    words: str
+    compared: NDArray[Any]
+    expected: NDArray[Any]
+    tolerance: NDArray[Any]
+
+    def misses(self) -> NDArray[np.intp]:
+        """Return the indices of the entries that miss, the worst one first: miss x axis."""
+        places = np.argwhere(~self.met)
+        if self.compared.dtype.kind not in "ifc":
+            return places
+        missing = ~self.met
+        with np.errstate(all="ignore"):
+            miss = np.abs(self.compared[missing] - self.expected[missing])
+            excess = miss / self.tolerance[missing]
+        # NaN, and any miss where nothing is tolerated, is beyond all others; of those the largest is worst.
+        order = np.lexsort([-np.where(np.isnan(one), np.inf, one) for one in (miss, excess)])
+        return places[order]
+
+
+def _demands(data: NDArray[Any], shape: tuple[int, ...], expectation: Mapping[str, Any]) -> Iterator[_Demand]:
+    """Yield each demand on data of the shape given, or on samples of them along a further first axis."""
     kind = data.dtype.kind
     if not expectation.keys() & {"value", "min", "max", "max_abs"}:
         raise _Unmet(f"is {words_of(data)}, but nothing is expected of it: give value, min, max or max_abs")
     if "value" in expectation:
         expected = _like(expectation["value"], shape, kind)
         rtol, atol = float(expectation.get("rtol", RTOL)), float(expectation.get("atol", 0.0))
-        yield close(data, expected, rtol, atol), expected, "expected "
+        tolerance = np.zeros(shape)
+        if kind in "ifc":
+            with np.errstate(all="ignore"):
+                tolerance = np.asarray(atol + rtol * np.abs(expected))
+        yield _Demand(close(data, expected, rtol, atol), "expected ", data, expected, tolerance)
     for key, sign in (("min", "at least "), ("max", "at most ")):
         if key in expectation:
             if kind not in "if":
                 raise _Unmet(f"is {words_of(data)}, expected a real number for '{key}'")
             bound = _like(expectation[key], shape, kind)
-            yield (data >= bound if key == "min" else data <= bound), bound, f"expected {sign}"
+            met = np.asarray(data >= bound if key == "min" else data <= bound)
+            yield _Demand(met, f"expected {sign}", data, bound, np.ones(shape))
     if "max_abs" in expectation:
         if kind not in "ifc":
             raise _Unmet(f"is {words_of(data)}, expected a number for 'max_abs'")
-        bound = _like(expectation["max_abs"], shape, "f")
-        yield np.abs(data) <= bound, bound, "expected a magnitude of at most "
+        bound, size = _like(expectation["max_abs"], shape, "f"), np.asarray(np.abs(data))
+        yield _Demand(np.asarray(size <= bound), "expected a magnitude of at most ", size, bound, bound)
 
 
 def _like(value: Any, shape: tuple[int, ...], kind: str) -> NDArray[Any]:
