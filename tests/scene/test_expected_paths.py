@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from dynid.bondgraph.request import MARGINS, PROPERTIES
+from dynid.checks import check_expectations
 from dynid.lti.margins import Margins
 from dynid.lti.peaks import Bandwidth
 from dynid.lti.step_info import StepInfo
@@ -142,3 +143,26 @@ def test_every_path_of_a_result_may_be_expected(name):
     expecting_all = check_source(apply_overrides(parse_source(text, str(file)), ()))
     assert len(expecting_all.model.expect) == len(every)
     assert list(impossible_paths(expecting_all)) == []
+
+
+def test_what_an_unstable_channel_does_not_have_is_missed_with_its_status():
+    scene = check("""\
+dynid: 1
+kind: bond-graph
+title: an active damper
+graph:
+  nodes: {F: Se, m: {type: I, value: 2}, c: {type: R, value: -4}, body: 1}
+  bonds: [F -> body -> m, body -> c]
+analysis: {outputs: [m.f, m.e], results: [step_info, bandwidth]}
+""")
+    result = run_scene(scene)
+    flow, effort = f"{BASE}/m.f/F", f"{BASE}/m.e/F"
+    step, band = result.value(f"{flow}/step_status"), result.value(f"{effort}/bandwidth_status")
+    assert "unstable" in step
+    assert "T(0) is 0" in band
+    paths = [f"{flow}/overshoot", f"{effort}/bandwidth", f"{flow}/overshot"]
+    outcomes = check_expectations(result, [{"path": path, "max": 5} for path in paths])
+    shoot, width, misspelt = (outcome.message for outcome in outcomes)
+    assert shoot == f"overshoot has no value; step_status: {step}"
+    assert width == f"bandwidth has no value; bandwidth_status: {band}"
+    assert misspelt.startswith("overshot is not in the result: ")

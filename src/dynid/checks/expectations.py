@@ -240,6 +240,8 @@ def _lookup(result: Result, path: str) -> Variable:
     for name, variable in result.items():
         known |= {f"{name}/{attr}": value for attr, value in variable.attrs.items()}
     if path not in known:
+        if status := _status(result, path):
+            raise _Unmet(f"has no value; {status}")
         raise _Unmet(f"is not in the result: no '{path}'{did_you_mean_path(path, [*result, *known])}")
     value = known[path]
     return Variable((), as_array(value))
@@ -281,6 +283,16 @@ class _Demand:
         # NaN, and any miss where nothing is tolerated, is beyond all others; of those the largest is worst.
         order = np.lexsort([-np.where(np.isnan(one), np.inf, one) for one in (miss, excess)])
         return places[order]
+
+
+def _status(result: Result, path: str) -> str:
+    """Return the status that says why an array was left out, where its group has one; else ''."""
+    group, _, name = path.rpartition("/")
+    for other, variable in result.items():
+        if other.rpartition("/")[0] == group and name in str(variable.attrs.get("status_of", "")).split():
+            said = str(variable.data)
+            return "" if said == "defined" else f"{other.rpartition('/')[2]}: {said}"
+    return ""
 
 
 def _demands(data: NDArray[Any], shape: tuple[int, ...], expectation: Mapping[str, Any]) -> Iterator[_Demand]:

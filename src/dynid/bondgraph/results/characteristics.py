@@ -31,7 +31,8 @@ CHARACTERISTICS = frozenset({*STATUSES, *STATUSES.values()})
 def add_characteristics(result: Result, reduced: ReducedGraph, asked: frozenset[str]) -> None:
     """Add `step_info` and `bandwidth`, as requested, of every channel from its exact transfer function.
 
-    What is not defined is left out, and `step_status` or `bandwidth_status` names the reason.
+    What is not defined is left out, and `step_status` or `bandwidth_status` names the reason; the names of
+    which it is the status are its attribute `status_of`.
     """
     registers = reduced.channels()
     ratios = reduced.rational(registers.values())
@@ -44,8 +45,9 @@ def add_characteristics(result: Result, reduced: ReducedGraph, asked: frozenset[
         if "bandwidth" in asked:
             found.append(("bandwidth_status", bandwidth(transfer.numerator, transfer.denominator)))
         for status, values in found:
-            result.add(f"{group}/{status}", values.status)
-            for name in (field.name for field in fields(values) if field.name != "status"):
+            names = [name for name, its_status in STATUSES.items() if its_status == status]
+            result.add(f"{group}/{status}", values.status, status_of=" ".join(names))
+            for name in names:
                 value = getattr(values, name)
                 if value is not None:
                     unit = _unit(name, reduced.units.of_channel(*channel))
