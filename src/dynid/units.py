@@ -206,6 +206,33 @@ def si_factor(text: str, expected: Sequence[str] = (), *, over: str = "", what: 
     _refuse(text, expected, over, what)
 
 
+_WITH_UNIT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d].*|[°%].*)", re.DOTALL)
+#: What a value in SI is in, by its dimension the first one.
+_IN_SI = "kg m s A K rad m/s m/s2 rad/s N N/m N.s/m N.m N.m/rad Pa V C ohm W Wb m2 m3 m3/s kg/m kg/m3 kg.m2"
+
+
+def split_value(text: str) -> tuple[float, str, Unit] | None:
+    """Return the number in a text such as `15 ms`, its unit, and what that is.
+
+    None of a text that is none, of units that are not built in, and of `g` and `lb`, which have two readings.
+    """
+    match = _WITH_UNIT.fullmatch(text)
+    if match is None:
+        return None
+    try:
+        found = readings(match[2], pint=False)
+    except UnknownUnitError:
+        return None
+    return (float(match[1]), match[2].strip(), found[0]) if len(found) == 1 else None
+
+
+def si_unit(unit: str, meaning: Unit) -> str:
+    """Return the unit in SI of a quantity that is given in another one; empty where it has no usual name."""
+    if meaning.factor == 1:
+        return unit
+    return next((one for one in _IN_SI.split() if readings(one)[0].dimension == meaning.dimension), "")
+
+
 def angular_factor(text: str | None) -> float:
     """Return the factor that converts frequencies in a unit into rad/s: 2π of Hz, 1 of rad/s or no unit.
 

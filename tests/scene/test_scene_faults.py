@@ -127,6 +127,37 @@ def test_what_is_no_scene_is_told_what_a_scene_is(text, fault):
     assert faults_of(text) == [fault]
 
 
+_SI = "a value is a number in SI units, without its unit"
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "said"),
+    [
+        ("b: 50", "b: 50 kN.s/m", f"4:26: '50 kN.s/m': {_SI}; write 50000 (N.s/m)"),
+        ("b: 50", "b: -1.5e2 kg", f"4:26: '-1.5e2 kg': {_SI}; write -150 (kg)"),
+        ("b: 50", "b: 15ms", f"4:26: '15ms': {_SI}; write 0.015 (s)"),
+        ("b: 50", "b: 5 %", f"4:26: '5 %': {_SI}; write 0.05"),
+        ("value: b}", "value: 2 in}", f"11:25: '2 in': {_SI}; write 0.0508 (m)"),
+        # the parameter m_s times 2, and gram or standard gravity
+        ("value: b}", "value: 2 m_s}", f"11:25: '2 m_s': {_SI}; a product is written 2*m_s"),
+        ("value: b}", "value: 2 g}", f"11:25: '2 g': {_SI}; a product is written 2*g"),
+        # of frequencies the unit beside them decides
+        ("start: 0.1,", "start: 0.1 Hz,", f"'0.1 Hz': {_SI}; write 0.1, its unit stands beside it"),
+        ("start: 0.1,", "start: 0.1 rad/s,", f"'0.1 rad': {_SI}; a product is written 0.1*rad"),
+        ("start: 0.1,", "start: 0.1 s,", f"'0.1 s': {_SI}; write 0.1 (s)"),
+    ],
+)
+def test_a_value_with_a_unit_is_answered_with_what_to_write(right, wrong, said):
+    [fault] = faults_of(ISOLATOR.replace(right, wrong, 1))
+    assert said in fault
+
+
+def test_a_frequency_in_hertz_is_answered_with_the_key_of_its_unit():
+    text = ISOLATOR.replace("start: 0.1,", "start: 0.1 Hz,").replace(", unit: Hz}", "}")
+    [fault] = faults_of(text)
+    assert fault.endswith("a frequency is in rad/s, or in Hz where 'unit: Hz' stands beside it")
+
+
 @pytest.mark.parametrize(
     ("right", "wrong", "fault"),
     [

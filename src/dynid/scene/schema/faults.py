@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from dynid.errors import Fault
 from dynid.scene.schema.later import Later
+from dynid.scene.schema.raw import value_with_unit
 from dynid.scene.yaml.source import Source, path_of
 from dynid.suggestions import did_you_mean, nearest_values, shortened
 
@@ -113,7 +114,8 @@ def _fault(source: Source, model: type[BaseModel], error: dict[str, Any]) -> Fau
             message = f"'{key}' is not a key of {_dotted(path)}; did you mean '{tag}'?"
             return source.fault((*path, key), message, key=True)
         return source.fault((*path, tag), f"{_dotted(path)} needs the key '{tag}'", key=True)
-    message = _message(kind, error, path)
+    number = kind in ("expression", "float_type", "float_parsing", "int_type", "int_parsing")
+    message = (value_with_unit(source, path) if number else "") or _message(kind, error, path)
     place = (*path, _tag(error)) if kind == "union_tag_invalid" else path
     return source.fault(place, message, key=loc[-1:] == ("[key]",))
 
@@ -155,7 +157,7 @@ def _misplaced(model: type[BaseModel], path: Sequence[Any]) -> str:
 def _message(kind: str, error: dict[str, Any], path: Sequence[Any]) -> str:
     given: Any = error.get("input")
     context: dict[str, Any] = error.get("ctx", {})
-    if kind == "dynid":
+    if kind in ("dynid", "expression"):
         return str(error["msg"])
     key = f"'{path[-1]}'" if path and isinstance(path[-1], str) else "this entry"
     if kind in ("literal_error", "union_tag_invalid"):

@@ -123,7 +123,7 @@ def resolve(raw: Any, info: ValidationInfo) -> Quantity:
             dependent = substituted(expression, reals)
         return _in_range(Quantity(value, expression, dependent))
     except ExpressionError as error:
-        raise fault(str(error)) from None
+        raise PydanticCustomError("expression", "{message}", {"message": str(error)}) from None
 
 
 def _in_range(quantity: Quantity) -> Quantity:

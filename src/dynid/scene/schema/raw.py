@@ -11,6 +11,7 @@ from dynid.arithmetic.expression import ExpressionError, Number, parse, resolve_
 from dynid.errors import Fault
 from dynid.scene.yaml.source import Source
 from dynid.suggestions import did_you_mean
+from dynid.units import si_unit, split_value, unit_fits
 
 if TYPE_CHECKING:
     from dynid.arithmetic.dependent import Dependent
@@ -166,10 +167,10 @@ def read_names(source: Source, free: Mapping[str, float] | None = None) -> tuple
         elif not isinstance(raw[name], dict):  # a mapping without any value is reported by its model
             located[(name,)] = text
     located |= dict(_circular(raw, dependent))
-    faults = [
-        source.fault(("parameters", written_key(given, name), *keys), text)
-        for (name, *keys), text in located.items()
-    ]
+    faults = []
+    for (name, *keys), text in located.items():
+        path = ("parameters", written_key(given, name), *keys)
+        faults.append(source.fault(path, value_with_unit(source, path) or text))
     names = SceneNames(
         values,
         dependent,
@@ -180,6 +181,38 @@ def read_names(source: Source, free: Mapping[str, float] | None = None) -> tuple
         complete=isinstance(source.data.get("parameters", {}), dict) and not _misnamed(source.data),
     )
     return names, faults
+
+
+def value_with_unit(source: Source, path: Iterable[Any]) -> str:
+    """Return what to write for a value such as `15 ms`; empty where it is none, or its key has another unit.
+
+    Parameters
+    ----------
+    source
+        The scene.
+    path
+        The place of the value.
+    """
+    value, beside = source.data, []
+    for key in path:
+        if isinstance(value, dict):
+            beside += [str(unit) for name, unit in value.items() if re.fullmatch("(.*_)?unit", str(name))]
+        value = value[key]
+    found = split_value(value) if isinstance(value, str) else None
+    if found is None or found[1] in mapping(source.data, "parameters"):  # a product of a parameter
+        return ""
+    number, unit, meaning = found
+    frequency = any(unit_fits(unit, [one]) for one in ("Hz", "rad/s"))
+    if unit in beside:
+        write = f"write {number:.12g}, its unit stands beside it"
+    elif any(unit_fits(one, [unit]) for one in beside) or (frequency and beside):
+        return ""
+    elif unit_fits(unit, ["Hz"]):
+        write = "a frequency is in rad/s, or in Hz where 'unit: Hz' stands beside it"
+    else:
+        in_si = si_unit(unit, meaning)
+        write = f"write {number * meaning.factor:.12g}{f' ({in_si})' if in_si else ''}"
+    return f"{value!r}: a value is a number in SI units, without its unit; {write}"
 
 
 def _misnamed(data: Mapping[Any, Any]) -> bool:
