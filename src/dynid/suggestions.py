@@ -177,3 +177,14 @@ def distinct_ends(paths: Sequence[str]) -> list[str]:
         next((end for k in range(len(parts), 0, -1) if counts[end := "/".join(parts[k - 1 :])] == 1), path)
         for path, parts in zip(paths, every, strict=True)
     ]
+
+
+def without_decimal_comma(text: str) -> str:
+    """Return what to write for a number with a comma, such as `0,02`; empty for other texts."""
+    match = re.fullmatch(r"\s*([-+]?\d+),(\d+(?:[eE][-+]?\d+)?)\s*", text)
+    if match is None:
+        return ""
+    number = f"{match[1]}.{match[2]}"
+    # Three digits behind a comma may be thousands.
+    other = f" or {match[1]}{match[2]}" if re.fullmatch(r"\d{3}", match[2]) and int(match[1]) else ""
+    return f"decimals stand behind a point: did you mean {number}{other}?"

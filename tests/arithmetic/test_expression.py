@@ -69,6 +69,8 @@ def test_float_values(text, value):
         ("0.6 Ohm", 5, "a number in SI units, without its unit"), ("5  ms", 4, "without its unit"),
         ("2*5 in", 5, "without its unit"), ("10 µF", 4, "without its unit"),
         ("0.6Ohm", 1, "without its unit"),
+        ("0,02", 1, "decimals stand behind a point: did you mean 0.02?"),
+        (" -3,5e-2", 1, "did you mean -3.5e-2?"), ("1,000", 1, "did you mean 1.000 or 1000?"),
         ("x2 m", 4, "between 'x2' and 'm'"),
         ("1 +", 3, "missing"), ("(1", 1, "not closed"),
         ("min(1", 4, "in quotes"),

@@ -237,6 +237,18 @@ analysis:
 TEN_PLACES = ["3:1", "4:23", "4:31", "8:25", "9:15", "10:10", "11:26", "13:12", "14:13", "15:14"]
 
 
+@pytest.mark.parametrize(
+    "path", ["parameters.b", "graph.nodes.b.value", "analysis.frequency.start", "expect.1.rtol"]
+)
+def test_a_decimal_comma_on_the_command_line_is_answered_with_the_point(path):
+    with pytest.raises(SceneError) as raised:
+        check_source(apply_overrides(parse_source(ISOLATOR, "s.yaml"), [f"{path}=0,02"]))
+    [fault] = raised.value.faults
+    assert fault.file == f"--set {path}"
+    assert "decimals stand behind a point: did you mean 0.02?" in fault.message
+    assert raised.value.exit_code == 2
+
+
 def test_the_command_line_sets_values_before_anything_is_checked():
     source = parse_source(ISOLATOR, "s.yaml")
     changed = apply_overrides(source, ["analysis.frequency.points=1e12", "graph.nodes.b.type=Q"])

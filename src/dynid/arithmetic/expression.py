@@ -20,7 +20,7 @@ from typing import Any, TypeVar
 
 from dynid.arithmetic.numbers import Number, OutOfRangeError, apply, as_number, to_fraction
 from dynid.errors import UsageError
-from dynid.suggestions import did_you_mean
+from dynid.suggestions import did_you_mean, without_decimal_comma
 
 __all__ = [
     "FUNCTIONS",
@@ -92,6 +92,8 @@ def parse_arithmetic(text: str) -> tuple[ast.expr, ...]:
         raise ExpressionError(f"an expression has at most {MAX_LENGTH} characters", text, MAX_LENGTH + 1)
     if not text.strip():
         raise ExpressionError("an expression is missing", text, 1)
+    if hint := without_decimal_comma(text):
+        raise ExpressionError(f"a comma has no meaning in a number; {hint}", text, 1)
     _check_tokens(text)
     try:
         # On one line and in parentheses blanks mean nothing; places come out shifted by one.

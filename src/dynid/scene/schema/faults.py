@@ -13,7 +13,7 @@ from dynid.errors import Fault
 from dynid.scene.schema.later import Later
 from dynid.scene.schema.raw import value_with_unit
 from dynid.scene.yaml.source import Source, path_of
-from dynid.suggestions import did_you_mean, nearest_values, shortened
+from dynid.suggestions import did_you_mean, nearest_values, shortened, without_decimal_comma
 
 # Models with more keys than these have them in the manual, not in the message.
 _FEW_KEYS = 8
@@ -168,7 +168,8 @@ def _message(kind: str, error: dict[str, Any], path: Sequence[Any]) -> str:
         choice = f"is one of {', '.join(options)}" if len(options) > 1 else f"can only be {options[0]}"
         return f"{key} cannot be {_shown(given)}; it {choice}{did_you_mean(str(given), options)}"
     if kind in _WANTED:
-        return f"{key} must be {error['wanted']}, not {_shown(given)}"
+        hint = without_decimal_comma(given) if isinstance(given, str) and "number" in error["wanted"] else ""
+        return f"{key} must be {error['wanted']}, not {_shown(given)}{f'; {hint}' if hint else ''}"
     if kind in _BOUNDS:
         return f"{key} must be {_BOUNDS[kind].format(**context)}, not {_shown(given)}"
     if kind == "too_short" and context.get("min_length") == 1:
