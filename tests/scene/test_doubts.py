@@ -3,6 +3,7 @@
 import pytest
 
 from dynid.scene.doubts import scene_doubts
+from dynid.scene.run import run_scene
 from tests.scene.example_scenes import ISOLATOR, JOINTS, check
 
 UNEXPECTING = ISOLATOR.partition("expect:")[0]
@@ -88,3 +89,30 @@ def test_margins_of_loops_use_the_frequencies():
     text = UNEXPECTING.replace(RESULTS, "[properties, time_response]")
     assert [line for line, _, _ in doubts_of(text)] == [27]
     assert doubts_of(text.replace("inputs: [v_in]", "inputs: [r]") + loop) == []
+
+
+def test_elements_of_negative_values_are_doubted_once_at_the_first():
+    assert doubts_of(UNEXPECTING.replace("b: 50", "b: -50")) == [
+        (
+            11,
+            25,
+            "not passive: R 'b' (-50) has a negative value and can give energy without end",
+        )
+    ]
+    [(line, column, message)] = doubts_of(
+        UNEXPECTING.replace("b: 50", "b: -50").replace("C_a: 1.0e-8", "C_a: -1.0e-8")
+    )
+    assert (line, column) == (11, 25)
+    assert message.startswith("not passive: R 'b' (-50), C 'C_a' (-1e-08) have negative values and")
+    # moduli, zero resistance and falling laws are none
+    assert doubts_of(UNEXPECTING.replace("A_p: 0.01", "A_p: -0.01").replace("b: 50", "b: 0")) == []
+    assert doubts_of(UNEXPECTING.replace("{type: R, value: b}", '{type: R, law: {e: "-b*f"}}')) == []
+
+
+def test_the_file_has_the_warning_of_a_negative_value_that_is_doubted():
+    scene = check(UNEXPECTING.replace("b: 50", "b: -50"))
+    [doubt] = scene_doubts(scene)
+    assert list(run_scene(scene)["bond_graph/warnings"].data) == [doubt.message]
+    falling = check(UNEXPECTING.replace("{type: R, value: b}", '{type: R, law: {e: "-b*f"}}'))
+    assert "bond_graph/warnings" not in run_scene(falling)
+    assert "bond_graph/warnings" not in run_scene(check(UNEXPECTING))

@@ -32,9 +32,9 @@ def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...],
     """Read and check scenes without running them.
 
     Prints every fault of every scene as FILE:LINE:COLUMN: message, including data files that cannot be read
-    and singular graphs (no unique solution); as warnings, what a scene says that nothing uses, and lists
-    whose commas may be decimal. Exit code, as of the run: 0: all scenes are valid; 2: a scene is invalid;
-    3: a graph is singular; 4: a file could not be read.
+    and singular graphs (no unique solution); as warnings, what a scene says that nothing uses, lists whose
+    commas may be decimal, and elements of negative values. Exit code, as of the run: 0: all scenes are
+    valid; 2: a scene is invalid; 3: a graph is singular; 4: a file could not be read.
 
     For a study, the scene that it varies is checked, too, and the paths of 'collect'. Errors of its
     computation, such as a singular graph, are reported only if the first sample has them as well; errors of

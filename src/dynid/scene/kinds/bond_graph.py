@@ -7,7 +7,8 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any, cast
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.graph import BondGraph, GraphUnits
+from dynid.bondgraph.fields import negative_values
+from dynid.bondgraph.graph import FIELDS, BondGraph, GraphUnits
 from dynid.bondgraph.request import Analysis, FormulaRequest, SensitivityParameter
 from dynid.defaults import TRACED_PARTS
 from dynid.errors import Singular, UsageError
@@ -126,8 +127,15 @@ def unused_grids(model: BondGraphScene | IdentificationScene, wanted: AnalysisMo
 
 
 def doubts(scene: Scene) -> Iterator[Fault]:
-    """Yield unused blocks of an analysis and expectations of what is not requested, as warnings."""
+    """Yield negative values, unused blocks of an analysis, and expectations of what is not requested."""
     model = cast("BondGraphScene", scene.model)
+    negative = {
+        name: (node.type, float(node.value))
+        for name, node in model.graph.nodes.items()
+        if node.type in FIELDS and node.value is not None and not node.value.variable and node.value.value < 0
+    }
+    if negative:
+        yield scene.source.fault(("graph", "nodes", next(iter(negative)), "value"), negative_values(negative))
     if scene.kind == "bond-graph" and model.expect:
         from dynid.scene.kinds.expected_paths import unrequested_paths
 
