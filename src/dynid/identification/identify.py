@@ -381,8 +381,8 @@ def _checked(posterior: Posterior, start: Array, suggest: bool) -> Posterior:
 
 
 def _suggesting(error: DynidError, mistakes: Sequence[str]) -> DynidError:
-    """Return an error with mistakes of instruments that would explain it among its remedies."""
-    remedy = " ".join([error.remedy, *(f"{one[0].upper()}{one[1:]}" for one in mistakes)])
+    """Return an error with mistakes of instruments that would explain it, before its general remedy."""
+    remedy = " ".join([*(f"{one[0].upper()}{one[1:]}" for one in mistakes), error.remedy])
     return type(error)(error.problem, remedy=remedy, names=error.names)
 
 

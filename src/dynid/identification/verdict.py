@@ -85,13 +85,13 @@ def warnings(posterior: Posterior) -> list[str]:
 def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
     """Warn of lack of fit, contradicted priors, and uncertain or hardly distinguishable parameters."""
     compared = posterior.comparison
+    yield from posterior.mistakes
     if posterior.estimate.cut_off:
         yield (
             f"the search for the optimum was cut off after {posterior.estimate.cut_off} evaluations, its "
             "limit for so many lines and DOFs: start nearer to the true values, reduce the structure, give "
             "fewer lines, or correct the noise model (measurement.noise) if residuals grow with the response"
         )
-    yield from posterior.mistakes
     if compared.lacks_fit and compared.explained:
         worst = posterior.channels[int(np.argmin(compared.channel_lack_of_fit_p))].name
         yield (
