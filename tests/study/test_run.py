@@ -4,6 +4,7 @@ import errno
 import fcntl
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -338,6 +339,23 @@ def test_a_merge_replaces_no_file_that_is_no_study(tmp_path, monkeypatch, dynid_
     assert Path("other.h5").read_text() == "notes"
 
 
+def test_a_dry_run_runs_nothing_and_names_the_command_that_estimates_time(tmp_path, monkeypatch, dynid_cli):
+    monkeypatch.chdir(tmp_path)
+    plan = planned(tmp_path)
+    for module in ("explanation", "work"):
+        monkeypatch.setattr(f"dynid.study.{module}.run_chunk", lambda *_: pytest.fail("a sample is run"))
+    _, out, _ = dynid_cli("study", "masses.yaml", "--dry-run", "--set", "title=Two masses")
+    (line,) = [line for line in out.splitlines() if line.startswith("  time ")]
+    command = line.partition(" by: ")[2]
+    assert command == "dynid check masses.yaml --explain --set 'title=Two masses'"
+    monkeypatch.undo()
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = dynid_cli(*shlex.split(command)[1:])
+    assert (code, "  cost  " in out) == (0, True)
+    run_study(plan, "masses.h5", SerialExecutor())
+    assert "  time " not in dynid_cli("study", "masses.yaml", "--dry-run")[1]
+
+
 def test_a_dry_run_says_what_would_be_lost(tmp_path, monkeypatch, dynid_cli):
     monkeypatch.chdir(tmp_path)
     run_study(planned(tmp_path), "masses.h5", SerialExecutor())
@@ -543,7 +561,7 @@ def test_the_command_line_says_what_a_study_is_and_what_is_none(tmp_path, monkey
     assert dynid_cli("study", "masses.yaml", "--shard", "3/2")[0] == 2
     code, out, _ = dynid_cli("study", "masses.yaml", "--shard", "2/3", "--dry-run")
     assert code == 0
-    assert "masses.yaml" not in out
+    assert "masses.yaml" not in out.partition("  time ")[0]
     assert "Masses on dampers: 4 samples of mass.yaml (bond-graph)" in out
     assert "shard     of 12 samples, one in 3 or so" in out
     assert "…" not in out

@@ -142,7 +142,10 @@ def study(
 
         numbers = shard_of(plan, shard)
         foreign = foreign_samples(target, sample_keys(plan, numbers))
-        lines = plan_lines(plan, numbers, valid_samples(plan, target, shard), target, foreign)
+        given = [word for value in overrides for word in ("--set", value)]
+        explaining = shlex.join(["dynid", "check", study, "--explain", *given])
+        finished = valid_samples(plan, target, shard)
+        lines = plan_lines(plan, numbers, finished, target, foreign, explaining)
         click.echo("\n".join(part for line in lines for part in folded(line)))
         return 0
     from dynid.cli.progress import noticing, showing_study

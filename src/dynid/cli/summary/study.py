@@ -126,7 +126,7 @@ def _grouped(rows: Sequence[tuple[str, str, str]]) -> Iterator[str]:
 
 
 def plan_lines(
-    plan: Plan, numbers: Sequence[int], finished: int, target: str, foreign: int = 0
+    plan: Plan, numbers: Sequence[int], finished: int, target: str, foreign: int = 0, explaining: str = ""
 ) -> Iterator[str]:
     """Yield the screen of a plan: its size, sampling, outputs, varied inputs and first samples.
 
@@ -142,6 +142,8 @@ def plan_lines(
         The file to write.
     foreign
         The number of finished samples of that file that do not belong to the study.
+    explaining
+        The command that estimates the time, which needs samples to be run.
     """
     method = plan.attrs["method"]
     yield f"{plan.study.title}: {counted(len(numbers), 'sample')} of {plan.attrs['base']} ({plan.base.kind})"
@@ -150,6 +152,8 @@ def plan_lines(
         yield f"  shard     of {plan.size} samples, one in {plan.size // len(numbers)} or so"
     yield f"  collects  {', '.join(plan.collect) or 'every number under properties and parameters'}"
     yield f"  {target}: {finished} finished, {len(numbers) - finished} to run"
+    if explaining and finished < len(numbers):
+        yield f"  time      estimated from a few samples by: {explaining}"
     if foreign:
         verb = "does" if foreign == 1 else "do"
         yield f"  warning: {counted(foreign, 'finished sample')} of {target} {verb} not belong to this study,"
