@@ -85,6 +85,20 @@ def test_a_factor_that_explains_the_record_is_suggested(factors, expected):
     assert found.startswith(expected)
 
 
+@pytest.mark.parametrize("gain", [1.3, 0.6])
+def test_the_gain_of_a_channel_that_explains_the_record_is_suggested(gain):
+    (found,) = said(record() * [1, 1, gain])
+    factor, sign, error = found.partition("2.velocity is ")[2].split()[:3]
+    assert sign == "±"
+    assert 0 < float(error) < 0.02
+    assert abs(float(factor) - gain) < 4 * float(error)
+    assert f"state gain: NAME in its channel, and parameters: {{NAME: {{start: {factor}}}}}" in found
+
+
+def test_a_gain_that_is_hardly_off_is_not_suggested():
+    assert said(record() * [1, 1, 1.02]) == []
+
+
 @pytest.mark.parametrize("samples", [1, 3])
 def test_a_delay_of_whole_samples_is_suggested(samples):
     values = record()

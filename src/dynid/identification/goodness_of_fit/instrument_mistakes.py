@@ -7,7 +7,8 @@ nearest to the ratio of their RMS. The parameters are estimated again from the c
 until the corrections stay the same: a search for the greatest concentrated likelihood over parameters and
 corrections. It starts from the estimate, from the start, and from the start with one mistake in all
 channels, or in all of one quantity, with one reversed channel, or with two exchanged channels of one
-quantity and unit.
+quantity and unit. Where all that explains nothing, the gain of one channel is free: the parameters are
+estimated anew for every gain, and the likelihood is that of both.
 
 Corrections are suggested only where the model lacked fit, the likelihood grows far beyond what the choice
 among them explains, every corrected channel needs its own, and the corrected record fits.
@@ -17,9 +18,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +49,13 @@ _ROUNDS, _STEPS, _FEW_STEPS = 6, 30, 12
 _LEAST_GAIN, _GAIN_EACH = 20.0, 7.0
 # How many times smaller the mean square of a corrected channel's residual is than without its correction.
 _SMALLER = 2.0
+# Bounds of the logarithm of a free gain, first and around what was found; its tolerance, and the most steps.
+_MOST_LOG_GAIN, _AROUND = math.log(4), 0.2
+_ROUGH, _FINE = (0.05, 8), (1e-4, 20)
+# Steps of the logarithm from which the curvature of the likelihood is taken.
+_BESIDE = (0.01, -0.01)
+# Values times states times channels beyond which no free gain is sought.
+_MOST_WORK_OF_GAINS = 5e5
 # Multiplications of one evaluation of frequency responses beyond which nothing is searched.
 _MOST_WORK = 3e7
 # Values times states beyond which only the estimate and the start are searched from.
@@ -76,12 +85,13 @@ Corrections = list[list[Correction]]
 
 
 class _Found(NamedTuple):
-    """Corrections, and the estimate with them."""
+    """Corrections, and the estimate with them; the standard error of the logarithm of a free gain."""
 
     corrections: Corrections
     likelihood: Likelihood
     fit: Fit
     value: float
+    spread: float = 0.0
 
 
 def instrument_mistakes(likelihood: Likelihood, etas: Sequence[Array]) -> list[str]:
@@ -113,6 +123,8 @@ def instrument_mistakes(likelihood: Likelihood, etas: Sequence[Array]) -> list[s
     best = min(found, key=lambda one: one.value, default=None)
     if best is None or not _explains(plain, best, before):
         best = _from_common_mistakes(likelihood, plain, etas[-1])
+    if best is None or not _explains(plain, best, before):
+        best = _from_free_gains(likelihood, plain, etas[0])
     return list(_sentences(plain, best)) if best is not None and _explains(plain, best, before) else []
 
 
@@ -181,6 +193,71 @@ def _from_common_mistakes(likelihood: Likelihood, plain: Likelihood, eta: Array)
             continue
     best = min(found, key=lambda one: one.value, default=None)
     return None if best is None else _search(likelihood, plain, best.fit.eta, best.corrections)
+
+
+def _from_free_gains(likelihood: Likelihood, plain: Likelihood, eta: Array) -> _Found | None:
+    """Return the likeliest gain of the channel whose gain explains most; None where it may be 1."""
+    places = [(k, c) for k, one in enumerate(plain.records) for c in range(len(one.channels))]
+    size = sum(record.data.values.size for record in plain.records) * max(1, plain.records[0].nuisances)
+    if size * len(places) > _MOST_WORK_OF_GAINS:
+        return None
+    found: list[tuple[tuple[int, int], float, _Found]] = []
+    for place in places:
+        with suppress(DynidError, ArithmeticError, np.linalg.LinAlgError):
+            bounds = -_MOST_LOG_GAIN, _MOST_LOG_GAIN
+            found.append((place, *_likeliest_gain(likelihood, plain, place, eta, bounds, _ROUGH)))
+    if not found:
+        return None
+    place, log, best = min(found, key=lambda one: one[2].value)
+    none = [[_NONE] * len(record.channels) for record in plain.records]
+    try:
+        around = log - _AROUND, log + _AROUND
+        log, best = _likeliest_gain(likelihood, plain, place, best.fit.eta, around, _FINE)
+        one = [_estimated(likelihood, plain, none, start, _STEPS).value for start in (eta, best.fit.eta)]
+        beside = [_at_gain(likelihood, plain, place, log + step, best.fit.eta).value for step in _BESIDE]
+    except (DynidError, ArithmeticError, np.linalg.LinAlgError):
+        return None
+    # The likelihood ratio of the gain and 1, the parameters estimated with either.
+    if not min(one) - best.value > _LEAST_GAIN + _GAIN_EACH:
+        return None
+    curvature = (sum(beside) - 2 * best.value) / _BESIDE[0] ** 2
+    return best._replace(spread=1 / math.sqrt(curvature)) if curvature > 0 else None
+
+
+def _at_gain(
+    likelihood: Likelihood, plain: Likelihood, place: tuple[int, int], log: float, eta: Array
+) -> _Found:
+    """Return the estimate with a gain of this logarithm in one channel."""
+    corrections = [[_NONE] * len(record.channels) for record in plain.records]
+    corrections[place[0]][place[1]] = Correction(math.exp(log))
+    return _estimated(likelihood, plain, corrections, eta, _FEW_STEPS)
+
+
+def _likeliest_gain(
+    likelihood: Likelihood,
+    plain: Likelihood,
+    place: tuple[int, int],
+    eta: Array,
+    bounds: tuple[float, float],
+    effort: tuple[float, int],
+) -> tuple[float, _Found]:
+    """Return the logarithm of the likeliest gain of a channel, with the estimate that belongs to it.
+
+    The parameters are estimated anew for every gain, so that they take of it what they can.
+    """
+    from scipy.optimize import minimize_scalar
+
+    found: dict[float, _Found] = {}
+
+    def value(log: float) -> float:
+        near = found[min(found, key=lambda other: abs(other - log))].fit.eta if found else eta
+        found[log] = _at_gain(likelihood, plain, place, log, near)
+        return found[log].value
+
+    tolerance, most = effort
+    options: Any = {"xatol": tolerance, "maxiter": most}
+    minimize_scalar(value, bounds=bounds, method="bounded", options=options)
+    return min(found.items(), key=lambda one: one[1].value)
 
 
 def _exchanges(plain: Likelihood) -> list[Corrections]:
@@ -309,7 +386,8 @@ def _sentences(plain: Likelihood, found: _Found) -> Iterator[str]:
             continue
         parts = []
         if one.factor != 1:
-            parts.append(f"{one.factor:.6g} times the model")
+            error = f" ± {one.factor * found.spread:.1g}" if found.spread else ""
+            parts.append(f"{one.factor:.{4 if error else 6}g}{error} times the model")
         if one.delay:
             early = "later" if one.delay > 0 else "earlier"
             count = abs(one.delay)
@@ -331,6 +409,11 @@ def _remedy(one: Correction, step: float, whole: bool) -> str:
         hints.append("recorded in g (unit: g)?")
     elif size == GRAVITY:
         hints.append("recorded in m/s2, and taken for g?")
+    elif size not in np.abs(_FACTORS):
+        hints.append(
+            "a sensor out of calibration? To estimate its gain, state gain: NAME in its channel, and "
+            f"parameters: {{NAME: {{start: {one.factor:.4g}}}}}."
+        )
     elif size != 1:
         hints.append("a unit that is a thousand times another one (unit)?")
     if one.delay:
