@@ -72,6 +72,25 @@ def test_poles_with_delays_stand_below_the_loops():
     assert "  poles with delays: 2.962 ± 18.94j, " in text
 
 
+def test_what_is_computed_from_approximants_is_marked_on_the_screen():
+    """Order 3 with one delay of order 6; margins, gains and responses have the delay as it is."""
+    wanted = "[transfer_function, zeros, poles, properties, step_info, bandwidth, state_space, sensitivities]"
+    asked = f"analysis: {{outputs: [shaft.q], inputs: [target], results: {wanted}}}"
+    text = SERVO.replace("analysis: {outputs: [shaft.q]}", asked)
+    late = screen(text.replace("CONTROLLER", "{gain: 4, delay: 0.002}"))
+    marked = [line.strip().partition(" ")[0] for line in late.splitlines() if "(approximate)" in line]
+    first = ["zeros", "poles", "order"]
+    assert [word for word in marked if word in first] == first
+    assert "    order 9 (approximate) · relative degree 3 · T(0) = 0.25 rad/V · " in late
+    steps, band = (late.partition(f"    {name}: ")[2] for name in ("step response", "bandwidth"))
+    assert " (approximate)\n    bandwidth: " in steps
+    assert " (approximate)\n    a parameter larger by 1 % moves (approximate)\n" in band
+    assert "  state equations (approximate)\n" in late
+    for name in ("margin ", "poles with delays"):
+        assert not [line for line in late.splitlines() if name in line and "approx" in line]
+    assert "approx" not in screen(text.replace("CONTROLLER", "{gain: 4}"))
+
+
 @pytest.mark.parametrize(("most", "left"), [(1, "      … 1 more slope in the file\n"), (2, "")])
 def test_the_operating_point_and_its_slopes_are_listed(most, left, monkeypatch):
     monkeypatch.setattr("dynid.cli.summary.bond_graph._MOST", most)

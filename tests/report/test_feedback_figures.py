@@ -41,6 +41,33 @@ def test_a_loop_without_feedback_is_drawn():
     assert table.rows[0] == ("F.e -> u", "∞", "∞", "∞", "1", "0", "stable")
 
 
+@pytest.mark.parametrize("controller", ["{gain: 2, delay: 0.1}", "{gain: 2}"])
+def test_captions_and_tables_mark_what_is_computed_from_approximants(controller):
+    wanted = "[transfer_function, zeros, poles, properties, step_info, state_space, source_performance, "
+    wanted += "frequency_response]"
+    more = f"results: {wanted}, port: j -> b, frequency: {{start: 0.5, stop: 50, points: 9}}"
+    text = SCENE.replace("results: [properties]", more).replace("CONTROLLER", controller)
+    result = dynid.run(check_source(parse_source(text, "scene.yaml")))
+    pictures = {figure.name: figure.draw() for figure in figures(result)}
+    late = "delay" in controller
+    rational = {"poles-J.f-r", "root-locus-loop-1", "port-dynamics", "equivalent-source", "port-impedances"}
+    exact = {"bode", "nyquist", "loop-nyquist", "sensitivity-functions", "performance"}
+    assert rational | exact <= pictures.keys()
+    for name in rational:
+        assert ("Delays are Padé approximants of order 6." in pictures[name].caption) == late
+    assert not any("Padé" in pictures[name].caption for name in exact)
+    assert pictures["poles-J.f-r"].table.columns[0] == ("root (approximate)" if late else "root")
+    sections = {section.title: section for section in content(result).sections}
+    mark = " (approximate)" if late else ""
+    assert {f"Port j -> b{mark}", f"Sources{mark}", f"State equations{mark}"} <= sections.keys()
+    assert ("Delays" in sections) == late
+    (channel,) = sections["J.f / r"].blocks
+    items = dict(channel.items)
+    for name in ("zeros", "poles", "step response"):
+        assert items[name][0].endswith(" (approximate)") == late
+    assert items["properties"][0].startswith(f"order {7 if late else 1}{mark} · relative degree 1 · T(0) ")
+
+
 @pytest.mark.parametrize("controller", ["{gain: 2, delay: 0.1}", "{pid: {kp: 2, ki: 5}}"])
 def test_a_loop_is_drawn(controller):
     result, pictures = drawn(controller)

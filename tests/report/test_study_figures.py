@@ -5,6 +5,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
+from dynid.cli.summary import summary
 from dynid.report import figures
 from dynid.report.figure import leading
 from dynid.result import Result
@@ -78,6 +79,9 @@ def test_poles_over_one_parameter_are_a_root_locus():
     figure = drawn(result)["root-locus-y-u"]
     assert [complex(row[2], row[3]) for row in figure.table.rows] == poles.ravel().tolist()
     assert well_laid_out(figure.svg) == []
+    result["study/results/bond_graph/transfer_function/y/u/poles"].attrs["approximate"] = "order 6"
+    assert drawn(result)["root-locus-y-u"].caption == f"{figure.caption} Order 6."
+    assert "  approximate, order 6: poles\n" in f"{summary(result, '')}\n"
 
 
 def test_a_study_without_results_has_no_figures():

@@ -318,6 +318,8 @@ def test_what_is_approximate_is_marked_and_verdicts_are_true():
         assert np.abs(result[f"{root}/poles"].data - pole).min() < 1e-9
     locus = "bond_graph/root_locus/loop_2"
     assert "Padé" in result.group_attrs[locus]["approximate"]
+    for name in ("poles", "zeros"):
+        assert "Padé" in result[f"{locus}/{name}"].attrs["approximate"]
     at_one = np.abs(result[f"{locus}/gain"].data - 1).argmin()
     found = np.sort_complex(result[f"{locus}/poles"].data[at_one])
     np.testing.assert_allclose(found, np.sort_complex(result[f"{root}/poles"].data), rtol=1e-6)

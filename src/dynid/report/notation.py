@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,7 @@ from dynid.number_format import unit_text
 from dynid.report.svg import TITLE, Svg, number, plain, text_width
 
 if TYPE_CHECKING:
-    from dynid.result import Result
+    from dynid.result import Result, Scalar
     from dynid.scene.schema.raw import FrequencyUnit
 
 
@@ -42,6 +42,12 @@ def labelled(name: str, units: str = "") -> str:
 def frequency_label(unit: FrequencyUnit) -> str:
     """Return the label of an axis of frequencies."""
     return f"{'frequency' if unit.name == 'Hz' else 'angular frequency'} ({unit.name})"
+
+
+def approximation(attrs: Mapping[str, Scalar]) -> str:
+    """Return the sentence of a caption on the delays of an array or group, after a space; empty if exact."""
+    text = str(attrs.get("approximate", ""))
+    return f" {text[0].upper()}{text[1:]}." if text else ""
 
 
 def in_decibels(name: str, units: str = "") -> str:

@@ -159,15 +159,14 @@ def _add_locus(result: Result, group: str, name: str, above: QuasiPolynomial, be
         polynomial = bottom * of + top * share
         values = [complex(root) for root, count in polynomial.complex_roots() for _ in range(count)]
         poles[place] = _following(poles[place - 1] if place else None, values, degree)
-    result.annotate(group, loop=name)
-    if not (above.is_rational and below.is_rational):
-        result.annotate(group, approximate=approximation())
+    late = {} if above.is_rational and below.is_rational else {"approximate": approximation()}
+    result.annotate(group, loop=name, **late)
     result.add_axis(f"{group}/gain", gains)
     result.add_axis(f"{group}/branch", np.arange(1, degree + 1))
-    result.add(f"{group}/poles", poles, ("gain", "branch"), "rad/s")
+    result.add(f"{group}/poles", poles, ("gain", "branch"), "rad/s", **late)
     zeros = [complex(root) for root, count in top.complex_roots() for _ in range(count)]
     result.add_axis(f"{group}/zero", np.arange(1, len(zeros) + 1))
-    result.add(f"{group}/zeros", np.array(zeros, dtype=complex), ("zero",), "rad/s")
+    result.add(f"{group}/zeros", np.array(zeros, dtype=complex), ("zero",), "rad/s", **late)
 
 
 def _gains(top: Any, bottom: Any) -> NDArray[np.float64]:
@@ -215,11 +214,14 @@ _TRUE = tuple(
     f"bond_graph/{name}/"
     for name in (
         *("frequency_response", "frequency_peaks", "margins", "sensitivity_functions", "root_locus"),
-        *("operating_point", "need"),
+        *("operating_point", "need", "port/performance"),
     )
 )
 #: Arrays and verdicts of channels that approximants do not change, or that are replaced by the true ones.
-_EXACT = ("/stable", "/stability", "/dc_gain", "/output", "/input", "/warnings", "/approximations")
+_EXACT = (
+    *("/stable", "/stability", "/dc_gain", "/output", "/input", "/warnings", "/approximations"),
+    *("/final_value", "/parameter", "/value", "/dc_gain_sensitivity", "/dc_gain_sensitivity_relative"),
+)
 
 
 def with_delays(result: Result, analysis: Analysis) -> Result:

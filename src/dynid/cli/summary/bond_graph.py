@@ -20,7 +20,13 @@ from dynid.report.content.bond_graph import (
 )
 from dynid.report.content.design import DESIGN, parameter_table, statements, target_table
 from dynid.report.content.synthesis import elements, form_table, forms, kind_text, wanted
-from dynid.report.content.transfer_functions import energy_lines, source_lines
+from dynid.report.content.transfer_functions import (
+    approximate,
+    delays_text,
+    energy_lines,
+    source_lines,
+    sources_title,
+)
 from dynid.report.scenes import in_hertz
 from dynid.result import Result
 
@@ -63,7 +69,7 @@ def _about(result: Result) -> Iterable[str]:
             yield from (f"    {line}" for line in wrapped(str(about["engine_limits"]), 100))
     if about.get("reading") == "binary":
         yield "  every value is read as the double nearest to it (reading: binary)"
-    texts = [str(about["delays"])] if about.get("delays") else []
+    texts = [delays] if (delays := delays_text(result)) else []
     for name, head in (("approximations", ""), ("warnings", "warning: ")):
         if f"bond_graph/{name}" in result:
             texts += [f"{head}{text}" for text in result[f"bond_graph/{name}"].data]
@@ -103,7 +109,10 @@ def _operating_point(result: Result) -> Iterable[str]:
 
 def _energy(result: Result) -> Iterable[str]:
     """Yield where the modes have their energy, and what the sources give."""
-    for title, rows in (("modes", energy_lines(result)), ("sources", source_lines(result))):
+    for title, rows in (
+        ("modes", energy_lines(result)),
+        (sources_title(result, "sources"), source_lines(result)),
+    ):
         texts = [f"{name}: {text}" for name, text in rows]
         if texts:
             yield f"  {title}"
@@ -150,7 +159,8 @@ def _port(result: Result) -> Iterable[str]:
     items = dict(port_items(result, _LONGEST))
     if not items:
         return
-    yield f"  port {result.group_attrs[PORT]['bond']}: prototype {items.pop('prototype')[0]}"
+    about = approximate(result, f"{PORT}/prototype")
+    yield f"  port {result.group_attrs[PORT]['bond']}{about}: prototype {items.pop('prototype')[0]}"
     yield from (f"      {line}" for line in wrapped(items.pop("type")[0], 92))
     for name, lines in items.items():
         parts = wrapped(lines[0], 92 - _WIDTH) if name == "loop" else lines

@@ -11,6 +11,7 @@ from dynid.cli.summary.common import aligned, paragraph
 from dynid.number_format import counted
 from dynid.report.content.study import (
     COLUMNS,
+    approximate_texts,
     constant_text,
     display_name,
     first_samples,
@@ -87,6 +88,8 @@ def _statistics(table: StudyTable, shown: list[tuple[str, StudyColumn]], hidden:
     if rows:
         yield from _under_groups(rows)
         yield "    (samples count from 0)"
+    for text in approximate_texts(table):
+        yield from paragraph(text)
     for path, shares in text_shares(table):
         group, last = split_name(path)
         if shares.endswith(" 100 %"):

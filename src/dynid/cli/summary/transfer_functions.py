@@ -11,6 +11,7 @@ from dynid.number_format import MOST_ROOTS, counted, limit, root_text, roots_tex
 from dynid.report.content.transfer_functions import (
     POLE,
     Channel,
+    approximate,
     channel_unit,
     channels,
     characteristics,
@@ -54,6 +55,8 @@ def channel_lines(result: Result) -> Iterable[str]:
         formula = symbolic_text(result, group)
         if formula and written != ["0"] and (len(every) == 1 or len(formula) < _LONGEST):
             written.append(formula if len(formula) < _LONGEST else "(its formula is in the file)")
+        if written:
+            written[-1] += approximate(result, f"{group}/denominator", f"{group}/gain")
         for place, text in enumerate(written):
             yield from _hanging(f"    {'T(s)' if place == 0 else '    '} = ", text)
         if f"{group}/program" in result:
@@ -85,7 +88,8 @@ def _table(result: Result, several: list[Channel]) -> Iterable[str]:
     if not all(f"{group}/order" in result for group in groups):
         yield f"  … {counted(len(several), 'more channel')} in the file"
         return
-    rows = [["", "order", "relative degree", "T(0)", "T(∞)", "zeros", "poles"]]
+    about = approximate(result, *(f"{group}/order" for group in groups))
+    rows = [["", f"order{about}", "relative degree", "T(0)", "T(∞)", f"zeros{about}", "poles"]]
     for (output, source), group in zip(several[:_ROWS], groups, strict=False):
         numbers = (limit(result.value(f"{group}/{name}")) for name in _NUMBERS)
         # The verdict alone, without its reason after the colon.
@@ -118,7 +122,7 @@ def _roots(
     text = str(result[path].data) if path in result else ""
     reasons = [f"            {line}" for line in wrapped(text, 92)]
     if roots is not None:
-        about = " (approximate)" if "approximate" in roots.attrs else ""
+        about = approximate(result, f"bond_graph/transfer_function/{output}/{source}/{name}")
         yield from _hanging(f"    {name}   ", roots_text(roots.data, hertz=hertz) + about)
         yield from reasons
     elif path in result:
@@ -132,6 +136,7 @@ def _properties(result: Result, output: str, source: str) -> Iterable[str]:
     if f"{group}/order" in result:
         unit = channel_unit(result, output, source)
         order, relative, dc, high = (limit(result.value(f"{group}/{name}")) for name in _NUMBERS)
+        order += approximate(result, f"{group}/order")
         yield f"    order {order} · relative degree {relative} · T(0) = {dc}{unit} · T(∞) = {high}{unit}"
     for title, text in characteristics(result, output, source):
         yield from _hanging(f"    {title}: ", text, indent=12)
@@ -139,7 +144,8 @@ def _properties(result: Result, output: str, source: str) -> Iterable[str]:
     if hidden is None or not len(hidden.data):
         return
     head = "    hidden modes (uncontrollable or unobservable in this channel)  "
-    yield from _hanging(head, roots_text(hidden.data, hertz=hertz), indent=12)
+    text = roots_text(hidden.data, hertz=hertz) + approximate(result, f"{group}/hidden_modes")
+    yield from _hanging(head, text, indent=12)
     note = str(result.group_attrs.get(group, {}).get("hidden_mode_note", ""))
     yield from (f"            {line}" for line in wrapped(note, 92))
     if f"{group}/hidden_mode_cause" not in result:
@@ -178,7 +184,7 @@ def _sensitivities(
     every = sensitivity_columns(result, group, only=only, without=without)
     if not every:
         return
-    yield "    a parameter larger by 1 % moves"
+    yield f"    a parameter larger by 1 % moves{approximate(result, f'{group}/poles')}"
     shown = every[:_ROOTS]
     names = result[f"{group}/parameter"].data
     weight = influence(every)
@@ -301,7 +307,7 @@ def equation_lines(result: Result, group: str) -> Iterable[str]:
         if f"{group}/{name}" in result
         for line in result[f"{group}/{name}"].data
     ]
-    yield "  state equations"
+    yield f"  state equations{approximate(result, f'{group}/A')}"
     if len(lines) > _STATES:
         yield f"    {len(lines)} lines, in the file"
     else:

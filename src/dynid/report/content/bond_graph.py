@@ -19,7 +19,13 @@ from dynid.report.content.blocks import (
     more,
 )
 from dynid.report.content.design import design_sections
-from dynid.report.content.transfer_functions import channel_sections, energy_lines, source_lines
+from dynid.report.content.transfer_functions import (
+    approximate,
+    channel_sections,
+    energy_lines,
+    source_lines,
+    sources_title,
+)
 from dynid.report.scenes import frequency_unit, in_hertz
 from dynid.result import Result
 
@@ -60,12 +66,15 @@ def sections(result: Result) -> Iterator[ReportSection]:
     yield from design_sections(result)
     yield from channel_sections(result)
     yield from _loops(result)
-    for title, rows in (("Energy of the modes", energy_lines(result)), ("Sources", source_lines(result))):
+    for title, rows in (
+        ("Energy of the modes", energy_lines(result)),
+        (sources_title(result, "Sources"), source_lines(result)),
+    ):
         if named := [(name, (text,)) for name, text in rows]:
             yield ReportSection(title, (definitions(*named),))
     if items := list(port_items(result, _LONGEST)):
         answer = [item for item in items if item[0] in ("prototype", "source", "load", "natural modes")]
-        title = f"Port {result.group_attrs[PORT]['bond']}"
+        title = f"Port {result.group_attrs[PORT]['bond']}{approximate(result, f'{PORT}/prototype')}"
         yield ReportSection(title, (definitions(*answer),), "answer")
         yield ReportSection(f"{title} in full", (definitions(*items),))
     if f"{_REDUCTION}/output" in result:
@@ -77,7 +86,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
     lines = [str(line) for name in names for line in result[f"{group}/{name}"].data]
     if lines:
         blocks: tuple[Block, ...] = (_formulas(lines[:_STEPS]), *more(len(lines), _STEPS, "line"))
-        yield ReportSection("State equations", blocks, "derivation")
+        yield ReportSection(f"State equations{approximate(result, f'{group}/A')}", blocks, "derivation")
     about, graph = result.group_attrs.get("bond_graph", {}), list[Block]()
     if "nodes" in about:
         size = f"{counted(int(about['nodes']), 'node')}, {counted(int(about['bonds']), 'bond')}"

@@ -71,7 +71,8 @@ def sections(result: Result) -> Iterator[ReportSection]:
     ]
     few = not numbers or len(items) <= _FEW  # else they would push the figures down
     if numbers or items:
-        blocks = [TextTable(("", *COLUMNS), tuple(numbers))] if numbers else []
+        blocks: list[Block] = [TextTable(("", *COLUMNS), tuple(numbers))] if numbers else []
+        blocks += map(Statement, approximate_texts(table))
         yield ReportSection(
             "Statistics", (*blocks, *([definitions(*items)] if items and few else [])), "answer"
         )
@@ -88,6 +89,15 @@ def sections(result: Result) -> Iterator[ReportSection]:
     sources, notes = variance_sources(table, shown, _RANKED)
     if sources:
         yield ReportSection("Sources of the variance", (definitions(*sources), *map(Statement, notes)))
+
+
+def approximate_texts(table: StudyTable) -> list[str]:
+    """Return which outputs are approximate, and why."""
+    names: dict[str, list[str]] = {}
+    for path in filter(table.is_number, table.paths):
+        if reason := str(table.variable(path).attrs.get("approximate", "")):
+            names.setdefault(reason, []).append(path.rpartition("/")[2])
+    return [f"approximate, {reason}: {', '.join(dict.fromkeys(found))}" for reason, found in names.items()]
 
 
 def status_text(table: StudyTable) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.number_format import MOST_ROOTS, limit, root_text, roots_text, unit_text
-from dynid.report.content.blocks import Block, ReportSection, TextTable, definitions, more
+from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable, definitions, more
 from dynid.report.scenes import in_hertz
 from dynid.result import Result
 
@@ -62,6 +62,17 @@ def channel_unit(result: Result, output: str, source: str) -> str:
     return f" {unit_text(unit)}".rstrip()
 
 
+def approximate(result: Result, *paths: str) -> str:
+    """Return the mark of what is computed from approximants of delays: empty unless an array says so."""
+    found = (result[path].attrs for path in paths if path in result)
+    return " (approximate)" if any("approximate" in attrs for attrs in found) else ""
+
+
+def delays_text(result: Result) -> str:
+    """Return what is approximate in a graph with delays, and what is not; empty without delays."""
+    return str(result.group_attrs.get("bond_graph", {}).get("delays", ""))
+
+
 def symbolic_text(result: Result, group: str) -> str:
     """Return the formula of a group with powers as in print, s^2; empty where no symbols were kept."""
     return str(result.group_attrs.get(group, {}).get("symbolic", "")).replace("**", "^")
@@ -103,6 +114,8 @@ def channel_sections(result: Result) -> Iterator[ReportSection]:
     """Yield the common poles of all channels, the first channels in full, and a table of the others."""
     every = channels(result)
     common = len(every) > 1 and same_poles(result, every)
+    if every and (delays := delays_text(result)):
+        yield ReportSection("Delays", (Statement(f"{delays[0].upper()}{delays[1:]}."),), "answer")
     if common:
         yield ReportSection("Every channel", (definitions(*_poles(result, *every[0])),), "answer")
         if moved := tuple(_sensitivities(result, first_sensitivities(result, every), only=POLE)):
@@ -138,7 +151,9 @@ def _channel_table(
         }
         unit = channel_unit(result, output, source)
         found = [
-            _few_roots(result[f"{roots}/{name}"].data, hertz) if f"{roots}/{name}" in result else ""
+            _few_roots(result[f"{roots}/{name}"].data, hertz) + approximate(result, f"{roots}/{name}")
+            if f"{roots}/{name}" in result
+            else ""
             for name in ("zeros", *(["poles"] if poles else []))
         ]
         numbers = [
@@ -168,6 +183,8 @@ def _channel_items(result: Result, output: str, source: str, *, poles: bool) -> 
     formulas = [*numeric_forms(result, group)]
     if symbolic := symbolic_text(result, group):
         formulas.append(symbolic if len(symbolic) < _LONGEST else "its formula is in the file")
+    if formulas:
+        formulas[-1] += approximate(result, f"{group}/denominator", f"{group}/gain")
     if f"{group}/program" in result:
         lines = str(result.value(f"{group}/program")).splitlines()
         formulas += lines[:MOST_ROOTS]
@@ -181,7 +198,7 @@ def _channel_items(result: Result, output: str, source: str, *, poles: bool) -> 
     numbers = (
         f"{title} = {limit(result.value(f'{group}/{name}'))}{unit}"
         if title.startswith("T")
-        else f"{title} {limit(result.value(f'{group}/{name}'))}"
+        else f"{title} {limit(result.value(f'{group}/{name}'))}{approximate(result, f'{group}/{name}')}"
         for name, title in _NUMBERS.items()
         if f"{group}/{name}" in result
     )
@@ -190,7 +207,9 @@ def _channel_items(result: Result, output: str, source: str, *, poles: bool) -> 
     hidden = result.get(f"{group}/hidden_modes")
     if hidden is not None and len(hidden.data):
         hertz = in_hertz(result)
-        modes = [f"{roots_text(hidden.data, hertz=hertz)} (uncontrollable or unobservable in this channel)"]
+        about = approximate(result, f"{group}/hidden_modes")
+        where = "uncontrollable or unobservable in this channel"
+        modes = [f"{roots_text(hidden.data, hertz=hertz)}{about} ({where})"]
         if f"{group}/hidden_mode_cause" in result:
             causes, elements = (result[f"{group}/hidden_mode_{part}"].data for part in ("cause", "elements"))
             upper = [place for place, root in enumerate(hidden.data) if root.imag >= 0]
@@ -208,8 +227,7 @@ def _roots(
     """Yield the roots and the verdict on their stability."""
     path = f"bond_graph/transfer_function/{output}/{source}/{name}"
     if path in result:
-        about = " (approximate)" if "approximate" in result[path].attrs else ""
-        yield roots_text(result[path].data, hertz=hertz) + about
+        yield roots_text(result[path].data, hertz=hertz) + approximate(result, path)
     path = f"bond_graph/properties/{output}/{source}/{verdict}"
     if path in result:
         yield str(result.value(path))
@@ -254,7 +272,8 @@ def _sensitivities(
     )
     if rows:
         heads = ("", *(title for title, _ in shown))
-        yield TextTable(heads, rows, caption="Changes if a parameter is larger by 1 %")
+        caption = f"Changes if a parameter is larger by 1 %{approximate(result, f'{group}/poles')}"
+        yield TextTable(heads, rows, caption=caption)
         yield from more(len(every), _COLUMNS, "column")
 
 
@@ -337,8 +356,7 @@ def characteristics(result: Result, output: str, source: str) -> Iterator[Line]:
         if "peak" in get:
             when = "" if math.isinf(get.number("peak_time")) else f" at {get['peak_time']} s"
             parts.append(f"peak {get['peak']}{when}")
-        status = str(result.value(f"{group}/step_status"))
-        yield "step response", " · ".join([*parts, *([] if status == "defined" else [status])])
+        yield "step response", _defined(result, f"{group}/step_status", parts)
     if f"{group}/bandwidth_status" in result:
         parts = []
         if "bandwidth" in get:
@@ -350,8 +368,14 @@ def characteristics(result: Result, output: str, source: str) -> Iterator[Line]:
             at = get.number("peak_frequency")
             where = "at high frequencies" if math.isinf(at) else f"at {frequency(result, at)}"
             parts.append(f"largest |T| {get['peak_gain']} {where}")
-        status = str(result.value(f"{group}/bandwidth_status"))
-        yield "bandwidth", " · ".join([*parts, *([] if status == "defined" else [status])])
+        yield "bandwidth", _defined(result, f"{group}/bandwidth_status", parts)
+
+
+def _defined(result: Result, status: str, parts: list[str]) -> str:
+    """Return characteristics, marked where they are approximate, and why others are not defined."""
+    reason = str(result.value(status))
+    found = [" · ".join(parts) + approximate(result, status)] if parts else []
+    return " · ".join([*found, *([] if reason == "defined" else [reason])])
 
 
 class _Values:
@@ -398,6 +422,11 @@ def _shares(names: Any, shares: Any) -> str:
     order = [int(k) for k in np.argsort(-shares, kind="stable") if shares[k] >= _LEAST]
     parts = [f"{names[k]} {100 * shares[k]:.3g} %" for k in order[:_ELEMENTS]]
     return ", ".join(parts) + (", …" if len(order) > _ELEMENTS else "")
+
+
+def sources_title(result: Result, title: str) -> str:
+    """Return the title of what sources give, marked where that is approximate."""
+    return title + approximate(result, f"{_SOURCES}/omega")
 
 
 def source_lines(result: Result) -> Iterator[Line]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dynid.number_format import counted
 from dynid.report.diagrams.responses import ROW, decibels, frequencies, rounded_locus
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture, evenly_spaced, table_of
-from dynid.report.notation import frequency_label, short
+from dynid.report.notation import approximation, frequency_label, short
 from dynid.report.plot import (
     Annotation,
     Curve,
@@ -113,13 +113,23 @@ def _map_picture(result: Result, group: str, name: str, title: str) -> Picture:
         drawn = any(isinstance(layer, Curve) and layer.cls == "s3 fine" for layer in maps[0].layers)
         where = "drawn as discs" if drawn else "too small to be seen, listed in the table"
         certified = f" Certified error bounds, at most {short(float(known.max()), 2)} rad/s: {where}."
-    about = f"{counts}; dashed: constant damping ratio; circles: constant natural frequency.{certified}"
+    late = approximation(result.group_attrs.get(group, {}))
+    if late and certified:
+        certified += " They bound the errors of the roots of the approximants."
+    grid = "dashed: constant damping ratio; circles: constant natural frequency"
+    about = f"{counts}; {grid}.{late}{certified}"
     if not all(plot.square for plot in maps):
         about += " Real and imaginary parts have different scales."
     legend = [LegendEntry(f"{what}s", *_SYMBOLS[what]) for what, values, _ in kinds if len(values)]
     width = 480.0 if len(maps) == 1 else 860.0
     svg = chart(name, title, [maps], about, width=width, height=360.0, legend=legend)
-    columns = ("root", *AXES, f"{unit.symbol}_n ({unit.name})", "ζ", "error bound (rad/s)")
+    columns = (
+        f"root{' (approximate)' if late else ''}",
+        *AXES,
+        f"{unit.symbol}_n ({unit.name})",
+        "ζ",
+        "error bound (rad/s)",
+    )
     return Picture(svg, about, FigureTable(columns, rows))
 
 
@@ -203,11 +213,13 @@ def _locus_picture(
     drawn = order[evenly_spaced(len(order), POINTS)]
     layers: list[Layer] = [ReferenceLine(0.0, "", "frame"), ReferenceLine(0.0, "", "frame", upright=True)]
     rows: list[tuple[CellValue, ...]] = []
+    note = ""
     for what, symbol, cls in (("poles", "x", "s1"), ("zeros", "ring", "s2")):
         path = f"{group}/{what}"
         if path not in numbers.table.paths:
             continue
-        roots = numbers.table.variable(path).data[drawn]  # samples x roots
+        variable = numbers.table.variable(path)
+        note, roots = approximation(variable.attrs), variable.data[drawn]  # samples x roots
         kept = np.isfinite(roots)
         values, opacity = (
             np.broadcast_to(column[:, None], roots.shape)[kept].tolist()
@@ -221,7 +233,9 @@ def _locus_picture(
         layers.append(Markers(roots.real, roots.imag, what, cls, symbol, 3.5, tips, opacity))
         rows += zip(values, [what[:-1]] * len(tips), roots.real.tolist(), roots.imag.tolist(), strict=True)
     ends = parameter.values[order[[0, -1]]]
-    about = f"{parameter.path} from {short(float(ends[0]))} (faint) to {short(float(ends[1]))} (opaque)."
+    about = (
+        f"{parameter.path} from {short(float(ends[0]))} (faint) to {short(float(ends[1]))} (opaque).{note}"
+    )
     plot = Subplot(PlotAxis(AXES[0]), PlotAxis(AXES[1]), layers, square=True)
     svg = chart(name, title, [[plot]], about, width=560.0, height=420.0)
     return Picture(svg, about, FigureTable((parameter.label, "root", *AXES), tuple(rows[:1000])))
@@ -334,8 +348,7 @@ def _root_locus(result: Result, group: str, name: str, title: str) -> Picture:
         tips = [f"{short(r.real)} {'−+'[r.imag >= 0]} {short(abs(r.imag))}j" for r in inside.tolist()]
         layers.append(Markers(inside.real, inside.imag, what, cls, symbol, 4.5, tips))
     across, up = (PlotAxis(label, low=-reach, high=reach) for label in AXES)
-    approximate = str(result.group_attrs[group].get("approximate", ""))
-    note = f" {approximate[:1].upper()}{approximate[1:]}." if approximate else ""
+    note = approximation(result.group_attrs[group])
     span = f"{short(float(gains[1]))} to {short(float(gains[-1]))}"
     about = f"{counted(poles.shape[1], 'pole')} over a factor on the gain of the loop, from {span}.{note}"
     plot = Subplot(across, up, layers, square=True, parameter=frequency_label(unit), per_y=unit.factor)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynid.report.content.design import DESIGN
 from dynid.report.content.modes import DERIVED, is_requested
 from dynid.report.figure import Figure, Picture, table_of
-from dynid.report.notation import frequency_label, in_decibels, labelled, short
+from dynid.report.notation import approximation, frequency_label, in_decibels, labelled, short
 from dynid.report.plot import BandLayer, Curve, Layer, Markers, PlotAxis, Subplot, chart, series_class
 from dynid.report.scenes import frequency_unit, peak_responses
 from dynid.result import common_unit
@@ -102,7 +102,9 @@ def figures(result: Result) -> Iterator[Figure]:
             if f"{group}/{side}_Z_eq" in result
         ]
         if found:
-            title, about = "Impedances at the port", "Impedances of source and load, as seen from the port."
+            title = "Impedances at the port"
+            late = approximation(found[0][1].attrs)
+            about = f"Impedances of source and load, as seen from the port.{late}"
             shown = [(name, variable.data) for name, variable in found]
             draw = partial(_bode, "port-impedances", title, about, at, shown, found[0][1].units, "impedance")
             yield Figure("port-impedances", title, draw)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from dynid.report.drawing.render import Panel, draw_panels
 from dynid.report.drawing.sketch import Sketch, SketchBond, SketchNode, TextLine
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture
-from dynid.report.notation import draw_formula, labelled, raised, short, typeset
+from dynid.report.notation import approximation, draw_formula, labelled, raised, short, typeset
 from dynid.report.plot import Curve, Markers, PlotAxis, Subplot, chart
 from dynid.report.svg import Point, Svg
 
@@ -250,7 +250,10 @@ def _dynamics(result: Result) -> Picture:
         text += f"; {in_unicode(roots[what])} = 0" if roots[what] else ""
         panels.append(Panel.of_sketch(heading, "", text, sketch))
     title = "Path and free motion at the port"
-    about = f"Prototype {letter}: the path of the source is highlighted; without it, A and B move freely."
+    late = approximation(result[f"{PORT}/prototype"].attrs)
+    about = (
+        f"Prototype {letter}: the path of the source is highlighted; without it, A and B move freely.{late}"
+    )
     svg = Svg("port-dynamics", title, about)
     size = draw_panels(svg, panels)
     rows = [(f"{what} dynamics", equations[what], roots[what]) for what in ("zero", "pole")]
@@ -299,7 +302,8 @@ def _equivalents(result: Result, side: str, title: str) -> Picture:
             bonds.insert(0, SketchBond("source", "junction", "tail" if flow else "head"))
         sketch = Sketch(tuple(nodes), tuple(bonds), "source" if active else "own", "other")
         panels.append(Panel.of_sketch(heading, "", text, sketch))
-    about = f"Either one replaces the {side} side without changing the power through the port."
+    late = approximation(result[f"{here}/Z_eq/exact"].attrs)
+    about = f"Either one replaces the {side} side without changing the power through the port.{late}"
     svg = Svg(f"equivalent-{side}", title, about)
     size = draw_panels(svg, panels)
     rows = [(name, "", text) for name, text in texts.items()]
