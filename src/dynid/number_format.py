@@ -71,6 +71,11 @@ def significant(value: float, digits: int) -> str:
     return text.removesuffix(".")
 
 
+def general(value: float, digits: int = 4) -> str:
+    """Return a number with at most this many significant digits; "-" where it is unknown, ∞ if infinite."""
+    return f"{value:.{digits}g}" if math.isfinite(value) else quantity(value)
+
+
 def limit(value: float) -> str:
     """Return a gain or a degree, which may be infinite: with four digits, unless it is whole or short."""
     if not (math.isfinite(value) and abs(value) < 1e7):
@@ -170,7 +175,9 @@ def share_text(part: float) -> str:
 
 
 def time_text(seconds: float) -> str:
-    """Return a time with its unit."""
+    """Return a time with its unit; "-" where it is unknown."""
+    if math.isnan(seconds):
+        return "-"
     for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
         if seconds >= 0.9995 * size:  # which three digits show as 1
             return f"{seconds / size:.3g} {unit}"

@@ -363,7 +363,7 @@ def test_frequency_that_the_rest_does_not_replace_has_no_prediction():
     for name in ("error", "deviation", "by_scatter"):
         assert np.isnan(modes(result, f"left_out_{name}")).all()
     heads, rows = modal_table(result)
-    assert [row[heads.index("left out")] for row in rows] == ["–", "–"]
+    assert [row[heads.index("left out")] for row in rows] == ["-", "-"]
     assert "identification/parameters/estimate" in result
     whole = identify_modes(
         chain(), replace(measured(chain(), noise=0.0), shape=None, shape_std=None, dofs=())

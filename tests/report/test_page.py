@@ -1,6 +1,7 @@
 """Pages: complete without scripts, without network access, reproducible, and true to the result."""
 
 import json
+import math
 import re
 from base64 import b64decode, b64encode
 from hashlib import sha256
@@ -407,3 +408,29 @@ def test_a_name_that_two_figures_have_is_a_fault(monkeypatch):
 )
 def test_numbers_that_are_none_are_said(said, expected):
     assert said == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "there", "on_screen"),
+    [(math.nan, "—", "-"), (math.inf, "∞", "∞"), (-math.inf, "-∞", "-∞"), (2 / 3, "0.6666667", "0.6667")],
+)
+def test_an_unknown_number_is_a_dash_in_every_table(value, there, on_screen):
+    """In the tables of figures and of content, in tips and labels, and on screens."""
+    from dynid.number_format import general, time_text
+    from dynid.report.content.blocks import TextTable
+    from dynid.report.notation import short
+    from dynid.report.page.document import _block
+    from dynid.report.page.html import cell_text
+
+    assert cell_text(value) == there
+    assert general(value) == on_screen
+    row = _block(TextTable(("", "a"), (("x", general(value, 7)),)), "table")
+    assert f'<td class="n">{there.replace("-", "−")}</td>' in row
+    if math.isnan(value):
+        assert (short(value), time_text(value), cell_text(complex(1, value))) == ("—", "-", "—")
+
+
+def test_no_page_of_a_study_with_failed_samples_says_nan():
+    html = re.sub(r"<(script|style).*?</\1>", "", page(result_of("study")), flags=re.S)
+    assert '<td class="n">—</td>' in html
+    assert not re.search(r"\bnan\b", html)

@@ -98,7 +98,7 @@ def test_wide_and_combining_characters_count_as_such():
         (2 / 3, "0.6667"),
         (999999.9, "10⁶"),
         (float("inf"), "∞"),
-        (float("nan"), "nan"),
+        (float("nan"), "—"),
     ],
 )
 def test_a_number_is_written_as_people_read_it(value, text):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -122,11 +123,12 @@ def bench(
 def _compared(result: Result, earlier: list[Result]) -> int:
     """Print the changes of the figures; return the exit code."""
     from dynid.bench.suite import changes
-    from dynid.number_format import memory_text, time_text
+    from dynid.number_format import general, memory_text, time_text
 
     found = changes(result, earlier)
     click.echo(f"\n  {counted(len(found), 'change')} of more than 25 %")
-    written = {"time": time_text, "memory": memory_text, "error": "{:.2g}".format}
+    written: dict[str, Callable[[float], str]] = {"time": time_text, "memory": memory_text}
+    written["error"] = partial(general, digits=2)
     for one in sorted(found, key=lambda one: not one.worse):
         path, _, name = one.path.removeprefix("bench/").rpartition("/")
         was, now = written[name](one.before), written[name](one.value)

@@ -62,8 +62,8 @@ def short(value: float, digits: int = 4) -> str:
     Powers of ten are used from 10⁶ on and below 10⁻³; thousands are separated.
     """
     mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
-    if not power:  # inf and nan
-        return {"inf": "∞", "-inf": "−∞"}.get(mantissa, mantissa)
+    if not power:  # infinite or unknown
+        return {"inf": "∞", "-inf": "−∞", "nan": "—"}.get(mantissa, mantissa)
     if value and not -3 <= int(power) < 6:
         mantissa = mantissa.rstrip("0").rstrip(".")
         times = {"1": "", "-1": "−"}.get(mantissa, f"{mantissa}·")

@@ -78,9 +78,9 @@ def _accuracy_rows(result: Result, group: str, name: str, width: int) -> Iterabl
     )
     for k, count in enumerate(size):
         figures = f"{time_text(float(time[k])):>9}  {memory_text(float(memory[k])):>8}"
-        off, ratio = "-" if error is None else f"{error[k]:.1e}", ""
+        off, ratio = "-" if error is None or math.isnan(error[k]) else f"{error[k]:.1e}", ""
         if error is not None and bound is not None:
-            finite = bound[k] and not math.isinf(bound[k])
+            finite = bound[k] and math.isfinite(bound[k]) and math.isfinite(error[k])
             ratio = f"  {f'{error[k] / bound[k]:.2g}' if finite else '-':>11}"
         mark = "→" if chosen[k] else " "
         row = f"    {mark} {name}  {count:>{width},}  {figures}  {off:>8}{ratio}{' ●' if best[k] else ''}"

@@ -8,7 +8,7 @@ from shutil import get_terminal_size
 from textwrap import wrap
 from typing import Any
 
-from dynid.number_format import counted, span_text
+from dynid.number_format import counted, general, span_text
 from dynid.report.content import extremes, time_span
 from dynid.report.scenes import frequency_span, peak_responses
 from dynid.result import Result
@@ -30,9 +30,9 @@ def response_lines(result: Result, group: str) -> Iterable[str]:
         outputs, inputs = (result[f"{frequency}/{axis}"].data for axis in ("output", "input"))
         channels = [(k, m) for k in range(len(outputs)) for m in range(len(inputs))]
         for k, m in channels[:_MOST]:
-            ratio, size = f"|{outputs[k]} / {inputs[m]}|", f"{top.magnitude[k, m]:.4g}".replace("inf", "∞")
+            ratio, size = f"|{outputs[k]} / {inputs[m]}|", general(top.magnitude[k, m])
             if top.magnitude[k, m]:
-                yield f"    max {ratio} = {size} at {top.at[k, m]:.4g} {unit}{top.note[k, m]}"
+                yield f"    max {ratio} = {size} at {general(top.at[k, m])} {unit}{top.note[k, m]}"
             else:
                 yield f"    {ratio} = 0 at all frequencies"
         if len(channels) > _MOST:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.number_format import counted, memory_text, span_text, time_text
+from dynid.number_format import counted, general, memory_text, span_text, time_text
 from dynid.report.content.blocks import Content, ReportSection, Statement, TextTable, more
 from dynid.report.scenes import frequency_span, peak_responses, plain_data
 from dynid.result import Result
@@ -102,8 +102,8 @@ def responses(result: Result) -> Iterator[ReportSection]:
             channels = [(k, m) for k in range(len(outputs)) for m in range(len(inputs))]
             rows = []
             for k, m in channels[:_MOST]:
-                size = f"{top.magnitude[k, m]:.4g}".replace("inf", "∞")
-                rows.append((f"{outputs[k]} / {inputs[m]}", size, f"{top.at[k, m]:.4g}{top.note[k, m]}"))
+                size = general(top.magnitude[k, m])
+                rows.append((f"{outputs[k]} / {inputs[m]}", size, f"{general(top.at[k, m])}{top.note[k, m]}"))
             low, high, unit = frequency_span(result, group)
             count = counted(len(result[f"{group}/omega"].data), "frequency")
             heads = ("", "peak magnitude", f"frequency ({unit})")
@@ -131,7 +131,7 @@ def extremes(column: NDArray[np.float64]) -> tuple[str, str, str]:
     """Return the smallest, the largest and the last value of a response; what is round-off of it as 0."""
     round_off = _ROUND_OFF * float(np.abs(column).max())
     low, high, final = (
-        f"{0.0 if abs(value) <= round_off < math.inf else value:.4g}"
+        general(0.0 if abs(value) <= round_off < math.inf else value)
         for value in (column.min(), column.max(), column[-1])
     )
     return low, high, final
@@ -210,7 +210,7 @@ def accuracy(result: Result) -> Iterator[ReportSection]:
         return float(result[path].data[k]) if path in result else math.nan
 
     def number(value: float, form: str) -> str:
-        return format(value, form) if math.isfinite(value) else "–"
+        return format(value, form) if math.isfinite(value) else "-"
 
     aspects = dict.fromkeys(path.split("/")[1] for path in result if path.startswith("accuracy/"))
     for aspect in aspects:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from dynid.number_format import counted, unit_text
+from dynid.number_format import counted, general, unit_text
 from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
@@ -32,7 +32,7 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
         remark = "" if used else "no target depends on it"
         remark = f"at its {bound}" if bound else remark
         limits = [f"{edge:.6g}" if math.isfinite(edge) else "" for edge in (low, high)]
-        cells = [f"{one:.6g}" for one in (start, value, *beside)]
+        cells = [general(one, 6) for one in (start, value, *beside)]
         rows.append((str(name), *cells, *limits, remark))
     return ("", "start", "designed", *others, "min", "max", ""), rows
 
@@ -85,7 +85,7 @@ def _root(omega: float, damping: float, factor: float, damped: bool) -> str:
 
 
 def _size(value: float) -> str:
-    return f"{value:.6g}".replace("inf", "∞")
+    return general(value, 6)
 
 
 def compares(result: Result) -> bool:

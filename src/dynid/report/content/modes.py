@@ -56,15 +56,15 @@ def modal_statements(result: Result) -> list[str]:
 
 
 def _signed(part: float) -> str:
-    return "–" if np.isnan(part) else f"{100 * part:+.2f} %"
+    return "-" if np.isnan(part) else f"{100 * part:+.2f} %"
 
 
 def _percent(part: float) -> str:
-    return "–" if np.isnan(part) else f"{100 * part:.3g} %"
+    return "-" if np.isnan(part) else f"{100 * part:.3g} %"
 
 
 def _criterion(value: float) -> str:
-    return "–" if np.isnan(value) else f"{value:.3f}"
+    return "-" if np.isnan(value) else f"{value:.3f}"
 
 
 def modal_sections(result: Result) -> Iterator[ReportSection]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.number_format import MOST_ROOTS, limit, root_text, roots_text, unit_text
+from dynid.number_format import MOST_ROOTS, general, limit, root_text, roots_text, unit_text
 from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable, definitions, more
 from dynid.report.scenes import in_hertz
 from dynid.result import Result
@@ -392,7 +392,7 @@ class _Values:
         return float(self._result.value(f"{self._group}/{name}"))
 
     def __getitem__(self, name: str) -> str:
-        return f"{self.number(name):.4g}"
+        return general(self.number(name))
 
 
 def energy_lines(result: Result) -> Iterator[Line]:

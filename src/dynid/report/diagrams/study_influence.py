@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.number_format import general
 from dynid.report.diagrams.study_samples import StudyNumbers
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture
 from dynid.report.notation import labelled, short
@@ -128,7 +129,9 @@ def _indices(numbers: StudyNumbers, name: str, title: str) -> Picture:
             (total, total_error, "with interactions (total)", -shift),
         )[: 1 + both]:
             percent, half = 100 * part[order], 100 * spread[order]
-            tips = [f"{names[k]}: {100 * part[k]:.3g} ± {100 * spread[k]:.2g} %" for k in order]
+            tips = [
+                f"{names[k]}: {general(100 * part[k], 3)} ± {general(100 * spread[k], 2)} %" for k in order
+            ]
             cls = series_class(off < 0)
             layers.append(Bars(place + off, zero, np.clip(percent, 0, 100), label, cls, thick, True, tips))
             layers.append(_whiskers(place + off, percent - half, percent + half))

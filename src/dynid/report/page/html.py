@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from html import escape
 
-from dynid.number_format import unbroken
+from dynid.number_format import general, unbroken
 from dynid.report.figure import CellValue, FigureTable, evenly_spaced
 
 
@@ -16,6 +16,8 @@ class Markup(str):
     __slots__ = ()
 
 
+#: An entry of a table without a value.
+NO_VALUE = "—"
 #: Most rows, and most cells, of a table on a page.
 ROWS, CELLS = 200, 3000
 #: Characters that are illegal in HTML, or that change the direction of writing.
@@ -93,16 +95,18 @@ def shown_rows(count: int, columns: int, most: int = ROWS) -> list[int]:
 
 
 def cell_text(value: CellValue) -> str:
-    """Return an entry of a table as text, numbers to seven digits."""
+    """Return an entry of a table as text, numbers to seven digits; a dash for a number that is unknown."""
     if isinstance(value, str):
         return value
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int):
         return str(value)
+    if value != value:
+        return NO_VALUE
     if isinstance(value, complex):
-        return f"{value.real:.7g}{value.imag:+.7g}j"
-    return f"{value:.7g}"
+        return f"{value.real:.7g}{value.imag:+.7g}j".replace("inf", "∞")
+    return general(value, 7)
 
 
 def figure_table(table: FigureTable, title: str) -> Markup:

@@ -22,7 +22,7 @@
     heading: column.units ? `${column.short} [${column.units}]` : column.short,
   }));
   const digits = (value) => {
-    if (Number.isNaN(value)) return "";
+    if (Number.isNaN(value)) return "—";
     if (!Number.isFinite(value)) return value > 0 ? "∞" : "-∞";
     const size = Math.abs(value);
     return Number.isInteger(value) && size < 1e15 ? String(value)
