@@ -28,7 +28,7 @@ from dynid.report.plot import (
 from dynid.report.plot.chart import PageSpace, embedded
 from dynid.report.plot.labels import fitted_label
 from dynid.report.plot.layers import by_column, decimated, runs, straightened
-from dynid.report.svg import SMALL, text_width
+from dynid.report.svg import SIZE, SMALL, text_width
 
 SVG = "{http://www.w3.org/2000/svg}"
 finite = st.floats(-1e12, 1e12, allow_subnormal=False)
@@ -232,6 +232,12 @@ def test_a_label_longer_than_its_axis_is_above_and_its_units_are_never_cut():
     assert "…" in below
     assert below.endswith(" (rad/s)")
     assert text_width(below, SMALL) <= 150
+    whole = "imaginary part (rad/s)"
+    assert fitted_label(whole, text_width(whole, SMALL)) == (whole, "label small")
+    for space in (text_width(whole, SMALL) - 1, text_width("Im (rad/s)", SIZE)):
+        assert fitted_label(whole, space) == ("Im (rad/s)", "label")
+    assert fitted_label("real part (10³ rad/s)", 100.0) == ("Re (10³ rad/s)", "label")
+    assert fitted_label("imaginary part", 60.0) == ("Im", "label")
     small = Subplot(PlotAxis("t (s)"), PlotAxis("a long name of a spool (m)"), [Curve([0, 1], [0, 3e-6])])
     assert ">10⁻⁶ m<" in chart("c", "C", [[small]], height=64.0)
     density = Subplot(PlotAxis("t (s)"), PlotAxis("ASD (m/s·(s/rad)^½)"), [Curve([0, 1], [0, 3e-3])])

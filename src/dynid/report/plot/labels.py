@@ -6,6 +6,9 @@ from dynid.report.notation import raised
 from dynid.report.plot.axis import Ticks
 from dynid.report.svg import BOLD_WIDTH, SIZE, SMALL, text_width
 
+#: Symbols that replace names of axes where space is short.
+_SYMBOLS = {"real part": "Re", "imaginary part": "Im"}
+
 
 def with_power(label: str, ticks: Ticks) -> str:
     """Return the label of an axis with the power of ten of its ticks before the units.
@@ -28,11 +31,14 @@ def in_parts(label: str) -> tuple[str, str]:
 def fitted_label(text: str, space: float) -> tuple[str, str]:
     """Return the label of an axis and its classes: small, then with a shorter name, where space is short.
 
-    Names mostly differ at their ends, so that they lose their middle. Units stay whole.
+    The shorter name is the symbol, if there is one. Other names mostly differ at their ends, so that they
+    lose their middle. Units stay whole.
     """
     if text_width(text, SIZE) <= space:
         return text, "label"
     name, units = in_parts(text)
+    if name in _SYMBOLS and text_width(text, SMALL) > space:
+        return fitted_label(f"{_SYMBOLS[name]} ({units})" if units else _SYMBOLS[name], space)
     return _shortened(name, f" ({units})" if units else "", space), "label small"
 
 
