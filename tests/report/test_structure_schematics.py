@@ -134,6 +134,20 @@ def test_values_may_be_parameters_and_expressions():
     assert {"1.5 kg", "3 kg", "2.25 kg", "k = 6"} <= texts
 
 
+def test_values_that_are_to_be_estimated_are_not_drawn_by_their_starts():
+    unknown = (
+        "parameters: {top: {start: 7}, m_of_the_platform: {start: 8}, twice: 2*top, sure: {value: 3, std: 1}}"
+    )
+    text = CHAIN.replace("masses: [2, 3, 4]", "masses: [top, m_of_the_platform, sure]")
+    figure = drawn(text.replace("k: 6, c: 7", "k: twice, c: 3*sure") + unknown)
+    assert_texts_apart(figure.svg)
+    texts = {text for text, *_ in text_boxes(figure.svg)}
+    assert {"top = ?", "m = ?", "3 kg", "k = twice = ?", "c = 9"} <= texts
+    assert not {"7 kg", "8 kg", "k = 14"} & texts
+    masses = [row for row in figure.table.rows if row[1] == "mass"]
+    assert masses == [("1", "mass", "top = ?"), ("2", "mass", "m_of_the_platform = ?"), ("3", "mass", "3 kg")]
+
+
 def test_records_with_sensors_of_their_own_show_them_all():
     text = (
         CHAIN[: CHAIN.index("measurement:")]

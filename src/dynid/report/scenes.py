@@ -55,6 +55,20 @@ class PlainScene:
         expression = self.expression(raw)
         return to_fraction(raw if expression is None else expression.evaluate(self.parameters))
 
+    def unknown(self, raw: Any) -> bool:
+        """Return True for a quantity that depends on a parameter which is to be estimated."""
+        given = self.data.get("parameters") or {}
+        expression, seen = self.expression(raw), set[str]()
+        names = set() if expression is None else set(expression.names)
+        while names:
+            seen |= names
+            entries = [given.get(name) for name in names]
+            if any(isinstance(entry, dict) and "start" in entry for entry in entries):
+                return True
+            behind = [part.names for entry in entries if (part := self.expression(entry)) is not None]
+            names = set().union(*behind) - seen
+        return False
+
     def expression(self, raw: Any) -> Expression | None:
         """Return the expression of a quantity; None for a number."""
         from dynid.arithmetic.expression import parse

@@ -14,7 +14,6 @@ from dynid.report.drawing.structure_scene import (
     geometry_of,
 )
 from dynid.report.figure import Figure, FigureTable, Picture
-from dynid.report.notation import short
 from dynid.report.scenes import scene_of
 from dynid.report.svg import SMALL, Point, Svg, text_width
 from dynid.structure.labels import node_direction, unsigned
@@ -65,6 +64,7 @@ def _picture(title: str, geometry: StructureGeometry, attached: Attachments) -> 
         (", ".join(map(str, tie.dofs)), "joint" if tie.joint else "link", ", ".join(tie.texts))
         for tie in attached.springs
     ]
+    rows += [(str(dof), "mass", text) for dof, text in enumerate(geometry.masses, 1)]
     rows += [(str(label), "force", "") for label in attached.forces]
     rows += [(str(label), "sensor", quantity) for label, quantity in attached.sensors]
     rows += [(str(label), "master", "") for label in attached.masters]
@@ -155,7 +155,10 @@ class _ChainDrawing:
         for cls, more in (("paper", {}), ("node", {}), ("line", {"rx": 2})):
             svg.rect(x - _MASS / 2, self.y - self.half, _MASS, 2 * self.half, cls, **more)
         svg.text(x, self.y - 2, f"{dof}", "strong")
-        svg.text(x, self.y + 12, f"{short(self.masses[place])} kg", "small muted")
+        mass = self.masses[place]
+        if mass.endswith("?") and text_width(mass, SMALL) > _MASS:  # the table has its name
+            mass = "m = ?"
+        svg.text(x, self.y + 12, mass, "small muted")
         above, low = self.y - self.half, self.y + self.half
         if dof in self.attached.forces:
             force(svg, (x - 2, above - 9), (x + 26, above - 9))

@@ -30,7 +30,7 @@ class StructureGeometry:
     labels
         Own labels of the DOFs.
     masses
-        Masses of a chain, kg; empty for a beam or frame.
+        Masses of a chain as text; empty for a beam or frame.
     members
         Nodes along every member; empty for a chain.
     supports
@@ -41,7 +41,7 @@ class StructureGeometry:
 
     points: Mapping[int, Point]
     labels: Sequence[Label]
-    masses: Sequence[float] = ()
+    masses: Sequence[str] = ()
     members: Sequence[Sequence[int]] = ()
     supports: Mapping[int, Sequence[str]] = field(default_factory=dict)
     carrying: Sequence[int] = ()
@@ -66,7 +66,8 @@ def geometry_of(scene: PlainScene) -> StructureGeometry | None:
     with readable():
         structure = scene.data["structure"]
         if (chain := structure.get("lumped")) is not None:
-            masses = [scene.number(mass) for mass in chain["masses"]]
+            masses = [_value_text(scene, mass) for mass in chain["masses"]]
+            masses = [text if text.endswith("?") else f"{text} kg" for text in masses]
             numbers = range(1, len(masses) + 1)
             return StructureGeometry({n: (float(n), 0.0) for n in numbers}, list(numbers), masses)
         for kind in ("beam", "frame"):
@@ -203,6 +204,11 @@ def attachments_of(scene: PlainScene, labels: Sequence[Label]) -> Attachments:
         )
 
 
+def _value_text(scene: PlainScene, raw: Any) -> str:
+    """Return the value of a quantity; of one that is to be estimated its name or expression, with a mark."""
+    return f"{raw} = ?" if scene.unknown(raw) else short(scene.number(raw))
+
+
 def _spring(scene: PlainScene, tie: dict[str, Any], dofs: Sequence[Label], joint: str = "") -> SpringDamper:
     """Return a spring and damper, with its values where they are single numbers and known."""
     letters = [letter for letter in "kc" if tie.get(letter) is not None]
@@ -214,5 +220,5 @@ def _spring(scene: PlainScene, tie: dict[str, Any], dofs: Sequence[Label], joint
             continue
         value = value.get("value") if isinstance(value, dict) else value
         bare = value is None or isinstance(value, list)
-        texts.append(letter if bare else f"{letter} = {short(scene.number(value))}")
+        texts.append(letter if bare else f"{letter} = {_value_text(scene, value)}")
     return SpringDamper(tuple(dofs), tuple(texts), "k" in letters, "c" in letters, bool(joint))
