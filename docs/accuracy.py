@@ -9,7 +9,6 @@ Exit code 1: not all benchmarks are on the page.
 from __future__ import annotations
 
 import os
-import platform
 import re
 import sys
 import tempfile
@@ -32,6 +31,7 @@ sys.path.insert(0, str(HERE.parent))
 os.environ["PYTHONPATH"] = str(HERE.parent)  # workers find the peers of `benchmarks/`
 
 from dynid.bench import BENCHMARKS, run_benchmarks  # noqa: E402
+from dynid.bench.machine import machine  # noqa: E402
 from dynid.defaults import CHOICES  # noqa: E402
 from dynid.number_format import memory_text  # noqa: E402
 from dynid.report import figures  # noqa: E402
@@ -136,15 +136,6 @@ def section(result: Result, group: str) -> Iterator[str]:
             rows.append((f"{size:,}" if place == 0 else "", row.name, *measured))
     yield table((str(about["size"]), "", "time, relative", "memory", "error", ""), rows) + "\n"
     yield "\n".join(f"- {said}: {text}" for said, text in remarks(result, group)) + "\n"
-
-
-def machine() -> str:
-    """Return what the machine is, as it says itself."""
-    info = Path("/proc/cpuinfo")
-    text = info.read_text(encoding="utf-8") if info.exists() else ""
-    models = [line.partition(":")[2].strip() for line in text.splitlines() if line.startswith("model name")]
-    chip = next(iter(models), platform.processor())
-    return f"{chip}, {platform.system()}, Python {platform.python_version()}"
 
 
 def measured(folder: Path) -> Iterator[Path]:

@@ -36,8 +36,8 @@ Scalar = str | bool | int | float
 PROVENANCE = frozenset({"created", "dynid_version", "folder", "packages", "python", "scene"})
 # Arrays on the origin: the keys of the samples of a study, and the text of the varied scene.
 PROVENANCE_ARRAYS = frozenset({"study/key", "study/scene"})
-# Attributes of groups with costs, which differ from run to run.
-COSTS = frozenset({"seconds", "peak_megabytes"})
+# Attributes of groups with costs and on what they were measured, which differ from run to run.
+COSTS = frozenset({"seconds", "peak_megabytes", "machine"})
 # Arrays of costs in tables of alternatives.
 COST_COLUMNS = frozenset({"time", "memory", "pareto", "runs"})
 

@@ -1,5 +1,6 @@
 """Benchmarks: every alternative computes at a small size, and its figures are correct."""
 
+import platform
 import re
 import subprocess
 import sys
@@ -156,6 +157,9 @@ def test_a_benchmark_without_its_data_is_skipped_and_named(tmp_path, monkeypatch
         run_benchmarks(["robot-arm"])
     found = run_benchmarks(["robot-arm", "loops"], {"loops": [2]})
     assert found.group_attrs["bench"]["skipped"].startswith("robot-arm: no file ")
+    machine = found.group_attrs["bench"]["machine"]
+    for said in (r" cores?, ", f", Python {platform.python_version()}, ", f" NumPy {np.__version__} \\("):
+        assert re.search(said, machine)
     assert "skipped: robot-arm: no file" in summary(found, "")
 
 

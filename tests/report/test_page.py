@@ -434,3 +434,22 @@ def test_no_page_of_a_study_with_failed_samples_says_nan():
     html = re.sub(r"<(script|style).*?</\1>", "", page(result_of("study")), flags=re.S)
     assert '<td class="n">—</td>' in html
     assert not re.search(r"\bnan\b", html)
+
+
+def test_a_benchmark_states_its_machine_and_answers_before_its_remarks():
+    """On the screen, too; a file of an earlier version states none."""
+    from dynid.cli.summary import summary
+    from dynid.report.content import content
+
+    result = result_of("bench")
+    found = content(result)
+    assert found.method.startswith("median times on Abacus 3, 2 cores; ")
+    assert summary(result, "").splitlines()[-1] == "  measured in 2 s on Abacus 3, 2 cores"
+    places = ("answer", "details")
+    answer, details = ([one for one in found.sections if one.place == place] for place in places)
+    terms = [[block.text.partition(":")[0] for block in part[0].blocks[-3:]] for part in (answer, details)]
+    assert terms == [["error", "failed", "chosen by default"], ["time grows with N to the power of"]]
+    earlier = result.without("nothing")
+    del earlier.group_attrs["bench"]["machine"]
+    assert content(earlier).method.startswith("median times; ")
+    assert result.equals(earlier)

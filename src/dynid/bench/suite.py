@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from dynid.bench.benchmark import BENCHMARKS, Benchmark, benchmark
+from dynid.bench.machine import machine
 from dynid.bench.worker import Process
 from dynid.defaults import of_benchmark
 from dynid.errors import NumericalError, UsageError
@@ -72,8 +73,9 @@ def run_benchmarks(
         the size with which time grows between the two largest sizes, `peer` is True for a method of another
         project. Attributes of ``bench/<name>``: the peers that beat the default in both (`beaten`), the
         alternatives that are `missing`, that `failed`, or that were left out for time (`late`), and the
-        defaults that the table justifies (`chosen`). Attributes of ``bench``: the total time (`seconds`), and
-        the benchmarks of which no alternative can run (`skipped`), with the reason.
+        defaults that the table justifies (`chosen`). Attributes of ``bench``: the total time (`seconds`), the
+        `machine` with its Python, NumPy and BLAS, and the benchmarks of which no alternative can run
+        (`skipped`), with the reason.
 
     Raises
     ------
@@ -94,7 +96,8 @@ def run_benchmarks(
         _add(result, name, case, _measured(name, case, wanted, progress, where, clock, until))
     if chosen and len(skipped) == len(chosen):
         raise UsageError(f"nothing can be measured: {'; '.join(skipped)}")
-    result.annotate("bench", clock=clock, seconds=time.monotonic() - began, skipped="; ".join(skipped))
+    spent = time.monotonic() - began
+    result.annotate("bench", clock=clock, seconds=spent, skipped="; ".join(skipped), machine=machine())
     return result
 
 

@@ -8,7 +8,7 @@ from itertools import groupby
 
 from dynid.cli.summary.common import wrapped
 from dynid.number_format import memory_text, time_text
-from dynid.report.content.bench import benchmark_rows, remarks
+from dynid.report.content.bench import benchmark_rows, machine_text, remarks
 from dynid.result import Result
 
 
@@ -35,7 +35,10 @@ def lines(result: Result) -> list[str]:
     if about.get("skipped"):
         screen += wrapped(f"skipped: {about['skipped']}", 110, initial_indent="  ", subsequent_indent="    ")
     seconds = float(about.get("seconds", 0))
-    return [*screen, f"  measured in {time_text(seconds)}"] if seconds else screen[:-1]
+    where = "".join(f" on {one}" for one in machine_text(result))
+    text = f"measured in {time_text(seconds)}{where}"
+    measured = wrapped(text, 110, initial_indent="  ", subsequent_indent="    ")
+    return [*screen, *measured] if seconds else screen[:-1]
 
 
 def accuracy_lines(result: Result) -> list[str]:

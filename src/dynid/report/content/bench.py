@@ -18,13 +18,21 @@ _REMARKS = {
     "chosen": "chosen by default",
     "remark": "not shown",
 }
+#: Remarks that belong to the answer: without them the table cannot be read.
+_NEEDED = ("error", *(_REMARKS[name] for name in ("failed", "late", "missing", "chosen")))
 _SIGNS = "● Pareto-optimal in time and error; › the suite's default"
 
 
 def method(result: Result) -> str:
     """Return the kind of result and the meaning of its signs."""
     clock = "processor " * (result.group_attrs["bench"]["clock"] == "processor")
-    return f"median {clock}times; {_SIGNS}"
+    return f"median {clock}times{' on '.join(['', *machine_text(result)])}; {_SIGNS}"
+
+
+def machine_text(result: Result) -> list[str]:
+    """Return the machine that measured; nothing in files of earlier versions."""
+    about = str(result.group_attrs.get("bench", {}).get("machine", ""))
+    return [about] if about else []
 
 
 def sections(result: Result) -> Iterator[ReportSection]:
@@ -46,12 +54,15 @@ def sections(result: Result) -> Iterator[ReportSection]:
         )
         marked = frozenset(place for place, row in enumerate(every) if row.best)
         heads = ("", str(about["size"]), "time", "memory", "error", "")
-        statements = (
-            Statement(f"{term}: {text.replace('inf: ', '∞: ')}", "bad" if term == "failed" else "")
+        statements = {
+            term: Statement(f"{term}: {text.replace('inf: ', '∞: ')}", "bad" if term == "failed" else "")
             for term, text in remarks(result, group)
-        )
-        table = TextTable(heads, rows, marked, str(about["title"]))
-        yield ReportSection(group.partition("/")[2], (table, Statement(f"{_SIGNS}."), *statements), "answer")
+        }
+        table, name = TextTable(heads, rows, marked, str(about["title"])), group.partition("/")[2]
+        needed = tuple(statements.pop(term) for term in _NEEDED if term in statements)
+        yield ReportSection(name, (table, *needed), "answer")
+        if statements:
+            yield ReportSection(f"{name}: growth and peers", tuple(statements.values()))
 
 
 def _error_text(error: float) -> str:
