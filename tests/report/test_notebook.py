@@ -1,5 +1,6 @@
 """Results in notebooks: HTML, and figures on axes of matplotlib."""
 
+import re
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 
 import dynid
 from dynid.errors import UsageError
-from dynid.report import figures
+from dynid.report import figures, notebook
 from dynid.report.notebook import axes
 from dynid.report.plot import (
     Annotation,
@@ -66,7 +67,7 @@ def test_a_notebook_shows_title_method_and_sections(motor):
     assert not page.open
     assert "DC motor, speed" in page.text
     assert "bond graph · exact engine" in page.text
-    assert "-2.003" in page.text
+    assert "−2.003" in page.text
     assert '<td style="text-align:left">poles</td>' in motor._repr_html_()
 
 
@@ -92,12 +93,19 @@ def test_several_subplots_are_an_array_of_rows_and_columns(motor):
     assert "dB" in grid[0, 0].get_ylabel()
 
 
-def test_powers_are_written_as_on_the_screen(motor):
-    group = "bond_graph/transfer_function/J.f/voltage"
-    symbolic = motor.group_attrs[group]["symbolic"]
-    assert "s**2" in symbolic
-    assert symbolic not in motor._repr_html_()
-    assert symbolic.replace("**", "^") in motor._repr_html_()
+def test_formulas_and_sentences_are_set_as_on_the_page(motor):
+    """No power as in Python or with a caret, no bare backticks; a dash for a number that is unknown."""
+    from dynid.report.content.blocks import NumberedList, Statement, TextTable, definitions
+
+    shown = motor._repr_html_()
+    assert "**" not in shown
+    assert not re.search(r"s\^\d", shown)
+    assert "<sup>2</sup>" in shown
+    assert notebook._block(Statement("use `limits`")) == "<p>use <code>limits</code></p>"
+    assert "s<sup>4</sup>⋅k" in notebook._block(NumberedList(("s**4*k",)))
+    assert "s<sup>4</sup> + 1<br>x" in notebook._block(definitions(("a", ("s^4 + 1", "x"))))
+    rows = notebook._block(TextTable(("", "a"), (("2*k", "-"),)))
+    assert "<td>2*k</td><td>—</td>" in rows
 
 
 def test_single_numbers_beside_a_table_are_attributes_of_its_frame(motor):

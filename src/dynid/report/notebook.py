@@ -62,27 +62,29 @@ def html(result: Result) -> str:
 
 def _block(block: Block) -> str:
     from dynid.report.content.blocks import DefinitionList, Statement, TextTable
+    from dynid.report.page.html import formula, sentence
 
     if isinstance(block, Statement):
-        return f"<p>{escape(block.text)}</p>"
+        return f"<p>{sentence(block.text)}</p>"
     if isinstance(block, DefinitionList):
         rows: Sequence[Sequence[str]] = [(term, "\n".join(lines)) for term, lines in block.items]
         # Notebooks align cells to the right, which suits numbers only.
         return _table((), rows).replace("<td>", '<td style="text-align:left">')
     if isinstance(block, TextTable):
         return _table(block.columns, block.rows)
-    items = [f"<li><code>{escape(item)}</code></li>" for item in block.items[:_ROWS]]
+    items = [f"<li>{formula(item)}</li>" for item in block.items[:_ROWS]]
     return f"<ol>{''.join(items)}</ol>{_more(len(block.items))}"
 
 
 def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    from dynid.report.page.html import table_entry
+
     head = "".join(f"<th>{escape(name)}</th>" for name in columns)
-    body = "".join(f"<tr>{''.join(f'<td>{_cell(cell)}</td>' for cell in row)}</tr>" for row in rows[:_ROWS])
+    body = ""
+    for first, *others in rows[:_ROWS]:
+        cells = [escape(first), *map(table_entry, others)]
+        body += "<tr>" + "".join(f"<td>{cell.replace(chr(10), '<br>')}</td>" for cell in cells) + "</tr>"
     return f"<table>{f'<tr>{head}</tr>' if head else ''}{body}</table>{_more(len(rows))}"
-
-
-def _cell(text: str) -> str:
-    return escape(text).replace("\n", "<br>")
 
 
 def _more(count: int) -> str:

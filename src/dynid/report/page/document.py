@@ -24,7 +24,6 @@ from dynid.report.content import array_rows, content
 from dynid.report.content.blocks import Block, DefinitionList, NumberedList, ReportSection, Statement
 from dynid.report.figure import Figure, figures, leading
 from dynid.report.page.html import (
-    NO_VALUE,
     Markup,
     figure_table,
     formula,
@@ -32,6 +31,7 @@ from dynid.report.page.html import (
     join,
     scrolling,
     sentence,
+    table_entry,
     tag,
     text,
 )
@@ -41,8 +41,6 @@ from dynid.result import Result
 
 _TOOLS = (("in", "+", "Zoom in"), ("out", "−", "Zoom out"), ("all", "Whole", "Show the whole figure"))
 _NUMBER = re.compile(r"(?:[ζ×] )?[-+−±]?[\d∞–]|-$")
-#: Entries of tables without a value, as screens write them.
-_NO_VALUE = ("-", "–")
 #: Most arrays, and most lines of a scene, that are listed.
 _ARRAYS, _LINES = 500, 3000
 #: Width of a picture, and that above which it takes the whole width of the page, px.
@@ -266,7 +264,7 @@ def _block(block: Block, title: str, most: int | None = None) -> Markup:
         cells = (
             tag(
                 "td",
-                NO_VALUE if value in _NO_VALUE else formula(value),
+                table_entry(value),
                 class_="n" if right else "long" if len(value) > _LONG else None,
             )
             for value, right in zip(row[1:], numeric[1:], strict=True)

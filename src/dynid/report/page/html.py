@@ -18,6 +18,8 @@ class Markup(str):
 
 #: An entry of a table without a value.
 NO_VALUE = "—"
+#: Such entries as screens write them.
+_NO_VALUES = ("-", "–")
 #: Most rows, and most cells, of a table on a page.
 ROWS, CELLS = 200, 3000
 #: Characters that are illegal in HTML, or that change the direction of writing.
@@ -78,6 +80,11 @@ def formula(value: str) -> Markup:
     value = _EXPONENT.sub(lambda found: f"·10^{int(found[1])}", _MINUS.sub("−", unbroken(value)))
     safe = _POWER.sub(lambda found: f"<sup>{found[1].strip('()').replace('-', '−')}</sup>", text(value))
     return _with_code(safe.replace("*", "\N{DOT OPERATOR}"))
+
+
+def table_entry(value: str) -> Markup:
+    """Return an entry of a table of content; a dash where it has no value."""
+    return Markup(NO_VALUE) if value in _NO_VALUES else formula(value)
 
 
 def sentence(value: str) -> Markup:
