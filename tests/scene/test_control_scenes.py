@@ -544,3 +544,19 @@ def test_a_hidden_mode_of_an_integral_that_measures_is_named(measured, beside, h
     assert ("the integral that measures axis.q" in note) == bool(hidden)
     said = " ".join(summary(result, "").split())
     assert ("the integral that measures axis.q for a loop differs by a constant" in said) == bool(hidden)
+
+
+def test_the_state_equations_are_solved_once_for_the_notes_of_all_outputs(monkeypatch):
+    """Whether a sum of states is constant depends on the input and the part of the graph alone."""
+    from dynid.bondgraph import hidden_modes
+
+    calls, solve = [], hidden_modes._modular
+    monkeypatch.setattr(hidden_modes, "_modular", lambda *given: calls.append(given) or solve(*given))
+    text = MEASURED.replace("FROM", "axis.q").replace("BESIDE", "k: {type: C, value: 1}")
+    outputs = ["axis.f", "m.f", "m.e", "b.e", "b.f", "k.f"]
+    text = text.replace("RESULT", "properties").replace("[axis.f]", f"[{', '.join(outputs)}]")
+    result = dynid.run(scene(text))
+    for output in outputs:
+        note = result.group_attrs[f"bond_graph/properties/{output}/w"]["hidden_mode_note"]
+        assert "the integral that measures axis.q" in note
+    assert len(calls) == 1

@@ -213,18 +213,26 @@ def note_measuring_integrals(result: Result, reduced: ReducedGraph, analysis: An
     from dynid.bondgraph.hidden_modes import conserved
 
     assert analysis.opened is not None
-    integrals = close_loops(analysis.opened, analysis.loops).integrals
-    for channel in reduced.channels() if integrals else ():
-        path = f"bond_graph/properties/{channel[0]}/{channel[1]}/hidden_modes"
-        if path not in result or not (result[path].data == 0).any():
-            continue
-        measured = dict.fromkeys(str(integrals[name]) for name in conserved(reduced, channel, integrals))
+    groups = {channel: f"bond_graph/properties/{channel[0]}/{channel[1]}" for channel in reduced.channels()}
+    at_zero = {
+        channel: group
+        for channel, group in groups.items()
+        if f"{group}/hidden_modes" in result and (result[f"{group}/hidden_modes"].data == 0).any()
+    }
+    integrals = close_loops(analysis.opened, analysis.loops).integrals if at_zero else {}
+    # Channels of one part of the graph and one input have the same [A, b].
+    found: dict[tuple[frozenset[str], str], list[str]] = {}
+    for (output, source), group in at_zero.items() if integrals else ():
+        part = frozenset(reduced.reductions[output].junctions), source
+        if part not in found:
+            found[part] = conserved(reduced, (output, source), integrals)
+        measured = dict.fromkeys(str(integrals[name]) for name in found[part])
         if measured:
             note = (
                 f"0: the integral that measures {', '.join(measured)} for a loop differs by a constant from "
                 "states of the graph; no fault of the graph"
             )
-            result.annotate(path.rpartition("/")[0], hidden_mode_note=note)
+            result.annotate(group, hidden_mode_note=note)
 
 
 # --- roots -----------------------------------------------------------------------------------------
