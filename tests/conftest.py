@@ -4,6 +4,9 @@ import os
 import signal
 import sys
 
+# OpenBLAS would start a thread for each core in every worker, once NumPy is loaded; commands start one, too.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -16,9 +19,6 @@ _NO_CLOCK = {"deadline": None, "suppress_health_check": [HealthCheck.too_slow]}
 settings.register_profile("same", derandomize=True, max_examples=40, **_NO_CLOCK)
 settings.register_profile("fresh", derandomize=False, print_blob=True, **_NO_CLOCK)
 settings.load_profile("same")
-
-# OpenBLAS would start a thread for each core in every worker; commands start one, too.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # Who starts the tests in the background of a script lets them ignore Ctrl-C, and with them every command
 # that they start; some tests are about just that signal.
