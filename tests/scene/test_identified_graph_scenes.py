@@ -268,7 +268,10 @@ def test_samples_of_a_study_are_those_run_alone(tmp_path):
 def test_alternatives_of_a_graph_are_estimators_and_holds():
     assert aspects_of(yaml.safe_load(DRIVE)) == ["estimator"]
     small = {"alternatives": {"estimator": ["output-error"]}, "budget": 20, "repeats": 1}
-    found = dynid.run(scene(accuracy=small, identifiability=None, analysis=None))
+    measured = yaml.safe_load(DRIVE)["measurement"] | {"samples": 100}
+    found = dynid.run(
+        scene(accuracy=small, identifiability=None, analysis=None, measurement=measured, derived=[])
+    )
     assert set(found["accuracy/estimator/alternative"].data) == {"auto", "output-error"}
     assert "a record of a structure is" in faults(accuracy={"alternatives": {"basis": "all"}})
 

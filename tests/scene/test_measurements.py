@@ -52,7 +52,7 @@ def test_records_share_what_they_do_not_say(tmp_path):
 
 
 def test_a_shared_seed_counts_up(tmp_path):
-    record = "    - {samples: 100, excitation: {dof: 2, kind: sine, frequency: 3}}\n"
+    record = "    - {samples: 100, excitation: {dof: 2, kind: sine, frequency: 3}}\nderived: []\n"
     result = run(tmp_path, SCENE[: SCENE.index("    - samples")] + record)
     noise = [result[f"identification/measurement/record_{k}/measured"].data for k in (1, 2)]
     assert not np.allclose(*noise)
@@ -174,6 +174,7 @@ measurement:
   channels: [{{dof: 2, quantity: velocity}}, {{dof: 3, quantity: velocity}}]
   simulate: {{settle: 1}}
 estimator: {{method: output-error}}
+derived: []
 """
     error = run(tmp_path, text)["identification/parameters/error_percent"].data.max() / 100
     assert bias[0] <= error <= bias[1]

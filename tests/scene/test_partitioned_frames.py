@@ -93,6 +93,7 @@ structure: {{matrices: {{mass: {mass}, stiffness: {stiffness}, damping: C.npz}}}
 {excitation}
 measurement:
   channels: [{channels}]{record}
+derived: []
 """)
     return true
 

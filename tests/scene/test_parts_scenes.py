@@ -47,6 +47,10 @@ def scene(text=SCENE):
     return check_source(parse_source(text, "s.yaml"))
 
 
+def identified(text):
+    return dynid.run(scene(f"{text}derived: []\n"))
+
+
 def built(text=SCENE):
     return structure_of(scene(text))
 
@@ -86,23 +90,28 @@ def test_parts_stand_in_one_structure_under_their_names():
     np.testing.assert_allclose(K, expected)
 
 
-def test_each_part_is_reduced_by_itself_and_identified():
+@pytest.fixture(scope="module")
+def with_modes():
+    """The scene, identified, and its modes."""
+    text = SCENE.replace("measurement:", "analysis: {modes: {count: 3}}\nmeasurement:")
+    result = identified(text)
+    result.attrs["scene"] = text
+    return result
+
+
+def test_each_part_is_reduced_by_itself_and_identified(with_modes):
     text = scene()
     made = reductor_of(text).reduce(structure_of(text))
     assert {*made.masters} == {"arm.u_1", "arm.w_1", "arm.theta_1", "arm.u_2", "arm.w_2"}
     assert made.model.size == 5 + 4 + 6 + 2
-    result = dynid.run(text)
-    np.testing.assert_allclose(result["identification/parameters/error_percent"].data, 0, atol=1e-3)
-    assert result.value("identification/diagnostics/converged")
+    np.testing.assert_allclose(with_modes["identification/parameters/error_percent"].data, 0, atol=1e-3)
+    assert with_modes.value("identification/diagnostics/converged")
 
 
-def test_the_identified_scene_of_a_joint_between_points_runs():
-    text = SCENE.replace("measurement:", "analysis: {modes: {count: 3}}\nmeasurement:")
-    result = dynid.run(scene(text))
-    result.attrs["scene"] = text
-    again = dynid.run(scene(identified_scene(result)))
+def test_the_identified_scene_of_a_joint_between_points_runs(with_modes):
+    again = dynid.run(scene(identified_scene(with_modes)))
     np.testing.assert_allclose(
-        again["structure/modes/omega"].data, result["structure/modes/omega"].data, rtol=1e-9
+        again["structure/modes/omega"].data, with_modes["structure/modes/omega"].data, rtol=1e-9
     )
 
 
@@ -116,10 +125,8 @@ def test_unknown_parameters_stand_in_parts_and_are_shared_by_joints():
     model = built(text)
     assert [one.name for one in model.unknowns] == ["bolt.k.rz", "ei", "s"]
     assert {one.name: one.unit for one in model.unknowns}["s"] == "N/m"
-    result = dynid.run(
-        scene(
-            text.replace("model: reduced", "model: full").replace("    reduction: {modes: {count: 4}}\n", "")
-        )
+    result = identified(
+        text.replace("model: reduced", "model: full").replace("    reduction: {modes: {count: 4}}\n", "")
     )
     np.testing.assert_allclose(result["identification/parameters/error_percent"].data, 0, atol=1e-3)
 
@@ -228,7 +235,7 @@ def test_a_whole_assembly_is_reduced_with_points_as_masters():
     made = scene(text)
     small = reductor_of(made).reduce(structure_of(made))
     assert small.model.size == 10 + 8
-    result = dynid.run(made)
+    result = identified(text)
     np.testing.assert_allclose(result["identification/parameters/error_percent"].data, 0, atol=1e-3)
 
 
@@ -249,7 +256,7 @@ def test_reduced_parts_are_reduced_further_with_the_basis_that_follows_the_joint
     M, _, K = at.dense(structure.true_values())
     found = np.linalg.eigvals(np.linalg.solve(M, K)).real
     np.testing.assert_allclose(np.sort(found), np.sort(exact.real)[:9], rtol=1e-8)
-    result = dynid.run(made)
+    result = identified(text)
     np.testing.assert_allclose(result["identification/parameters/error_percent"].data, 0, atol=0.5)
 
 

@@ -26,10 +26,11 @@ reduction: {{{method}}}
 excitation: [{{dof: w_4, kind: multisine, amplitude: [10, 10], frequency: [12, 60]}}]
 measurement:
   step: 0.01
-  samples: 200
+  samples: 120
   channels: [{{dof: w_3, quantity: acceleration}}, {{dof: w_6, quantity: velocity}}]
   {source}
 estimator: {{method: output-error}}
+derived: []
 """
 METHODS = {
     "craig-bampton": "method: craig-bampton, masters: [w_3, w_4, w_6], modes: [1, 2]",
