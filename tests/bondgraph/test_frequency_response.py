@@ -93,7 +93,7 @@ def test_the_oracle_agrees_with_an_evaluation_at_a_rational_point():
     assert _horner(channel.numerator, s).re == expected
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 @given(seed=st.integers(), loops=st.sampled_from([0, 0, 1, 3]))
 def test_random_graphs(seed, loops):
     rng = random.Random(seed)

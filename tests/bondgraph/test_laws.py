@@ -16,6 +16,7 @@ from dynid.errors import Singular, UsageError
 from tests.bondgraph.graphs import at, transfers
 from tests.bondgraph.random_graphs import random_graph
 from tests.bondgraph.tableau import transfers_at
+from tests.sample import sample
 
 S = Fraction(7, 5)
 
@@ -143,7 +144,7 @@ class RandomLaws:
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", sample(range(60), 20))
 def test_the_linearisation_of_random_graphs_is_the_tableau_exactly(seed):
     made = RandomLaws(seed)
     if not made.laws:

@@ -11,11 +11,12 @@ from dynid.errors import Singular
 from tests.bondgraph.graphs import port, reduced, written
 from tests.bondgraph.random_graphs import random_graph
 from tests.bondgraph.tableau import transfer_at
+from tests.sample import sample
 
 S = Fraction(987654321, 1234577)
 
 
-@pytest.mark.parametrize("first", range(40_000, 40_150, 50))
+@pytest.mark.parametrize("first", sample(range(40_000, 40_150, 50), 1))
 def test_what_is_named_as_dropped_does_not_matter_together_or_alone(first):
     named = 0
     for seed in range(first, first + 50):

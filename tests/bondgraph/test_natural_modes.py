@@ -219,11 +219,11 @@ def check(first, count, most):
 
 @pytest.mark.parametrize("first", sample([300_000, 310_000], 1))
 def test_the_natural_modes_are_those_of_the_graph_with_the_driving_port_removed(first):
-    outputs, looped, bonds, driven = check(first, 60, most=2)
-    assert outputs > 50
-    assert looped > 15
-    assert bonds > 20
-    assert driven > 10
+    outputs, looped, bonds, driven = check(first, 30, most=2)
+    assert outputs > 25
+    assert looped > 5
+    assert bonds > 10
+    assert driven > 5
 
 
 @pytest.mark.slow

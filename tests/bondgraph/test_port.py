@@ -19,6 +19,7 @@ from dynid.lti.certified_roots import certified_roots
 from tests.bondgraph.graphs import ISOLATOR, at, build, parse, reduced
 from tests.bondgraph.random_graphs import coincident_graph, random_graph
 from tests.bondgraph.tableau import transfer_at
+from tests.sample import sample
 
 S = Fraction(987654321, 1234577)
 PUBLISHED = sorted((Path(__file__).parents[2] / "../shared/data/bondgraphs").glob("*.json"))
@@ -117,7 +118,7 @@ def bond_by_tableau(types, values, bonds, inputs, place, quantity):
 
 
 @pytest.mark.parametrize("make", [random_graph, coincident_graph])
-@pytest.mark.parametrize("first", range(90_000, 90_060, 30))
+@pytest.mark.parametrize("first", sample(range(90_000, 90_060, 30), 1))
 def test_both_sides_and_the_port_agree_with_the_tableau(make, first):
     seen = 0
     for seed in range(first, first + 30):

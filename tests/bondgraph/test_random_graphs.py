@@ -111,7 +111,7 @@ def assert_roots(found, polynomial, seed):
         assert abs(left.pop(nearest) - root) <= 1e-12 * abs(root), (seed, root)
 
 
-@pytest.mark.parametrize("first", sample(range(0, 120, 30), 2))
+@pytest.mark.parametrize("first", sample(range(0, 120, 30), 1))
 def test_fresh_graphs_are_answered_or_refused_as_the_tableau_says(first):
     for seed in range(first, first + 30):
         judge(seed)

@@ -72,7 +72,7 @@ def compared(graph, analysis, samples, *, skip=ALONE):
     return answered
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 5), st.integers(0, 2))
 def test_samples_of_a_random_graph(seed, junctions, loops):
     rng = random.Random(seed)
@@ -91,7 +91,7 @@ def test_samples_of_a_random_graph(seed, junctions, loops):
         compared(graph, analysis, samples)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=12, deadline=None)
 @given(st.integers(0, 10**6), st.integers(1, 4))
 def test_samples_full_of_coincidences(seed, junctions):
     rng = random.Random(seed)

@@ -116,7 +116,7 @@ def checked(cases):
     return rules
 
 
-@pytest.mark.parametrize("first", sample(range(70_000, 70_150, 50), 2))
+@pytest.mark.parametrize("first", sample(range(70_000, 70_150, 50), 1))
 def test_every_step_on_random_graphs_keeps_the_transfer_function(first):
     def cases():
         for seed in range(first, first + 50):
@@ -126,10 +126,10 @@ def test_every_step_on_random_graphs_keeps_the_transfer_function(first):
     assert checked(cases()) == set(OPERATION)
 
 
-@pytest.mark.parametrize("first", sample(range(80_000, 80_200, 100), 1))
+@pytest.mark.parametrize("first", sample(range(80_000, 80_200, 50), 1))
 def test_every_step_on_graphs_full_of_coincidences_keeps_the_transfer_function(first):
     def cases():
-        for seed in range(first, first + 100):
+        for seed in range(first, first + 50):
             rng = random.Random(seed)
             yield coincident_graph(rng, rng.randint(1, 6))
 

@@ -46,10 +46,13 @@ def regular(seeds, junctions, loops, quantities="ef"):
         yield types, values, bonds, inputs, (node, quantity), graph
 
 
+@pytest.mark.parametrize("count", [150, pytest.param(400, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("junctions", "loops", "quantities"), [(4, 0, "ef"), (7, 2, "ef"), (5, 4, "efqp")])
-def test_the_transfer_function_of_the_state_equations_is_that_of_the_tableau(junctions, loops, quantities):
+def test_the_transfer_function_of_the_state_equations_is_that_of_the_tableau(
+    junctions, loops, quantities, count
+):
     point = Fraction(5, 4)
-    for *case, graph in regular(range(400), junctions, loops, quantities):
+    for *case, graph in regular(range(count), junctions, loops, quantities):
         expected = transfer_at(*case, point)
         if expected is None:
             continue
@@ -58,9 +61,10 @@ def test_the_transfer_function_of_the_state_equations_is_that_of_the_tableau(jun
         assert (abs(value - exact) <= bound + 4 * EPS * abs(exact)).all()
 
 
+@pytest.mark.parametrize("count", [150, pytest.param(400, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("junctions", "loops"), [(4, 0), (7, 2), (4, 4)])
-def test_there_is_a_state_for_every_mode_and_no_other(junctions, loops):
-    for *_, graph in regular(range(1000, 1400), junctions, loops):
+def test_there_is_a_state_for_every_mode_and_no_other(junctions, loops, count):
+    for *_, graph in regular(range(1000, 1000 + count), junctions, loops):
         result = analyse(graph.graph, Analysis(graph.inputs, graph.outputs, frozenset({"properties"})))
         channel, t = next(iter(transfers(graph).items()))
         hidden = result.value(f"bond_graph/properties/{channel[0]}/{channel[1]}/hidden_modes")

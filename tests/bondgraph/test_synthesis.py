@@ -14,6 +14,7 @@ from dynid.errors import NumericalError
 from dynid.lti.positive_real import find_violation, lowest_terms
 from tests.bondgraph.tableau import transfer_at
 from tests.lti.test_positive_real import from_even_part, poly
+from tests.sample import sample
 
 S = fmpq_poly([0, 1])
 ONE = fmpq_poly([1])
@@ -83,7 +84,7 @@ def quotient(numerator, denominator, s):
     return Fraction(int(value.p), int(value.q))
 
 
-@pytest.mark.parametrize("seed", range(100))
+@pytest.mark.parametrize("seed", sample(range(100), 40))
 def test_a_random_positive_real_impedance_is_synthesised_and_analysed_back(seed):
     numerator, denominator, letters = random_impedance(seed)
     assert find_violation(numerator, denominator) is None

@@ -197,7 +197,7 @@ def graphs(first, count):
             yield random_graph(rng, rng.randint(2, 7), rng.choice([0, 1, 2, 3])), rng
 
 
-@pytest.mark.parametrize("first", sample(range(500_000, 500_160, 40), 2))
+@pytest.mark.parametrize("first", sample(range(500_000, 500_160, 40), 1))
 def test_every_formula_of_a_trace_is_true_unique_and_in_lowest_terms(first):
     counts = [check(*made) for made in graphs(first, 40)]
     assert sum(count is not None for count in counts) > 20
@@ -211,7 +211,7 @@ def test_every_formula_of_2000_traces_is_true_unique_and_in_lowest_terms(first):
     assert sum(count is not None for count in counts) > 100
 
 
-@pytest.mark.parametrize("seed", sample(range(700_000, 700_030), 8))
+@pytest.mark.parametrize("seed", sample(range(700_000, 700_030), 4))
 def test_the_formulas_of_both_sides_of_a_port_have_names_of_their_own(seed):
     rng = random.Random(seed)
     types, values, bonds, inputs, output = random_graph(rng, rng.randint(2, 6), rng.choice([0, 1, 2]))

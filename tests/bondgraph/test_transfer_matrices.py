@@ -4,6 +4,7 @@ import random
 from collections import Counter
 from fractions import Fraction
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -24,9 +25,20 @@ def several_outputs(rng, types):
     return [(name, rng.choice(allowed.get(types[name], "efqp"))) for name in chosen]
 
 
+@settings(deadline=None, max_examples=100)
+@given(seed=st.integers(0, 2**40))
+def test_random_transfer_matrices_agree_exactly_with_the_tableau(seed):
+    assert_agrees(seed)
+
+
+@pytest.mark.slow
 @settings(deadline=None, max_examples=300)
 @given(seed=st.integers(0, 2**40))
 def test_300_random_transfer_matrices_agree_exactly_with_the_tableau(seed):
+    assert_agrees(seed)
+
+
+def assert_agrees(seed):
     rng = random.Random(seed)
     types, values, bonds, inputs, _ = random_graph(rng, rng.randint(1, 8), rng.choice([0, 0, 1, 2, 4]))
     outputs = several_outputs(rng, types)
@@ -42,9 +54,9 @@ def test_300_random_transfer_matrices_agree_exactly_with_the_tableau(seed):
 
 
 def test_the_random_graphs_hold_every_kind_of_difficulty():
-    """Counted over 300 of them, so that the agreement above means something."""
+    """Counted over 150 of them, so that the agreement above means something."""
     seen = Counter()
-    for seed in range(300):
+    for seed in range(150):
         rng = random.Random(seed)
         types, values, bonds, inputs, _ = random_graph(rng, rng.randint(1, 8), rng.choice([0, 0, 1, 2, 4]))
         outputs = several_outputs(rng, types)

@@ -26,11 +26,12 @@ def only_port(graph):
     return graph.outputs[0]
 
 
+@pytest.mark.parametrize("count", [80, pytest.param(250, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("junctions", "loops", "quantities"), [(4, 0, "ef"), (6, 2, "efqp"), (4, 4, "ef")])
-def test_the_modes_of_the_zero_dynamics_are_the_zeros(junctions, loops, quantities):
+def test_the_modes_of_the_zero_dynamics_are_the_zeros(junctions, loops, quantities, count):
     """T is det(s - A_z) / det(s - A) up to a constant, so its ratio at two points is known (tableau)."""
     checked = 0
-    for *case, graph in regular(range(3000, 3250), junctions, loops, quantities):
+    for *case, graph in regular(range(3000, 3000 + count), junctions, loops, quantities):
         port = only_port(graph)
         system = state_space(graph)
         far = 2 + 2 * float(abs(np.linalg.eigvals(system.A)).max(initial=0.0))
@@ -57,7 +58,7 @@ def test_the_modes_of_the_zero_dynamics_are_the_zeros(junctions, loops, quantiti
             one, other = (math.prod(polynomial_at(part.polynomial, s) for part in parts) for s in points)
             assert float(other / one) / natural == pytest.approx(ratio, rel=1e-10)
             checked += 1
-    assert checked >= 50
+    assert checked >= count / 5
 
 
 def test_the_isolators_fluid_resonates_while_the_body_stands_still():
