@@ -8,7 +8,7 @@ expressions by the parameters of a scene are exact where the expressions are.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -159,18 +159,7 @@ class Dependent:
     @cached_property
     def _order(self) -> list[Dependent]:
         """The dependent numbers that it is computed from, operands before results, itself last."""
-        order: list[Dependent] = []
-        seen: set[int] = set()
-        stack: list[tuple[Dependent, bool]] = [(self, False)]
-        while stack:
-            node, entered = stack.pop()
-            if entered:
-                order.append(node)
-            elif id(node) not in seen:
-                seen.add(id(node))
-                stack.append((node, True))
-                stack += [(one, False) for one in node.operands if isinstance(one, Dependent)]
-        return order
+        return _ordered(self, ())
 
     @cached_property
     def names(self) -> frozenset[str]:
@@ -308,6 +297,25 @@ def hypot(x: Real, y: Real) -> Any:
     return math.hypot(x, y)
 
 
+def _ordered(number: Dependent, done: Container[int]) -> list[Dependent]:
+    """Return the dependent numbers that one is computed from, operands before results, itself last.
+
+    Those whose id is among `done` are left out, with their operands.
+    """
+    order: list[Dependent] = []
+    seen: set[int] = set()
+    stack: list[tuple[Dependent, bool]] = [(number, False)]
+    while stack:
+        node, entered = stack.pop()
+        if entered:
+            order.append(node)
+        elif id(node) not in seen and id(node) not in done:
+            seen.add(id(node))
+            stack.append((node, True))
+            stack += [(one, False) for one in node.operands if isinstance(one, Dependent)]
+    return order
+
+
 class Multiple(NamedTuple):
     """A dependent number as a number times another: ``factor * core``."""
 
@@ -323,16 +331,16 @@ def like_terms(numbers: Sequence[Dependent]) -> list[Multiple]:
     """
     split: dict[int, Multiple] = {}
     places: dict[tuple[Any, ...], int] = {}
+    at: dict[int, int] = {}  # by the ids of numbers, as `split` and `common`, which keeps them
     known: dict[int, Dependent] = {}
-    common: dict[int, Dependent] = {}  # by the ids of cores, which `split` keeps
+    common: dict[int, Dependent] = {}
     found = []
     for number in numbers:
-        for node in number._order:
-            if id(node) not in split:
-                split[id(node)] = _multiple(node, split)
+        for node in _ordered(number, split):
+            split[id(node)] = _multiple(node, split)
         factor, core = split[id(number)]
         if id(core) not in common:
-            common[id(core)] = known.setdefault(_place(core, places), core)
+            common[id(core)] = known.setdefault(_place(core, places, at), core)
         found.append(Multiple(factor, common[id(core)]))
     return found
 
@@ -364,10 +372,9 @@ def _multiple(node: Dependent, split: Mapping[int, Multiple]) -> Multiple:
     return Multiple(factor, core) if core is not None and math.isfinite(factor) and factor else whole
 
 
-def _place(number: Dependent, places: dict[tuple[Any, ...], int]) -> int:
-    """Return the place of an expression among those that are built differently."""
-    at: dict[int, int] = {}
-    for node in number._order:
+def _place(number: Dependent, places: dict[tuple[Any, ...], int], at: dict[int, int]) -> int:
+    """Return the place of an expression among those that are built differently; `at` holds those known."""
+    for node in _ordered(number, at):
         operands = tuple(
             ("of", at[id(one)]) if isinstance(one, Dependent) else ("is", one) for one in node.operands
         )
