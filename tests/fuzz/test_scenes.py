@@ -16,7 +16,7 @@ BASES = bases()
 COUNT = 600
 
 
-@pytest.mark.parametrize("part", sample(range(6), 2))
+@pytest.mark.parametrize("part", sample(range(6), 1))
 def test_a_spoiled_scene_is_refused_with_its_places_or_is_valid(tmp_path, part):
     sandbox = Sandbox(tmp_path)
     for seed in range(part, COUNT, 6):
@@ -24,10 +24,11 @@ def test_a_spoiled_scene_is_refused_with_its_places_or_is_valid(tmp_path, part):
         assert sandbox.judge(text).wrong == "", f"seed {seed}:\n{text[:2000]}"
 
 
+@pytest.mark.parametrize("seeds", [range(4), pytest.param(range(4, 10), marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_of_hostile_scene_is_refused_or_valid(tmp_path, kind):
+def test_every_kind_of_hostile_scene_is_refused_or_valid(tmp_path, kind, seeds):
     sandbox = Sandbox(tmp_path)
-    for seed in range(10):
+    for seed in seeds:
         text = KINDS[kind][0](random.Random(seed), BASES[7 * seed % len(BASES)])
         assert sandbox.judge(text).wrong == "", f"seed {seed}:\n{text[:2000]}"
 

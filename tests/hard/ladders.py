@@ -110,11 +110,12 @@ def _cases() -> list[Case]:
             partial(_known_response, stages, B, *grid),
         )
         name = f"frequency response of a ladder of {stages} stages"
-        cases.append(Case(name, "frequency", RECURSION, ask, known, 1e-12))
+        cases.append(Case(name, "frequency", RECURSION, ask, known, 1e-12, slow=stages > 200))
         ask = partial(_static, stages)
         name = f"static response of a ladder of {stages} stages, whose storage elements block at 0 rad/s"
         compliance = np.array([stages / K], dtype=complex)
-        cases.append(Case(name, "frequency", "by hand: springs in series", ask, compliance, 1e-15))
+        source = "by hand: springs in series"
+        cases.append(Case(name, "frequency", source, ask, compliance, 1e-15, slow=stages > 200))
     for stages in (3, 5, 9):
         name = f"zero of multiplicity {stages - 1} of a ladder of {stages} stages"
         ask = partial(_far_zeros, stages)

@@ -42,6 +42,7 @@ SUSPENSION: dict[str, Any] = {
         "channels": [{"dof": 2, "quantity": "velocity"}, {"dof": 3, "quantity": "velocity"}],
         "simulate": {"noise_ratio": 0.05, "seed": 1, "settle": 10},
     },
+    "derived": [],  # no case is about modes or zeros of the estimate
 }
 
 
@@ -79,6 +80,7 @@ def one_mass(mass: float, k: float, c: float, step: float, samples: int, **simul
             "channels": [{"dof": 1, "quantity": "velocity"}],
             "simulate": {"noise_ratio": 0.05, "seed": 1, **simulate},
         },
+        "derived": [],
     }
 
 
@@ -234,6 +236,7 @@ def _pair(omega: float, phase: float = 0.0) -> tuple[dict[str, Any], dict[str, s
             "channels": [{"dof": 2, "quantity": "acceleration"}],
             "file": {"path": "record.csv"},
         },
+        "derived": [],
     }
     return scene, {"record.csv": "\n".join(["a", *map(repr, y.tolist()), ""])}
 

@@ -56,7 +56,8 @@ def polynomials(text, source="target"):
 )
 def test_a_controller_is_its_quotient(controller, top, bottom):
     """(L s + R + k_i) i = u - k w, J s w = k i - b w, q = w/s, u = target - C q."""
-    found_top, found_bottom, _ = polynomials(SERVO.replace("CONTROLLER", controller))
+    text = SERVO.replace("CONTROLLER", controller) + "  results: [transfer_function]\n"
+    found_top, found_bottom, _ = polynomials(text)
     plant = np.polyadd(np.polymul([0.01, 5], [0.001, 0.0001]), [0.01])
     closed = np.polyadd(0.1 * np.asarray(top), np.polymul(np.polymul(plant, [1, 0]), bottom))
     own = 0.1 * np.asarray(bottom, dtype=float)
@@ -163,6 +164,7 @@ parameters: {kp: {start: 10, true: 20}, kt: {start: 0.05, true: 0.1}}
 excitation: [{source: target, kind: multisine, amplitude: [5, 5, 5], frequency: [5, 20, 60]}]
 measurement: {step: 0.002, samples: 800, channels: [{output: shaft.q}, {output: m.L.f}],
   simulate: {noise_ratio: 0.01, seed: 2}}
+derived: []
 """
     result = dynid.run(scene(text))
     estimate = result["identification/parameters/estimate"].data
@@ -325,11 +327,15 @@ def test_what_is_approximate_is_marked_and_verdicts_are_true():
     np.testing.assert_allclose(found, np.sort_complex(result[f"{root}/poles"].data), rtol=1e-6)
 
 
+@pytest.fixture(scope="module")
+def limit():
+    """The delay margin of the loop without delay."""
+    return dynid.run(scene(LATE.replace("0.02", "0")))["bond_graph/margins/delay"].data[1]
+
+
 @pytest.mark.parametrize(("tau", "stable"), [(0.002, True), (0.02, False)])
-def test_verdicts_with_delays(tau, stable):
+def test_verdicts_with_delays(limit, tau, stable):
     """The delay margin of the loop without delay is where it turns unstable."""
-    prompt = dynid.run(scene(LATE.replace("0.02", "0")))
-    limit = prompt["bond_graph/margins/delay"].data[1]
     assert (tau < limit) == stable
     result = dynid.run(scene(LATE.replace("0.02", str(tau))))
     assert bool(result["bond_graph/margins/stable"].data[1]) == stable

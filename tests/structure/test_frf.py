@@ -93,9 +93,9 @@ def test_static_response_alone_needs_no_modes():
 
 @pytest.mark.parametrize("method", ["direct", "modal"])
 def test_an_undamped_pole_is_infinite_either_way(method):
-    K = sp.csc_array(sp.block_diag([np.array([[4.0]]), string(499)[0]]))
-    M = sp.eye_array(500, format="csc")
-    where = Ports(unit(500, 0).T, unit(500, 0), [0])
+    K = sp.csc_array(sp.block_diag([np.array([[4.0]]), string(249)[0]]))
+    M = sp.eye_array(250, format="csc")
+    where = Ports(unit(250, 0).T, unit(250, 0), [0])
     found = frequency_response_functions(M, 0 * K, K, where, [1.0, 2.0], method=method)
     np.testing.assert_allclose(found.response.ravel(), [1 / 3, np.inf], rtol=1e-12)
 

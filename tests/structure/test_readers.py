@@ -141,13 +141,14 @@ def refusal(file):
     return None
 
 
+@pytest.mark.parametrize("trials", [30, pytest.param(60, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("write", WRITERS)
-def test_a_damaged_file_is_one_sentence_or_a_matrix(tmp_path, write):
+def test_a_damaged_file_is_one_sentence_or_a_matrix(tmp_path, write, trials):
     """Cut off anywhere, or with any byte changed: never a traceback, never memory for what is not there."""
     path, name = write(tmp_path)
     whole, contents = path.read_bytes(), []
     rng = np.random.default_rng(11)
-    for trial in range(60):
+    for trial in range(trials):
         spoilt = bytearray(whole)
         if trial % 3:
             for place in rng.integers(0, len(whole), 1 + trial % 5):
