@@ -31,17 +31,21 @@ def estimates(result):
     return np.asarray(result.value("identification/parameters/estimate"))
 
 
-def test_shipped_scene_finds_the_joints():
-    result = dynid.run(dynid.load_scene(Path(__file__).parents[2] / "configs" / "chain_modes.yaml"))
-    error = np.asarray(result.value("identification/parameters/standard_error"))
-    assert np.all(np.abs(estimates(result) - [2e4, 8.0, 2.4e4]) < 3 * error)
-    assert result.value("identification/diagnostics/converged")
-    assert result["identification/modes/frequency"].units == "Hz"
-    np.testing.assert_allclose(result.value("identification/modes/frequency_measured")[0], 6.078)
+@pytest.fixture(scope="module")
+def listed():
+    """What the shipped scene, which lists its modes, identifies."""
+    return dynid.run(dynid.load_scene(Path(__file__).parents[2] / "configs" / "chain_modes.yaml"))
 
 
-def test_table_gives_what_the_list_gives(tmp_path):
-    listed = dynid.run(scene(tmp_path, "measurement:" + CHAIN.partition("measurement:")[2]))
+def test_shipped_scene_finds_the_joints(listed):
+    error = np.asarray(listed.value("identification/parameters/standard_error"))
+    assert np.all(np.abs(estimates(listed) - [2e4, 8.0, 2.4e4]) < 3 * error)
+    assert listed.value("identification/diagnostics/converged")
+    assert listed["identification/modes/frequency"].units == "Hz"
+    np.testing.assert_allclose(listed.value("identification/modes/frequency_measured")[0], 6.078)
+
+
+def test_table_gives_what_the_list_gives(tmp_path, listed):
     rows = ["frequency [Hz],frequency_std,damping,damping_std,1,3,5,std 1,std 3,std 5"]
     get = {
         name: listed.value(f"identification/modes/{name}") for name in ("frequency_measured", "frequency_std")
@@ -56,10 +60,9 @@ def test_table_gives_what_the_list_gives(tmp_path):
     np.testing.assert_allclose(read.value("identification/modes/frequency_std"), get["frequency_std"])
 
 
-def test_matlab_file_with_scatter_of_single_tests(tmp_path):
+def test_matlab_file_with_scatter_of_single_tests(tmp_path, listed):
     from scipy.io import savemat
 
-    listed = dynid.run(scene(tmp_path, "measurement:" + CHAIN.partition("measurement:")[2]))
     get = {
         name: np.asarray(listed.value(f"identification/modes/{name}"))
         for name in (
@@ -187,13 +190,12 @@ def test_responses_and_records_beside_modes_are_refused(tmp_path):
         scene(tmp_path, f"{text}  records: [{record}]\n", TRUE)
 
 
-def test_report_and_summary_show_the_modes():
+def test_report_and_summary_show_the_modes(listed):
     from dynid.cli.summary import summary
     from dynid.report.figure import figures
 
-    result = dynid.run(dynid.load_scene(Path(__file__).parents[2] / "configs" / "chain_modes.yaml"))
-    names = [figure.name for figure in figures(result)]
+    names = [figure.name for figure in figures(listed)]
     assert {"measured-modes", "mac"} <= set(names)
-    for figure in figures(result):
+    for figure in figures(listed):
         figure.draw()
-    assert "MAC at start" in summary(result, "")
+    assert "MAC at start" in summary(listed, "")
