@@ -58,9 +58,15 @@ def servo():
     return dynid.run(dynid.load_scene(CONFIGS / "servo_orifices.yaml", less))
 
 
+@pytest.fixture(autouse=True)
+def _digits():
+    """Compute by hand with 40 digits, and leave the precision of other tests alone."""
+    with mp.workdps(40):
+        yield
+
+
 def servo_point():
     """The equilibrium of the servo by hand: all flows through the orifices, at 40 digits."""
-    mp.dps = 40
     p, u, x = mpf(10) ** 7, mpf(2) / 10**5, mpf(4) / 10**6
     K = mpf("0.62") * mpf("0.02") * mp.sqrt(mpf(2) / 870)
     # (u + x) sqrt(p - a) = (u - x) sqrt(a); the other chamber alike
@@ -231,7 +237,6 @@ def crank():
 
 def test_a_crank_in_a_model_is_linearised_with_its_geometric_stiffness(crank):
     """J phi'' + n m x'' + … with dx = n dphi, W n(phi) turns with the arm; a parameter f stays apart."""
-    mp.dps = 30
     phi = mp.findroot(lambda p: 3 - 98 * mp.cos(p) / 2 - 100 * p, mpf("-0.4"))
     assert abs(value(crank, "k.q") / phi - 1) < 1e-15
     n, slope_n = mp.cos(phi) / 2, -mp.sin(phi) / 2
