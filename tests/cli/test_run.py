@@ -415,17 +415,15 @@ def test_who_wants_the_traceback_has_it(folder, monkeypatch):
 
 
 @pytest.mark.usefixtures("folder")
-def test_a_negative_value_is_warned_of_once_on_standard_error_and_in_the_file(dynid):
+def test_a_negative_value_is_warned_of_once_on_standard_error(dynid):
     warning = "not passive: I 'm' (-4) has a negative value and can give energy without end"
     for command in ("run", "check"):
         _, out, err = dynid(command, "small.yaml", "--set", "parameters.m=-4")
         place, _, said = next(line for line in err.splitlines() if "warning" in line).partition(": warning: ")
         assert (place.startswith("small.yaml:"), said) == (True, warning)
         assert err.count("warning") == 1
-        assert ("warning: not passive" in out) == (command == "run")
-    assert list(read_result("small.h5")["bond_graph/warnings"].data) == [warning]
-    _, out, _ = dynid("run", "small.yaml", "--set", "parameters.m=-4", "--json")
-    assert json.loads(out)["warnings"] == [warning]
+        assert "not passive" not in out
+    assert "bond_graph/warnings" not in read_result("small.h5")  # they are of what is not determined
 
 
 def test_doubts_about_the_scene_are_warnings_of_run_and_check_and_the_explanation_agrees(dynid, folder):

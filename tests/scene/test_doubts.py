@@ -3,7 +3,6 @@
 import pytest
 
 from dynid.scene.doubts import scene_doubts
-from dynid.scene.run import run_scene
 from tests.scene.example_scenes import ISOLATOR, JOINTS, check
 
 UNEXPECTING = ISOLATOR.partition("expect:")[0]
@@ -107,12 +106,3 @@ def test_elements_of_negative_values_are_doubted_once_at_the_first():
     # moduli, zero resistance and falling laws are none
     assert doubts_of(UNEXPECTING.replace("A_p: 0.01", "A_p: -0.01").replace("b: 50", "b: 0")) == []
     assert doubts_of(UNEXPECTING.replace("{type: R, value: b}", '{type: R, law: {e: "-b*f"}}')) == []
-
-
-def test_the_file_has_the_warning_of_a_negative_value_that_is_doubted():
-    scene = check(UNEXPECTING.replace("b: 50", "b: -50"))
-    [doubt] = scene_doubts(scene)
-    assert list(run_scene(scene)["bond_graph/warnings"].data) == [doubt.message]
-    falling = check(UNEXPECTING.replace("{type: R, value: b}", '{type: R, law: {e: "-b*f"}}'))
-    assert "bond_graph/warnings" not in run_scene(falling)
-    assert "bond_graph/warnings" not in run_scene(check(UNEXPECTING))

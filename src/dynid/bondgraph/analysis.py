@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynid.bondgraph.fields import active_warnings
+from dynid.bondgraph.fields import field_warnings
 from dynid.bondgraph.graph import Bond, BondGraph
 from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.reduction.junctions import JunctionStructure
@@ -68,8 +68,7 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     if analysis.approximations:
         texts = [part.why for part in analysis.approximations]
         result.add_axis("bond_graph/approximations", np.array(texts, dtype=object))
-    laws = analysis.linearisation.laws if analysis.linearisation is not None else ()
-    warnings = [*_add_operating_point(result, analysis), *active_warnings(graph, laws)]
+    warnings = [*_add_operating_point(result, analysis), *field_warnings(graph)]
     causality = None
     if "causality" in analysis.results:
         from dynid.bondgraph.results.causality import add_causality

@@ -9,7 +9,7 @@ for its row and one for its column. Source: Karnopp, Margolis & Rosenberg, *Syst
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import pairwise
@@ -28,7 +28,6 @@ from dynid.arithmetic.ldl import (
 )
 from dynid.bondgraph.graph import FIELDS, Bond, BondGraph, Node, NodeType, Port, Quantity
 from dynid.errors import UsageError
-from dynid.suggestions import shortened
 
 FieldType = Literal["I", "C", "R"]
 
@@ -322,43 +321,18 @@ def field_fault(matrix: Sequence[Sequence[Real]]) -> str:
     return ""
 
 
-def active_warnings(graph: BondGraph, laws: Collection[str] = ()) -> list[str]:
-    """Return a sentence for every field that is not passive, and one for all elements of negative values.
-
-    Parameters
-    ----------
-    graph
-        The graph.
-    laws
-        Nodes whose values are slopes of laws, which may fall.
-    """
-    negative = [
-        node
+def field_warnings(graph: BondGraph) -> list[str]:
+    """Return a sentence for every field that is not passive."""
+    active = {
+        node.part: None
         for node in graph.nodes.values()
-        if node.type in FIELDS and node.value is not None and node.value < 0 and node.name not in laws
-    ]
-    own = {node.name: (node.type, float(cast("Fraction", node.value))) for node in negative if not node.part}
+        if node.part and node.type in FIELDS and node.value is not None and node.value < 0
+    }
     return [
-        *(
-            f"the field '{name}' is not passive: its matrix has a negative eigenvalue, so it can give energy "
-            "without end"
-            for name in dict.fromkeys(node.part for node in negative if node.part)
-        ),
-        *([negative_values(own)] if own else []),
+        f"the field '{name}' is not passive: its matrix has a negative eigenvalue, so it can give energy "
+        "without end"
+        for name in active
     ]
-
-
-def negative_values(elements: Mapping[str, tuple[str, float]]) -> str:
-    """Return the warning of elements I, C and R that have negative values.
-
-    Parameters
-    ----------
-    elements
-        Their types and values by name.
-    """
-    shown = shortened([f"{kind} '{name}' ({value:g})" for name, (kind, value) in elements.items()], 3)
-    has = "has a negative value" if len(elements) == 1 else "have negative values"
-    return f"not passive: {shown} {has} and can give energy without end"
 
 
 def _lowest_eigenvalue(matrix: Sequence[Sequence[Any]]) -> float:

@@ -79,11 +79,6 @@ class Linearisation:
     flat: tuple[str, ...]
     point: OperatingPoint
 
-    @property
-    def laws(self) -> frozenset[str]:
-        """The nodes with laws."""
-        return frozenset(one.row.node for one in self.slopes)
-
 
 def linearised(point: OperatingPoint) -> Linearisation:
     """Return the linearisation of a graph at a point; every slope is rounded once.

@@ -6,7 +6,7 @@ import time
 from typing import cast
 
 from dynid.bondgraph.causality.report import join_nodes
-from dynid.bondgraph.fields import active_warnings
+from dynid.bondgraph.fields import field_warnings
 from dynid.bondgraph.graph import STORAGES
 from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.reduction.junctions import JunctionStructure
@@ -66,10 +66,7 @@ def explain(scene: Scene) -> Explanation:
     storages = sum(node.type in STORAGES for node in graph.nodes.values())
     order = f"{counted(causality.order, 'state')}, {counted(storages, 'storage element')}"
     facts.append(Fact("order", order))
-    laws = analysis.linearisation.laws if analysis.linearisation is not None else ()
-    facts += [
-        Fact("warning", sentence) for sentence in (*active_warnings(graph, laws), *reduced.undetermined)
-    ]
+    facts += [Fact("warning", sentence) for sentence in (*field_warnings(graph), *reduced.undetermined)]
     outputs, inputs = (
         join_nodes([str(name) for name in names]) for names in (reduced.outputs, reduced.inputs)
     )

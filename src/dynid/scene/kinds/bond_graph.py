@@ -7,7 +7,6 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any, cast
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.fields import negative_values
 from dynid.bondgraph.graph import FIELDS, BondGraph, GraphUnits
 from dynid.bondgraph.request import Analysis, FormulaRequest, SensitivityParameter
 from dynid.defaults import TRACED_PARTS
@@ -19,6 +18,7 @@ from dynid.scene.schema.base import DefinedParameter
 from dynid.scene.schema.bond_graph import AnalysisModel, BondGraphScene
 from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.signals import SignalPart, StepSignal
+from dynid.suggestions import shortened
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -135,7 +135,12 @@ def doubts(scene: Scene) -> Iterator[Fault]:
         if node.type in FIELDS and node.value is not None and not node.value.variable and node.value.value < 0
     }
     if negative:
-        yield scene.source.fault(("graph", "nodes", next(iter(negative)), "value"), negative_values(negative))
+        shown = shortened([f"{kind} '{name}' ({value:g})" for name, (kind, value) in negative.items()], 3)
+        has = "has a negative value" if len(negative) == 1 else "have negative values"
+        yield scene.source.fault(
+            ("graph", "nodes", next(iter(negative)), "value"),
+            f"not passive: {shown} {has} and can give energy without end",
+        )
     if scene.kind == "bond-graph" and model.expect:
         from dynid.scene.kinds.expected_paths import unrequested_paths
 
