@@ -66,6 +66,7 @@ def test_the_estimates_stand_in_place_of_the_unknowns_to_the_last_digit(tmp_path
     assert list(data) == order
 
 
+@pytest.mark.usefixtures("complete")
 def test_the_identified_scene_has_the_modes_of_the_estimate(tmp_path):
     result = kept(SCENE, tmp_path)
     again = run(identified_scene(result), tmp_path, "identified.yaml")
@@ -96,6 +97,7 @@ def test_a_factor_of_a_matrix_stays_one(tmp_path):
     )
 
 
+@pytest.mark.usefixtures("complete")
 def test_a_graph_becomes_a_bond_graph(tmp_path):
     text = """\
 dynid: 1
