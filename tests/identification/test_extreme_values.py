@@ -108,6 +108,13 @@ def test_absurd_values_are_answered_within_their_error_bars_or_refused_in_words(
         assert "\n" not in str(refused)
 
 
+@pytest.mark.usefixtures("poor_starts")
+def test_a_prediction_beside_which_the_record_is_less_than_its_rounding_is_refused():
+    """The residual is 1e38 times the record: it is all of the prediction, to each of its digits."""
+    with pytest.raises(Diverged, match="the prediction explains nothing of the record"):
+        two_masses(Link((1,), 1e4, 1), "acceleration", masses=(1e300, 1), kind="multisine")
+
+
 @pytest.mark.parametrize("force", [1e-200, 1e200])
 def test_the_unit_of_force_does_not_matter(force):
     loads = (Load(5, Multisine([100 * force] * 3, [70, 110, 250])),)

@@ -302,7 +302,9 @@ def test_columns_that_nearly_depend_on_each_other_keep_their_digits():
     Q = np.linalg.qr(rng.standard_normal((200, 3)))[0]
     values = np.column_stack([Q[:, 0], Q[:, :2] + 2e-5 * Q[:, 1:]])
     residual, none = rng.standard_normal(200), np.zeros((200, 0))
-    channel = ChannelColumns(values.sum(axis=1), residual, none, none, none, none)
+    channel = ChannelColumns(
+        values.sum(axis=1), values.sum(axis=1) + residual, residual, none, none, none, none
+    )
     found = saturated_coordinates(Regressors.of(RegressorKind.LINE, [values], 200), channel, 200.0)
     np.testing.assert_allclose(np.abs(found.residual), np.abs(Q.T @ residual), rtol=1e-5, atol=1e-6)
     assert found.left == pytest.approx(np.sum(residual**2))

@@ -186,13 +186,14 @@ class SaturatedCoordinates:
 
 
 class ChannelColumns(NamedTuple):
-    """The saturated model of one channel (rows): `prediction`, `residual`, derivatives.
+    """The saturated model of one channel (rows): `prediction`, `measured`, `residual`, derivatives.
 
     `by_state` (rows x n), `by_parameter` (rows x p), `faults` and delayed residuals `before` (rows x
     any).
     """
 
     prediction: Array
+    measured: Array
     residual: Array
     by_state: Array
     by_parameter: Array
@@ -421,7 +422,8 @@ def saturated_coordinates(shared: Regressors, channel: ChannelColumns, count: fl
         How many independent values it has.
     """
     sides = (channel.by_parameter.T, channel.by_state.T, channel.faults.T, channel.before.T)
-    own = np.concatenate([channel.prediction[None], *sides, channel.residual[None]])
+    compared = channel.measured[None], channel.residual[None]
+    own = np.concatenate([channel.prediction[None], *sides, *compared])
     largest = np.abs(own).max(axis=1, initial=0.0)
     own /= np.where(largest > 0, largest, 1.0)[:, None]
     first, p = shared.values.shape[1], channel.by_parameter.shape[1]
@@ -438,7 +440,7 @@ def saturated_coordinates(shared: Regressors, channel: ChannelColumns, count: fl
     kinds, group, pole, rate = shared.beside_own(
         last - first, channel.faults.shape[1], channel.before.shape[1]
     )
-    active, most = len(gram) - 1, int(count) - 1
+    active, most = len(gram) - len(compared), int(count) - 1
     found = _triangle(gram, active, most)
     if found is None:
         columns = np.concatenate([shared.values, own.T], axis=1) / unit
@@ -450,12 +452,12 @@ def saturated_coordinates(shared: Regressors, channel: ChannelColumns, count: fl
         pole=pole[places],
         rate=rate[places],
         size=R[np.arange(len(places)), places],
-        measured=R[:, first] + R[:, -1],
+        measured=R[:, -2],
         residual=R[:, -1],
         by_state=R[:, first + 1 + p : last],
         by_parameter=R[:, first + 1 : first + 1 + p],
         count=count,
-        energy=float(np.sum((channel.prediction + channel.residual) ** 2)),
+        energy=float(np.sum(channel.measured**2)),
         left=float(np.sum(channel.residual**2)),
     )
 

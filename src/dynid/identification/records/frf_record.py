@@ -177,7 +177,9 @@ class FrfRecord(RecordLikelihood):
         predicted = Trajectory(outputs, none)
         counts, size = np.count_nonzero(~np.isnan(residual), axis=0), root_mean_square(residual)
         level = self.noise_in(counts, size)
-        return RecordFit(eta, predicted, residual, counts, size, level, by_parameter=by_parameter)
+        return RecordFit(
+            eta, predicted, residual, counts, size, level, by_parameter=by_parameter, measured=values
+        )
 
     def size_at(self, eta: Array) -> Array:
         """Return the RMS of the residuals at these coordinates (channels)."""
@@ -199,6 +201,7 @@ class FrfRecord(RecordLikelihood):
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
         """Return the channels, in units of their RMS, in directions of their saturated models."""
         assert fit.by_parameter is not None
+        assert fit.measured is not None
         poles, omega = self._poles(fit.eta), self.measurement.omega
         found = []
         for c, rms in enumerate(self.data.rms):
@@ -207,11 +210,12 @@ class FrfRecord(RecordLikelihood):
             profile = np.nan_to_num(self.measurement.profile[:, c], nan=1.0)
             shared = regressors_by_line(poles, omega, profile, most_regressors(count))
             outputs = np.nan_to_num(fit.predicted.outputs[:, c]) * weight
+            measured = np.nan_to_num(fit.measured[:, c]) * weight
             residual = np.nan_to_num(fit.residual[:, c]) * weight
             by_parameter = np.nan_to_num(fit.by_parameter[:, c]) * weight[:, None]
             before = delayed_residuals_by_line(residual) * there[:, None]
             none = np.zeros((len(weight), 0))
-            columns = ChannelColumns(outputs, residual, none, by_parameter, none, before)
+            columns = ChannelColumns(outputs, measured, residual, none, by_parameter, none, before)
             found.append(saturated_coordinates(shared.where(there), columns, count))
         return found
 

@@ -89,6 +89,8 @@ class RecordFit:
         information of all values for any weights of the channels. None where `by_parameter` is used.
     by_parameter
         Derivatives of the prediction by the coordinates (times x channels x p), where there are no triangles.
+    measured
+        The values that it is fitted to (times x channels), NaN where missing; None of modes and segments.
     """
 
     eta: Array
@@ -99,6 +101,7 @@ class RecordFit:
     noise: Array
     triangles: Array | None = None
     by_parameter: Array | None = None
+    measured: Array | None = None
 
 
 class RecordLikelihood(ABC):

@@ -193,7 +193,8 @@ class TimeRecord(RecordLikelihood):
         self._remember(eta, x0, predicted)
         size = np.sqrt(np.einsum("cr,cr->c", found[..., -1], found[..., -1]) / counts) * self.data.rms
         trajectory = Trajectory(predicted.outputs, predicted.states, x0)
-        return RecordFit(eta, trajectory, residual, counts, size, self.noise_in(counts, size), found)
+        level = self.noise_in(counts, size)
+        return RecordFit(eta, trajectory, residual, counts, size, level, found, measured=values)
 
     def _predicted(self, fit: RecordFit) -> Prediction:
         """Return the prediction of a fit with all sensitivities: that of the fit itself, if kept."""
@@ -366,6 +367,7 @@ class TimeRecord(RecordLikelihood):
 
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
         """Return the channels, in units of their RMS, in directions of their saturated models."""
+        assert fit.measured is not None
         predicted = self._predicted(fit)
         times, white = self.model.times, self.data.passed == 1
         most = most_regressors(int(self.data.counts.min() * min(1.0, self.data.passed)))
@@ -374,6 +376,7 @@ class TimeRecord(RecordLikelihood):
         for c, rms in enumerate(self.data.rms):
             there = ~np.isnan(fit.residual[:, c])
             outputs, residual = predicted.outputs[:, c] / rms, fit.residual[:, c] / rms
+            measured = np.nan_to_num(fit.measured[:, c]) / rms
             by_state = np.ascontiguousarray(predicted.by_state[:, c]) @ (self.root / rms)
             by_parameter, own = predicted.by_parameter[:, c] / rms, shared
             if not there.all():
@@ -381,15 +384,15 @@ class TimeRecord(RecordLikelihood):
                 by_state, by_parameter = by_state * there[:, None], by_parameter * there[:, None]
             faults = fault_columns(outputs) if there.all() else fault_columns(outputs) * there[:, None]
             if self.colour is not None:  # channel by channel, whether they are correlated or not
-                parts = (shared.values, outputs, residual, by_state, by_parameter, faults)
-                regressors, outputs, residual, by_state, by_parameter, faults = self.colour.of_channel(
-                    c, there, parts
+                parts = (shared.values, outputs, measured, residual, by_state, by_parameter, faults)
+                regressors, outputs, measured, residual, by_state, by_parameter, faults = (
+                    self.colour.of_channel(c, there, parts)
                 )
                 own = shared.replaced(regressors)
             # A preparation filter correlates residuals that were white.
             before = delayed_residuals(residual) if white else np.zeros((len(there), 0))
             before = before if there.all() else before * there[:, None]
-            columns = ChannelColumns(outputs, residual, by_state, by_parameter, faults, before)
+            columns = ChannelColumns(outputs, measured, residual, by_state, by_parameter, faults, before)
             found.append(
                 saturated_coordinates(
                     own.where(there), columns, int(self.data.counts[c]) * min(1.0, self.data.passed)
