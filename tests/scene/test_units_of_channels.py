@@ -386,3 +386,53 @@ def test_the_clock_of_a_record_is_reported_and_dropped_samples_count_as_missing(
     whole = estimates(run({"a1": a, "v2": v}, scene))
     p = len(whole) // 2
     assert np.all(np.abs(estimates(found) - whole)[:p] < whole[p:])
+
+
+MATRICES = """\
+dynid: 1
+kind: identification
+structure:
+  matrices: {mass: M.npy, stiffness: K.npy, damping: C.npyLABELS}
+joints:
+  j: {dofs: [1], k: {start: 80, true: 90}}
+excitation: [{dof: 2, kind: multisine, amplitude: [3, 2], frequency: [5, 13]}]
+measurement:
+  step: 0.02
+  samples: 100
+  channels: [{dof: 1, quantity: velocity}, {dof: 2, quantity: acceleration}]
+  simulate: {noise_ratio: 0.02, seed: 3}
+"""
+
+
+def test_a_stated_unit_says_that_a_lumped_inertia_turns(tmp_path):
+    (tmp_path / "scene.yaml").write_text(SOURCE.replace("velocity}", "velocity, unit: deg/s}"))
+    found = run_scene(load_scene(tmp_path / "scene.yaml"))
+    assert list(found.value("identification/measurement/unit")) == ["m/s2", "rad/s"]
+
+
+@pytest.mark.parametrize(
+    ("labels", "stated", "channels", "load", "responses"),
+    [
+        ("", "", ["", ""], "", ["", ""]),
+        ("", ", unit: mm/s", ["m/s", ""], "", ["", ""]),
+        ("", ", sensitivity: {value: 2, unit: mV/(deg/s)}", ["rad/s", ""], "", ["", ""]),
+        (", labels: ['1:x', '1:rz']", "", ["m/s", "rad/s2"], "N.m", ["m/s/(N.m)", "rad/s2/(N.m)"]),
+    ],
+)
+def test_units_of_dofs_follow_labels_and_stated_units_and_are_never_invented(
+    tmp_path, labels, stated, channels, load, responses
+):
+    for name, diagonal in {"M": [2.0, 1.0], "C": [0.4, 0.2], "K": [300.0, 200.0]}.items():
+        np.save(
+            tmp_path / f"{name}.npy", np.diag(diagonal) + (name == "K") * np.array([[50.0, -40], [-40, 50]])
+        )
+    text = MATRICES.replace("LABELS", labels).replace("velocity}", f"velocity{stated}}}")
+    (tmp_path / "scene.yaml").write_text(text)
+    found = run_scene(load_scene(tmp_path / "scene.yaml"))
+    group, derived = "identification/measurement", "identification/derived/gains"
+    assert list(found.value(f"{group}/unit")) == channels
+    assert list(found.value(f"{group}/input_unit")) == [load]
+    gains = [
+        one.units for path, one in found.items() if path.startswith(derived) and path.endswith("/dc/value")
+    ]
+    assert gains == responses

@@ -23,6 +23,7 @@ from dynid.lti.root_slopes import Roots, poles, poles_of_all, zeros, zeros_of_al
 from dynid.lti.state_space import Matrices, ParametricSystem, single
 from dynid.number_format import counted
 from dynid.parameters import Parameter, named, rates
+from dynid.structure.ports import ratio
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -518,7 +519,7 @@ def pairs_of(outputs: Sequence[tuple[str, str]], inputs: Sequence[tuple[str, str
     """Return every pair of an output and an input (names and units); loads of one name are one input."""
     first = {name: (place, unit) for place, (name, unit) in reversed(list(enumerate(inputs)))}
     return [
-        Pair(output, name, f"{unit}/{per}" if per else unit, channel, load)
+        Pair(output, name, ratio(unit, per), channel, load)
         for channel, (output, unit) in enumerate(outputs)
         for name, (load, per) in reversed(first.items())
     ]

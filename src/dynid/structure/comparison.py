@@ -22,7 +22,7 @@ from dynid.structure.model import StructuralModel
 from dynid.structure.modes import ModeMemory, Modes, modes, remembered_modes
 from dynid.structure.reduction.methods import Reductor
 from dynid.structure.reduction.reduction import StructuralReduction
-from dynid.structure.response import Channel, common_unit, ports
+from dynid.structure.response import Channel, common_unit, ports, response_units
 
 _PROCESS = Path("/proc/self")
 
@@ -173,7 +173,7 @@ def _add_responses(
     result: Result, model: StructuralModel, candidates: Mapping[str, Candidate], asked: RequestedResponses
 ) -> None:
     group, dims = "reduction/frf", ("omega", "output", "input")
-    units = [f"{channel.unit}/N" for channel in asked.outputs]
+    units = response_units(model, asked.inputs, asked.outputs)
     result.add_axis(f"{group}/omega", asked.omega, "rad/s")
     result.add_axis(f"{group}/output", [channel.name for channel in asked.outputs])
     result.add_axis(f"{group}/input", [str(dof) for dof in asked.inputs])

@@ -50,13 +50,17 @@ class NamedDofs:
     def kind(self, dof: Label) -> str:
         """Return ``translation``, ``rotation`` or ``unknown`` of a DOF of the full model or a motion.
 
+        A sum of displacements and of rotations times lengths is a translation.
+
         Raises
         ------
         UsageError
-            As `label`.
+            If there is no such DOF.
         """
-        found = labels.kind(self.label(dof))
-        return "translation" if found == "unknown" and self._full.translations else found
+        found = {labels.kind(one) for one in self.moved_by(dof)}
+        if "unknown" in found and not self._full.translations:
+            return "unknown"
+        return "rotation" if found == {"rotation"} else "translation"
 
     def label(self, dof: Label) -> Label:
         """Return the own label of a DOF, or the name of a motion.

@@ -11,9 +11,11 @@ from dynid.arithmetic.dependent import Real
 from dynid.errors import UsageError
 from dynid.lti.frequency_response import QUANTITIES
 from dynid.lti.signals import Impulse, Signal
+from dynid.result import common_unit
 from dynid.structure import labels
 from dynid.structure.matrices import Array, Label
 from dynid.structure.model import StructuralModel
+from dynid.units import as_factor
 
 UNITS = {"displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}
 """SI units of the output quantities (of translations; read m as rad for rotations)."""
@@ -23,7 +25,8 @@ class Channel(NamedTuple):
     """An output: `quantity` (displacement, velocity, acceleration) of `dof`, less that of `reference`.
 
     Where the ground moves it is relative to the ground, or `absolute`. What is recorded is ``gain`` times the
-    output ``delay`` earlier (s), plus ``offset``.
+    output ``delay`` earlier (s), plus ``offset``. The DOF's `kind` is ``translation``, ``rotation`` or
+    ``unknown``; absent: as its label says, else a translation.
     """
 
     dof: Label
@@ -33,6 +36,7 @@ class Channel(NamedTuple):
     gain: Real = 1.0
     offset: Real = 0.0
     delay: Real = 0.0
+    kind: str = ""
 
     @property
     def name(self) -> str:
@@ -47,9 +51,13 @@ class Channel(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """Its unit, SI; in rad of rotations that the label names."""
-        turning = labels.kind(self.dof) == "rotation"
-        return UNITS[self.quantity].replace("m", "rad", 1) if turning else UNITS[self.quantity]
+        """Its unit, SI; empty where its DOF may be a translation or a rotation."""
+        return _of_kind(self.kind or _kind(self.dof), *_motion(self.quantity))
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The units that its label allows, SI: of a label without direction two."""
+        return _allowed(self.dof, *_motion(self.quantity))
 
     def row(self, model: StructuralModel) -> Array:
         """Return its row of the displacements (n)."""
@@ -77,7 +85,7 @@ class Load(NamedTuple):
 
     With `motion` (displacement, velocity, acceleration) the motion of the DOF is prescribed; without a DOF
     it is the ground's, which moves along with every translation. What acts is ``gain`` times the signal
-    ``delay`` earlier (s).
+    ``delay`` earlier (s). The `kind` of the DOF is as of a `Channel`.
     """
 
     dof: Label | None
@@ -85,6 +93,7 @@ class Load(NamedTuple):
     motion: str | None = None
     gain: Real = 1.0
     delay: Real = 0.0
+    kind: str = ""
 
     @property
     def order(self) -> int | None:
@@ -103,8 +112,48 @@ class Load(NamedTuple):
 
     @property
     def unit(self) -> str:
-        """The unit of its signal."""
-        return "N" if self.motion is None else Channel(self.dof or 0, self.motion).unit
+        """The unit of its signal, SI; empty where its DOF may be a translation or a rotation."""
+        return _of_kind(self.kind or _kind(self.dof), *_motion(self.motion))
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The units of its signal that its label allows, SI: of a label without direction two."""
+        return _allowed(self.dof, *_motion(self.motion))
+
+
+def _motion(quantity: str | None) -> tuple[str, str]:
+    """Return the units of a quantity, absent: of a force, along a translation and along a rotation."""
+    if quantity is None:
+        return "N", "N.m"
+    return UNITS[quantity], UNITS[quantity].replace("m", "rad", 1)
+
+
+def _kind(dof: Label | None) -> str:
+    """Return the kind of a DOF of which the label alone is known, or of the ground."""
+    return "rotation" if dof is not None and labels.kind(dof) == "rotation" else "translation"
+
+
+def _of_kind(kind: str, of_translation: str, of_rotation: str) -> str:
+    """Return the unit along a kind of DOF; empty where the kind is unknown."""
+    return {"translation": of_translation, "rotation": of_rotation}.get(kind, "")
+
+
+def _allowed(dof: Label | None, of_translation: str, of_rotation: str) -> tuple[str, ...]:
+    """Return the units that the label of a DOF allows; the ground is translated."""
+    if dof is not None and labels.kind(dof) == "unknown":
+        return of_translation, of_rotation
+    return (_of_kind(_kind(dof), of_translation, of_rotation),)
+
+
+def response_units(model: StructuralModel, inputs: Sequence[Label], outputs: Sequence[Channel]) -> list[str]:
+    """Return the units of the responses at outputs to unit forces, empty where unknown or several."""
+    force = common_unit(Load(dof, Impulse(1.0), kind=model.kind(dof)).unit for dof in inputs)
+    return [ratio(channel.unit, force) for channel in outputs]
+
+
+def ratio(above: str, below: str) -> str:
+    """Return the unit of an output over that of an input; empty where one is unknown."""
+    return f"{above}/{as_factor(below)}" if above and below else ""
 
 
 def source_names(loads: Sequence[Load]) -> list[str]:

@@ -14,7 +14,7 @@ from dynid.structure.excitation import drive, inputs_of, signals_of, starting_st
 from dynid.structure.frf import Ports, frequency_response_functions
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
-from dynid.structure.ports import UNITS, Channel, Load, ports, source_names
+from dynid.structure.ports import UNITS, Channel, Load, ports, response_units, source_names
 
 __all__ = [
     "UNITS",
@@ -23,6 +23,7 @@ __all__ = [
     "common_unit",
     "frequency_response",
     "ports",
+    "response_units",
     "source_names",
     "time_response",
 ]
@@ -85,7 +86,7 @@ def frequency_response(
     result.add_axis(f"{group}/omega", w, "rad/s")
     result.add_axis(f"{group}/output", [channel.name for channel in outputs])
     result.add_axis(f"{group}/input", [str(dof) for dof in inputs])
-    units = [f"{channel.unit}/N" for channel in outputs]
+    units = response_units(model, inputs, outputs)
     result.add(f"{group}/unit", units, ("output",))
     result.add(f"{group}/response", found.response, ("omega", "output", "input"), common_unit(units))
     result.annotate(group, method=found.method, modes=found.modes, error=found.error)

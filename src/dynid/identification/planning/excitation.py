@@ -181,7 +181,7 @@ def candidate_sines(
 def load_at(model: Model, place: Label, signal: Signal) -> Any:
     """Return a force at a DOF of a structure, or a signal of a source of a graph."""
     if isinstance(model, StructuralModel):
-        return Load(place, signal)
+        return Load(place, signal, kind=model.kind(place))
     assert isinstance(model, IdentifiedGraph)
     return model.load(str(place), signal)
 
@@ -254,7 +254,7 @@ def add_excitation(
     result.add_axis(f"{group}/choice", [f"{dof} at {omega:.5g} rad/s" for dof, omega in at])
     result.add(f"{group}/choice_dof", [str(dof) for dof, _ in at], ("choice",))
     result.add(f"{group}/choice_omega", [omega for _, omega in at], ("choice",), "rad/s")
-    units = common_unit(load.unit for load in found.loads(chosen)) if found.of_graph else "N"
+    units = common_unit(load.unit for load in found.loads(chosen))
     result.add(f"{group}/amplitude", found.rms * np.sqrt(2 / len(chosen)), (), units)
     result.annotate(group, driven="source" if found.of_graph else "force")
     result.add(f"{group}/gain", every.steps(chosen), ("choice",))

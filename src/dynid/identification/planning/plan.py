@@ -149,8 +149,17 @@ class CandidateSensors:
     still: tuple[str, ...]
 
     def places(self, channels: Sequence[Any]) -> list[int]:
-        """Return the places of channels among the candidates."""
-        return [self.channels.index(channel) for channel in channels]
+        """Return the places of channels among the candidates, of those that are candidates.
+
+        The kind of the DOF, which an own channel has from its unit, makes no other channel of it.
+        """
+        every = [_of_any_kind(channel) for channel in self.channels]
+        return [every.index(one) for one in map(_of_any_kind, channels) if one in every]
+
+
+def _of_any_kind(channel: Any) -> Any:
+    """Return a channel, of a structure without the kind of its DOF."""
+    return channel._replace(kind="") if isinstance(channel, Channel) else channel
 
 
 def every_dof(model: StructuralModel) -> tuple[Label, ...]:
@@ -171,7 +180,8 @@ def every_place(model: Model) -> tuple[Label, ...]:
 def every_channel(model: Model, quantities: Sequence[str] = tuple(UNITS)) -> list[Any]:
     """Return these quantities of every DOF, or the efforts and flows of a graph."""
     if isinstance(model, StructuralModel):
-        return [Channel(dof, quantity) for quantity in quantities for dof in every_dof(model)]
+        kinds = {dof: model.kind(dof) for dof in every_dof(model)}
+        return [Channel(dof, one, kind=kind) for one in quantities for dof, kind in kinds.items()]
     assert isinstance(model, IdentifiedGraph)
     return [model.channel(port) for port in every_variable(model.graph)]
 
@@ -278,7 +288,7 @@ def add_sensors(
     result.add(f"{group}/gain", candidates.steps(chosen), ("choice",))
     bounds = [candidates.bounds(chosen[: k + 1]) for k in range(len(chosen))]
     result.add(f"{group}/bound", bounds, ("choice", "parameter"))
-    present = found.places([channel for channel in own if channel in found.channels])
+    present = found.places(own)
     result.add_axis(f"{group}/present", [found.channels[k].name for k in present])
     result.add(f"{group}/present_bound", candidates.bounds(present), ("parameter",))
     lost = candidates.worth(present) - candidates.worth(chosen)

@@ -23,6 +23,7 @@ from dynid.identification.systems.parametric_model import Model, freed_model, sy
 from dynid.parameters import Parameter, named, rates, true_values
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
+from dynid.structure.ports import ratio
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -36,15 +37,20 @@ _LEAST_DEVIATION = 1e-6
 
 
 class Frf(NamedTuple):
-    """A frequency response function: the response of `channel` to a unit of `force`, a DOF or source."""
+    """A frequency response function: the response of `channel` to a unit of `force`, a DOF or source.
+
+    The `kind` of a DOF is as of a `Channel`.
+    """
 
     channel: Any
     force: Label
+    kind: str = ""
 
     @property
     def load(self) -> Any:
         """The load, a unit impulse."""
-        return self.channel.unit_load(self.force)
+        load = self.channel.unit_load(self.force)
+        return load._replace(kind=self.kind) if self.kind else load
 
     @property
     def name(self) -> str:
@@ -54,7 +60,7 @@ class Frf(NamedTuple):
     @property
     def unit(self) -> str:
         """Its unit, SI."""
-        return f"{self.channel.unit}/{self.load.unit}" if self.load.unit else self.channel.unit
+        return ratio(self.channel.unit, self.load.unit)
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,7 +47,7 @@ class StructureSystem(LinearSystem):
         self.states = tuple(
             StateVariable(state.name, state.unit)
             for quantity in ("displacement", "velocity")
-            for state in (Channel(dof, quantity) for dof in model.dofs)
+            for state in (Channel(dof, quantity, kind=model.kind(dof)) for dof in model.dofs)
         )
         self._driven = drive(model, loads, channels)
         self._shaken = any(load.dof is None for load in loads)

@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from dynid.errors import FileError, UsageError
-from dynid.scene.kinds.signals import angular_frequencies, build_signals, layout_of, products, recorded_factor
+from dynid.scene.kinds.signals import (
+    angular_frequencies,
+    build_signals,
+    layout_of,
+    of_stated_kind,
+    products,
+    recorded_factor,
+)
 from dynid.scene.kinds.structures import number
 from dynid.scene.schema.signals import FileSignal
 from dynid.structure.response import Channel, Load
@@ -102,6 +109,7 @@ def _measurement(
     if given.file is not None:
         table = _samples(scene, given, _own_or_shared(scene, place, "file"))
         headings = list(table.headings)
+    channels = tuple(map(of_stated_kind, channels, every, headings))
     each = zip(every, headings, channels, strict=True)
     factors = [
         recorded_factor(channel, heading, ideal, f"{at}.{k}")
@@ -187,7 +195,13 @@ def channel_of(given: ChannelModel, model: IdentifiedGraph | StructuralModel | N
             f"a sensor between {' and '.join(map(str, given.ends))} measures nothing: they are one DOF",
             names=("measurement.channels",),
         )
-    return Channel(dof, given.quantity, reference, given.frame == "absolute", *instrument_of(given))
+    absolute, kind = given.frame == "absolute", kind_of(structure, dof)
+    return Channel(dof, given.quantity, reference, absolute, *instrument_of(given), kind)
+
+
+def kind_of(structure: StructuralModel | None, dof: Dof | None) -> str:
+    """Return the kind of a DOF where the structure is known, that of the ground; else nothing."""
+    return "" if structure is None or dof is None else structure.kind(dof)
 
 
 def shown(structure: StructuralModel | None, dof: Dof) -> Dof:
@@ -270,8 +284,9 @@ def loads_of(
     def acting(part: SignalPart, signal: Any) -> Any:
         if part.source is not None:
             return cast("IdentifiedGraph", model).load(part.source, signal, *actuator_of(part))
-        dof = None if part.dof is None else shown(cast("StructuralModel | None", model), part.dof)
-        return Load(dof, signal, part.base or part.motion, *actuator_of(part))
+        structure = cast("StructuralModel | None", model)
+        dof = None if part.dof is None else shown(structure, part.dof)
+        return Load(dof, signal, part.base or part.motion, *actuator_of(part), kind_of(structure, dof))
 
     built = build_signals(scene, where, parts, record, lambda part: acting(part, None))
     return [acting(part, signal) for part, signal in built]
@@ -287,11 +302,15 @@ def actuator_of(part: SignalPart) -> tuple[Real, Real]:
     return (1.0 / gain, -delay) if isinstance(part, FileSignal) else (gain, delay)
 
 
-def _referred(model: IdentifiedGraph | StructuralModel | None, given: ReferenceModel) -> Dof:
-    """Return the DOF, by its name in results, or the source that a frequency response is referred to."""
-    return (
-        given.place if given.source is not None else shown(cast("StructuralModel | None", model), given.place)
-    )
+def _referred(
+    model: IdentifiedGraph | StructuralModel | None, given: ReferenceModel
+) -> tuple[Dof] | tuple[Dof, str]:
+    """Return the DOF, by its name in results, and its kind, or the source of a frequency response."""
+    if given.source is not None:
+        return (given.place,)
+    structure = cast("StructuralModel | None", model)
+    dof = shown(structure, given.place)
+    return dof, kind_of(structure, dof)
 
 
 _PLACE = "measurement.frf.file"
@@ -315,7 +334,7 @@ def frf_measurement(
 
     assert given.frf is not None
     channels = tuple(
-        Frf(channel_of(channel, model), _referred(model, channel.reference))
+        Frf(channel_of(channel, model), *_referred(model, channel.reference))
         for channel in given.channels or ()
         if channel.reference
     )

@@ -230,6 +230,6 @@ def responses_of(model: ReductionScene, structure: StructuralModel) -> Requested
     inputs = [shown(structure, dof) for dof in model.inputs or ()] or dofs[:1]
     return RequestedResponses(
         inputs,
-        outputs or [Channel(dof, "displacement") for dof in dict.fromkeys(dofs)],
+        outputs or [Channel(dof, "displacement", kind=structure.kind(dof)) for dof in dict.fromkeys(dofs)],
         angular_frequencies(model.frequency),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
@@ -191,22 +192,9 @@ def units_of(measured: Any) -> tuple[str, ...]:
     if force is not None:
         above, below = units_of(measured.channel), units_of(measured.load)
         return tuple(f"{as_factor(a)}/{as_factor(b)}" for a in above for b in below)
-    if isinstance(measured, Load) and measured.motion is None:
-        return _either(measured.dof, "N", "N.m")
     if isinstance(measured, Channel | Load):
-        quantity = measured.quantity if isinstance(measured, Channel) else measured.motion
-        unit = Channel(0, str(quantity)).unit
-        return _either(measured.dof, unit, unit.replace("m", "rad", 1))
+        return measured.units
     return (measured.unit,) if measured.unit else ()
-
-
-def _either(dof: Any, of_translation: str, of_rotation: str) -> tuple[str, ...]:
-    from dynid.structure import labels
-
-    if dof is None:  # the ground
-        return (of_translation,)
-    known = {"translation": (of_translation,), "rotation": (of_rotation,)}
-    return known.get(labels.kind(dof), (of_translation, of_rotation))
 
 
 def recorded_factor(given: Sensor, heading: Heading | None, measured: Any, place: str) -> float:
@@ -255,6 +243,22 @@ def recorded_factor(given: Sensor, heading: Heading | None, measured: Any, place
         source = f"the column '{heading.name}' [{stated}]: " if heading and not given.unit and stated else ""
         raise UsageError(f"{source}{error.problem}", remedy=error.remedy, names=(key, place)) from error
     return factor / float(sensitivity.value) if sensitivity else factor
+
+
+def of_stated_kind(measured: Any, given: Sensor, heading: Heading | None) -> Any:
+    """Return a channel, its DOF of the kind that its unit says where its label says none."""
+    from dynid.structure.ports import Channel
+    from dynid.units import si_factor
+
+    sensitivity = given.sensitivity
+    unit = given.unit or (heading.unit if heading else "") or (sensitivity.recorded if sensitivity else "")
+    if not unit or not isinstance(measured, Channel) or len(measured.units) == 1:
+        return measured
+    for kind, fitting in zip(("translation", "rotation"), measured.units, strict=True):
+        with suppress(UsageError):
+            si_factor(unit, [fitting], over=sensitivity.unit if sensitivity else "")
+            return measured._replace(kind=kind)
+    return measured
 
 
 def amplitude_factor(unit: str, measured: Any, place: str, *, impulse: bool) -> float:
