@@ -1,5 +1,7 @@
 """Suggestions of mistakes of instruments: named where they explain a record, and none of good records."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,8 @@ from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, fr
 from dynid.identification.records.measurement import Measurement, data
 from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Sampled
+from dynid.scene.load import load_scene
+from dynid.scene.run import run_scene
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.response import Channel, Load
@@ -218,3 +222,61 @@ def test_a_reversed_sensor_is_suggested_after_a_start_too_far_away_to_show_it():
         cause == "The lack of fit is explained where 3.acceleration is -1 times the model: a reversed sensor "
     )
     assert general.startswith("Start nearer")
+
+
+SCENE = """\
+dynid: 1
+kind: identification
+PARAMETERSstructure:
+  lumped: {masses: [2, 1], links: [{dofs: [1], k: 800, c: 1.5}]}
+joints:
+  j: {dofs: [1, 2], k: {start: 300}, c: {start: 0.5}}
+"""
+TIME = """\
+excitation: [{dof: 1, kind: file, path: x.csv, column: F}]
+measurement:
+  step: 0.02
+  samples: 300
+  channels: [{dof: 1, quantity: acceleration}, {dof: 2, quantity: velocity, gain: GAIN}]
+  file: {path: x.csv, columns: [a, v]}
+"""
+LINES = """\
+measurement:
+  channels:
+    - {dof: 1, quantity: acceleration, reference: {dof: 1}}
+    - {dof: 2, quantity: velocity, reference: {dof: 1}, gain: GAIN}
+  frf: {file: {path: x.csv, columns: [[ar, ai], [vr, vi]], frequency: f (Hz)}}
+"""
+
+
+def table_of_responses(gain):
+    """Return columns of two frequency responses, the second times a gain."""
+    frfs = tuple(Frf(CHANNELS[k], 1) for k in (0, 2))
+    f = np.linspace(1, 8, 80)
+    H = unstacked(frf_data(model(), FrfMeasurement(2 * np.pi * f, frfs, Simulation(0.02, 1))).values)
+    columns = np.column_stack([f, H[:, 0].real, H[:, 0].imag, gain * H[:, 1].real, gain * H[:, 1].imag])
+    return columns, "f (Hz),ar,ai,vr,vi"
+
+
+@pytest.mark.parametrize(("end", "gain"), [(TIME, 1.3), (TIME, -1.3), (LINES, 1.3)])
+def test_a_scene_with_the_suggested_gain_explains_the_record(tmp_path, end, gain):
+    columns, heads = np.column_stack([force(1), record()[:, 0], gain * record()[:, 2]]), "F,a,v"
+    if end is LINES:
+        columns, heads = table_of_responses(gain)
+    np.savetxt(tmp_path / "x.csv", columns, delimiter=",", header=heads, comments="")
+
+    def run(parameters, stated):
+        text = (SCENE + end).replace("PARAMETERS", parameters).replace("GAIN", stated)
+        (tmp_path / "scene.yaml").write_text(text)
+        return run_scene(load_scene(tmp_path / "scene.yaml"))
+
+    warnings = " ".join(run("", "1" if gain > 0 else "-1")["identification/diagnostics/warnings"].data)
+    suggested = re.search(r"state gain: NAME in its channel, and (parameters: .*?}})\.", warnings)
+    assert suggested is not None
+    found = run(f"{suggested[1].replace('NAME', 'g')}\n", "g")
+    assert found.value("identification/diagnostics/converged")
+    place = list(found.value("identification/parameters/parameter")).index("g")
+    estimate, deviation = (
+        found.value(f"identification/parameters/{name}")[place] for name in ("estimate", "standard_error")
+    )
+    assert abs(estimate - gain) < 4 * deviation < 0.1

@@ -367,13 +367,15 @@ def _explains(plain: Likelihood, found: _Found, before: float) -> bool:
 def _sentences(plain: Likelihood, found: _Found) -> Iterator[str]:
     """Yield one sentence for each kind of correction; delays of records at different steps are different."""
     several = len(plain.records) > 1
-    places: dict[tuple[Correction, float], list[str]] = {}
+    places: dict[tuple[Correction, float, float], list[str]] = {}
     channels = 0
     for k, (record, own) in enumerate(zip(plain.records, found.corrections, strict=True), 1):
         prefix = f"record_{k}." if several else ""
         for place, (channel, one) in enumerate(zip(record.channels, own, strict=True)):
             step = (record.sampling_step or 0.0) if one.delay else 0.0
-            places.setdefault((one._replace(column=None), step), []).append(f"{prefix}{channel.name}")
+            sensor: Any = getattr(channel, "channel", channel)  # of a frequency response
+            gain = float(sensor.gain) if found.spread else 1.0
+            places.setdefault((one._replace(column=None), step, gain), []).append(f"{prefix}{channel.name}")
             channels += 1
             if one.column is not None and place < one.column:
                 both = f"{prefix}{channel.name} and {prefix}{record.channels[one.column].name}"
@@ -381,7 +383,7 @@ def _sentences(plain: Likelihood, found: _Found) -> Iterator[str]:
                     f"the lack of fit is explained where {both} are exchanged: exchanged cables, or columns "
                     "of the file in another order (columns)?"
                 )
-    for (one, step), names in places.items():
+    for (one, step, gain), names in places.items():
         if one == _NONE:
             continue
         parts = []
@@ -395,12 +397,13 @@ def _sentences(plain: Likelihood, found: _Found) -> Iterator[str]:
         subject = f"{', '.join(names)} {'are' if len(names) > 1 else 'is'}"
         whole = len(names) == channels
         yield (
-            f"the lack of fit is explained where {subject} {' and '.join(parts)}: {_remedy(one, step, whole)}"
+            f"the lack of fit is explained where {subject} {' and '.join(parts)}: "
+            f"{_remedy(one, step, gain, whole)}"
         )
 
 
-def _remedy(one: Correction, step: float, whole: bool) -> str:
-    """Return what may be wrong, and the key that corrects it."""
+def _remedy(one: Correction, step: float, gain: float, whole: bool) -> str:
+    """Return what may be wrong, and the key that corrects it; the model has the stated `gain`."""
     hints = []
     if one.factor < 0:
         hints.append("a reversed sensor (gain: -1)?")
@@ -410,9 +413,10 @@ def _remedy(one: Correction, step: float, whole: bool) -> str:
     elif size == GRAVITY:
         hints.append("recorded in m/s2, and taken for g?")
     elif size not in np.abs(_FACTORS):
+        start = f"start: {one.factor * gain:.4g}{', scale: linear' if one.factor * gain < 0 else ''}"
         hints.append(
             "a sensor out of calibration? To estimate its gain, state gain: NAME in its channel, and "
-            f"parameters: {{NAME: {{start: {one.factor:.4g}}}}}."
+            f"parameters: {{NAME: {{{start}}}}}."
         )
     elif size != 1:
         hints.append("a unit that is a thousand times another one (unit)?")
