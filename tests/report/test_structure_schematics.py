@@ -88,9 +88,21 @@ def test_a_chain_shows_what_ties_its_masses():
     figure = drawn(CHAIN)
     assert_texts_apart(figure.svg)
     texts = {text for text, *_ in text_boxes(figure.svg)}
-    assert {"2 kg", "3 kg", "4 kg", "k = 6", "c = 7", "k = 9", "k = 1", "hold", "k = ?", "F", "a"} <= texts
+    assert {
+        "2 kg",
+        "3 kg",
+        "4 kg",
+        "k = 6 N/m",
+        "c = 7 N·s/m",
+        "k = 9 N/m",
+        "k = 1 N/m",
+        "hold",
+        "k = ?",
+        "F",
+        "a",
+    } <= texts
     rows = figure.table.rows
-    assert ("1, 3", "link", "k = 9") in rows
+    assert ("1, 3", "link", "k = 9 N/m") in rows
     assert ("3", "joint", "hold, k = ?") in rows
     assert ("2", "force", "") in rows
     assert ("3", "sensor", "acceleration") in rows
@@ -99,7 +111,7 @@ def test_a_chain_shows_what_ties_its_masses():
 def test_a_frame_shows_its_members_supports_and_masters():
     figure = drawn(FRAME)
     texts = {text for text, *_ in text_boxes(figure.svg)}
-    assert {"1", "4", "foot", "stay", "k = 100", "F at u_2", "displacement u_3"} <= texts
+    assert {"1", "4", "foot", "stay", "k = 100 N·m/rad", "k = 5 N/m", "F at u_2", "displacement u_3"} <= texts
     assert ("theta_4", "master", "") in figure.table.rows
     assert_texts_apart(figure.svg)
 
@@ -131,7 +143,7 @@ def test_values_may_be_parameters_and_expressions():
     text = CHAIN.replace("masses: [2, 3, 4]", "masses: [m, 2*m, m**2]") + "parameters: {m: 1.5, half: m/2}\n"
     figure = drawn(text.replace("k: 6", "k: 8*half"))
     texts = {text for text, *_ in text_boxes(figure.svg)}
-    assert {"1.5 kg", "3 kg", "2.25 kg", "k = 6"} <= texts
+    assert {"1.5 kg", "3 kg", "2.25 kg", "k = 6 N/m"} <= texts
 
 
 def test_values_that_are_to_be_estimated_are_not_drawn_by_their_starts():
@@ -142,8 +154,8 @@ def test_values_that_are_to_be_estimated_are_not_drawn_by_their_starts():
     figure = drawn(text.replace("k: 6, c: 7", "k: twice, c: 3*sure") + unknown)
     assert_texts_apart(figure.svg)
     texts = {text for text, *_ in text_boxes(figure.svg)}
-    assert {"top = ?", "m = ?", "3 kg", "k = twice = ?", "c = 9"} <= texts
-    assert not {"7 kg", "8 kg", "k = 14"} & texts
+    assert {"top = ?", "m = ?", "3 kg", "k = twice = ?", "c = 9 N·s/m"} <= texts
+    assert not {"7 kg", "8 kg", "k = 14 N/m"} & texts
     masses = [row for row in figure.table.rows if row[1] == "mass"]
     assert masses == [("1", "mass", "top = ?"), ("2", "mass", "m_of_the_platform = ?"), ("3", "mass", "3 kg")]
 

@@ -232,7 +232,9 @@ class _FrameDrawing:
             self._draw_spring(tie)
         self._draw_loads_and_sensors()
         xs, ys = zip(*self.points.values(), strict=True)
-        left, right, top = min(xs) - 90, max(xs) + 90, min(ys) - 80
+        beside = [text for tie in self.attached.springs if len(tie.dofs) == 1 for text in tie.texts]
+        side = max([90.0, *(text_width(text, SMALL) + 34 for text in beside)])
+        left, right, top = min(xs) - side, max(xs) + side, min(ys) - 80
         return svg.render(right - left, max(ys) + 110 - top, left, top)
 
     def _draw_support(self, node: int, fixed: Sequence[str]) -> None:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
+from dynid.number_format import unit_text
 from dynid.report.notation import short
 from dynid.report.scenes import listed, readable
 from dynid.report.svg import Point
 from dynid.scene.schema.references import beam_labels, frame_labels
-from dynid.structure.labels import DofNames
+from dynid.structure.joints import unit_of
+from dynid.structure.labels import DofNames, kind
 
 if TYPE_CHECKING:
     from dynid.report.scenes import PlainScene
@@ -170,8 +172,13 @@ def attachments_of(scene: PlainScene, labels: Sequence[Label]) -> Attachments:
     def named(dof: Label) -> Label:
         return labels[dof - 1] if isinstance(dof, int) and 0 < dof <= len(labels) else names.shown(dof)
 
+    def tied(tie: dict[str, Any], dofs: Sequence[Label], joint: str = "") -> SpringDamper:
+        own = tuple(map(named, dofs))
+        return _spring(scene, tie, own, {"translation"} if masses else set(map(kind, own)), joint)
+
     with readable():
         data = scene.data
+        masses = "lumped" in data["structure"]
         driven = [signal["dof"] for signal in listed(data.get("excitation")) if "dof" in signal]
         driven += listed(data.get("inputs"))
         given = [reduction.get("masters") for reduction in listed(data.get("reduction"))]
@@ -187,17 +194,14 @@ def attachments_of(scene: PlainScene, labels: Sequence[Label]) -> Attachments:
         ]
         # Links, springs to ground, then joints.
         structure = data["structure"]
-        ties = [
-            _spring(scene, link, link["dofs"])
-            for link in listed((structure.get("lumped") or {}).get("links"))
-        ]
-        for kind in ("beam", "frame"):
-            for item in listed((structure.get(kind) or {}).get("springs")):
-                ties.append(_spring(scene, item, [f"{item['direction']}_{item['node']}"]))
+        ties = [tied(link, link["dofs"]) for link in listed((structure.get("lumped") or {}).get("links"))]
+        for part in ("beam", "frame"):
+            for item in listed((structure.get(part) or {}).get("springs")):
+                ties.append(tied(item, [f"{item['direction']}_{item['node']}"]))
         for name, joint in (data.get("joints") or {}).items():
-            ties.append(_spring(scene, joint, joint["dofs"], str(name)))
+            ties.append(tied(joint, joint["dofs"], str(name)))
         return Attachments(
-            tuple(replace(tie, dofs=tuple(map(named, tie.dofs))) for tie in ties),
+            tuple(ties),
             tuple(dict.fromkeys(map(named, driven))),
             tuple(dict.fromkeys(sensors)),
             tuple(dict.fromkeys(map(named, masters))),
@@ -209,8 +213,10 @@ def _value_text(scene: PlainScene, raw: Any) -> str:
     return f"{raw} = ?" if scene.unknown(raw) else short(scene.number(raw))
 
 
-def _spring(scene: PlainScene, tie: dict[str, Any], dofs: Sequence[Label], joint: str = "") -> SpringDamper:
-    """Return a spring and damper, with its values where they are single numbers and known."""
+def _spring(
+    scene: PlainScene, tie: dict[str, Any], dofs: tuple[Label, ...], kinds: Collection[str], joint: str
+) -> SpringDamper:
+    """Return a spring and damper between DOFs of these kinds, with values that are known single numbers."""
     letters = [letter for letter in "kc" if tie.get(letter) is not None]
     texts = [joint] if joint else []
     for letter in letters:
@@ -220,5 +226,6 @@ def _spring(scene: PlainScene, tie: dict[str, Any], dofs: Sequence[Label], joint
             continue
         value = value.get("value") if isinstance(value, dict) else value
         bare = value is None or isinstance(value, list)
-        texts.append(letter if bare else f"{letter} = {_value_text(scene, value)}")
-    return SpringDamper(tuple(dofs), tuple(texts), "k" in letters, "c" in letters, bool(joint))
+        unit = "" if bare or scene.unknown(value) else unit_text(unit_of(letter, kinds))
+        texts.append(letter if bare else f"{letter} = {_value_text(scene, value)} {unit}".rstrip())
+    return SpringDamper(dofs, tuple(texts), "k" in letters, "c" in letters, bool(joint))
