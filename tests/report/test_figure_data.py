@@ -237,7 +237,9 @@ def test_marks_of_a_benchmark_look_like_no_alternative_and_only_what_is_drawn_ha
             made.add(f"{group}/{name}", values, ("size",))
         for name in ("pareto", "default"):
             made.add(f"{group}/{name}", [False, False], ("size",))
+    made.annotate("bench/roots", measure="relative distance; inf: a wrong count")
     figure = {one.name: one for one in figures(made)}["bench-roots-precision"]
+    assert "relative distance; ∞: a wrong count" in figure.caption
     legend = next(g for g in ET.fromstring(figure.svg).iter(f"{SVG}g") if g.get("class") == "legend")
     names = [text.text for text in legend.iter(f"{SVG}text")]
     shapes = [re.sub(r"^M\S+ \S+", "", path.get("d").partition("M")[2]) for path in legend.iter(f"{SVG}path")]

@@ -56,6 +56,11 @@ def in_decibels(name: str, units: str = "") -> str:
     return f"{name} ({known})"
 
 
+def with_infinity(remark: str) -> str:
+    """Return a remark on infinite numbers with their sign, as tables of pages have it."""
+    return remark.replace("inf: ", "∞: ")
+
+
 def short(value: float, digits: int = 4) -> str:
     """Return a number with a few significant digits: 20 000, 0.0137, 10⁻⁸.
 

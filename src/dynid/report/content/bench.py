@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from dynid.number_format import memory_text, time_text
 from dynid.report.content.blocks import ReportSection, Statement, TextTable
+from dynid.report.notation import with_infinity
 from dynid.result import Result
 
 _REMARKS = {
@@ -55,7 +56,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
         marked = frozenset(place for place, row in enumerate(every) if row.best)
         heads = ("", str(about["size"]), "time", "memory", "error", "")
         statements = {
-            term: Statement(f"{term}: {text.replace('inf: ', '∞: ')}", "bad" if term == "failed" else "")
+            term: Statement(f"{term}: {with_infinity(text)}", "bad" if term == "failed" else "")
             for term, text in remarks(result, group)
         }
         table, name = TextTable(heads, rows, marked, str(about["title"])), group.partition("/")[2]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture
-from dynid.report.notation import short
+from dynid.report.notation import short, with_infinity
 from dynid.report.plot import Curve, Layer, Markers, PlotAxis, Subplot, chart, series_class
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def _over_error(result: Result, group: str, name: str, title: str, found: Altern
         if marked.get(column):
             xs, ys = zip(*marked[column], strict=True)
             layers.append(Markers(xs, ys, words, cls, symbol, size))
-    measure = str(result.group_attrs.get(group, {}).get("measure", "error"))
+    measure = with_infinity(str(result.group_attrs.get(group, {}).get("measure", "error")))
     about = f"{measure[:1].upper()}{measure[1:]}" if measure.startswith("error") else f"Error: {measure}"
     about += ". Errors of zero are drawn at 10⁻¹⁷"
     about += f"; infinite ones of {', '.join(absent)} are only in the table." if absent else "."
