@@ -81,6 +81,7 @@ def test_what_is_computed_from_approximants_is_marked_on_the_screen():
     marked = [line.strip().partition(" ")[0] for line in late.splitlines() if "(approximate)" in line]
     first = ["zeros", "poles", "order"]
     assert [word for word in marked if word in first] == first
+    assert "minimum phase: every zero lies in the open left half-plane (approximate)\n" in late
     assert "    order 9 (approximate) · relative degree 3 · T(0) = 0.25 rad/V · " in late
     steps, band = (late.partition(f"    {name}: ")[2] for name in ("step response", "bandwidth"))
     assert " (approximate)\n    bandwidth: " in steps

@@ -68,6 +68,19 @@ def test_captions_and_tables_mark_what_is_computed_from_approximants(controller)
     assert items["properties"][0].startswith(f"order {7 if late else 1}{mark} · relative degree 1 · T(0) ")
 
 
+def test_zeros_and_undershoot_of_approximants_are_not_given_as_those_of_the_delay():
+    """A delayed set point gives J.f = 0 until the delay is over: it neither undershoots nor has a zero."""
+    text = SCENE.replace("CONTROLLER", "{gain: 2, delay: 0.1}").replace("reference: r", "setpoint: r")
+    text = text.replace("[properties]", "[zeros, properties, step_info]")
+    result = dynid.run(check_source(parse_source(text, "scene.yaml")))
+    assert float(result.value("bond_graph/properties/J.f/r/undershoot")) > 0.01
+    sections = {section.title: section for section in content(result).sections}
+    items = dict(sections["J.f / r"].blocks[0].items)
+    assert items["zeros"][1].startswith("non-minimum phase: ")
+    assert items["zeros"][1].endswith("; its inverse is unstable (approximate)")
+    assert " · undershoot not given: delays are approximated · " in items["step response"][0]
+
+
 @pytest.mark.parametrize("controller", ["{gain: 2, delay: 0.1}", "{pid: {kp: 2, ki: 5}}"])
 def test_a_loop_is_drawn(controller):
     result, pictures = drawn(controller)

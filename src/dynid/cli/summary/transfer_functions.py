@@ -119,7 +119,7 @@ def _roots(
 ) -> Iterable[str]:
     roots = result.get(f"bond_graph/transfer_function/{output}/{source}/{name}")
     path = f"bond_graph/properties/{output}/{source}/{verdict}"
-    text = str(result[path].data) if path in result else ""
+    text = str(result[path].data) + approximate(result, path) if path in result else ""
     reasons = [f"            {line}" for line in wrapped(text, 92)]
     if roots is not None:
         about = approximate(result, f"bond_graph/transfer_function/{output}/{source}/{name}")

@@ -162,7 +162,9 @@ def _channel_table(
             if name != "order"
         ]
         names = ("zero_stability", *(["stability"] if poles else []))
-        verdicts = (str(get[name] or "").partition(":")[0] for name in names)
+        verdicts = (
+            str(get[name] or "").partition(":")[0] + approximate(result, f"{group}/{name}") for name in names
+        )
         rows.append((f"{output} / {source}", *found, *numbers, *verdicts))
     stable = ("zero dynamics", "stability") if poles else ("zero dynamics",)
     heads = ("", "zeros", *(["poles"] if poles else []), *list(_NUMBERS.values())[1:], *stable)
@@ -230,7 +232,7 @@ def _roots(
         yield roots_text(result[path].data, hertz=hertz) + approximate(result, path)
     path = f"bond_graph/properties/{output}/{source}/{verdict}"
     if path in result:
-        yield str(result.value(path))
+        yield str(result.value(path)) + approximate(result, path)
 
 
 def _poles(result: Result, output: str, source: str) -> list[Definition]:
@@ -352,7 +354,12 @@ def characteristics(result: Result, output: str, source: str) -> Iterator[Line]:
             parts.append(f"settling time {get['settling_time']} s (2 %)")
             parts.append(f"overshoot {get['overshoot']} %")
             if get.number("undershoot") > 0:
-                parts.append(f"undershoot {get['undershoot']} %")
+                late = approximate(result, f"{group}/undershoot")  # approximants undershoot, delays do not
+                parts.append(
+                    "undershoot not given: delays are approximated"
+                    if late
+                    else f"undershoot {get['undershoot']} %"
+                )
         if "peak" in get:
             when = "" if math.isinf(get.number("peak_time")) else f" at {get['peak_time']} s"
             parts.append(f"peak {get['peak']}{when}")
