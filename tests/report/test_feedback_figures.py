@@ -108,3 +108,13 @@ def test_a_loop_is_drawn(controller):
     assert (shown["gain margin"] == "∞") == ("delay" not in controller)
     assert sections["Feedback loops"].place == "answer"
     assert ("Poles with delays" in sections) == ("delay" in controller)
+
+
+def test_an_unstable_loop_has_no_margins_and_no_peaks_on_the_page():
+    """0.5 s^2 + 0.2 s - 2: one root is right of the axis; the largest |S| is stored all the same."""
+    result, pictures = drawn("{pid: {ki: -2}}")
+    assert np.isfinite(result["bond_graph/margins/Ms"].data).all()
+    table, note = {section.title: section for section in content(result).sections}["Feedback loops"].blocks
+    assert table.rows == (("J.f -> u", *["not defined"] * 5, "unstable"),)
+    assert note.text == "Margins, Ms and Mt are not defined where the closed loop is not stable."
+    assert pictures["sensitivity-functions"].caption.endswith("J.f -> u: not defined (not stable).")

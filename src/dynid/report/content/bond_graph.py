@@ -188,11 +188,15 @@ def _point_tables(result: Result, most: int) -> Iterator[Block]:
 
 
 def margin_texts(result: Result, place: int) -> dict[str, str]:
-    """Return the margins of the loop at a place; those of gain and phase with their crossover frequencies."""
+    """Return the margins of the loop at a place; those of gain and phase with their crossover frequencies.
+
+    None of them is defined where the closed loop is not stable: its S and T are of no steady response.
+    """
     unit, texts = frequency_unit(result), {}
+    stable = bool(result["bond_graph/margins/stable"].data[place])
     for name, (sign, crossover) in _MARGINS.items():
         size, where = float(result[f"bond_graph/margins/{name}"].data[place]), ""
-        if np.isnan(size):
+        if np.isnan(size) or not stable:
             texts[name] = "not defined"
             continue
         if crossover:
@@ -216,7 +220,7 @@ def _loops(result: Result) -> Iterator[ReportSection]:
         TextTable(("", "gain margin", "phase margin", "delay margin", "Ms", "Mt", "closed loop"), tuple(rows))
     ]
     if not stable.all():
-        blocks.append(Statement("Margins are not defined where the closed loop is not stable."))
+        blocks.append(Statement("Margins, Ms and Mt are not defined where the closed loop is not stable."))
     yield ReportSection("Feedback loops", tuple(blocks), "answer")
     if f"{group}/poles" in result:
         poles = result[f"{group}/poles"]

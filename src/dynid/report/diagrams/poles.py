@@ -307,8 +307,10 @@ def _sensitivities(result: Result) -> Picture:
             columns[f"{label} (dB)"] = sizes
     peaks = ", ".join(
         f"{loop}: Ms {short(float(Ms))}, Mt {short(float(Mt))}"
-        for loop, Ms, Mt in zip(
-            *(result[f"bond_graph/margins/{name}"].data[:_LOOPS] for name in ("loop", "Ms", "Mt")),
+        if stable
+        else f"{loop}: not defined (not stable)"
+        for loop, stable, Ms, Mt in zip(
+            *(result[f"bond_graph/margins/{name}"].data[:_LOOPS] for name in ("loop", "stable", "Ms", "Mt")),
             strict=True,
         )
     )
