@@ -54,6 +54,9 @@ HISTORY = "identification/history/estimate"
         (f"{BASE}zeros", {"value": [[1, 2], "-1j"]}),
         (f"{BASE}zeros", {"value": ["1 + 2j", [0, -1]]}),
         (f"{BASE}zeros", {"max_abs": 2.3}),
+        (f"{BASE}zeros", {"part": "real", "min": 0, "max": 1}),
+        (f"{BASE}zeros", {"part": "imaginary", "value": [2, -1]}),
+        (f"{BASE}zeros", {"part": "magnitude", "at": {"zero": 1}, "min": 2.2, "max": 2.3}),
         (f"{BASE}empty", {"value": []}),
         (f"{BASE}symbolic", {"value": "K/s"}),
         (f"{HISTORY}/hold", {"value": "spline"}),
@@ -94,6 +97,13 @@ def test_met_expectations(result, path, demand):
         (f"{BASE}zeros", {"min": 0}, "expected a real number for 'min'"),
         (f"{BASE}empty", {"value": 0}, "empty is empty, expected 0"),
         (f"{BASE}empty", {"max_abs": 1}, "empty is empty, expected 1"),
+        (
+            f"{BASE}zeros",
+            {"part": "real", "max": 0.5},
+            "zeros has the real part 1 at zero 1, expected at most 0.5 (1 of 2 entries miss)",
+        ),
+        (f"{BASE}zeros", {"max": 0.5}, "for 'max': add 'part', which is real, imaginary or magnitude"),
+        (f"{BASE}dc_gain", {"part": "real", "max": 1}, "dc_gain is inf, which is not complex: leave out"),
         (f"{BASE}lost", {"value": math.nan}, "lost is nan, expected nan"),
         (f"{BASE}lost", {"min": 0}, "lost is nan, expected at least 0"),
         (f"{BASE}lost", {"max_abs": 1}, "lost is nan"),
@@ -273,3 +283,18 @@ def test_samples_are_expected_in_hertz_as_one_is():
 
     met = samples_meet(samples, 2, one, [{"path": "p/w", "max": 21, "unit": "Hz"}])
     assert met.tolist() == [[True], [False]]
+
+
+def test_samples_are_expected_by_a_part_as_one_is():
+    poles = np.array([[-3 + 4j, -3 - 4j], [-1 + 9j, -7]])
+    samples = {"p/poles": Variable(("sample", "pole"), poles, "rad/s")}
+
+    def one(place):
+        found = Result("bond-graph")
+        found.add("p/poles", poles[place], ("pole",), "rad/s")
+        return found
+
+    demands = [{"path": "p/poles", "part": part, "max": 5} for part in ("real", "imaginary", "magnitude")]
+    demands.append({"path": "p/poles", "part": "real", "max": -2})
+    met = samples_meet(samples, 2, one, demands)
+    assert met.tolist() == [[True, True, True, True], [True, False, False, False]]

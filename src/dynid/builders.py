@@ -77,7 +77,7 @@ class SceneBuilder:
         return self
 
     def expect(self, path: str, value: Any = None, **bounds: Any) -> Self:
-        """State the expected result at a path (`rtol`, `atol`, `min`, `max`, `max_abs`, `at`, `unit`)."""
+        """Expect a result at a path (`rtol`, `atol`, `min`, `max`, `max_abs`, `part`, `at`, `unit`)."""
         given = {"path": path, **({} if value is None else {"value": value}), **bounds}
         self._data.setdefault("expect", []).append(given)
         return self

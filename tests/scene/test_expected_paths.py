@@ -64,6 +64,18 @@ def test_other_paths_are_left_to_the_run(path):
     assert list(impossible_paths(scene)) == []
 
 
+def test_bounds_of_poles_need_their_part():
+    poles = "path: bond_graph/transfer_function/m_s.f/v_in/poles"
+    text = expecting("x").replace("path: x, value: true", f"{poles}, at: {{pole: 1}}, max: -1")
+    [fault] = impossible_paths(check(text))
+    assert text.splitlines()[fault.line - 1][fault.column - 1 :].startswith(("max: -1", "-1"))
+    assert fault.message == (
+        "'max' needs real numbers, and 'poles' are complex; add part: real, imaginary or magnitude"
+    )
+    assert list(impossible_paths(check(text.replace("max: -1", "part: real, max: -1")))) == []
+    assert list(impossible_paths(check(text.replace("max: -1", "max_abs: 1")))) == []
+
+
 def test_margins_of_a_graph_without_loops_are_a_fault():
     [fault] = impossible_paths(check(expecting("bond_graph/margins/phase")))
     assert "a graph without loops has no margins" in fault.message
@@ -143,6 +155,10 @@ def test_every_path_of_a_result_may_be_expected(name):
     expecting_all = check_source(apply_overrides(parse_source(text, str(file)), ()))
     assert len(expecting_all.model.expect) == len(every)
     assert list(impossible_paths(expecting_all)) == []
+    bounded = check_source(apply_overrides(parse_source(text.replace("value: 1}", "min: 1}"), str(file)), ()))
+    before = text.count("\n") - len(every) + 1
+    refused = [every[fault.line - before] for fault in impossible_paths(bounded)]
+    assert all(result[path].dtype.kind == "c" for path in refused)
 
 
 def test_what_an_unstable_channel_does_not_have_is_missed_with_its_status():

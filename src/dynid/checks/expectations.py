@@ -78,7 +78,8 @@ def check_expectations(result: Result, expectations: Iterable[Mapping[str, Any]]
         (dimension: label, to select entries by coordinate, or by number from 1 where there is none), and
         one or more of `value` (with `rtol`, default 1e-9, and `atol`, default 0), `min`, `max` and
         `max_abs`. A single value or bound holds for every entry of an array; a complex number is
-        [re, im] or a text such as 1+2j. With `unit` Hz, frequencies in rad/s are compared in Hz.
+        [re, im] or a text such as 1+2j. With `part` (real, imaginary or magnitude), that of complex numbers
+        is compared; with `unit` Hz, frequencies in rad/s are compared in Hz.
 
     Returns
     -------
@@ -96,7 +97,8 @@ def _check(result: Result, expectation: Mapping[str, Any]) -> CheckOutcome:
     try:
         place, axes = _select(result, path, expectation.get("at", {}))
         picked = _lookup(result, path)
-        data = _in_unit(picked, np.asarray(picked.data[place], dtype=picked.dtype), expectation)
+        data = _compared(picked, np.asarray(picked.data[place], dtype=picked.dtype), expectation)
+        verb = f"has the {_PARTS[expectation['part']]}" if "part" in expectation else "is"
         unit = unit or (f" {picked.units}" if picked.units else "")
         found = words_of(data) + unit
         named: dict[tuple[int, ...], str] = {}
@@ -109,7 +111,7 @@ def _check(result: Result, expectation: Mapping[str, Any]) -> CheckOutcome:
             count = f" ({len(misses)} of {data.size} entries miss)" if data.size > 1 else ""
             bound = demand.expected[worst]
             said = _undefined(picked, data[worst]) or f"{_missing_word(data[worst], bound)}{unit}"
-            named[worst] = f"is {said}{where}, {demand.words}{word(bound)}{unit}{count}"
+            named[worst] = f"{verb} {said}{where}, {demand.words}{word(bound)}{unit}{count}"
         if named:
             raise _Unmet("; ".join(named.values()))
     except _Unmet as unmet:
@@ -133,8 +135,16 @@ def _missing_word(value: Any, bound: Any) -> str:
     return next((text for text in texts if abs(float(text) - value) <= most), word(value))
 
 
-def _in_unit(variable: Variable, data: NDArray[Any], expectation: Mapping[str, Any]) -> NDArray[Any]:
-    """Return entries of an array in the unit of the expectation: frequencies in rad/s or Hz."""
+#: Parts of complex numbers that an expectation may be of, in words.
+_PARTS = {"real": "real part", "imaginary": "imaginary part", "magnitude": "magnitude"}
+
+
+def _compared(variable: Variable, data: NDArray[Any], expectation: Mapping[str, Any]) -> NDArray[Any]:
+    """Return the part of entries that is expected, in the unit of the expectation: rad/s or Hz."""
+    if part := expectation.get("part"):
+        if data.dtype.kind != "c":
+            raise _Unmet(f"is {words_of(data)}, which is not complex: leave out 'part'")
+        data = np.abs(data) if part == "magnitude" else np.asarray(data.real if part == "real" else data.imag)
     if "unit" not in expectation:
         return data
     if variable.units != "rad/s":
@@ -148,7 +158,8 @@ def expected_words(expectation: Mapping[str, Any]) -> str:
     parts = [f"{sign} {word(expectation[key])}" for key, sign in words.items() if key in expectation]
     where = ", ".join(f"{dim} {_label(label)}" for dim, label in expectation.get("at", {}).items())
     unit = f" {expectation['unit']}" if "unit" in expectation else ""
-    return f"{'at ' + where + ' ' if where else ''}{' and '.join(parts)}{unit}"
+    part = f"{_PARTS[expectation['part']]} " if "part" in expectation else ""
+    return f"{'at ' + where + ' ' if where else ''}{part}{' and '.join(parts)}{unit}"
 
 
 def _label(label: object) -> object:
@@ -204,7 +215,7 @@ def _met(
         return met
     try:
         place, _ = _select(first, path, expectation.get("at", {}))
-        data = _in_unit(samples[path], samples[path].data[(slice(None), *place)], expectation)
+        data = _compared(samples[path], samples[path].data[(slice(None), *place)], expectation)
         for demand in _demands(data, data.shape[1:], expectation):
             met &= demand.met.reshape(count, -1).all(axis=1)
     except _Unmet:
@@ -311,7 +322,8 @@ def _demands(data: NDArray[Any], shape: tuple[int, ...], expectation: Mapping[st
     for key, sign in (("min", "at least "), ("max", "at most ")):
         if key in expectation:
             if kind not in "if":
-                raise _Unmet(f"is {words_of(data)}, expected a real number for '{key}'")
+                remedy = ": add 'part', which is real, imaginary or magnitude" if kind == "c" else ""
+                raise _Unmet(f"is {words_of(data)}, expected a real number for '{key}'{remedy}")
             bound = _like(expectation[key], shape, kind)
             met = np.asarray(data >= bound if key == "min" else data <= bound)
             yield _Demand(met, f"expected {sign}", data, bound, np.ones(shape))

@@ -1,4 +1,4 @@
-"""Paths of expectations and of `collect` that no run of a bond graph can give, found before it is run.
+"""Expectations and paths of `collect` that no run of a bond graph can meet, found before it is run.
 
 `dynid check` refuses them; a run, of which they are the least part, reports them as not met at its end, and a
 study with the samples that fail.
@@ -22,6 +22,14 @@ if TYPE_CHECKING:
 
 #: Attributes of a channel's properties that are named like one of these.
 _NOTES = frozenset({"hidden_mode_note"})
+#: Arrays of complex numbers: their group, the number of names below it, and their own name.
+_COMPLEX = frozenset(
+    {
+        *(("margins", 0, "poles"), ("energy", 0, "poles"), ("frequency_response", 0, "response")),
+        *(("transfer_function", 2, "poles"), ("transfer_function", 2, "zeros")),
+        ("properties", 2, "hidden_modes"),
+    }
+)
 #: The groups that have one group for each output, and in it one for each input.
 _OF_CHANNELS = ("properties", "transfer_function", "sensitivities")
 
@@ -38,7 +46,7 @@ class _Wanted(NamedTuple):
 
 
 def impossible_paths(scene: Scene, study: Scene | None = None) -> Iterator[Fault]:
-    """Yield the paths of outputs, inputs, properties and margins that a bond graph does not have.
+    """Yield the paths of what a bond graph does not have (outputs, margins), and bounds of complex numbers.
 
     Of graphs with multiports and structures, whose channels have names of their own, only properties and
     margins; also where a study varies more than values.
@@ -79,6 +87,19 @@ def impossible_paths(scene: Scene, study: Scene | None = None) -> Iterator[Fault
             problem = f"no channel has the property '{rest[2]}'{close}" if close else ""
         if problem:
             yield path.fault(problem)
+    yield from _bounds_of_complex_numbers(scene)
+
+
+def _bounds_of_complex_numbers(scene: Scene) -> Iterator[Fault]:
+    """Yield the bounds on complex numbers, which have no order, where no part of them is meant."""
+    for number, expectation in enumerate(scene.model.expect):
+        group, *between = _parts(expectation.path)[:-1] or ("",)
+        name = expectation.path.strip("/").rpartition("/")[2]
+        if expectation.part is None and (group, len(between), name) in _COMPLEX:
+            for key in ("min", "max"):
+                if getattr(expectation, key) is not None:
+                    message = f"'{key}' needs real numbers, and '{name}' are complex; add part: real, "
+                    yield scene.source.fault(("expect", number, key), f"{message}imaginary or magnitude")
 
 
 def unrequested_paths(scene: Scene, model: BondGraphScene) -> Iterator[Fault]:

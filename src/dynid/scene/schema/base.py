@@ -114,6 +114,7 @@ class Expectation(Section):
     min: float | None = Field(default=None, strict=True)
     max: float | None = Field(default=None, strict=True)
     max_abs: float | None = Field(default=None, strict=True)
+    part: Literal["real", "imaginary", "magnitude"] | None = None
     unit: Literal["rad/s", "Hz"] | None = None
 
     @field_validator("at", mode="before")
