@@ -444,6 +444,16 @@ analysis: {{outputs: [k.q]}}
         ),
         ("delay: tau", "delay: -1", "-1 is negative"),
         ("delay: tau", "late: 1", "'late' is not a key"),
+        (
+            "from: shaft.q",
+            "delay: tau, from: shaft.q",
+            "'delay' is not a key of control.loops.1; write it under 'controller'",
+        ),
+        (
+            "from: shaft.q",
+            "xyz: 1, from: shaft.q",
+            "of control.loops.1; its keys are from, to, controller, reference, setpoint",
+        ),
     ],
 )
 def test_faults_of_delays_are_located(old, new, message):

@@ -96,8 +96,10 @@ def _fault(source: Source, model: type[BaseModel], error: dict[str, Any]) -> Fau
     if strange:
         name = _dotted(path[:-1]) or "a scene"
         holder = _model_at(model, loc[:-1])
-        known = list(holder.model_fields) if holder else []
+        fields = holder.model_fields if holder else {}
+        known = [field.alias or key for key, field in fields.items()]
         hint = _misplaced(model, path) or did_you_mean(str(loc[-1]), known) or _elsewhere(source, path)
+        hint = hint or _one_level_below(holder, str(loc[-1]))
         if not hint and 0 < len(known) <= _FEW_KEYS:
             hint = f"; its keys are {', '.join(known)}"
         message = f"'{loc[-1]}' is not a key of {name}{hint}"
@@ -152,6 +154,16 @@ def _misplaced(model: type[BaseModel], path: Sequence[Any]) -> str:
         return ""
     example = ": analysis: {modes: {count: 10}}" if path[0] == "modes" else ""
     return f"; write it under 'analysis'{example}"
+
+
+def _one_level_below(holder: type[BaseModel] | None, key: str) -> str:
+    """Return the sections of a section that have a key; '' if none has."""
+    holding = [
+        f"'{field.alias or name}'"
+        for name, field in (holder.model_fields if holder else {}).items()
+        if any(_is_model(option) and key in option.model_fields for option in _unwrapped(field.annotation))
+    ]
+    return f"; write it under {' or '.join(holding)}" if holding else ""
 
 
 def _message(kind: str, error: dict[str, Any], path: Sequence[Any]) -> str:
