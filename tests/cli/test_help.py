@@ -80,6 +80,12 @@ def test_the_examples_in_a_commands_help_are_its_own_words(dynid, command):
             assert re.search(rf"^  (-\w, )?{option}\b", out.partition("Options:")[2], re.MULTILINE)
 
 
+@pytest.mark.parametrize(("section", "topic"), [("control", "graphs"), ("vary", "studies")])
+def test_a_section_of_scenes_is_explained_by_its_topic(dynid, section, topic):
+    code, out, _ = dynid("help", section)
+    assert (code, out.rstrip()) == (0, TOPICS[topic].rstrip())
+
+
 def test_an_unknown_topic_is_refused_with_the_nearest(dynid):
     code, _, err = dynid("help", "graph")
     assert code == 2

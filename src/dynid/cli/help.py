@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
 import click
@@ -28,6 +28,14 @@ def _names() -> list[str]:
     return [*_topics(), *COMMANDS]
 
 
+def _topic_of(word: str, topics: Mapping[str, Traversable]) -> str:
+    """Return the topic with a paragraph of a name, or the only one with a section of scenes; '' for none."""
+    texts = {name: text.read_text("utf-8") for name, text in topics.items()}
+    paragraph = [name for name, text in texts.items() if f"**{word.capitalize()}.**" in text]
+    section = [name for name, text in texts.items() if f"\n{word}:" in text]
+    return paragraph[0] if paragraph else section[0] if len(section) == 1 else ""
+
+
 @click.command("help")
 @click.argument("topic", required=False, shell_complete=among(_names))
 def help_(topic: str | None) -> int:
@@ -35,9 +43,8 @@ def help_(topic: str | None) -> int:
     from dynid.cli import cli
 
     topics = _topics()
-    if topic is not None and topic not in _names():  # perhaps a paragraph of a topic: modes
-        begun = f"**{topic.capitalize()}.**"
-        topic = next((name for name, text in topics.items() if begun in text.read_text("utf-8")), topic)
+    if topic is not None and topic not in _names():
+        topic = _topic_of(topic, topics) or topic
     if topic is None:
         width = max(map(len, topics))
         click.echo("dynid help TOPIC, where TOPIC is a command, or\n")
