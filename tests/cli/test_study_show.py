@@ -62,6 +62,25 @@ def test_the_screen_names_the_samples_of_both_extremes_by_their_numbers(dynid, f
     assert float(row[4]) == pytest.approx(np.nanmax(values), abs=1e-3)
 
 
+def test_statistics_of_few_samples_have_their_number(dynid, tmp_path):
+    """Of 10 samples one failed, and 3 have a second pole; the page has the same numbers as the screen."""
+    from dynid.report.content import content
+    from dynid.store import read_result
+
+    x = np.arange(10.0)
+    poles = np.where(x[:, None] < [20, 3], 1 + x[:, None] + 0j, np.nan)
+    values = {"p/poles": ("rad/s", ("pole",), {}, poles), "p/gain": x}
+    write(tmp_path / "s.h5", {"parameters.b": x}, values, {9: "singular"})
+    _, out, _ = dynid("show", tmp_path / "s.h5")
+    table = out.partition("mean")[2].partition("samples count")[0]
+    assert [" ".join(line.split()[:4]) for line in table.splitlines() if "(n =" in line] == [
+        "|poles[2]| (n = 3)"
+    ]
+    sections = {section.title: section for section in content(read_result(tmp_path / "s.h5")).sections}
+    names = [row[0] for row in sections["Statistics"].blocks[0].rows]
+    assert [name for name in names if "n =" in name] == ["p/|poles[2]| [rad/s] (n = 3)"]
+
+
 @pytest.fixture
 def wide(tmp_path):
     """A study of more numbers than a screen lists, most of which do not vary."""

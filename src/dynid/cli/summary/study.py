@@ -15,6 +15,7 @@ from dynid.report.content.study import (
     constant_text,
     display_name,
     first_samples,
+    having_it,
     met_expectations,
     range_text,
     shown_numbers,
@@ -84,7 +85,7 @@ def _statistics(table: StudyTable, shown: list[tuple[str, StudyColumn]], hidden:
         elif len(row) == 1:
             sentences.append(f"{name}: {row[0]}")
         else:
-            rows.append((group, [last, column.units, *row]))
+            rows.append((group, [last + having_it(table, column), column.units, *row]))
     if rows:
         yield from _under_groups(rows)
         yield "    (samples count from 0)"

@@ -64,7 +64,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
         if len(row) == 1:
             items.append((name, row[0]))
         else:
-            numbers.append((headed(name, column.units), *row))
+            numbers.append((headed(name, column.units) + having_it(table, column), *row))
     items += [
         *((re.sub(r"^bond_graph/\w+/", "", path), shares) for path, shares in text_shares(table)),
         *((path, counted(table.size(path), "value") + " per sample") for path in hidden),
@@ -251,6 +251,12 @@ def constant_text(table: StudyTable, path: str, column: StudyColumn) -> str | No
     if table.variable(path).attrs.get("stored") == "bool":
         return "true" if known[0] else "false"
     return f"{limit(float(known[0]))} {unit_text(column.units)}".rstrip()
+
+
+def having_it(table: StudyTable, column: StudyColumn) -> str:
+    """Return the number of samples that have a number, after a space; empty where all that are done do."""
+    count = int(np.sum(~np.isnan(column.values)))
+    return "" if count >= int(table.done.sum()) else f" (n = {count:,})"
 
 
 def statistics_row(table: StudyTable, path: str, column: StudyColumn) -> list[str]:
