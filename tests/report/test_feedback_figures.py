@@ -88,6 +88,7 @@ def test_a_loop_is_drawn(controller):
     first = pictures["loop-nyquist"].table.rows[0]
     assert complex(*first[1:3]) == loop[0]
     assert "Closed: stable" in pictures["loop-nyquist"].caption
+    assert ("with delays as they are" in pictures["loop-nyquist"].caption) == ("delay" in controller)
     assert "Ms" in pictures["sensitivity-functions"].caption
     locus = pictures["root-locus-loop-1"]
     assert ("Padé" in locus.caption) == ("delay" in controller)

@@ -287,8 +287,9 @@ def _nyquist(result: Result) -> Picture:
     per_row = min(len(subplots), ROW)
     rows = [subplots[start : start + per_row] for start in range(0, len(subplots), per_row)]
     verdicts = [str(text) for text in result["bond_graph/margins/stability"].data[:_LOOPS]]
+    late = ", with delays as they are" if "delays" in result.group_attrs.get("bond_graph", {}) else ""
     about = (
-        "L(jω) of every loop, the others closed, with delays as they are; dashed: negative frequencies; the "
+        f"L(jω) of every loop, the others closed{late}; dashed: negative frequencies; the "
         f"circle has the radius 1, the cross is −1. Closed: {'; '.join(dict.fromkeys(verdicts))}."
     )
     wide = 420.0 if per_row == 1 else 760.0
