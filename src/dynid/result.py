@@ -239,8 +239,9 @@ class Result(Mapping[str, Variable]):
             labels of further axes stand in the names of the columns: `response[m.f,F]`. `attrs["units"]` has
             the units of the columns. Estimates have their 95 % interval in `low` and `high`, unless the
             estimate is rejected. The single numbers of a group are rows with `value` and `unit`; of a group
-            that also has a table they are in `attrs["numbers"]`, by name. A study has a row for each sample,
-            as `dynid export` writes it.
+            that also has a table they are in `attrs["numbers"]`, by name. `attrs["approximate"]`, where
+            delays are approximated, names what is approximate, with the reason. A study has a row for each
+            sample, as `dynid export` writes it.
 
         Raises
         ------

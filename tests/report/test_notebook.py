@@ -121,6 +121,21 @@ def test_single_numbers_beside_a_table_are_attributes_of_its_frame(motor):
     assert motor.to_pandas("frequency_response").attrs.keys() == {"title", "units"}
 
 
+@pytest.mark.parametrize("late", [True, False])
+def test_frames_keep_what_is_approximate(late):
+    pytest.importorskip("pandas")
+    result = Result("bond-graph")
+    mark = {"approximate": "delays are Padé approximants of order 6"} if late else {}
+    result.add("g/a/damping_ratio", [0.1, 0.2], ("mode",), **mark)
+    result.add("g/a/overshoot", 3.0, (), **mark)
+    result.add("g/a/dc_gain", 1.0)
+    result.add("g/b/peak", 2.0, (), **mark)
+    said = mark.get("approximate")
+    wanted = {"damping_ratio": said, "overshoot": said} if late else None
+    assert result.to_pandas("g/a").attrs.get("approximate") == wanted
+    assert result.to_pandas("g/b").attrs.get("approximate") == ({"peak": said} if late else None)
+
+
 def test_one_subplot_is_one_axes(motor):
     ax = motor.plot("poles-J.f-voltage")
     poles = motor["bond_graph/transfer_function/J.f/voltage/poles"].data

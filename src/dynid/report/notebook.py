@@ -257,6 +257,7 @@ def frame(result: Result, name: str) -> pandas.DataFrame:
             "data frames need pandas, which is not installed",
             remedy="Install it: pip install 'dynid[pandas]'.",
         ) from error
+    late: dict[str, Any] = {}
     if result.kind == "study" and name.strip("/") == "study":
         numbers: dict[str, Any] = {}
         columns, units = _samples(result)
@@ -267,27 +268,41 @@ def frame(result: Result, name: str) -> pandas.DataFrame:
         if not axis:  # numbers, with different units
             rows = {_last(path): (variable.data.item(), variable.units) for path, variable in arrays.items()}
             table = pandas.DataFrame.from_dict(rows, "index", columns=["value", "unit"])
+            table.attrs |= _approximate(arrays)
             return table.rename_axis("quantity")
         own, first = next(iter(arrays.items()))
         labels = axis_of(result, own, axis, first.shape[0])
         index = pandas.Index(labels.labels, name=f"{axis} [{labels.units}]" if labels.units else axis)
         columns, units = _columns(result, arrays)
-        numbers, of_numbers = _single_numbers(result, path)
-        units |= of_numbers
+        single = _single_numbers(result, path)
+        numbers = {key: variable.data.item() for key, variable in single.items()}
+        units |= {key: variable.units for key, variable in single.items() if variable.units}
+        late = _approximate({**arrays, **single})
     table = pandas.DataFrame(columns, index=index)
-    table.attrs |= {"title": result.title, "units": units, **({"numbers": numbers} if numbers else {})}
+    table.attrs |= {
+        "title": result.title,
+        "units": units,
+        **({"numbers": numbers} if numbers else {}),
+        **late,
+    }
     return table
 
 
-def _single_numbers(result: Result, group: str) -> tuple[dict[str, Any], dict[str, str]]:
-    """Return the single numbers and texts of a group by name, and their units."""
-    below = {
+def _single_numbers(result: Result, group: str) -> dict[str, Variable]:
+    """Return the single numbers and texts of a group by name."""
+    return {
         _last(path): variable
         for path, variable in result.items()
         if _group(path) == group and not variable.dims
     }
-    units = {name: variable.units for name, variable in below.items() if variable.units}
-    return {name: variable.data.item() for name, variable in below.items()}, units
+
+
+def _approximate(arrays: Mapping[str, Variable]) -> dict[str, Any]:
+    """Return the attribute of a frame that has the names of what is approximate, with the reason of each."""
+    found = {
+        _last(key): one.attrs["approximate"] for key, one in arrays.items() if "approximate" in one.attrs
+    }
+    return {"approximate": found} if found else {}
 
 
 def _samples(result: Result) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
