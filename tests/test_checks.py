@@ -298,3 +298,23 @@ def test_samples_are_expected_by_a_part_as_one_is():
     demands.append({"path": "p/poles", "part": "real", "max": -2})
     met = samples_meet(samples, 2, one, demands)
     assert met.tolist() == [[True, True, True, True], [True, False, False, False]]
+
+
+@pytest.mark.parametrize(
+    ("data", "found"),
+    [
+        ([79.84014448226601], "79.8401 deg"),
+        ([math.nan], "-"),
+        ([math.nan, 1 / 3], "[-, 0.333333] deg"),
+        ([math.inf], "∞ deg"),
+        ([-1 / 3 + 2j], "-0.333333+2j deg"),
+        ([12345678], "12345678 deg"),
+        (0.1 + 0.2, "0.3 deg"),
+        (np.zeros(7), "an array of 7 deg"),
+    ],
+)
+def test_what_is_found_is_written_with_six_digits(data, found):
+    result = Result("t")
+    result.add("p/x", data, ("loop",) * np.ndim(data), "deg")
+    (outcome,) = check_expectations(result, [{"path": "p/x", "max_abs": 0}])
+    assert outcome.found == found

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.checks.comparison import RTOL, as_array, close, word, words_of
+from dynid.number_format import general
 from dynid.result import Result, Scalar, Variable
 from dynid.suggestions import did_you_mean, did_you_mean_path, shortened
 
@@ -100,7 +101,7 @@ def _check(result: Result, expectation: Mapping[str, Any]) -> CheckOutcome:
         data = _compared(picked, np.asarray(picked.data[place], dtype=picked.dtype), expectation)
         verb = f"has the {_PARTS[expectation['part']]}" if "part" in expectation else "is"
         unit = unit or (f" {picked.units}" if picked.units else "")
-        found = words_of(data) + unit
+        found = short if (short := _short_words(data)) == "-" else short + unit
         named: dict[tuple[int, ...], str] = {}
         for demand in _demands(data, data.shape, expectation):
             misses = demand.misses()
@@ -117,6 +118,21 @@ def _check(result: Result, expectation: Mapping[str, Any]) -> CheckOutcome:
     except _Unmet as unmet:
         return CheckOutcome(False, path, expected, found, f"{path.rpartition('/')[2]} {unmet}")
     return CheckOutcome(True, path, expected, found, f"{path.rpartition('/')[2]} is {found}")
+
+
+def _short_words(data: NDArray[Any]) -> str:
+    """Return a few values as text, numbers with at most six digits; one value without brackets."""
+    if data.dtype.names or data.size > 6:
+        return words_of(data)
+    if data.dtype.kind not in "fc":
+        return words_of(data.reshape(()) if data.size == 1 else data)
+    texts = []
+    for value in data.ravel().tolist():
+        if isinstance(value, complex):
+            texts.append("-" if np.isnan(value) else f"{value:.6g}")
+        else:
+            texts.append(general(value, 6))
+    return texts[0] if data.size == 1 else f"[{', '.join(texts)}]"
 
 
 def _undefined(variable: Variable, value: Any) -> str:
