@@ -302,6 +302,33 @@ def test_a_figure_that_cannot_be_drawn_leaves_the_others(monkeypatch):
     assert any(name == "svg" for name, _ in reader.elements)
 
 
+@pytest.mark.parametrize(("others", "shown"), [(2, 8), (3, 3)])
+def test_the_answer_of_a_benchmark_has_few_rows_and_the_details_all(others, shown):
+    """Two alternatives with three marked rows, and others, each at two sizes, that are slower and worse."""
+    from dynid.report.content import content
+    from tests.report.pages import bench
+
+    result = bench()
+    for k in range(others):
+        group = f"bench/roots/other_{k}"
+        result.annotate(group, peer=True)
+        result.add_axis(f"{group}/size", [20, 100])
+        for column, values in (("time", [5.0, 9.0]), ("memory", [1e6, 2e7]), ("error", [0.1, 0.2])):
+            result.add(f"{group}/{column}", values, ("size",))
+        for column in ("pareto", "default"):
+            result.add(f"{group}/{column}", [False, False], ("size",))
+    sections = {section.title: section for section in content(result).sections}
+    table, note = sections["roots"].blocks[:2]
+    assert len(table.rows) == shown
+    assert ("roots: all alternatives" in sections) == (shown == 3)
+    if shown == 3:
+        assert [row[:2] for row in table.rows] == [("exact", "20"), ("float", "20"), ("exact", "100")]
+        assert table.marked == {0, 1, 2}
+        assert note.text == "7 other rows in the details: neither Pareto-optimal nor the default"
+        (every,) = sections["roots: all alternatives"].blocks
+        assert len(every.rows) == 10
+
+
 def packed(html):
     """Return the samples of a page: columns by name, as the script reads them."""
     data = json.loads(re.search(r'id="samples-data">(.*?)</script>', html, re.DOTALL)[1])

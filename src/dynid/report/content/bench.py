@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
-from dynid.number_format import memory_text, time_text
+from dynid.number_format import counted, memory_text, time_text
 from dynid.report.content.blocks import ReportSection, Statement, TextTable
 from dynid.report.notation import with_infinity
-from dynid.result import Result
+from dynid.result import Result, Scalar
 
 _REMARKS = {
     "limits": "held to",
@@ -21,6 +21,8 @@ _REMARKS = {
 }
 #: Remarks that belong to the answer: without them the table cannot be read.
 _NEEDED = ("error", *(_REMARKS[name] for name in ("failed", "late", "missing", "chosen")))
+#: Most rows of which all are in the answer; of more, those that are Pareto-optimal or the default.
+_FEW = 8
 _SIGNS = "● Pareto-optimal in time and error; › the suite's default"
 
 
@@ -42,28 +44,38 @@ def sections(result: Result) -> Iterator[ReportSection]:
         about = result.group_attrs[group]
         every = [row for name in _alternatives(result, group) for row in benchmark_rows(result, group, name)]
         every.sort(key=lambda row: row.size)
-        rows = tuple(
-            (
-                row.name,
-                f"{row.size:,}",
-                time_text(row.time),
-                memory_text(row.memory),
-                _error_text(row.error),
-                row.marks,
-            )
-            for row in every
-        )
-        marked = frozenset(place for place, row in enumerate(every) if row.best)
-        heads = ("", str(about["size"]), "time", "memory", "error", "")
+        first = ([row for row in every if row.marks] or every) if len(every) > _FEW else every
         statements = {
             term: Statement(f"{term}: {with_infinity(text)}", "bad" if term == "failed" else "")
             for term, text in remarks(result, group)
         }
-        table, name = TextTable(heads, rows, marked, str(about["title"])), group.partition("/")[2]
-        needed = tuple(statements.pop(term) for term in _NEEDED if term in statements)
-        yield ReportSection(name, (table, *needed), "answer")
+        name = group.partition("/")[2]
+        needed = [statements.pop(term) for term in _NEEDED if term in statements]
+        if len(first) < len(every):
+            others = counted(len(every) - len(first), "other row")
+            needed.insert(0, Statement(f"{others} in the details: neither Pareto-optimal nor the default"))
+        yield ReportSection(name, (_table(about, first), *needed), "answer")
+        if len(first) < len(every):
+            yield ReportSection(f"{name}: all alternatives", (_table(about, every),))
         if statements:
             yield ReportSection(f"{name}: growth and peers", tuple(statements.values()))
+
+
+def _table(about: Mapping[str, Scalar], every: list[BenchmarkRow]) -> TextTable:
+    rows = tuple(
+        (
+            row.name,
+            f"{row.size:,}",
+            time_text(row.time),
+            memory_text(row.memory),
+            _error_text(row.error),
+            row.marks,
+        )
+        for row in every
+    )
+    marked = frozenset(place for place, row in enumerate(every) if row.best)
+    heads = ("", str(about["size"]), "time", "memory", "error", "")
+    return TextTable(heads, rows, marked, str(about["title"]))
 
 
 def _error_text(error: float) -> str:
