@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from functools import cache
 from importlib.resources import files
+from pathlib import Path
 
 from dynid.result import Result
-from dynid.scene.load import check_source
+from dynid.scene.kinds.planning import run_plan
+from dynid.scene.load import check_source, load_scene
 from dynid.scene.run import run_scene
 from dynid.scene.yaml.source import parse_source
 
+CONFIGS = Path(__file__).parents[2] / "configs"
 HOSTILE = "</script><script>alert(1)</script>\"'><img src=x onerror=alert(2)>&amp;\u202e\u0007\u2028]]>"
 
 
@@ -20,11 +23,16 @@ def template(kind):
 @cache
 def result_of(kind):
     """Return the result of a kind: of its template, or made up as the command would."""
-    return {"bench": bench, "study": study}[kind]() if kind in ("bench", "study") else run(template(kind))
+    made = {"bench": bench, "study": study, "plan": plan}
+    return made[kind]() if kind in made else run(template(kind))
 
 
 def run(text):
     return run_scene(check_source(parse_source(text, "scene.yaml")))
+
+
+def plan():
+    return run_plan(load_scene(CONFIGS / "table1.yaml"))
 
 
 def bench():

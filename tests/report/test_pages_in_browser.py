@@ -299,7 +299,7 @@ def test_of_a_locus_the_height_nearest_to_the_pointer_is_read(visit):
     assert max(value for _, value in above) > 0 > min(value for _, value in below)
 
 
-@pytest.mark.parametrize("kind", ["bond-graph", "identification", "reduction", "study", "synthesis"])
+@pytest.mark.parametrize("kind", ["bond-graph", "identification", "reduction", "study", "synthesis", "plan"])
 def test_the_answer_and_its_figures_are_within_the_first_thousand_pixels(visit, kind):
     opened = visit(result_of(kind), viewport={"width": 1280, "height": 1000}).page
     ends = opened.locator("#answer .answers, #answer .answers + .figures .picture").evaluate_all(

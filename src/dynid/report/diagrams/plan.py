@@ -50,7 +50,7 @@ def _sensors(result: Result) -> Picture:
         PlotAxis("bound on the standard error (%)", log=True),
         PlotAxis("", names=labels),
         layers,
-        height=max(120.0, 17.0 * len(order)),
+        height=max(120.0, 16.0 * len(order)),
     )
     dropped = len(names) - len(order)
     left = f" {dropped} more have larger bounds, or do not identify every parameter alone." if dropped else ""
@@ -82,6 +82,6 @@ def _excitation(result: Result, title: str) -> Picture:
     tips = texts(result, f"{group}/choice")
     layers.append(Markers(picked * scale, heights, "chosen sines", "mark", "ring", 6, tips))
     about = "Bound with a sine of the present force, geometric mean over the parameters; lower is better."
-    plot = Subplot(at.axis, PlotAxis("relative bound", log=True), layers)
+    plot = Subplot(at.axis, PlotAxis("relative bound", log=True), layers, height=220.0)
     columns = dict(at.columns) | {f"force at {dof}": bounds[:, k] for k, dof in enumerate(dofs)}
     return Picture(chart("excitation", title, [[plot]], about), about, table_of(columns))
