@@ -96,7 +96,13 @@ def test_the_gain_of_a_channel_that_explains_the_record_is_suggested(gain):
     assert sign == "±"
     assert 0 < float(error) < 0.02
     assert abs(float(factor) - gain) < 4 * float(error)
-    assert f"state gain: NAME in its channel, and parameters: {{NAME: {{start: {factor}}}}}" in found
+    start = f"{float(factor):.4g}"
+    assert f"state gain: NAME in its channel, and parameters: {{NAME: {{start: {start}}}}}" in found
+
+
+def test_a_gain_of_a_model_that_lacks_fit_nevertheless_is_not_suggested():
+    """Two sensors out of calibration: a gain of one explains nearly all of the signal, and not the record."""
+    assert said(record(noise=0.005) * [1, 1.1, 1.3]) == []
 
 
 def test_a_gain_that_is_hardly_off_is_not_suggested():
@@ -117,7 +123,7 @@ def test_another_start_of_the_excitation_is_suggested():
     (found,) = said(values)
     assert "are 2 samples (0.04 s) later than the model" in found
     assert (
-        "Or all of them are right, and the excitation has the inverse mistake (of a file: delay: -0.04)."
+        "Or all of them are right, and the excitation has the inverse mistake (of a file: delay: -0.04)"
         in found
     )
 
@@ -233,7 +239,7 @@ joints:
   j: {dofs: [1, 2], k: {start: 300}, c: {start: 0.5}}
 """
 TIME = """\
-excitation: [{dof: 1, kind: file, path: x.csv, column: F}]
+excitation: [{dof: 1, kind: file, path: x.csv, column: F, gain: FORCE}]
 measurement:
   step: 0.02
   samples: 300
@@ -258,25 +264,57 @@ def table_of_responses(gain):
     return columns, "f (Hz),ar,ai,vr,vi"
 
 
-@pytest.mark.parametrize(("end", "gain"), [(TIME, 1.3), (TIME, -1.3), (LINES, 1.3)])
-def test_a_scene_with_the_suggested_gain_explains_the_record(tmp_path, end, gain):
-    columns, heads = np.column_stack([force(1), record()[:, 0], gain * record()[:, 2]]), "F,a,v"
-    if end is LINES:
-        columns, heads = table_of_responses(gain)
-    np.savetxt(tmp_path / "x.csv", columns, delimiter=",", header=heads, comments="")
+@pytest.fixture
+def scene(tmp_path):
+    """Return what runs a scene with a file, parameters, and the gain of its second channel or its force."""
 
-    def run(parameters, stated):
-        text = (SCENE + end).replace("PARAMETERS", parameters).replace("GAIN", stated)
+    def run(end, columns, heads, parameters="", gain="1", force="1"):
+        np.savetxt(tmp_path / "x.csv", columns, delimiter=",", header=heads, comments="")
+        text = (SCENE + end).replace("PARAMETERS", parameters).replace("GAIN", gain).replace("FORCE", force)
         (tmp_path / "scene.yaml").write_text(text)
         return run_scene(load_scene(tmp_path / "scene.yaml"))
 
-    warnings = " ".join(run("", "1" if gain > 0 else "-1")["identification/diagnostics/warnings"].data)
-    suggested = re.search(r"state gain: NAME in its channel, and (parameters: .*?}})\.", warnings)
-    assert suggested is not None
-    found = run(f"{suggested[1].replace('NAME', 'g')}\n", "g")
-    assert found.value("identification/diagnostics/converged")
-    place = list(found.value("identification/parameters/parameter")).index("g")
+    return run
+
+
+def suggested_gain(result, where):
+    """Return the parameters that the warnings of a result suggest, of a parameter `g`."""
+    warnings = " ".join(result["identification/diagnostics/warnings"].data)
+    found = re.search(rf"state gain: NAME in {where}, and (parameters: .*?}}}})", warnings)
+    assert found is not None
+    return f"{found[1].replace('NAME', 'g')}\n"
+
+
+def assert_explained(result, gain):
+    assert result.value("identification/diagnostics/converged")
+    assert not result.value("identification/diagnostics/lacks_fit")
+    place = list(result.value("identification/parameters/parameter")).index("g")
     estimate, deviation = (
-        found.value(f"identification/parameters/{name}")[place] for name in ("estimate", "standard_error")
+        result.value(f"identification/parameters/{name}")[place] for name in ("estimate", "standard_error")
     )
     assert abs(estimate - gain) < 4 * deviation < 0.1
+
+
+@pytest.mark.parametrize(("end", "gain"), [(TIME, 1.3), (TIME, -1.3), (LINES, 1.3)])
+def test_a_scene_with_the_suggested_gain_explains_the_record(scene, end, gain):
+    table = np.column_stack([force(1), record()[:, 0], gain * record()[:, 2]]), "F,a,v"
+    if end is LINES:
+        table = table_of_responses(gain)
+    parameters = suggested_gain(scene(end, *table, gain="1" if gain > 0 else "-1"), "its channel")
+    assert_explained(scene(end, *table, parameters, gain="g"), gain)
+
+
+@pytest.mark.parametrize("factor", [1.15, 0.9])
+def test_a_scene_with_the_suggested_gain_of_the_excitation_explains_the_record(scene, factor):
+    values = record(noise=0.01)
+    table = np.column_stack([factor * force(1), values[:, 0], values[:, 2]]), "F,a,v"
+    first = scene(TIME, *table)
+    (warning,) = (
+        one for one in first["identification/diagnostics/warnings"].data if "explained where" in one
+    )
+    assert "1.acceleration, 2.velocity are" in warning
+    assert f"the excitation, recorded {factor:g} times as large as it is, or all sensors" in warning
+    parameters = suggested_gain(first, "the excitation")
+    start = re.search(r"start: ([0-9.]+)", parameters)[1]
+    assert float(start) == pytest.approx(factor, rel=0.01)
+    assert_explained(scene(TIME, *table, parameters, force="g"), factor)

@@ -7,8 +7,9 @@ nearest to the ratio of their RMS. The parameters are estimated again from the c
 until the corrections stay the same: a search for the greatest concentrated likelihood over parameters and
 corrections. It starts from the estimate, from the start, and from the start with one mistake in all
 channels, or in all of one quantity, with one reversed channel, or with two exchanged channels of one
-quantity and unit. Where all that explains nothing, the gain of one channel is free: the parameters are
-estimated anew for every gain, and the likelihood is that of both.
+quantity and unit. Where all that explains nothing, a gain is free, of one channel or a common one of all,
+which is that of the excitation: the parameters are estimated anew for every gain, and the likelihood is that
+of both.
 
 Corrections are suggested only where the model lacked fit, the likelihood grows far beyond what the choice
 among them explains, every corrected channel needs its own, and the corrected record fits.
@@ -18,16 +19,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
-from dataclasses import replace
 from itertools import combinations
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import DynidError
-from dynid.identification.estimators.maximum_likelihood import refine
+from dynid.identification.goodness_of_fit.corrections import (
+    FEW_STEPS,
+    GAIN_EACH,
+    LEAST_GAIN,
+    NONE,
+    STEPS,
+    Correction,
+    Corrections,
+    Found,
+    concentrated,
+    corrected,
+    estimated,
+    shifted,
+)
+from dynid.identification.goodness_of_fit.free_gains import free_gain, gain_sentence
 from dynid.identification.goodness_of_fit.lack_of_fit import compare_models
 from dynid.identification.likelihood import Fit, Likelihood
 from dynid.identification.records.frf_record import FrfLikelihood, FrfRecord
@@ -43,55 +55,16 @@ _FACTORS = np.array([sign * one for sign in (1, -1) for one in (1, GRAVITY, 1 / 
 _MOST_DELAY, _PART, _COMMON_DELAYS = 20, 0.1, (1, -1, 2, -2, 3, -3)
 # A channel whose square of the correlation with the prediction is less is left as it is.
 _CORRELATED = 0.2
-# Rounds of corrections and estimates; steps of an estimate, and of a first one.
-_ROUNDS, _STEPS, _FEW_STEPS = 6, 30, 12
-# Gain of the logarithm of the likelihood: at least, and for each channel that is corrected.
-_LEAST_GAIN, _GAIN_EACH = 20.0, 7.0
+# Rounds of corrections and estimates.
+_ROUNDS = 6
 # How many times smaller the mean square of a corrected channel's residual is than without its correction.
 _SMALLER = 2.0
-# Bounds of the logarithm of a free gain, first and around what was found; its tolerance, and the most steps.
-_MOST_LOG_GAIN, _AROUND = math.log(4), 0.2
-_ROUGH, _FINE = (0.05, 8), (1e-4, 20)
-# Steps of the logarithm from which the curvature of the likelihood is taken.
-_BESIDE = (0.01, -0.01)
-# Values times states times channels beyond which no free gain is sought.
-_MOST_WORK_OF_GAINS = 5e5
 # Multiplications of one evaluation of frequency responses beyond which nothing is searched.
 _MOST_WORK = 3e7
 # Values times states beyond which only the estimate and the start are searched from.
 _LARGE = 2e5
 # Channels beyond which a single reversed one is not searched for; pairs beyond which no exchanged ones are.
 _FEW_CHANNELS, _MOST_PAIRS = 12, 30
-
-
-class Correction(NamedTuple):
-    """A correction of a channel: the record is `factor` times the model, `delay` samples later.
-
-    It is recorded as the channel `column` of its record; None: as itself.
-    """
-
-    factor: float = 1.0
-    delay: int = 0
-    column: int | None = None
-
-    def recorded(self, values: Array, own: int) -> Array:
-        """Return what is recorded of the channel `own`, among the channels of its record."""
-        return np.asarray(values[:, own if self.column is None else self.column])
-
-
-_NONE = Correction()
-Corrections = list[list[Correction]]
-"""Corrections of the channels of each record."""
-
-
-class _Found(NamedTuple):
-    """Corrections, and the estimate with them; the standard error of the logarithm of a free gain."""
-
-    corrections: Corrections
-    likelihood: Likelihood
-    fit: Fit
-    value: float
-    spread: float = 0.0
 
 
 def instrument_mistakes(likelihood: Likelihood, etas: Sequence[Array]) -> list[str]:
@@ -114,9 +87,9 @@ def instrument_mistakes(likelihood: Likelihood, etas: Sequence[Array]) -> list[s
             return []
     if isinstance(likelihood, FrfLikelihood):
         likelihood = likelihood.band_limited(BAND) or likelihood
-    plain = _corrected(likelihood, [[_NONE] * record.data.values.shape[1] for record in records])
+    plain = corrected(likelihood, [[NONE] * record.data.values.shape[1] for record in records])
     try:
-        before = _value(plain, plain.fit(etas[0]), None)
+        before = concentrated(plain, plain.fit(etas[0]), None)
     except (DynidError, ArithmeticError, np.linalg.LinAlgError):
         before = math.inf
     found = [one for eta in etas if (one := _search(likelihood, plain, eta)) is not None]
@@ -124,13 +97,13 @@ def instrument_mistakes(likelihood: Likelihood, etas: Sequence[Array]) -> list[s
     if best is None or not _explains(plain, best, before):
         best = _from_common_mistakes(likelihood, plain, etas[-1])
     if best is None or not _explains(plain, best, before):
-        best = _from_free_gains(likelihood, plain, etas[0])
+        best = free_gain(likelihood, plain, etas[0])
     return list(_sentences(plain, best)) if best is not None and _explains(plain, best, before) else []
 
 
 def _search(
     likelihood: Likelihood, plain: Likelihood, eta: Array, first: Corrections | None = None
-) -> _Found | None:
+) -> Found | None:
     """Return corrections and estimate that belong to each other; None where the estimate fails.
 
     The `first` corrections are those of the prediction at `eta` where none are given.
@@ -138,10 +111,10 @@ def _search(
     try:
         corrections = first
         if corrections is None:
-            none = [[_NONE] * record.data.values.shape[1] for record in plain.records]
+            none = [[NONE] * record.data.values.shape[1] for record in plain.records]
             corrections = _chosen(plain, plain.fit(eta), none)
         for _ in range(_ROUNDS):
-            found = _estimated(likelihood, plain, corrections, eta, _STEPS)
+            found = estimated(likelihood, plain, corrections, eta, STEPS)
             new = _chosen(plain, found.fit, corrections)
             if new == corrections:
                 return found
@@ -151,16 +124,7 @@ def _search(
     return None
 
 
-def _estimated(
-    likelihood: Likelihood, plain: Likelihood, corrections: Corrections, eta: Array, steps: int
-) -> _Found:
-    """Return the estimate from corrected channels."""
-    corrected = _corrected(likelihood, corrections)
-    fit = refine(corrected, eta, steps).fit
-    return _Found(corrections, corrected, fit, _value(plain, fit, corrections))
-
-
-def _from_common_mistakes(likelihood: Likelihood, plain: Likelihood, eta: Array) -> _Found | None:
+def _from_common_mistakes(likelihood: Likelihood, plain: Likelihood, eta: Array) -> Found | None:
     """Return the best of the searches that start with one mistake in all channels, a quantity, or a sign."""
     if sum(record.data.values.size for record in plain.records) * plain.records[0].nuisances > _LARGE:
         return None
@@ -168,7 +132,7 @@ def _from_common_mistakes(likelihood: Likelihood, plain: Likelihood, eta: Array)
     kinds = sorted({one for own in quantities for one in own})
     mistakes = [Correction(factor) for factor in _COMMON]
     tried = [
-        [[mistake if kind in ("", one) else _NONE for one in own] for own in quantities]
+        [[mistake if kind in ("", one) else NONE for one in own] for own in quantities]
         for kind in ["", *(kinds if len(kinds) > 1 else [])]
         for mistake in mistakes
     ]
@@ -179,7 +143,7 @@ def _from_common_mistakes(likelihood: Likelihood, plain: Likelihood, eta: Array)
     if 1 < len(places) <= _FEW_CHANNELS:
         tried += [
             [
-                [Correction(-1.0) if (k, c) == place else _NONE for c in range(len(own))]
+                [Correction(-1.0) if (k, c) == place else NONE for c in range(len(own))]
                 for k, own in enumerate(quantities)
             ]
             for place in places
@@ -188,76 +152,11 @@ def _from_common_mistakes(likelihood: Likelihood, plain: Likelihood, eta: Array)
     found = []
     for corrections in tried:
         try:
-            found.append(_estimated(likelihood, plain, corrections, eta, _FEW_STEPS))
+            found.append(estimated(likelihood, plain, corrections, eta, FEW_STEPS))
         except (DynidError, ArithmeticError, np.linalg.LinAlgError):
             continue
     best = min(found, key=lambda one: one.value, default=None)
     return None if best is None else _search(likelihood, plain, best.fit.eta, best.corrections)
-
-
-def _from_free_gains(likelihood: Likelihood, plain: Likelihood, eta: Array) -> _Found | None:
-    """Return the likeliest gain of the channel whose gain explains most; None where it may be 1."""
-    places = [(k, c) for k, one in enumerate(plain.records) for c in range(len(one.channels))]
-    size = sum(record.data.values.size for record in plain.records) * max(1, plain.records[0].nuisances)
-    if size * len(places) > _MOST_WORK_OF_GAINS:
-        return None
-    found: list[tuple[tuple[int, int], float, _Found]] = []
-    for place in places:
-        with suppress(DynidError, ArithmeticError, np.linalg.LinAlgError):
-            bounds = -_MOST_LOG_GAIN, _MOST_LOG_GAIN
-            found.append((place, *_likeliest_gain(likelihood, plain, place, eta, bounds, _ROUGH)))
-    if not found:
-        return None
-    place, log, best = min(found, key=lambda one: one[2].value)
-    none = [[_NONE] * len(record.channels) for record in plain.records]
-    try:
-        around = log - _AROUND, log + _AROUND
-        log, best = _likeliest_gain(likelihood, plain, place, best.fit.eta, around, _FINE)
-        one = [_estimated(likelihood, plain, none, start, _STEPS).value for start in (eta, best.fit.eta)]
-        beside = [_at_gain(likelihood, plain, place, log + step, best.fit.eta).value for step in _BESIDE]
-    except (DynidError, ArithmeticError, np.linalg.LinAlgError):
-        return None
-    # The likelihood ratio of the gain and 1, the parameters estimated with either.
-    if not min(one) - best.value > _LEAST_GAIN + _GAIN_EACH:
-        return None
-    curvature = (sum(beside) - 2 * best.value) / _BESIDE[0] ** 2
-    return best._replace(spread=1 / math.sqrt(curvature)) if curvature > 0 else None
-
-
-def _at_gain(
-    likelihood: Likelihood, plain: Likelihood, place: tuple[int, int], log: float, eta: Array
-) -> _Found:
-    """Return the estimate with a gain of this logarithm in one channel."""
-    corrections = [[_NONE] * len(record.channels) for record in plain.records]
-    corrections[place[0]][place[1]] = Correction(math.exp(log))
-    return _estimated(likelihood, plain, corrections, eta, _FEW_STEPS)
-
-
-def _likeliest_gain(
-    likelihood: Likelihood,
-    plain: Likelihood,
-    place: tuple[int, int],
-    eta: Array,
-    bounds: tuple[float, float],
-    effort: tuple[float, int],
-) -> tuple[float, _Found]:
-    """Return the logarithm of the likeliest gain of a channel, with the estimate that belongs to it.
-
-    The parameters are estimated anew for every gain, so that they take of it what they can.
-    """
-    from scipy.optimize import minimize_scalar
-
-    found: dict[float, _Found] = {}
-
-    def value(log: float) -> float:
-        near = found[min(found, key=lambda other: abs(other - log))].fit.eta if found else eta
-        found[log] = _at_gain(likelihood, plain, place, log, near)
-        return found[log].value
-
-    tolerance, most = effort
-    options: Any = {"xatol": tolerance, "maxiter": most}
-    minimize_scalar(value, bounds=bounds, method="bounded", options=options)
-    return min(found.items(), key=lambda one: one[1].value)
 
 
 def _exchanges(plain: Likelihood) -> list[Corrections]:
@@ -272,34 +171,10 @@ def _exchanges(plain: Likelihood) -> list[Corrections]:
         return []
     found = []
     for k, a, b in pairs:
-        corrections = [[_NONE] * len(record.channels) for record in plain.records]
+        corrections = [[NONE] * len(record.channels) for record in plain.records]
         corrections[k][a], corrections[k][b] = Correction(column=b), Correction(column=a)
         found.append(corrections)
     return found
-
-
-def _corrected(likelihood: Likelihood, corrections: Corrections) -> Likelihood:
-    """Return the likelihood of corrected channels, with white noise of unknown deviations."""
-    records = []
-    for record, own in zip(likelihood.records, corrections, strict=True):
-        values = record.data.recorded
-        columns = [_shifted(one.recorded(values, c), -one.delay) / one.factor for c, one in enumerate(own)]
-        data = replace(
-            record.data, values=np.column_stack(columns), noise=None, clean=None, given=None, colour=None
-        )
-        white = replace(record, colour=None) if isinstance(record, TimeRecord) else record
-        records.append(white.on(data))
-    return Likelihood(tuple(records))
-
-
-def _shifted(values: Array, delay: int) -> Array:
-    """Return samples so much later, NaN where none are."""
-    out = np.full(len(values), np.nan)
-    if delay >= 0:
-        out[delay:] = values[: len(values) - delay]
-    else:
-        out[:delay] = values[-delay:]
-    return out
 
 
 def _chosen(plain: Likelihood, fit: Fit, now: Corrections) -> Corrections:
@@ -323,7 +198,7 @@ def _best(recorded: Array, predicted: Array, in_time: bool) -> Correction:
     squares: dict[int, float] = {}
     ratios: dict[int, float] = {}
     for delay in sorted(range(-most, most + 1), key=abs):
-        later = _shifted(predicted, delay)
+        later = shifted(predicted, delay)
         both = ~(np.isnan(recorded) | np.isnan(later))
         z, y = recorded[both], later[both]
         zz, yy, zy = float(z @ z), float(y @ y), float(z @ y)
@@ -331,7 +206,7 @@ def _best(recorded: Array, predicted: Array, in_time: bool) -> Correction:
             squares[delay] = zy * zy / (zz * yy)
             ratios[delay] = math.copysign(math.sqrt(zz / yy), zy)
     if not squares or max(squares.values()) < _CORRELATED:
-        return _NONE
+        return NONE
     left = 1 - max(squares.values())
     # The shortest of the delays that are nearly as good, as those of periodic signals are.
     delay = next(one for one, square in squares.items() if 1 - square <= 1.05 * left + 1e-9)
@@ -340,42 +215,33 @@ def _best(recorded: Array, predicted: Array, in_time: bool) -> Correction:
     return Correction(float(alike[int(np.argmin(np.abs(np.log(np.abs(alike / ratio)))))]), delay)
 
 
-def _value(plain: Likelihood, fit: Fit, corrections: Corrections | None) -> float:
-    """Return minus the logarithm of the concentrated likelihood of the channels as recorded."""
-    total = 0.0
-    for k, (record, part) in enumerate(zip(plain.records, fit.parts, strict=True)):
-        factors = 1.0 if corrections is None else np.array([abs(one.factor) for one in corrections[k]])
-        size = np.maximum(part.size * factors, 1e-9 * record.data.rms)
-        total += float(record.data.counts @ np.log(size))
-    return total
-
-
-def _explains(plain: Likelihood, found: _Found, before: float) -> bool:
+def _explains(plain: Likelihood, found: Found, before: float) -> bool:
     """Return True if the corrections are needed, each of them, and the corrected records fit."""
-    changed = sum(one != _NONE for own in found.corrections for one in own)
-    if not changed or not before - found.value > _LEAST_GAIN + _GAIN_EACH * changed:
+    changed = sum(one != NONE for own in found.corrections for one in own)
+    if not changed or not before - found.value > LEAST_GAIN + GAIN_EACH * changed:
         return False
     for record, part, own in zip(plain.records, found.fit.parts, found.corrections, strict=True):
         for c, one in enumerate(own):
             uncorrected = record.data.values[:, c] - part.predicted.outputs[:, c]
             least = _SMALLER * (part.size[c] * one.factor) ** 2
-            if one != _NONE and not float(np.nanmean(uncorrected**2)) > least:
+            if one != NONE and not float(np.nanmean(uncorrected**2)) > least:
                 return False
     return compare_models(found.likelihood, found.fit).explained
 
 
-def _sentences(plain: Likelihood, found: _Found) -> Iterator[str]:
+def _sentences(plain: Likelihood, found: Found) -> Iterator[str]:
     """Yield one sentence for each kind of correction; delays of records at different steps are different."""
+    if found.spread:
+        yield gain_sentence(plain, found)
+        return
     several = len(plain.records) > 1
-    places: dict[tuple[Correction, float, float], list[str]] = {}
+    places: dict[tuple[Correction, float], list[str]] = {}
     channels = 0
     for k, (record, own) in enumerate(zip(plain.records, found.corrections, strict=True), 1):
         prefix = f"record_{k}." if several else ""
         for place, (channel, one) in enumerate(zip(record.channels, own, strict=True)):
             step = (record.sampling_step or 0.0) if one.delay else 0.0
-            sensor: Any = getattr(channel, "channel", channel)  # of a frequency response
-            gain = float(sensor.gain) if found.spread else 1.0
-            places.setdefault((one._replace(column=None), step, gain), []).append(f"{prefix}{channel.name}")
+            places.setdefault((one._replace(column=None), step), []).append(f"{prefix}{channel.name}")
             channels += 1
             if one.column is not None and place < one.column:
                 both = f"{prefix}{channel.name} and {prefix}{record.channels[one.column].name}"
@@ -383,13 +249,12 @@ def _sentences(plain: Likelihood, found: _Found) -> Iterator[str]:
                     f"the lack of fit is explained where {both} are exchanged: exchanged cables, or columns "
                     "of the file in another order (columns)?"
                 )
-    for (one, step, gain), names in places.items():
-        if one == _NONE:
+    for (one, step), names in places.items():
+        if one == NONE:
             continue
         parts = []
         if one.factor != 1:
-            error = f" ± {one.factor * found.spread:.1g}" if found.spread else ""
-            parts.append(f"{one.factor:.{4 if error else 6}g}{error} times the model")
+            parts.append(f"{one.factor:.6g} times the model")
         if one.delay:
             early = "later" if one.delay > 0 else "earlier"
             count = abs(one.delay)
@@ -397,13 +262,12 @@ def _sentences(plain: Likelihood, found: _Found) -> Iterator[str]:
         subject = f"{', '.join(names)} {'are' if len(names) > 1 else 'is'}"
         whole = len(names) == channels
         yield (
-            f"the lack of fit is explained where {subject} {' and '.join(parts)}: "
-            f"{_remedy(one, step, gain, whole)}"
+            f"the lack of fit is explained where {subject} {' and '.join(parts)}: {_remedy(one, step, whole)}"
         )
 
 
-def _remedy(one: Correction, step: float, gain: float, whole: bool) -> str:
-    """Return what may be wrong, and the key that corrects it; the model has the stated `gain`."""
+def _remedy(one: Correction, step: float, whole: bool) -> str:
+    """Return what may be wrong, and the key that corrects it."""
     hints = []
     if one.factor < 0:
         hints.append("a reversed sensor (gain: -1)?")
@@ -412,17 +276,11 @@ def _remedy(one: Correction, step: float, gain: float, whole: bool) -> str:
         hints.append("recorded in g (unit: g)?")
     elif size == GRAVITY:
         hints.append("recorded in m/s2, and taken for g?")
-    elif size not in np.abs(_FACTORS):
-        start = f"start: {one.factor * gain:.4g}{', scale: linear' if one.factor * gain < 0 else ''}"
-        hints.append(
-            "a sensor out of calibration? To estimate its gain, state gain: NAME in its channel, and "
-            f"parameters: {{NAME: {{{start}}}}}."
-        )
     elif size != 1:
         hints.append("a unit that is a thousand times another one (unit)?")
     if one.delay:
         hints.append(f"another start of its instrument (delay: {one.delay * step:.6g})?")
     if whole:
         inverse = f" (of a file: delay: {-one.delay * step:.6g})" if one.delay else ""
-        hints.append(f"Or all of them are right, and the excitation has the inverse mistake{inverse}.")
+        hints.append(f"Or all of them are right, and the excitation has the inverse mistake{inverse}")
     return " ".join(hints)

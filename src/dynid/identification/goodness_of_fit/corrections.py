@@ -1,0 +1,95 @@
+"""Corrections of the channels of a record, and the estimate that belongs to them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.identification.estimators.maximum_likelihood import refine
+from dynid.identification.likelihood import Fit, Likelihood
+from dynid.identification.records.time_record import TimeRecord
+
+Array = NDArray[np.float64]
+
+#: Gain of the logarithm of the likelihood: at least, and for each channel that is corrected.
+LEAST_GAIN, GAIN_EACH = 20.0, 7.0
+#: Steps of an estimate, and of a first one.
+STEPS, FEW_STEPS = 30, 12
+
+
+class Correction(NamedTuple):
+    """A correction of a channel: the record is `factor` times the model, `delay` samples later.
+
+    It is recorded as the channel `column` of its record; None: as itself.
+    """
+
+    factor: float = 1.0
+    delay: int = 0
+    column: int | None = None
+
+    def recorded(self, values: Array, own: int) -> Array:
+        """Return what is recorded of the channel `own`, among the channels of its record."""
+        return np.asarray(values[:, own if self.column is None else self.column])
+
+
+NONE = Correction()
+Corrections = list[list[Correction]]
+"""Corrections of the channels of each record."""
+Places = tuple[tuple[int, int], ...]
+"""Channels, each by the places of its record and of itself."""
+
+
+class Found(NamedTuple):
+    """Corrections, and the estimate with them; the standard error of the logarithm of a free gain."""
+
+    corrections: Corrections
+    likelihood: Likelihood
+    fit: Fit
+    value: float
+    spread: float = 0.0
+
+
+def estimated(
+    likelihood: Likelihood, plain: Likelihood, corrections: Corrections, eta: Array, steps: int
+) -> Found:
+    """Return the estimate from corrected channels."""
+    found = corrected(likelihood, corrections)
+    fit = refine(found, eta, steps).fit
+    return Found(corrections, found, fit, concentrated(plain, fit, corrections))
+
+
+def concentrated(plain: Likelihood, fit: Fit, corrections: Corrections | None) -> float:
+    """Return minus the logarithm of the concentrated likelihood of the channels as recorded."""
+    total = 0.0
+    for k, (record, part) in enumerate(zip(plain.records, fit.parts, strict=True)):
+        factors = 1.0 if corrections is None else np.array([abs(one.factor) for one in corrections[k]])
+        size = np.maximum(part.size * factors, 1e-9 * record.data.rms)
+        total += float(record.data.counts @ np.log(size))
+    return total
+
+
+def corrected(likelihood: Likelihood, corrections: Corrections) -> Likelihood:
+    """Return the likelihood of corrected channels, with white noise of unknown deviations."""
+    records = []
+    for record, own in zip(likelihood.records, corrections, strict=True):
+        values = record.data.recorded
+        columns = [shifted(one.recorded(values, c), -one.delay) / one.factor for c, one in enumerate(own)]
+        data = replace(
+            record.data, values=np.column_stack(columns), noise=None, clean=None, given=None, colour=None
+        )
+        white = replace(record, colour=None) if isinstance(record, TimeRecord) else record
+        records.append(white.on(data))
+    return Likelihood(tuple(records))
+
+
+def shifted(values: Array, delay: int) -> Array:
+    """Return samples so much later, NaN where none are."""
+    out = np.full(len(values), np.nan)
+    if delay >= 0:
+        out[delay:] = values[: len(values) - delay]
+    else:
+        out[:delay] = values[-delay:]
+    return out

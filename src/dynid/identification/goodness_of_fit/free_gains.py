@@ -1,0 +1,200 @@
+"""Gains that explain a lack of fit: of a channel, or of all, which is that of the excitation.
+
+The parameters are estimated anew for every gain, and the likelihood is that of both. With one too large a
+gain of the excitation all channels are too small against the model.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.arithmetic.dependent import Dependent
+from dynid.errors import DynidError
+from dynid.identification.goodness_of_fit.corrections import (
+    FEW_STEPS,
+    GAIN_EACH,
+    LEAST_GAIN,
+    NONE,
+    STEPS,
+    Correction,
+    Found,
+    estimated,
+)
+from dynid.identification.goodness_of_fit.lack_of_fit import compare_models
+from dynid.identification.likelihood import Likelihood
+from dynid.identification.records.time_record import TimeRecord
+from dynid.lti.signals import Sampled
+from dynid.number_format import with_error
+
+Array = NDArray[np.float64]
+Places = tuple[tuple[int, int], ...]
+"""Channels, each by the places of its record and of itself."""
+
+# Bounds of the logarithm of a gain, and around what was found; tolerances and most steps of both searches.
+_LOG_GAINS, _AROUND = (-math.log(4), math.log(4)), 0.2
+_ROUGH: Any = {"xatol": 0.05, "maxiter": 8}
+_FINE: Any = {"xatol": 2e-3, "maxiter": 20}
+# How many of the gains that explain most are searched so far that they can be compared.
+_COMPARED = 3
+# Parabolas that are laid through its likelihood, the first over this step, the others over its deviation.
+_PARABOLAS, _STEP = 3, 0.01
+# Values times states times gains beyond which no free gain is sought.
+_MOST_WORK_OF_GAINS = 5e5
+
+
+def free_gain(likelihood: Likelihood, plain: Likelihood, eta: Array) -> Found | None:
+    """Return the likeliest gain of the channels whose gain explains most; None where it may be 1.
+
+    The residuals may not contradict the model then: of a wrong model, some gain explains most of the signal.
+    """
+    groups = _groups(plain)
+    size = sum(record.data.values.size for record in plain.records) * max(1, plain.records[0].nuisances)
+    if size * len(groups) > _MOST_WORK_OF_GAINS:
+        return None
+    rough: list[tuple[Places, float, Found]] = []
+    for places in groups:
+        with suppress(DynidError, ArithmeticError, np.linalg.LinAlgError):
+            rough.append((places, *_likeliest_gain(likelihood, plain, places, eta, _LOG_GAINS, _ROUGH)))
+    fine: list[tuple[Places, float, Found]] = []
+    for places, log, near in sorted(rough, key=lambda one: one[2].value)[:_COMPARED]:
+        with suppress(DynidError, ArithmeticError, np.linalg.LinAlgError):
+            around = log - _AROUND, log + _AROUND
+            found = _likeliest_gain(likelihood, plain, places, near.fit.eta, around, _FINE)
+            fine.append((places, *found))
+    if not fine:
+        return None
+    none = [[NONE] * len(record.channels) for record in plain.records]
+    try:
+        best = _sharpened(likelihood, plain, *min(fine, key=lambda one: one[2].value))
+        before = [estimated(likelihood, plain, none, start, STEPS).value for start in (eta, best.fit.eta)]
+    except (DynidError, ArithmeticError, np.linalg.LinAlgError):
+        return None
+    # The likelihood ratio of the gain and 1, the parameters estimated with either.
+    if not (best.spread and min(before) - best.value > LEAST_GAIN + GAIN_EACH):
+        return None
+    return None if compare_models(best.likelihood, best.fit).lacks_fit else best
+
+
+def _groups(plain: Likelihood) -> list[Places]:
+    """Return the channels that may share a gain: all, those of a record (of its excitation), and each.
+
+    Channels of unknown gains need none.
+    """
+    own = [
+        tuple((k, c) for c, one in enumerate(record.channels) if not gain_unknown(one))
+        for k, record in enumerate(plain.records)
+    ]
+    every = tuple(place for places in own for place in places)
+    return [one for one in dict.fromkeys([every, *own, *((place,) for place in every)]) if one]
+
+
+def gain_unknown(channel: Any) -> bool:
+    """Return True if the gain of a channel depends on unknown parameters."""
+    return isinstance(_sensor(channel).gain, Dependent)
+
+
+def _sensor(channel: Any) -> Any:
+    """Return a channel, of a frequency response that of its response."""
+    return getattr(channel, "channel", channel)
+
+
+def _at_gain(likelihood: Likelihood, plain: Likelihood, places: Places, log: float, eta: Array) -> Found:
+    """Return the estimate with a gain of this logarithm in some channels."""
+    corrections = [[NONE] * len(record.channels) for record in plain.records]
+    for k, c in places:
+        corrections[k][c] = Correction(math.exp(log))
+    return estimated(likelihood, plain, corrections, eta, FEW_STEPS)
+
+
+def _likeliest_gain(
+    likelihood: Likelihood,
+    plain: Likelihood,
+    places: Places,
+    eta: Array,
+    bounds: tuple[float, float],
+    effort: Any,
+) -> tuple[float, Found]:
+    """Return the logarithm of the likeliest gain, with the estimate that belongs to it.
+
+    The parameters are estimated anew for every gain, so that they take of it what they can.
+    """
+    from scipy.optimize import minimize_scalar
+
+    found: dict[float, Found] = {}
+
+    def value(log: float) -> float:
+        near = found[min(found, key=lambda other: abs(other - log))].fit.eta if found else eta
+        found[log] = _at_gain(likelihood, plain, places, log, near)
+        return found[log].value
+
+    minimize_scalar(value, bounds=bounds, method="bounded", options=effort)
+    return min(found.items(), key=lambda one: one[1].value)
+
+
+def _sharpened(likelihood: Likelihood, plain: Likelihood, places: Places, log: float, best: Found) -> Found:
+    """Return the estimate at the vertex of parabolas through three likelihoods, and the gain's deviation.
+
+    The deviation is 0 where the likelihood has no maximum there.
+    """
+    step = _STEP
+    for _ in range(_PARABOLAS):
+        less, more = (
+            _at_gain(likelihood, plain, places, log + by, best.fit.eta).value for by in (-step, step)
+        )
+        curvature = (less + more - 2 * best.value) / step**2
+        if not curvature > 0:
+            return best._replace(spread=0.0)
+        move = (less - more) / (2 * step * curvature)
+        log, step = log + float(np.clip(move, -step, step)), 1 / math.sqrt(curvature)
+        best = _at_gain(likelihood, plain, places, log, best.fit.eta)
+    return best._replace(spread=step)
+
+
+def gain_sentence(plain: Likelihood, found: Found) -> str:
+    """Return the sentence of a gain: of a channel, or of all whose gain is known, as the excitation's."""
+    several = len(plain.records) > 1
+    places = [(k, c) for k, own in enumerate(found.corrections) for c, one in enumerate(own) if one != NONE]
+    names = [f"{f'record_{k + 1}.' if several else ''}{plain.records[k].channels[c].name}" for k, c in places]
+    factor = found.corrections[places[0][0]][places[0][1]].factor
+    records = [plain.records[k] for k in dict.fromkeys(k for k, _ in places)]
+    known = sum(not gain_unknown(one) for record in records for one in record.channels)
+    where, starts = "its channel" if len(names) == 1 else "every channel", set[float]()
+    what = "a sensor"
+    if len(names) == known:
+        sensors = "the sensor" if known == 1 else "all sensors"
+        what = f"the excitation, recorded {1 / factor:.3g} times as large as it is, or {sensors}"
+        starts = {start for record in records for start in _starts_of_loads(record, factor)}
+        where = "the excitation" if starts else where
+    starts = starts or {factor * float(_sensor(plain.records[k].channels[c]).gain) for k, c in places}
+    return (
+        f"the lack of fit is explained where {', '.join(names)} {'are' if len(names) > 1 else 'is'} "
+        f"{with_error(factor, factor * found.spread)} times the model: {what} out of calibration? "
+        f"To estimate its gain, state gain: NAME in {where}, and parameters: {_parameters(starts)}"
+    )
+
+
+def _parameters(starts: set[float]) -> str:
+    """Return the parameters that start at these gains."""
+    names = ["NAME", *(f"NAME_{k}" for k in range(2, len(starts) + 1))]
+    each = (
+        f"{name}: {{start: {start:.4g}{', scale: linear' if start < 0 else ''}}}"
+        for name, start in zip(names, sorted(starts), strict=True)
+    )
+    return f"{{{', '.join(each)}}}"
+
+
+def _starts_of_loads(record: Any, factor: float) -> list[float]:
+    """Return the known gains of the loads of a record times a factor, as a scene states them.
+
+    That of a file is of what is recorded, and the inverse of that of the load. Frequency responses have none.
+    """
+    if not isinstance(record, TimeRecord):
+        return []
+    known = [one for one in record.taken_under.loads if not isinstance(one.gain, Dependent)]
+    gains = [(isinstance(one.signal, Sampled), factor * float(one.gain)) for one in known]
+    return [1 / gain if of_file else gain for of_file, gain in gains]
