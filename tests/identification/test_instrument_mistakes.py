@@ -277,6 +277,12 @@ def scene(tmp_path):
     return run
 
 
+def suggestions(result):
+    """Return what the warnings of a result suggest."""
+    every = result["identification/diagnostics/warnings"].data
+    return [one for one in every if one.startswith("the lack of fit is explained where")]
+
+
 def suggested_gain(result, where):
     """Return the parameters that the warnings of a result suggest, of a parameter `g`."""
     warnings = " ".join(result["identification/diagnostics/warnings"].data)
@@ -309,12 +315,39 @@ def test_a_scene_with_the_suggested_gain_of_the_excitation_explains_the_record(s
     values = record(noise=0.01)
     table = np.column_stack([factor * force(1), values[:, 0], values[:, 2]]), "F,a,v"
     first = scene(TIME, *table)
-    (warning,) = (
-        one for one in first["identification/diagnostics/warnings"].data if "explained where" in one
-    )
+    (warning,) = suggestions(first)
     assert "1.acceleration, 2.velocity are" in warning
     assert f"the excitation, recorded {factor:g} times as large as it is, or all sensors" in warning
     parameters = suggested_gain(first, "the excitation")
     start = re.search(r"start: ([0-9.]+)", parameters)[1]
     assert float(start) == pytest.approx(factor, rel=0.01)
     assert_explained(scene(TIME, *table, parameters, force="g"), factor)
+
+
+def test_no_factor_of_a_channel_of_unknown_gain_is_suggested(scene):
+    values = record(noise=0.01)
+    table = np.column_stack([1.15 * force(1), values[:, 0], values[:, 2]]), "F,a,v"
+    found = scene(TIME, *table, "parameters: {g: {start: 0.87}}\n", gain="g")
+    (warning,) = suggestions(found)
+    assert warning.startswith("the lack of fit is explained where 1.acceleration is 0.8")
+    assert "the excitation, recorded 1.15 times as large as it is, or the sensor out of cal" in warning
+
+
+@pytest.mark.parametrize(
+    ("end", "unit", "heading", "suggested"),
+    [
+        (TIME, "", "v", [True]),
+        (TIME, ", unit: m/s", "v", []),
+        (TIME, "", "v (m/s)", []),
+        (LINES, ", unit: m/s/N", "v", []),
+    ],
+)
+def test_no_unit_of_a_channel_whose_unit_is_stated_is_suggested(scene, end, unit, heading, suggested):
+    columns, heads = np.column_stack([force(1), record()[:, 0], 1000 * record()[:, 2]]), f"F,a,{heading}"
+    if end is LINES:
+        columns, heads = table_of_responses(1000)
+    try:
+        found = suggestions(scene(end.replace("velocity", f"velocity{unit}"), columns, heads))
+    except DynidError as error:
+        found = error.remedy.split("The lack of fit is explained")[1:]
+    assert ["(unit)?" in one for one in found] == suggested

@@ -3,7 +3,8 @@
 A record of a wrong unit, a reversed sensor, two exchanged sensors, or instruments that started at different
 samples does not fit the model, or fits it with wrong parameters. Each channel is compared with the
 prediction: the delay of the largest correlation, and the factor among ±1, g, 1/g, 1000, 1/1000 that is
-nearest to the ratio of their RMS. The parameters are estimated again from the corrected channels, in turn,
+nearest to the ratio of their RMS; of a stated unit among ±1, and of an unknown gain, which takes any, none.
+The parameters are estimated again from the corrected channels, in turn,
 until the corrections stay the same: a search for the greatest concentrated likelihood over parameters and
 corrections. It starts from the estimate, from the start, and from the start with one mistake in all
 channels, or in all of one quantity, with one reversed channel, or with two exchanged channels of one
@@ -39,7 +40,7 @@ from dynid.identification.goodness_of_fit.corrections import (
     estimated,
     shifted,
 )
-from dynid.identification.goodness_of_fit.free_gains import free_gain, gain_sentence
+from dynid.identification.goodness_of_fit.free_gains import free_gain, gain_sentence, gain_unknown
 from dynid.identification.goodness_of_fit.lack_of_fit import compare_models
 from dynid.identification.likelihood import Fit, Likelihood
 from dynid.identification.records.frf_record import FrfLikelihood, FrfRecord
@@ -51,6 +52,7 @@ Array = NDArray[np.float64]
 
 _COMMON = (-1.0, GRAVITY, 1 / GRAVITY, 1000.0, 1e-3)
 _FACTORS = np.array([sign * one for sign in (1, -1) for one in (1, GRAVITY, 1 / GRAVITY, 1000, 1e-3)])
+_SIGNS = np.array([1.0, -1.0])
 # The longest delay that is tried, in samples and as a part of the record; delays tried for all channels.
 _MOST_DELAY, _PART, _COMMON_DELAYS = 20, 0.1, (1, -1, 2, -2, 3, -3)
 # A channel whose square of the correlation with the prediction is less is left as it is.
@@ -149,6 +151,14 @@ def _from_common_mistakes(likelihood: Likelihood, plain: Likelihood, eta: Array)
             for place in places
         ]
     tried += _exchanges(plain)
+    possible = _factors(plain)
+    tried = [
+        [
+            [one if one.factor in factors else NONE for one, factors in zip(own, each, strict=True)]
+            for own, each in zip(corrections, possible, strict=True)
+        ]
+        for corrections in tried
+    ]
     found = []
     for corrections in tried:
         try:
@@ -184,15 +194,32 @@ def _chosen(plain: Likelihood, fit: Fit, now: Corrections) -> Corrections:
             _best(
                 one.recorded(record.data.values, c),
                 part.predicted.outputs[:, c],
+                factors,
                 record.sampling_step is not None,
             )._replace(column=one.column)
-            for c, one in enumerate(own)
+            for c, (one, factors) in enumerate(zip(own, possible, strict=True))
         ]
-        for record, part, own in zip(plain.records, fit.parts, now, strict=True)
+        for record, part, own, possible in zip(plain.records, fit.parts, now, _factors(plain), strict=True)
     ]
 
 
-def _best(recorded: Array, predicted: Array, in_time: bool) -> Correction:
+def _factors(plain: Likelihood) -> list[list[Array]]:
+    """Return the factors that each channel of each record may have."""
+    found = []
+    for record in plain.records:
+        assert isinstance(record, TimeRecord | FrfRecord)
+        measured = record.measurement if isinstance(record, FrfRecord) else record.taken_under.measurement
+        stated = measured.units_stated or [False] * len(record.channels)
+        found.append(
+            [
+                np.ones(1) if gain_unknown(one) else _SIGNS if known else _FACTORS
+                for one, known in zip(record.channels, stated, strict=True)
+            ]
+        )
+    return found
+
+
+def _best(recorded: Array, predicted: Array, factors: Array, in_time: bool) -> Correction:
     """Return delay and factor of a channel against its prediction; responses have no delay in samples."""
     most = min(_MOST_DELAY, int(_PART * len(recorded))) if in_time else 0
     squares: dict[int, float] = {}
@@ -211,7 +238,9 @@ def _best(recorded: Array, predicted: Array, in_time: bool) -> Correction:
     # The shortest of the delays that are nearly as good, as those of periodic signals are.
     delay = next(one for one, square in squares.items() if 1 - square <= 1.05 * left + 1e-9)
     ratio = ratios[delay]
-    alike = _FACTORS[np.sign(_FACTORS) == np.sign(ratio)]
+    alike = factors[np.sign(factors) == np.sign(ratio)]
+    if not alike.size:
+        return NONE
     return Correction(float(alike[int(np.argmin(np.abs(np.log(np.abs(alike / ratio)))))]), delay)
 
 

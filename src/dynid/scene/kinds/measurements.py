@@ -15,6 +15,7 @@ from dynid.scene.kinds.signals import (
     of_stated_kind,
     products,
     recorded_factor,
+    unit_stated,
 )
 from dynid.scene.kinds.structures import number
 from dynid.scene.schema.signals import FileSignal
@@ -141,7 +142,8 @@ def _measurement(
     noise = noise_of(given)
     if not isinstance(noise, ColouredNoise):
         noise = products(factors, noise)
-    return Measurement(step, samples, channels, source, noise, **read)
+    stated = tuple(map(unit_stated, every, headings))
+    return Measurement(step, samples, channels, source, noise, units_stated=stated, **read)
 
 
 def _samples(scene: Scene, given: RecordModel, where: str) -> MeasuredColumns:
@@ -372,7 +374,10 @@ def frf_measurement(
         relative = averages is None
         spread = np.sqrt((1 - found.coherence) / found.coherence / (averages or 1))
         deviation = np.abs(found.values) * spread
-    return FrfMeasurement(found.omega, channels, found.values, noise, deviation, relative, proportional)
+    stated = tuple(map(unit_stated, given.channels or (), headings))
+    return FrfMeasurement(
+        found.omega, channels, found.values, noise, deviation, relative, proportional, stated
+    )
 
 
 def _read(scene: Scene, given: FrfModel, channels: tuple[Frf, ...]) -> MeasuredResponses:
