@@ -91,6 +91,11 @@ def unit_text(unit: str) -> str:
     return re.sub(r"(?<=[A-Za-z])\^?(-?\d)", lambda found: found[1].translate(_RAISED), text)
 
 
+def sentence(text: str) -> str:
+    """Return a text with a capital, and a full stop unless it ends with a stop or a question mark."""
+    return f"{text[0].upper()}{text[1:]}{'' if text.endswith(('.', '?')) else '.'}"
+
+
 def unbroken(text: str) -> str:
     """Return a text with no-break spaces within `± 2j`, `f_n = 3 Hz` and the like."""
     return _JOINT.sub("\N{NO-BREAK SPACE}", text)

@@ -5,15 +5,17 @@ import re
 import numpy as np
 import pytest
 
-from dynid.errors import DynidError
+from dynid.errors import Diverged, DynidError
 from dynid.identification import identify as identification
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.goodness_of_fit.instrument_mistakes import instrument_mistakes
-from dynid.identification.identify import Experiment, identify, identify_all, identify_frf
+from dynid.identification.identify import Experiment, _suggesting, identify, identify_all, identify_frf
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, frf_data, unstacked
 from dynid.identification.records.measurement import Measurement, data
 from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Sampled
+from dynid.report.content.blocks import Statement
+from dynid.report.content.identification import sections
 from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene
 from dynid.structure.joints import Joint, JointParameter
@@ -103,6 +105,30 @@ def test_the_gain_of_a_channel_that_explains_the_record_is_suggested(gain):
 def test_a_gain_of_a_model_that_lacks_fit_nevertheless_is_not_suggested():
     """Two sensors out of calibration: a gain of one explains nearly all of the signal, and not the record."""
     assert said(record(noise=0.005) * [1, 1.1, 1.3]) == []
+
+
+def test_an_error_ends_a_suggestion_with_one_full_stop():
+    def stopped(what):
+        return str(_suggesting(Diverged("no optimum", remedy="Start nearer."), [what]))
+
+    assert stopped("the sensor is out of calibration").endswith(
+        "The sensor is out of calibration. Start nearer."
+    )
+    assert stopped("a reversed sensor (gain: -1)?").endswith(" A reversed sensor (gain: -1)? Start nearer.")
+
+
+def test_a_page_ends_a_suggestion_with_one_full_stop(scene):
+    table = np.column_stack([force(1), record()[:, 0], 1.3 * record()[:, 2]]), "F,a,v"
+    said = " ".join(
+        block.text
+        for part in sections(scene(TIME, *table))
+        for block in part.blocks
+        if isinstance(block, Statement)
+    )
+    assert "{start: 1.3" in said
+    assert ".." not in said
+    assert "?." not in said
+    assert re.search(r"2\.velocity is (\d\.\d+) ± 0\.\d+ times", said)
 
 
 def test_a_gain_that_is_hardly_off_is_not_suggested():

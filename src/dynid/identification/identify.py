@@ -46,6 +46,7 @@ from dynid.identification.systems.parametric_model import (
     unknowns_of,
 )
 from dynid.lti.floating import guarded
+from dynid.number_format import sentence
 from dynid.parameters import named, rates, starts
 from dynid.parameters import values as values_at
 from dynid.result import Result
@@ -382,7 +383,7 @@ def _checked(posterior: Posterior, start: Array, suggest: bool) -> Posterior:
 
 def _suggesting(error: DynidError, mistakes: Sequence[str]) -> DynidError:
     """Return an error with mistakes of instruments that would explain it, before its general remedy."""
-    remedy = " ".join([*(f"{one[0].upper()}{one[1:]}" for one in mistakes), error.remedy])
+    remedy = " ".join([*map(sentence, mistakes), error.remedy])
     return type(error)(error.problem, remedy=remedy, names=error.names)
 
 

@@ -9,7 +9,17 @@ from dataclasses import replace
 import numpy as np
 
 from dynid.defaults import SIGNAL, WHITENESS
-from dynid.number_format import counted, headed, p_text, percent, quantity, significant, span_text, with_error
+from dynid.number_format import (
+    counted,
+    headed,
+    p_text,
+    percent,
+    quantity,
+    sentence,
+    significant,
+    span_text,
+    with_error,
+)
 from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable, more
 from dynid.report.content.identifiability import calibration_sections, identifiability_sections
 from dynid.report.content.modes import derived_sections, has_modes, modal_sections, modal_summary
@@ -62,14 +72,14 @@ def sections(result: Result) -> Iterator[ReportSection]:
         good = not is_rejected(result)
         sound = good and bool(result.value(f"{_DIAGNOSTICS}/white")) and not lacks_fit(result)
         answer, quality = list[Statement](), list[Statement]()
-        for place, sentence in enumerate(verdict_sentences(result)):
-            doubtful = sentence.startswith(("warning", "at a limit", "error bars"))
+        for place, said in enumerate(verdict_sentences(result)):
+            doubtful = said.startswith(("warning", "at a limit", "error bars"))
             bad = not good or (doubtful if place else lacks_fit(result))
             tone = "bad" if bad else "good" if sound and place == 0 else ""
-            (answer if bad or not place else quality).append(Statement(f"{_capitalized(sentence)}.", tone))
+            (answer if bad or not place else quality).append(Statement(sentence(said), tone))
         columns, rows = parameter_table(result)
         yield ReportSection("Parameters", (TextTable(columns, tuple(rows)), *answer), "answer")
-        record = (f"{_capitalized(line)}." for line in (record_summary(result), *preparation(result)))
+        record = map(sentence, (record_summary(result), *preparation(result)))
         yield ReportSection("Record and residuals", (*map(Statement, record), *quality))
     yield from modal_sections(result)
     yield from derived_sections(result)
@@ -111,10 +121,6 @@ def sections(result: Result) -> Iterator[ReportSection]:
     asked = f"{_PARAMETERS}/name" not in result and "bond_graph" not in result.group_attrs
     blocks: tuple[Block, ...] = (table, *more(count, _MOST_MODES, "mode"), *remark)
     yield ReportSection("Modes", blocks, "answer" if asked else "details")
-
-
-def _capitalized(sentence: str) -> str:
-    return sentence[0].upper() + sentence[1:]
 
 
 def linear_parameters(result: Result) -> list[bool]:
