@@ -12,6 +12,7 @@ import dynid
 from dynid.report import figures
 from dynid.report.diagrams.responses import rounded_locus
 from dynid.report.notation import short
+from dynid.result import Result
 from dynid.scene.kinds.planning import run_plan
 from tests.report.pages import bench, study
 
@@ -99,6 +100,26 @@ def test_a_prediction_stands_beside_what_was_measured_with_the_spectrum_of_what_
         )
     assert "ASD (m/s·(s/rad)^½)" in figure.svg
     assert "residual" in figure.svg
+
+
+@pytest.mark.parametrize(("lacks_fit", "order"), [(False, ["a", "b", "c"]), (True, ["c", "a", "b"])])
+@pytest.mark.parametrize(("axis", "name"), [("time", "prediction"), ("omega", "fit")])
+def test_the_channel_that_fits_worst_is_drawn_first_where_the_model_lacks_fit(lacks_fit, order, axis, name):
+    made, group = Result("identification"), "identification/measurement"
+    made.add_axis(f"{group}/{axis}", np.linspace(1, 2, 30))
+    made.add_axis(f"{group}/channel", ["a", "b", "c"])
+    signal = np.sin(np.arange(30.0))[:, None] * [1.0, 100.0, 0.1] * (1 if axis == "time" else 1 + 0j)
+    made.add(f"{group}/measured", signal, (axis, "channel"))
+    made.add(f"{group}/predicted", signal * [0.95, 0.99, 0.8], (axis, "channel"))
+    made.add("identification/diagnostics/lacks_fit", lacks_fit)
+    figure = next(one for one in figures(made) if one.name == name)
+    labels = [text.text for text in ET.fromstring(figure.svg).iter() if text.text in order]
+    assert [one for at, one in enumerate(labels) if one not in labels[:at]] == order
+    assert [one[-1] for one in figure.table.columns if one.startswith(("measured", "Re measured"))] == [
+        "a",
+        "b",
+        "c",
+    ]
 
 
 def test_autocorrelation_is_drawn_with_the_band_of_white_noise():

@@ -7,8 +7,9 @@ from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dynid.report.content.identification import is_rejected
+from dynid.report.content.identification import is_rejected, lacks_fit
 from dynid.report.diagrams.responses import degrees, frequencies
 from dynid.report.figure import Figure, FigureTable, Picture, table_of
 from dynid.report.notation import labelled, labels_with_units, short, texts
@@ -28,6 +29,8 @@ from dynid.report.plot import (
 if TYPE_CHECKING:
     from dynid.result import Result
 
+
+Floats = NDArray[np.float64]
 
 GROUP = "identification/parameters"
 #: Columns of the table: names of the arrays, and headings.
@@ -242,6 +245,24 @@ def _channels(result: Result, group: str) -> list[str]:
     return labels_with_units(result, group, "channel", measured.shape[1], measured.units)
 
 
+def _misfit(measured: Floats, predicted: Floats) -> Floats:
+    """Return the size of the residual of each channel, relative to its signal, NaN where it has none."""
+    size, left = (np.linalg.norm(np.nan_to_num(one), axis=0) for one in (measured, measured - predicted))
+    return np.asarray(np.divide(left, size, out=np.full(size.shape, np.nan), where=size > 0))
+
+
+def _drawn_channels(result: Result, misfit: Floats) -> tuple[list[int], str]:
+    """Return the channels that are drawn, and which of all they are, in words.
+
+    Where the model lacks fit, the channel that it misses most is the first.
+    """
+    places, which = np.arange(len(misfit)), f"The first {CHANNELS}"
+    if lacks_fit(result):
+        places, which = np.argsort(-np.nan_to_num(misfit), kind="stable"), f"The {CHANNELS} that fit worst"
+    more = f" {which} of {len(misfit)} channels." if len(misfit) > CHANNELS else ""
+    return places[:CHANNELS].tolist(), more
+
+
 def _over_time(result: Result, group: str, name: str, title: str) -> Picture:
     time, channels = result[f"{group}/time"].data, _channels(result, group)
     measured, predicted = result[f"{group}/measured"].data, result[f"{group}/predicted"].data
@@ -251,8 +272,10 @@ def _over_time(result: Result, group: str, name: str, title: str) -> Picture:
     for place, channel in enumerate(channels):
         data, model = measured[:, place], predicted[:, place]
         columns |= {f"measured {channel}": data, f"predicted {channel}": model}
-        if place >= CHANNELS:
-            continue
+    misfit = _misfit(measured, predicted)
+    drawn, more = _drawn_channels(result, misfit)
+    for place in drawn:
+        channel, data, model = channels[place], measured[:, place], predicted[:, place]
         both: list[Layer] = [Curve(time, data, "measured", "s7"), Curve(time, model, "predicted", "s1 fine")]
         residual = Curve(time, data - model, "measured − predicted", "s2 fine")
         row = [
@@ -267,12 +290,10 @@ def _over_time(result: Result, group: str, name: str, title: str) -> Picture:
             label = labelled("ASD", densities[place] if densities else amplitude.units)
             row.append(Subplot(at.axis, PlotAxis(label), [line]))
         rows.append(row)
-    shares = []
-    for place, channel in enumerate(channels[:4]):
-        size = float(np.linalg.norm(np.nan_to_num(measured[:, place])))
-        left = float(np.linalg.norm(np.nan_to_num(measured[:, place] - predicted[:, place])))
-        shares.append(f"{channel}: {f'{short(100 * left / size, 2)} %' if size else 'no signal'}")
-    more = f" The first {CHANNELS} of {len(channels)} channels." if len(channels) > CHANNELS else ""
+    shares = [
+        f"{channels[k]}: {'no signal' if np.isnan(misfit[k]) else f'{short(100 * misfit[k], 2)} %'}"
+        for k in drawn[:4]
+    ]
     about = f"Residual relative to the signal: {'; '.join(shares)}.{more}"
     svg = chart(name, title, rows, about, width=1000.0, height=150.0)
     return Picture(svg, about, table_of(columns))
@@ -286,8 +307,9 @@ def _over_frequency(result: Result, group: str, name: str, title: str) -> Pictur
         data, model = measured[:, place], predicted[:, place]
         for what, values in (("measured", data), ("fitted", model)):
             columns |= {f"Re {what} {channel}": values.real, f"Im {what} {channel}": values.imag}
-        if place >= CHANNELS:
-            continue
+    drawn, more = _drawn_channels(result, _misfit(measured, predicted))
+    for place in drawn:
+        channel, data, model = channels[place], measured[:, place], predicted[:, place]
         sizes: list[Layer] = [
             Markers(at.shown, np.abs(data), "measured", "s7", "o", 1.6),
             Curve(at.shown, np.abs(model), "fitted", "s1"),
@@ -306,7 +328,6 @@ def _over_frequency(result: Result, group: str, name: str, title: str) -> Pictur
                 Subplot(at.axis, upright, phases),
             ]
         )
-    more = f" The first {CHANNELS} of {len(channels)} channels." if len(channels) > CHANNELS else ""
     about = f"Measured and fitted responses, and the magnitude of their difference.{more}"
     svg = chart(name, title, rows, about, width=900.0, height=190.0)
     return Picture(svg, about, table_of(columns))
