@@ -457,13 +457,25 @@ def result_with(slope, change, errors, quantities=("force gain of 5", "trigger d
     return result
 
 
+def test_the_largest_relative_effect_is_printed_beside_that_in_standard_errors():
+    slope = [[0.2, 6.5, 0.0], [0.1, 46.0, 0.0]]
+    said = list(calibration_sentences(result_with(slope, [0.01, 0.002, 0.01], [0.00002, 0.001])))
+    assert said == [
+        "a gain error of 1 % in the force at DOF 5 would bias a.k by +0.2 % (100 standard errors)",
+        "a trigger delay of one sample (2 ms) would bias a.k by +1.3 % (650 standard errors) "
+        "and a.c by +9.2 % (92 standard errors)",
+        "the error bars do not include errors of gains and of the trigger",
+    ]
+
+
 def test_the_largest_effects_are_printed():
     change = [0.01, 0.002, 0.01]
     slope = [[0.2, 10.0, 0.0], [-1.6, 5.0, 0.003]]
     assert list(calibration_sentences(result_with(slope, change, [0.001, 0.01]))) == [
-        "a gain error of 1 % in the force at DOF 5 would bias a.k by +0.2 % (2 standard errors)",
-        "a trigger delay of one sample (2 ms) would bias a.k by +2 % (20 standard errors); "
-        "not included in the error bars",
+        "a gain error of 1 % in the force at DOF 5 would bias a.k by +0.2 % (2 standard errors) "
+        "and a.c by -1.6 % (1.6 standard errors)",
+        "a trigger delay of one sample (2 ms) would bias a.k by +2 % (20 standard errors)",
+        "the error bars do not include errors of gains and of the trigger",
     ]
     assert list(calibration_sentences(result_with(slope, change, [0.1, 0.1]))) == [
         "a gain error of 1 % in the force at DOF 5 would bias a.c by -1.6 % (0.16 standard errors)",

@@ -233,7 +233,7 @@ def calibration_effects(result: Result) -> CalibrationEffects | None:
 
 
 def calibration_sentences(result: Result) -> Iterator[str]:
-    """Yield the largest effect of a load's gain, a sensor's, the delay, a considered parameter, in sentences.
+    """Yield the largest effects of a load's gain, a sensor's, the delay, and a considered parameter.
 
     Effects that are small beside the standard error have none, nor have effects on rejected estimates.
     """
@@ -249,16 +249,32 @@ def calibration_sentences(result: Result) -> Iterator[str]:
         if ranked.any():
             row, column = np.unravel_index(int(np.argmax(ranked)), ranked.shape)
             worst.append((int(row), int(column)))
-    errors = [float(np.nan_to_num(found.deviations[place])) for place in worst]
-    for (k, j), many in zip(worst, errors, strict=True):
-        sentence = f"{found.changes[j]} would bias {found.parameters[k]} by {_percent(found.moves[k, j])}"
-        if 0 < many < _UNTOLD:
-            sentence += f" ({f'{many:.0f}' if 100 <= many < 1e5 else f'{many:.2g}'} standard errors)"
-        if found.kinds[j] == "parameter":
-            sentence += "; included in standard_error_total"
-        elif many < _UNTOLD and many == max(errors) > CALIBRATION.value:
-            sentence += "; not included in the error bars"
-        yield sentence
+    for k, j in worst:
+        biases = " and ".join(_bias(found, row, j) for row in _named(found, k, j))
+        included = "; included in standard_error_total" if found.kinds[j] == "parameter" else ""
+        yield f"{found.changes[j]} would bias {biases}{included}"
+    errors = (float(found.deviations[k, j]) for k, j in worst if found.kinds[j] != "parameter")
+    if any(CALIBRATION.value < many < _UNTOLD for many in errors):
+        yield "the error bars do not include errors of gains and of the trigger"
+
+
+def _named(found: CalibrationEffects, worst: int, quantity: int) -> list[int]:
+    """Return the parameter that moves most in standard errors, and that which moves most, if another.
+
+    What moves by less than its error bar is no other.
+    """
+    moves = np.where(found.deviations[:, quantity] > 1, np.abs(found.moves[:, quantity]), 0.0)
+    largest = int(np.argmax(moves))
+    return [worst] if moves[largest] <= abs(found.moves[worst, quantity]) else [worst, largest]
+
+
+def _bias(found: CalibrationEffects, parameter: int, quantity: int) -> str:
+    """Return the change of an estimate, also in standard errors where these are not of round-off."""
+    many = float(np.nan_to_num(found.deviations[parameter, quantity]))
+    said = f"{found.parameters[parameter]} by {_percent(found.moves[parameter, quantity])}"
+    if not 0 < many < _UNTOLD:
+        return said
+    return f"{said} ({f'{many:.0f}' if 100 <= many < 1e5 else f'{many:.2g}'} standard errors)"
 
 
 def _percent(part: float) -> str:
