@@ -357,23 +357,3 @@ def test_no_factor_of_a_channel_of_unknown_gain_is_suggested(scene):
     (warning,) = suggestions(found)
     assert warning.startswith("the lack of fit is explained where 1.acceleration is 0.8")
     assert "the excitation, recorded 1.15 times as large as it is, or the sensor out of cal" in warning
-
-
-@pytest.mark.parametrize(
-    ("end", "unit", "heading", "suggested"),
-    [
-        (TIME, "", "v", [True]),
-        (TIME, ", unit: m/s", "v", []),
-        (TIME, "", "v (m/s)", []),
-        (LINES, ", unit: m/s/N", "v", []),
-    ],
-)
-def test_no_unit_of_a_channel_whose_unit_is_stated_is_suggested(scene, end, unit, heading, suggested):
-    columns, heads = np.column_stack([force(1), record()[:, 0], 1000 * record()[:, 2]]), f"F,a,{heading}"
-    if end is LINES:
-        columns, heads = table_of_responses(1000)
-    try:
-        found = suggestions(scene(end.replace("velocity", f"velocity{unit}"), columns, heads))
-    except DynidError as error:
-        found = error.remedy.split("The lack of fit is explained")[1:]
-    assert ["(unit)?" in one for one in found] == suggested

@@ -3,10 +3,9 @@
 A record of a wrong unit, a reversed sensor, two exchanged sensors, or instruments that started at different
 samples does not fit the model, or fits it with wrong parameters. Each channel is compared with the
 prediction: the delay of the largest correlation, and the factor among ±1, g, 1/g, 1000, 1/1000 that is
-nearest to the ratio of their RMS; of a stated unit among ±1, and of an unknown gain, which takes any, none.
-The parameters are estimated again from the corrected channels, in turn,
-until the corrections stay the same: a search for the greatest concentrated likelihood over parameters and
-corrections. It starts from the estimate, from the start, and from the start with one mistake in all
+nearest to the ratio of their RMS; of an unknown gain, which takes any, none. The parameters are estimated
+again from the corrected channels, in turn, until the corrections stay the same: a search for the greatest
+concentrated likelihood over parameters and corrections. It starts from the estimate, from the start, and from the start with one mistake in all
 channels, or in all of one quantity, with one reversed channel, or with two exchanged channels of one
 quantity and unit. Where all that explains nothing, a gain is free, of one channel or a common one of all,
 which is that of the excitation: the parameters are estimated anew for every gain, and the likelihood is that
@@ -52,7 +51,6 @@ Array = NDArray[np.float64]
 
 _COMMON = (-1.0, GRAVITY, 1 / GRAVITY, 1000.0, 1e-3)
 _FACTORS = np.array([sign * one for sign in (1, -1) for one in (1, GRAVITY, 1 / GRAVITY, 1000, 1e-3)])
-_SIGNS = np.array([1.0, -1.0])
 # The longest delay that is tried, in samples and as a part of the record; delays tried for all channels.
 _MOST_DELAY, _PART, _COMMON_DELAYS = 20, 0.1, (1, -1, 2, -2, 3, -3)
 # A channel whose square of the correlation with the prediction is less is left as it is.
@@ -205,18 +203,9 @@ def _chosen(plain: Likelihood, fit: Fit, now: Corrections) -> Corrections:
 
 def _factors(plain: Likelihood) -> list[list[Array]]:
     """Return the factors that each channel of each record may have."""
-    found = []
-    for record in plain.records:
-        assert isinstance(record, TimeRecord | FrfRecord)
-        measured = record.measurement if isinstance(record, FrfRecord) else record.taken_under.measurement
-        stated = measured.units_stated or [False] * len(record.channels)
-        found.append(
-            [
-                np.ones(1) if gain_unknown(one) else _SIGNS if known else _FACTORS
-                for one, known in zip(record.channels, stated, strict=True)
-            ]
-        )
-    return found
+    return [
+        [np.ones(1) if gain_unknown(one) else _FACTORS for one in record.channels] for record in plain.records
+    ]
 
 
 def _best(recorded: Array, predicted: Array, factors: Array, in_time: bool) -> Correction:

@@ -87,8 +87,6 @@ class FrfMeasurement:
         True if the deviation of the noise at each line is a ratio of the response there, which is `noise`, or
         estimated. The weights are first those of the measured values, then of the model's at the estimate:
         those of measured values favour lines where the noise is against the response.
-    units_stated
-        Whether the unit of each channel was stated, or read from its heading (channels); empty: of none.
     """
 
     omega: Array
@@ -98,7 +96,6 @@ class FrfMeasurement:
     deviation: Array | None = None
     relative: bool = False
     proportional: bool = False
-    units_stated: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
         omega = np.atleast_1d(np.array(self.omega, dtype=float))

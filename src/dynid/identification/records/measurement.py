@@ -55,8 +55,6 @@ class Measurement:
         Figures of the clock by the time stamps of the file, by name, if there are any.
     notes
         Warnings of how the record was read.
-    units_stated
-        Whether the unit of each channel was stated, or read from its heading (channels); empty: of none.
     """
 
     step: float
@@ -69,7 +67,6 @@ class Measurement:
     passed: float = 1.0
     clock: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
-    units_stated: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
         channels = tuple(Channel(*one) if type(one) is tuple else one for one in self.channels)

@@ -15,7 +15,6 @@ from dynid.scene.kinds.signals import (
     of_stated_kind,
     products,
     recorded_factor,
-    unit_stated,
 )
 from dynid.scene.kinds.structures import number
 from dynid.scene.schema.signals import FileSignal
@@ -142,8 +141,7 @@ def _measurement(
     noise = noise_of(given)
     if not isinstance(noise, ColouredNoise):
         noise = products(factors, noise)
-    stated = tuple(map(unit_stated, every, headings))
-    return Measurement(step, samples, channels, source, noise, units_stated=stated, **read)
+    return Measurement(step, samples, channels, source, noise, **read)
 
 
 def _samples(scene: Scene, given: RecordModel, where: str) -> MeasuredColumns:
@@ -374,10 +372,7 @@ def frf_measurement(
         relative = averages is None
         spread = np.sqrt((1 - found.coherence) / found.coherence / (averages or 1))
         deviation = np.abs(found.values) * spread
-    stated = tuple(map(unit_stated, given.channels or (), headings))
-    return FrfMeasurement(
-        found.omega, channels, found.values, noise, deviation, relative, proportional, stated
-    )
+    return FrfMeasurement(found.omega, channels, found.values, noise, deviation, relative, proportional)
 
 
 def _read(scene: Scene, given: FrfModel, channels: tuple[Frf, ...]) -> MeasuredResponses:

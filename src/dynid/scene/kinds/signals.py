@@ -245,11 +245,6 @@ def recorded_factor(given: Sensor, heading: Heading | None, measured: Any, place
     return factor / float(sensitivity.value) if sensitivity else factor
 
 
-def unit_stated(given: Sensor, heading: Heading | None) -> bool:
-    """Return True if the unit of a column is in the scene or in its heading."""
-    return bool(given.unit or (heading is not None and heading.unit))
-
-
 def of_stated_kind(measured: Any, given: Sensor, heading: Heading | None) -> Any:
     """Return a channel, its DOF of the kind that its unit says where its label says none."""
     from dynid.structure.ports import Channel
