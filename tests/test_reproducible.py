@@ -21,8 +21,8 @@ from dynid.store import read_result, write_result
 
 ROOT = Path(__file__).parents[1]
 CONFIGS, TEMPLATES = ROOT / "configs", ROOT / "src/dynid/templates"
-#: Both engines and a port; identification by Kalman filter and by responses, noise, a model error, a
-#: tree of matrix products in parallel rows; reductions and modes; a study.
+#: Both engines and a port; identification by Kalman filter and by responses, noise, drawn starts, a model
+#: error; reductions and modes; a study.
 SCENES = [
     CONFIGS / "isolator_port.yaml",
     CONFIGS / "hydraulic_servo.yaml",
