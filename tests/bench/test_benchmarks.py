@@ -4,6 +4,7 @@ import platform
 import re
 import subprocess
 import sys
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -208,7 +209,9 @@ def test_the_page_holds_every_figure_that_was_measured(result):
     names = [each.name for each in benchmark("propagation").alternatives if not each.missing()]
     assert '<details class="rows">' not in text  # every row is shown
     rows = re.findall(r'<tr(?: class="marked")?><th scope="row">([^<]*)</th>', text)
-    assert sorted(rows) == sorted(2 * names)
+    # All of them in the details, those that are optimal or the default in the answer besides.
+    assert not Counter(2 * names) - Counter(rows)
+    assert set(Counter(rows) - Counter(2 * names)) < set(names)
 
 
 def test_a_peer_may_live_in_another_interpreter(tmp_path, monkeypatch):

@@ -419,6 +419,7 @@ def test_a_stated_unit_says_that_a_lumped_inertia_turns(tmp_path):
         (", labels: ['1:x', '1:rz']", "", ["m/s", "rad/s2"], "N.m", ["m/s/(N.m)", "rad/s2/(N.m)"]),
     ],
 )
+@pytest.mark.usefixtures("complete")
 def test_units_of_dofs_follow_labels_and_stated_units_and_are_never_invented(
     tmp_path, labels, stated, channels, load, responses
 ):
