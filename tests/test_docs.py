@@ -30,7 +30,7 @@ _spec.loader.exec_module(replay)
 #: Pages of which tests/cli/test_docs_commands.py runs the code, in a copy of the examples' project.
 PROJECT = {"ci.md", "studies.md"}
 #: Pages that are replayed by default, of half a second each; `.ci/docs` replays all.
-QUICK = {"recipes/fe_matrices.md", "recipes/units.md"}
+QUICK = {"recipes/units.md"}
 QUICK |= {f"theory/{name}.md" for name in ("numerics", "reductions", "synthesis")}
 #: What is no code: outputs, drawings, formulas.
 SHOWN = {"text", "mermaid", "math"}

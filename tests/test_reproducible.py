@@ -34,7 +34,7 @@ SCENES = [
     TEMPLATES / "structure.yaml",
 ]
 #: Less of these shows the same.
-SHORTER = {"beam_frf": "measurement.frf.simulate.lines.points=100", "table6": "measurement.samples=300"}
+SHORTER = {"beam_frf": "measurement.frf.simulate.lines.points=60", "table6": "measurement.samples=120"}
 STUDY = CONFIGS / "studies" / "isolator_tuning.yaml"
 RUN = """
 import json, os, sys

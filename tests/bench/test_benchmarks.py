@@ -75,8 +75,13 @@ SLOW = (
     "study-processes",
     "graph-4",
 )
-#: One command for each sample: those of another study are the default case.
-REPEATED = tuple((f"study-of-{name}", "process-each") for name in ("reductions", "identifications"))
+#: One command for each sample, which tests of commands run, too; what others do at more cost.
+REPEATED = (
+    *((name, "process-each") for name in ("study", "study-of-reductions", "study-of-identifications")),
+    ("frf-joints", "whole"),
+    ("residuals", "residuals-auto"),
+    ("basis", "below-2-bands"),
+)
 
 
 def test_every_benchmark_has_a_small_size_here():

@@ -327,7 +327,9 @@ def assert_explained(result, gain):
     assert abs(estimate - gain) < 4 * deviation < 0.1
 
 
-@pytest.mark.parametrize(("end", "gain"), [(TIME, 1.3), (TIME, -1.3), (LINES, 1.3)])
+@pytest.mark.parametrize(
+    ("end", "gain"), [pytest.param(TIME, 1.3, marks=pytest.mark.slow), (TIME, -1.3), (LINES, 1.3)]
+)
 def test_a_scene_with_the_suggested_gain_explains_the_record(scene, end, gain):
     table = np.column_stack([force(1), record()[:, 0], gain * record()[:, 2]]), "F,a,v"
     if end is LINES:
@@ -336,7 +338,7 @@ def test_a_scene_with_the_suggested_gain_explains_the_record(scene, end, gain):
     assert_explained(scene(end, *table, parameters, gain="g"), gain)
 
 
-@pytest.mark.parametrize("factor", [1.15, 0.9])
+@pytest.mark.parametrize("factor", [1.15, pytest.param(0.9, marks=pytest.mark.slow)])
 def test_a_scene_with_the_suggested_gain_of_the_excitation_explains_the_record(scene, factor):
     values = record(noise=0.01)
     table = np.column_stack([factor * force(1), values[:, 0], values[:, 2]]), "F,a,v"

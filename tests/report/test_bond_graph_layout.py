@@ -158,7 +158,7 @@ def test_the_cut_parts_the_spine_between_source_and_output(isolator):
     ],
 )
 def test_signals_have_a_full_arrow_and_bonds_a_half_arrow(scene, signals):
-    result = dynid.run(dynid.load_scene(CONFIGS / scene))
+    result = dynid.run(dynid.load_scene(CONFIGS / scene, ["analysis.results=[poles]"]))
     sketch = sketch_of(drawn_graph(result))
     layout = lay_out(sketch)
     assert overlaps(sketch, layout) == []

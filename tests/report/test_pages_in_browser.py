@@ -135,7 +135,13 @@ def checked(browser):
     opened.close()
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=[] if kind in ("bond-graph", "study") else [pytest.mark.slow])
+        for kind in KINDS
+    ],
+)
 @pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
 def test_nothing_stands_in_the_way_of_assistive_technology(checked, folder, kind, scheme):
     checker = pytest.importorskip("axe_playwright_python.sync_playwright")

@@ -5,11 +5,11 @@ samples does not fit the model, or fits it with wrong parameters. Each channel i
 prediction: the delay of the largest correlation, and the factor among ±1, g, 1/g, 1000, 1/1000 that is
 nearest to the ratio of their RMS; of an unknown gain, which takes any, none. The parameters are estimated
 again from the corrected channels, in turn, until the corrections stay the same: a search for the greatest
-concentrated likelihood over parameters and corrections. It starts from the estimate, from the start, and from the start with one mistake in all
-channels, or in all of one quantity, with one reversed channel, or with two exchanged channels of one
-quantity and unit. Where all that explains nothing, a gain is free, of one channel or a common one of all,
-which is that of the excitation: the parameters are estimated anew for every gain, and the likelihood is that
-of both.
+concentrated likelihood over parameters and corrections. It starts from the estimate, from the start, and from
+the start with one mistake in all channels, or in all of one quantity, with one reversed channel, or with two
+exchanged channels of one quantity and unit. Where all that explains nothing, a gain is free, of one channel
+or a common one of all, which is that of the excitation: the parameters are estimated anew for every gain, and
+the likelihood is that of both.
 
 Corrections are suggested only where the model lacked fit, the likelihood grows far beyond what the choice
 among them explains, every corrected channel needs its own, and the corrected record fits.
