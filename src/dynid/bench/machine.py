@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import platform
 from pathlib import Path
+
+from dynid.number_format import counted
+from dynid.study.executors.base import cores
 
 
 def machine() -> str:
@@ -15,10 +17,9 @@ def machine() -> str:
     text = info.read_text(encoding="utf-8", errors="replace") if info.exists() else ""
     models = [line.partition(":")[2].strip() for line in text.splitlines() if line.startswith("model name")]
     chip = next(iter(models), "") or platform.processor() or platform.machine()
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     blas = np.show_config(mode="dicts").get("Build Dependencies", {}).get("blas", {})
     algebra = " ".join(str(blas.get(key, "")) for key in ("name", "version")).strip() or "unknown BLAS"
     return (
-        f"{chip}, {cores} core{'s' * (cores != 1)}, {platform.system()}, Python {platform.python_version()}, "
+        f"{chip}, {counted(cores(), 'core')}, {platform.system()}, Python {platform.python_version()}, "
         f"NumPy {np.__version__} ({algebra})"
     )

@@ -101,7 +101,7 @@ def run(
         click.echo(summary(shown, f"{time.perf_counter() - started:.2g} s", trace=verbose))
         more = report or f"see it: dynid report {target}"
         click.echo(f"\n  wrote {target}{', ' if report else ' · '}{more}")
-    said = [warning for warning in warnings(result) if warning not in doubts]  # those have been printed
+    said = warnings(result)
     if as_json:
         from dynid.store.export import answer_json
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from dynid.number_format import unit_text
+from dynid.number_format import sentence, unit_text
 from dynid.report.svg import TITLE, Svg, number, plain, text_width
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def frequency_label(unit: FrequencyUnit) -> str:
 def approximation(attrs: Mapping[str, Scalar]) -> str:
     """Return the sentence of a caption on the delays of an array or group, after a space; empty if exact."""
     text = str(attrs.get("approximate", ""))
-    return f" {text[0].upper()}{text[1:]}." if text else ""
+    return f" {sentence(text)}" if text else ""
 
 
 def in_decibels(name: str, units: str = "") -> str:

@@ -38,8 +38,6 @@ class Correction(NamedTuple):
 NONE = Correction()
 Corrections = list[list[Correction]]
 """Corrections of the channels of each record."""
-Places = tuple[tuple[int, int], ...]
-"""Channels, each by the places of its record and of itself."""
 
 
 class Found(NamedTuple):

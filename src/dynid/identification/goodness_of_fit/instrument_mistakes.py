@@ -92,13 +92,18 @@ def instrument_mistakes(likelihood: Likelihood, etas: Sequence[Array]) -> list[s
         before = concentrated(plain, plain.fit(etas[0]), None)
     except (DynidError, ArithmeticError, np.linalg.LinAlgError):
         before = math.inf
+    for best in _explanations(likelihood, plain, etas):
+        if best is not None and _explains(plain, best, before):
+            return list(_sentences(plain, best))
+    return []
+
+
+def _explanations(likelihood: Likelihood, plain: Likelihood, etas: Sequence[Array]) -> Iterator[Found | None]:
+    """Yield the best corrections from what predictions suggest, from common mistakes, and of a gain."""
     found = [one for eta in etas if (one := _search(likelihood, plain, eta)) is not None]
-    best = min(found, key=lambda one: one.value, default=None)
-    if best is None or not _explains(plain, best, before):
-        best = _from_common_mistakes(likelihood, plain, etas[-1])
-    if best is None or not _explains(plain, best, before):
-        best = free_gain(likelihood, plain, etas[0])
-    return list(_sentences(plain, best)) if best is not None and _explains(plain, best, before) else []
+    yield min(found, key=lambda one: one.value, default=None)
+    yield _from_common_mistakes(likelihood, plain, etas[-1])
+    yield free_gain(likelihood, plain, etas[0])
 
 
 def _search(

@@ -71,9 +71,11 @@ def target_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]
             cells = [
                 f"{word} of {channel}{measure}",
                 "least",
-                *(_size(get[p][k]) for p in ("start", "reached")),
+                *(general(get[p][k], 6) for p in ("start", "reached")),
             ]
-            cells += [_size(result[f"{DESIGN}/compared/reached"].data[row, k]) for row in range(len(others))]
+            cells += [
+                general(result[f"{DESIGN}/compared/reached"].data[row, k], 6) for row in range(len(others))
+            ]
         rows.append(tuple(cells))
     return ("", "wanted", "start", "designed", *others), rows
 
@@ -82,10 +84,6 @@ def _root(omega: float, damping: float, factor: float, damped: bool) -> str:
     if math.isinf(omega):
         return "none"
     return f"{factor * omega:.6g}{f', {damping:.4g}' if damped else ''}"
-
-
-def _size(value: float) -> str:
-    return general(value, 6)
 
 
 def compares(result: Result) -> bool:
@@ -113,7 +111,7 @@ def statements(result: Result) -> Iterator[tuple[str, str]]:
         local = result[f"{DESIGN}/optima/objective"].data[1:]
         least = f"{DESIGN}/optimum" in result
         words = ("local minimum", "local minima") if least else ("solution", "solutions")
-        values = f" with {', '.join(_size(value) for value in local[:4])}" if least else ""
+        values = f" with {', '.join(general(value, 6) for value in local[:4])}" if least else ""
         yield f"{ended}, {counts[0]} in this one; {others} other {words[others > 1]}{values}", ""
     else:
         here = "all" if counts[0] == about["ended"] else str(counts[0])

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.number_format import MOST_ROOTS, general, limit, root_text, roots_text, unit_text
+from dynid.number_format import MOST_ROOTS, general, limit, root_text, roots_text, sentence, unit_text
 from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable, definitions, more
 from dynid.report.scenes import in_hertz
 from dynid.result import Result
@@ -115,7 +115,7 @@ def channel_sections(result: Result) -> Iterator[ReportSection]:
     every = channels(result)
     common = len(every) > 1 and same_poles(result, every)
     if every and (delays := delays_text(result)):
-        yield ReportSection("Delays", (Statement(f"{delays[0].upper()}{delays[1:]}."),), "answer")
+        yield ReportSection("Delays", (Statement(sentence(delays)),), "answer")
     if common:
         yield ReportSection("Every channel", (definitions(*_poles(result, *every[0])),), "answer")
         if moved := tuple(_sensitivities(result, first_sensitivities(result, every), only=POLE)):
