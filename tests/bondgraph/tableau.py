@@ -128,6 +128,21 @@ def _equations(types, values, bonds, inputs, s):
                 equation(
                     [(2 * bond + (quantity in "fq"), coefficient) for bond, quantity, coefficient in terms]
                 )
+        elif kind in ("MI", "MC", "MR"):  # values: the matrix of a field, its ports; power is positive inward
+            matrix, ports = values[name]
+            bond = {end: index for index, pair in enumerate(bonds) for end in pair}
+            inward = {port: 1 if bonds[bond[port]][1] == port else -1 for port in ports}
+            factor = Fraction(1) if kind == "MR" else s
+            for port, entries in zip(ports, matrix, strict=True):
+                if kind == "MC":
+                    terms = [(e(bond[other]), -factor * y) for other, y in zip(ports, entries, strict=True)]
+                    equation([(f(bond[port]), inward[port]), *terms])
+                else:
+                    terms = [
+                        (f(bond[other]), -factor * z * inward[other])
+                        for other, z in zip(ports, entries, strict=True)
+                    ]
+                    equation([(e(bond[port]), 1), *terms])
         elif kind in ("MTF", "MGY"):  # values: moduli, ports of the rows, ports of the columns
             moduli, first, second = values[name]
             bond = {end: index for index, pair in enumerate(bonds) for end in pair}

@@ -492,3 +492,49 @@ def test_a_structure_too_large_is_to_be_reduced():
     arm = {"beam": {"elements": 150, "length": 0.01, "EI": 1.0, "rhoA": 1.0}}
     with pytest.raises(UsageError, match="enter a bond graph one by one"):
         collocated(structure=arm, ports={"tip": "w_151"})
+
+
+OUTWARD = """
+dynid: 1
+kind: bond-graph
+graph:
+  nodes:
+    u: Se
+    one: 1
+    d: {type: R, value: 3}
+    arm: {type: structure, structure: {lumped: {masses: [2, 1], links: [{dofs: [1, 2], k: 20, c: 0.5}]}},
+          ports: {left: 1, right: 2}REDUCTION}
+    tip: KIND
+    r: {type: R, value: 0.75}
+  bonds: [u -> one, one -> d, LEFT, arm.right -> tip, tip -> r]
+analysis:
+  outputs: [arm.left.e, arm.left.f, arm.right.e, arm.right.f, arm.right.q, one.f, r.e, r.f]
+  results: [frequency_response]
+  frequency: {start: 0.5, stop: 9, points: 3}
+"""
+
+
+@pytest.mark.parametrize("reduction", ["", ", reduction: {method: modal, modes: {count: 2}}"])
+@pytest.mark.parametrize("junction", [0, 1])
+@pytest.mark.parametrize("left", ["one -> arm.left", "arm.left -> one"])
+def test_ports_of_a_structure_have_the_velocity_of_their_dof_and_the_force_along_the_arrow(
+    left, junction, reduction
+):
+    text = OUTWARD.replace("LEFT", left).replace("KIND", str(junction)).replace("REDUCTION", reduction)
+    result = dynid.run(scene(text))
+    M, K, C = np.diag([2, 1]), 20 * np.array([[1, -1], [-1, 1]]), 0.5 * np.array([[1, -1], [-1, 1]])
+    for s, row in zip(
+        1j * np.geomspace(0.5, 9, 3), result["bond_graph/frequency_response/response"].data, strict=True
+    ):
+        v = np.linalg.solve(s * M + C + K / s + np.diag([3, 0.75]), [1, 0])
+        force = 0.75 * v[1]  # of the tip on r
+        push = (1 - 3 * v[0]) * (1 if left.startswith("one") else -1)  # of one on the arm, along the arrow
+        wanted = [push, v[0], force, v[1], v[1] / s, v[0], force, v[1]]
+        np.testing.assert_allclose(row[:, 0], wanted, rtol=1e-10)
+
+
+def test_the_effort_of_a_port_with_several_bonds_is_the_force_on_the_structure():
+    text = OUTWARD.replace("LEFT", "one -> arm.left, arm.left -> r2").replace("KIND", "1")
+    text = text.replace("REDUCTION", "").replace("    r: ", "    r2: {type: R, value: 4}\n    r: ")
+    row = dynid.run(scene(text))["bond_graph/frequency_response/response"].data[0, :, 0]
+    assert row[0] == pytest.approx(1 - 3 * row[5] - 4 * row[5], rel=1e-12)

@@ -5,11 +5,14 @@ e = A df/dt or e = A ∫f dt is one element of value D_k (I, R; C of 1/D_k) for 
 that takes the flow ``sum_i L_ik f_i`` through transformers. A field of compliances, f = A de/dt, is the dual:
 its elements are on 1-junctions. A transformer of a matrix of moduli is one of every entry, between a junction
 for its row and one for its column. Source: Karnopp, Margolis & Rosenberg, *System Dynamics*, chapter 7.
+
+Laws hold for inward power, of fields as of one-ports: with S = -1 for ports whose bonds leave the field, and
+variables along the arrows, e = Z S f and S f = Y e.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import pairwise
@@ -116,14 +119,10 @@ class Expansion:
         inner = self.add(kind, f"{outer}_inside", None, domain)
         way = [inner, sensor, outer] if outward else [outer, sensor, inner]
         self.bonds += [Bond(tail, head) for tail, head in pairwise(way)]
-        self.measure(port, sensor, others)
-        return inner
-
-    def measure(self, port: str, junction: str, quantities: Iterable[str]) -> None:
-        """Take quantities of a port at a junction."""
-        for quantity in quantities:
+        for quantity in others:
             name = f"{self.name}.{port}.{quantity}"
-            self.variables[name] = Port(junction, cast("Quantity", quantity), name)
+            self.variables[name] = Port(sensor, cast("Quantity", quantity), name)
+        return inner
 
     def add_squares(
         self,
@@ -178,6 +177,7 @@ def expand_field(
     taken: set[str],
     wanted: Mapping[str, Iterable[str]],
     domain: str = "",
+    outward: Container[str] = (),
 ) -> Expansion:
     """Return a field as ordinary nodes.
 
@@ -197,6 +197,8 @@ def expand_field(
         By port the quantities that are outputs.
     domain
         The domain of its ports.
+    outward
+        Names of the ports whose bonds leave it.
 
     Raises
     ------
@@ -209,12 +211,14 @@ def expand_field(
     if problem:
         raise UsageError(f"{kind} '{name}': {problem}", names=(name,))
     junctions = {
-        place: made.add_port(port, "0" if kind == "C" else "1", wanted.get(port, ()), domain)
-        for place, port in enumerate(ports)
+        row: made.add_port(port, "0" if kind == "C" else "1", wanted.get(port, ()), domain, port in outward)
+        for row, port in enumerate(ports)
     }
-    made.add_squares(
-        kind, symmetric_squares(name, nonzero(matrix), signed=True), junctions, dict(enumerate(ports))
-    )
+    rows = nonzero(matrix)
+    if kind != "C":  # 1-junctions have the flow f along the arrow, and the effort S e inside: S e = (S Z S) f
+        signs = [-1 if port in outward else 1 for port in ports]
+        rows = {i: {j: entry * (signs[i] * signs[j]) for j, entry in row.items()} for i, row in rows.items()}
+    made.add_squares(kind, symmetric_squares(name, rows, signed=True), junctions, dict(enumerate(ports)))
     return made
 
 

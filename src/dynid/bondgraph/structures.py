@@ -5,7 +5,7 @@ Source of the finite-mode bond graph: Karnopp, Margolis & Rosenberg, *System Dyn
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from fractions import Fraction
 from typing import Any, Literal
 
@@ -37,6 +37,7 @@ def expand_structure(
     wanted: Mapping[str, Iterable[str]],
     reading: Reading = "decimal",
     domain: str = "",
+    outward: Container[str] = (),
 ) -> None:
     """Add a structure with all its degrees of freedom: a 1-junction each, I, R and C fields by M, C and K.
 
@@ -57,6 +58,8 @@ def expand_structure(
         What a float means.
     domain
         The domain of its ports; absent: from the labels of the DOFs.
+    outward
+        Names of the ports whose effort is that out of the structure.
 
     Raises
     ------
@@ -78,7 +81,8 @@ def expand_structure(
     for place, label in enumerate(model.dofs):
         own = domain or _DOMAINS.get(labels.kind(label), "")
         if place in names:
-            junctions[place] = made.add_port(names[place], "1", wanted.get(names[place], ()), own)
+            port = names[place]
+            junctions[place] = made.add_port(port, "1", wanted.get(port, ()), own, port in outward)
         else:
             junctions[place] = made.add("1", f"{made.name}.{label}", None, own)
     for letter, kind in _ELEMENTS:
@@ -136,6 +140,7 @@ def expand_modes(
     ports: Mapping[str, Label],
     wanted: Mapping[str, Iterable[str]],
     domain: str = "",
+    outward: Container[str] = (),
 ) -> None:
     """Add the finite-mode bond graph of a reduced structure: a float model.
 
@@ -146,7 +151,7 @@ def expand_modes(
 
     Parameters
     ----------
-    made, ports, wanted, domain
+    made, ports, wanted, domain, outward
         As of `expand_structure`; a port may be at any DOF of the full structure.
     reduction
         The reduced structure.
@@ -172,12 +177,10 @@ def expand_modes(
     for letter, kind in _ELEMENTS:
         made.add_squares(kind, squares[letter], junctions, texts, letter)
     for (port, dof), own in zip(ports.items(), values, strict=True):
-        asked = list(wanted.get(port, ()))
         kind_of = domain or _DOMAINS.get(labels.kind(_full(model).label(dof)), "")
-        outer = made.add("1", f"{made.name}.{port}", None, kind_of)
+        inner = made.add_port(port, "1", wanted.get(port, ()), kind_of, port in outward)
         force = made.add("0", f"{made.name}.{port}_force", None, kind_of)
-        made.connect(outer, force)
-        made.measure(port, force, [quantity for quantity in asked if quantity in "ep"])
+        made.connect(inner, force)
         if not own.any():
             raise UsageError(
                 f"no coordinate of the reduced structure '{made.name}' moves the port '{port}'",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections import Counter, defaultdict
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
@@ -14,7 +14,7 @@ from dynid.arithmetic.ldl import reference
 from dynid.arithmetic.numbers import Number
 from dynid.bondgraph.control import Loop
 from dynid.bondgraph.fields import Expansion, FieldType, expand_coupling, expand_field
-from dynid.bondgraph.graph import TWO_PORTS, BondGraph, Node, NodeType, Port
+from dynid.bondgraph.graph import TWO_PORTS, Bond, BondGraph, Node, NodeType, Port
 from dynid.bondgraph.operating_point.equilibrium import OperatingPointRequest, find_operating_point
 from dynid.bondgraph.operating_point.laws import Law, LawGraph
 from dynid.bondgraph.operating_point.linearisation import Linearisation, linearised
@@ -119,15 +119,16 @@ def build_graph(
     taken = set(graph.nodes)
     nodes: list[Node] = []
     bonds = [bond for chain in graph.bonds for bond in chain]
+    outward = _outward_ports(bonds)
     variables: dict[str, Port] = {}
     approximations: list[ScopePart] = []
     for name, node in graph.nodes.items():
         if node.type == STRUCTURE:
             made = Expansion(name, taken)
-            left_out = _expand_structure(scene, made, node, wanted[name], reading, band)
+            left_out = _expand_structure(scene, made, node, wanted[name], reading, outward[name], band)
             approximations += [left_out] if left_out is not None else []
         elif node.matrix is not None:
-            made = _expand_field(name, node, taken, wanted[name], reading)
+            made = _expand_field(name, node, taken, wanted[name], reading, outward[name])
         else:
             value = node.value
             exact, formula = (None, None) if value is None else (value.exact, value.expression)
@@ -165,13 +166,28 @@ def build_graph(
     return built._replace(graph=closed.graph, outputs=asked, opened=built.graph, loops=tuple(loops))
 
 
+def _outward_ports(bonds: Iterable[Bond]) -> dict[str, set[str]]:
+    """Return, by node, its ports that have a single bond, which leaves."""
+    counts, ports = Counter(end for bond in bonds for end in bond), defaultdict(set)
+    for bond in bonds:
+        if counts[bond.tail] == 1:
+            holder, _, port = bond.tail.rpartition(".")
+            ports[holder].add(port)
+    return ports
+
+
 def has_law(node: NodeModel) -> bool:
     """Return True if a node has a law, or a modulus that depends on variables."""
     return node.law is not None or (node.value is not None and node.value.variable)
 
 
 def _expand_field(
-    name: str, node: NodeModel, taken: set[str], wanted: Mapping[str, Iterable[str]], reading: Reading
+    name: str,
+    node: NodeModel,
+    taken: set[str],
+    wanted: Mapping[str, Iterable[str]],
+    reading: Reading,
+    outward: Container[str],
 ) -> Expansion:
     assert node.matrix is not None
 
@@ -183,7 +199,8 @@ def _expand_field(
     ports = cast("list[str]", node.ports)
     if node.type in TWO_PORTS:
         return expand_coupling(name, cast("Literal['TF', 'GY']", node.type), ports, matrix, taken, wanted)
-    return expand_field(name, cast("FieldType", node.type), ports, matrix, taken, wanted, node.domain or "")
+    kind, domain = cast("FieldType", node.type), node.domain or ""
+    return expand_field(name, kind, ports, matrix, taken, wanted, domain, outward)
 
 
 def _expand_structure(
@@ -192,6 +209,7 @@ def _expand_structure(
     node: NodeModel,
     wanted: Mapping[str, Iterable[str]],
     reading: Reading,
+    outward: Container[str],
     band: float | None,
 ) -> ScopePart | None:
     """Expand a structure; return what was left out of it, None of a full one."""
@@ -206,12 +224,12 @@ def _expand_structure(
     try:
         model = build_structure(scene, node.structure, node.joints, type(node), ("graph", "nodes", made.name))
         if node.reduction is None:
-            expand_structure(made, model, ports, wanted, reading, node.domain or "")
+            expand_structure(made, model, ports, wanted, reading, node.domain or "", outward)
             return None
         dofs = tuple(dict.fromkeys(model.label(dof) for dof in ports.values()))
         reductor = build_reductor(node.reduction, Interest(dofs, band), "reduction")
         reduced = reductor.reduce(model)
-        expand_modes(made, reduced, ports, wanted, node.domain or "")
+        expand_modes(made, reduced, ports, wanted, node.domain or "", outward)
     except DynidError as error:
         first = [
             name for name in error.names if name.partition(".")[0] in ("structure", "reduction", "joints")
