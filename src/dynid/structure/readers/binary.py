@@ -16,6 +16,7 @@ from dynid.errors import FileError
 from dynid.hdf5 import check_stored, inside, open_hdf5
 from dynid.structure.matrices import Matrix
 from dynid.structure.readers.imported_matrix import (
+    COMPLEX,
     MOST_NUMBERS,
     as_numbers,
     check_claim,
@@ -96,21 +97,88 @@ _MOST_NAMES = 1000
 
 def hdf5_shapes(path: Path) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the matrices of a file, by their paths in it."""
+    return {name: shape for name, shape in _hdf5_members(path).items() if isinstance(shape, tuple)}
+
+
+def hdf5_others(path: Path) -> dict[str, str]:
+    """Return what stands in a file beside its matrices, by path."""
+    return {name: what for name, what in _hdf5_members(path).items() if isinstance(what, str)}
+
+
+def _hdf5_members(path: Path) -> dict[str, tuple[int, ...] | str]:
+    """Return the shapes of the matrices of a file, and what else stands there, by their paths."""
     import h5py
 
-    found: dict[str, tuple[int, ...]] = {}
+    found: dict[str, tuple[int, ...] | str] = {}
 
     def visit(name: str, item: Any) -> bool | None:
-        if "#" not in name and not any(name.startswith(f"{outer}/") for outer in found):
-            if isinstance(item, h5py.Dataset) and item.dtype.kind in "iuf" and item.ndim == 2:
+        if "#" not in name and not any(name.startswith(f"{above}/") for above in found):
+            what = _contents(item)
+            if not what and isinstance(item, h5py.Dataset):
                 found[name] = tuple(item.shape)
-            elif isinstance(item, h5py.Group) and _is_sparse(item):
-                found[name] = _sparse_shape(item)
+            elif what or (isinstance(item, h5py.Group) and _is_sparse(item)):
+                found[name] = what or _sparse_shape(item)
         return True if len(found) > _MOST_NAMES else None
 
     with read_errors(path, "HDF5"), open_hdf5(path) as store:
         store.visititems(visit)
     return found
+
+
+_CLASSES = {"char": "text", "function_handle": "a function", "string": "text", "cell": "a cell array"}
+#: Classes of numbers in MATLAB.
+_NUMBERS = (
+    "double",
+    "single",
+    "logical",
+    "int8",
+    "int16",
+    "int32",
+    "int64",
+    "uint8",
+    "uint16",
+    "uint32",
+    "uint64",
+)
+
+
+def _contents(item: Any) -> str:
+    """Return what an object is that is no matrix of real numbers; empty of such a matrix and of a group."""
+    import h5py
+
+    named = item.attrs.get("MATLAB_class", b"")
+    name = named.decode(errors="replace") if isinstance(named, bytes) else str(named)
+    if item.attrs.get("MATLAB_empty", 0):
+        return f"an empty {'array' if name in _NUMBERS else name or 'array'}"
+    if isinstance(item, h5py.Group):
+        complex_parts = _is_sparse(item) and _is_complex(item.get("data"))
+        return COMPLEX if complex_parts else ""
+    size = " x ".join(map(str, reversed(item.shape or ())))  # of MATLAB, whose axes stand the other way round
+    if name in _CLASSES:
+        return _CLASSES[name] + (f" of {size} cells" if name == "cell" else "")
+    if h5py.check_ref_dtype(item.dtype) is not None:
+        above = item.parent.attrs.get("MATLAB_class", b"")
+        if above == b"struct":
+            return f"a field of a {size} structure array"
+        return f"references to other objects ({name})" if name else "references to other objects"
+    if name and name not in _NUMBERS:
+        return f"an object of the class {name}"
+    if _is_complex(item):
+        return COMPLEX
+    if item.dtype.kind not in "iuf":
+        return "text" if item.dtype.kind in "SO" else "no plain numbers"
+    if item.shape is None or not item.size:
+        return "no numbers"
+    return "" if item.ndim == 2 else f"an array of the shape {tuple(item.shape)}"
+
+
+def _is_complex(dataset: Any) -> bool:
+    """Return True of complex numbers, also as pairs of parts, as MATLAB stores them."""
+    dtype = getattr(dataset, "dtype", None)
+    if dtype is None:
+        return False
+    fields = {name.lower()[:1] for name in dtype.names or ()}
+    return dtype.kind == "c" or fields == {"r", "i"}
 
 
 def load_hdf5(path: Path, name: str) -> Matrix:
@@ -125,6 +193,8 @@ def load_hdf5(path: Path, name: str) -> Matrix:
             raise FileError(f"{path} has no matrix '{name}'")
         check_claim(path, item.shape or (1,))
         check_stored(item)
+        if what := _contents(item):
+            raise FileError(f"{path}: '{name}' holds {what}; a structural matrix is real")
         values = as_numbers(path, name, item[()])
         return np.asarray(values).T if "MATLAB_class" in item.attrs else values
 

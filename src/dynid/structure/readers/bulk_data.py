@@ -19,7 +19,7 @@ from dynid.errors import FileError
 from dynid.number_format import counted
 from dynid.structure.labels import DIRECTIONS, Node, Nodes
 from dynid.structure.matrices import Array, Label
-from dynid.structure.readers.imported_matrix import ImportedMatrix, opened, read_errors, real
+from dynid.structure.readers.imported_matrix import COMPLEX, ImportedMatrix, opened, read_errors, real
 from dynid.structure.readers.node_file import DofOrder, NodeFile, corners, edges
 
 _CONSTRAINTS = (
@@ -351,8 +351,35 @@ def load(path: Path, name: str) -> ImportedMatrix:
         return _dmig(read_cards(path, {"DMIG"}))[name]
 
 
-def _dmig(cards: Mapping[str, Sequence[Card]]) -> dict[str, ImportedMatrix]:
-    """Return the square real matrices of DMIG cards by name.
+def others(path: Path) -> dict[str, str]:
+    """Return what the other DMIG matrices of a file are, by name."""
+    with read_errors(path, WHAT):
+        heads, entries = _columns(read_cards(path, {"DMIG"}))
+        found = {}
+        for name, rows in entries.items():
+            form, kind = _form(heads.get(name))
+            if kind in _COMPLEX:
+                found[name] = COMPLEX
+            elif form not in _SQUARE:
+                found[name] = f"a matrix of form {form}, not square (1) or symmetric (6)"
+            elif not rows:
+                found[name] = "no entry"
+        return found | {name: "no entry" for name in heads if name not in entries}
+
+
+_REAL, _COMPLEX = (1, 2), (3, 4)
+_SQUARE = (1, 6)
+
+
+def _form(head: Card | None) -> tuple[int, int]:
+    """Return form and type of a matrix, as its first card says."""
+    return (1, 2) if head is None else (whole(head[3] or "1"), whole(head[4] or "1"))
+
+
+def _columns(
+    cards: Mapping[str, Sequence[Card]],
+) -> tuple[dict[str, Card], dict[str, list[tuple[int, int, int, int, float]]]]:
+    """Return the first cards of matrices, and their entries, by name.
 
     A column is ``name, node, component, (blank)``, then ``node, component, A, B`` of each entry; a card of a
     name with 0 as node says the form and the type.
@@ -369,10 +396,16 @@ def _dmig(cards: Mapping[str, Sequence[Card]]) -> dict[str, ImportedMatrix]:
         for k in range(5, len(card) - 2, 4):
             if card[k]:
                 rows.append((*at, whole(card[k]), whole(card[k + 1] or "0"), real(card[k + 2])))
+    return heads, entries
+
+
+def _dmig(cards: Mapping[str, Sequence[Card]]) -> dict[str, ImportedMatrix]:
+    """Return the square real matrices of DMIG cards by name."""
+    heads, entries = _columns(cards)
     found = {}
     for name, rows in entries.items():
-        form, kind = (whole(heads[name][k] or "1") for k in (3, 4)) if name in heads else (1, 2)
-        if kind in (1, 2) and form in (1, 6) and rows:
+        form, kind = _form(heads.get(name))
+        if kind in _REAL and form in _SQUARE and rows:
             found[name] = _labelled(rows, symmetric=form == 6)
     return found
 

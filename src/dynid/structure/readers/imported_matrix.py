@@ -18,6 +18,8 @@ from dynid.structure.matrices import Label, Matrix, is_sparse
 # The most numbers that are read into memory: 2 GB of double precision.
 MOST_NUMBERS = 250_000_000
 _LAYOUTS = ("csc", "csr", "coo")
+COMPLEX = "complex numbers"
+"""What stands in a file in place of a real matrix."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +115,7 @@ def as_numbers(path: Path, name: str, values: Any) -> Matrix:
     where = f"{path}{f': {name!r}' if name else ''}"
     dtype = getattr(values, "dtype", None)
     if dtype is None or dtype.kind not in "iufb":
-        kind = "complex numbers" if dtype is not None and dtype.kind == "c" else "no plain numbers"
+        kind = COMPLEX if dtype is not None and dtype.kind == "c" else "no plain numbers"
         raise FileError(f"{where} holds {kind}; a structural matrix is real")
     if values.ndim != 2:
         raise FileError(f"{where} has {values.ndim} dimensions; a matrix has two")

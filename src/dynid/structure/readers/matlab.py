@@ -47,6 +47,7 @@ class MatlabVariable(NamedTuple):
     """A variable: ``full``, ``sparse`` or ``cell``, its shape, and the names of its arrays in the archive.
 
     Those of a sparse one are data, row indices and column starts; a cell that holds no numbers has ``""``.
+    `kind` is ``struct`` or a class of MATLAB of what is not read.
     """
 
     kind: str
@@ -63,13 +64,37 @@ def is_hdf5(path: Path) -> bool:
 
 def shapes(path: Path) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the numeric variables of a file, by name."""
-    return {name: found.shape for name, found in _variables(path).items() if found.kind != "cell"}
+    return {
+        name: found.shape
+        for name, found in _variables(path).items()
+        if found.kind in _MATRICES and 0 not in found.shape
+    }
+
+
+def others(path: Path) -> dict[str, str]:
+    """Return what stands in a file beside its numeric variables, by name."""
+    return {
+        name: _contents(found)
+        for name, found in _variables(path).items()
+        if found.kind not in _MATRICES or 0 in found.shape
+    }
+
+
+_MATRICES = ("full", "sparse")
+
+
+def _contents(variable: MatlabVariable) -> str:
+    size = " x ".join(map(str, variable.shape))
+    names = {"cell": f"a cell array of {size} cells", "struct": f"a {size} structure array", "char": "text"}
+    if 0 in variable.shape:
+        return "an empty array"
+    return names.get(variable.kind, f"an object of the class {variable.kind}")
 
 
 def names(path: Path) -> list[str]:
     """Return the names of the full numeric variables and the cell arrays of a file."""
     found = _variables(path).items()
-    return [name for name, variable in found if variable.kind != "sparse" and "/" not in name]
+    return [name for name, variable in found if variable.kind in ("full", "cell") and "/" not in name]
 
 
 def load(path: Path, name: str) -> Matrix:
@@ -184,6 +209,8 @@ def archive(path: str, target: str) -> None:
             bytes_held = _GROWTH * Path(path).stat().st_size
             for name, shape, kind in whosmat(path):
                 if kind in _PASSED_OVER or name.startswith("__"):
+                    if name and not name.startswith("__"):
+                        index.setdefault(name, MatlabVariable(kind, shape, []))
                     continue
                 count = int(np.prod(shape, dtype=object))
                 if kind != "sparse" and count * (8 if kind in ("cell", "struct") else 1) > bytes_held:
@@ -222,7 +249,9 @@ def _add(
     elif isinstance(value, MatlabFunction | MatlabObject | MatlabOpaque) or not isinstance(value, np.ndarray):
         return
     elif value.dtype.names:
-        if value.shape == (1, 1) and depth < _DEEPEST:  # an array of structures holds no matrices
+        if value.shape != (1, 1):
+            index[name] = MatlabVariable("struct", value.shape, [])
+        elif depth < _DEEPEST:
             for field in value.dtype.names:
                 _add(f"{name}/{field}", value[field][0, 0], depth + 1, index, members)
     elif value.dtype.kind == "O":

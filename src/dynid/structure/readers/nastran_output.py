@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -126,7 +126,7 @@ def _opened(path: Path) -> Iterator[Any]:
 
 def op4_shapes(path: Path) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the matrices of a file, by name."""
-    with read_errors(path, "Nastran OUTPUT4", claims=True):
+    with _reading_op4(path):
         names, sizes, *_ = nastran_module("op4", path).OP4().dir(str(path), verbose=False)
         if twice := [name for name, count in Counter(names).items() if count > 1]:
             raise FileError(
@@ -135,9 +135,55 @@ def op4_shapes(path: Path) -> dict[str, tuple[int, ...]]:
         return {name: tuple(size) for name, size in zip(names, sizes, strict=True)}
 
 
+@contextmanager
+def _reading_op4(path: Path) -> Iterator[None]:
+    """Check the records of a file, and turn pyyeti's warnings about it, too, into errors.
+
+    At a file that ends too early pyyeti warns, and returns what it has read so far: often zeros.
+    """
+    with read_errors(path, "Nastran OUTPUT4", claims=True), warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        _check_records(path)
+        yield
+
+
+def _check_records(path: Path) -> None:
+    """Refuse a binary file whose records are not as long as they say, or that ends within a matrix.
+
+    Each record stands between two counts of its bytes. A matrix starts with one of its sizes and its name,
+    and ends with a record of the column behind its last.
+    """
+    with path.open("rb") as stream:
+        start = stream.read(4)
+        orders: tuple[Literal["little", "big"], ...] = ("little", "big")
+        order = next((order for order in orders if int.from_bytes(start, order) in _HEADERS), None)
+        if order is None:
+            return  # of text
+        total, waiting = path.stat().st_size, 0
+        place = 0
+        while place < total:
+            stream.seek(place)
+            size = int.from_bytes(stream.read(4), order)
+            word = 8 if int.from_bytes(start, order) == _HEADERS[1] else 4
+            first = int.from_bytes(stream.read(word), order)
+            stream.seek(place + 4 + size)
+            if place + 8 + size > total or int.from_bytes(stream.read(4), order) != size:
+                raise ValueError(
+                    f"the record at byte {place} is not complete: the file is truncated, or damaged"
+                )
+            waiting = first + 1 if not waiting else 0 if first == waiting else waiting
+            place += 8 + size
+        if waiting:
+            raise ValueError("it ends within a matrix: the file is truncated")
+
+
+#: Bytes of the first record of a matrix: of 32-bit words, of 64-bit words.
+_HEADERS = (24, 48)
+
+
 def load_op4(path: Path, name: str) -> Matrix:
     """Return one matrix of a file, sparse where it is stored so."""
-    with read_errors(path, "Nastran OUTPUT4", claims=True):
+    with _reading_op4(path):
         check_claim(path, op4_shapes(path)[name], path.stat().st_size)
         stored = (
             nastran_module("op4", path)

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from dynid.errors import FileError
 from dynid.file_access import dataset_of, obstacle
-from dynid.structure.matrices import Label, Matrix
+from dynid.structure.matrices import Label, Matrix, is_sparse
 from dynid.structure.readers import binary, bulk_data, matlab, nastran_output
 from dynid.structure.readers.exported import read_calculix, read_harwell_boeing, read_script
-from dynid.structure.readers.imported_matrix import ImportedMatrix
+from dynid.structure.readers.imported_matrix import COMPLEX, ImportedMatrix
 from dynid.structure.readers.text import BANNER, read_matrix_market, read_rows, read_triplets
 from dynid.suggestions import did_you_mean, shortened
 
@@ -47,11 +49,19 @@ EXTENSIONS = (".mtx", *_ALONE, *CONTAINERS)
 _LONGEST = 100_000_000
 
 
+def _nothing_else(_: Path) -> dict[str, str]:
+    return {}
+
+
 class Container(NamedTuple):
-    """The reader of a format that holds several matrices: their shapes by name, and one of them."""
+    """The reader of a format that holds several matrices: their shapes by name, and one of them.
+
+    `others` says by name what stands in the file that is no real matrix.
+    """
 
     shapes: Callable[[Path], dict[str, tuple[int, ...]]]
     load: Callable[[Path, str], Matrix | ImportedMatrix]
+    others: Callable[[Path], dict[str, str]] = _nothing_else
 
 
 @dataclass(frozen=True)
@@ -84,8 +94,20 @@ def read_matrix(file: MatrixFile, role: str) -> ImportedMatrix:
     Raises
     ------
     FileError
-        If the file cannot be read, or does not say which matrix is meant.
+        If the file cannot be read, does not say which matrix is meant, or has no entry in it.
     """
+    found = _read(file, role)
+    entries = found.matrix.data if is_sparse(found.matrix) else found.matrix
+    if not np.any(entries):
+        without = " Leave 'damping' out where there is none." if role == "damping" else ""
+        raise FileError(
+            f"{file.path}: the {role} has no entry but 0",
+            remedy=f"Export it again, and compare the size of the file with the model.{without}",
+        )
+    return found
+
+
+def _read(file: MatrixFile, role: str) -> ImportedMatrix:
     path = file.path
     _check_kind(path)
     if path.suffix.lower() == ".mtx":
@@ -176,12 +198,12 @@ def _container(path: Path) -> Container:
     if kind == ".op2":
         return Container(nastran_output.op2_shapes, nastran_output.load_op2)
     if kind in BULK_DATA:
-        return Container(bulk_data.shapes, bulk_data.load)
+        return Container(bulk_data.shapes, bulk_data.load, bulk_data.others)
     if kind in (".npz", ".npy"):
         return Container(binary.numpy_shapes, binary.load_numpy)
     if kind == ".mat" and not matlab.is_hdf5(path):
-        return Container(matlab.shapes, matlab.load)
-    return Container(binary.hdf5_shapes, binary.load_hdf5)
+        return Container(matlab.shapes, matlab.load, matlab.others)
+    return Container(binary.hdf5_shapes, binary.load_hdf5, binary.hdf5_others)
 
 
 def _start(path: Path, size: int = 100) -> bytes:
@@ -195,11 +217,9 @@ def _start(path: Path, size: int = 100) -> bytes:
 def _choose(path: Path, name: str | None, role: str, shapes: Mapping[str, Sequence[int]]) -> str:
     """Return the name of the matrix that is meant."""
     if name is not None:
-        bare = name.strip("/")
-        if bare in shapes:
-            return bare
-        raise FileError(f"{path} has no matrix '{name}'{did_you_mean(bare, shapes) or _known(shapes)}")
+        return _named(path, name.strip("/"), shapes)
     first = named_as(shapes, role)
+    check_real(path, role, first)
     if first and (len(first) == 1 or _rank(first[0], role) != _rank(first[1], role)):
         return first[0]
     only = next(iter(shapes), "")
@@ -210,12 +230,60 @@ def _choose(path: Path, name: str | None, role: str, shapes: Mapping[str, Sequen
     if len(shapes) == 1 and role not in ("B", "C") and not named_as_another:
         return only
     raise FileError(
-        f"{path} does not say which matrix is the {role}{_known(shapes)}",
+        f"{path} does not say which matrix is the {role}{_known(shapes, _container(path).others(path))}",
         remedy="Name it: {path: …, name: …}.",
     )
 
 
-def named_as(shapes: Mapping[str, Sequence[int]], role: str) -> list[str]:
+#: What to do with what is no matrix of real numbers.
+_AS_REAL = {
+    COMPLEX: "Save its real part; its imaginary part describes damping, in a matrix of its own.",
+    "structure": "Save the matrix of one of its elements as a variable.",
+    "empty": "Save it with its numbers, or leave 'damping' out where there is none.",
+    "cell": "Save the matrix in one of its cells as a variable.",
+}
+
+
+def _named(path: Path, name: str, shapes: Mapping[str, Sequence[int]]) -> str:
+    """Return a name as the file spells it; the case of letters decides only between several."""
+    alike = [spelled for spelled in shapes if spelled.lower() == name.lower()]
+    if name in shapes or len(alike) == 1:
+        return name if name in shapes else alike[0]
+    others = _container(path).others(path)
+    for spelled, what in others.items():
+        # A field of what is no structure of matrices has no matrix, either.
+        if name.lower() == spelled.lower() or name.lower().startswith(f"{spelled.lower()}/"):
+            remedy = next((text for word, text in _AS_REAL.items() if word in what), "")
+            raise FileError(f"{path}: '{spelled}' is no matrix: it holds {what}", remedy=remedy)
+    hint = did_you_mean(name, alike or shapes) or _known(shapes, others)
+    raise FileError(f"{path} has no matrix '{name}'{hint}")
+
+
+def check_real(path: Path, role: str, real: Sequence[str], *, required: bool = True) -> None:
+    """Refuse a file whose likeliest matrix of a role is complex, or no matrix.
+
+    Parameters
+    ----------
+    path, role
+        As of `read_matrix`.
+    real
+        The real matrices with a usual name of the role, the likeliest first.
+    required
+        The role must be filled: what is no matrix counts as well where there is no real one.
+
+    Raises
+    ------
+    FileError
+        If a complex one is likelier, or if there is no real one and something else has such a name.
+    """
+    others = _container(path).others(path)
+    counts = required and not real
+    usual = [name for name in named_as(others, role) if counts or others[name] == COMPLEX]
+    if usual and (not real or _rank(usual[0], role) < _rank(real[0], role)):
+        _named(path, usual[0], {})
+
+
+def named_as(shapes: Iterable[str], role: str) -> list[str]:
     """Return the matrices that have a usual name of a role, the likeliest first."""
     usual = [word.lower() for word in USUAL[role]]
     named = (found for found in shapes if found.rpartition("/")[2].lower() in usual)
@@ -228,6 +296,7 @@ def _rank(name: str, role: str) -> tuple[int, int]:
     return usual.index(name.rpartition("/")[2].lower()), name.count("/")
 
 
-def _known(shapes: Mapping[str, Sequence[int]]) -> str:
+def _known(shapes: Mapping[str, Sequence[int]], others: Mapping[str, str]) -> str:
     listed = [f"{name} ({' x '.join(map(str, shape))})" for name, shape in shapes.items()]
+    listed += [f"{name} ({what})" for name, what in others.items()]
     return f"; it has {shortened(listed) or 'none'}"

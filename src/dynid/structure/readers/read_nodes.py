@@ -23,7 +23,14 @@ from dynid.structure.matrices import Array, as_array
 from dynid.structure.readers import bulk_data, exodus, input_file, nastran_output
 from dynid.structure.readers.imported_matrix import read_errors
 from dynid.structure.readers.node_file import DofOrder, NodeFile
-from dynid.structure.readers.read import CONTAINERS, MatrixFile, load_matrix, named_as, shapes_in
+from dynid.structure.readers.read import (
+    CONTAINERS,
+    MatrixFile,
+    check_real,
+    load_matrix,
+    named_as,
+    shapes_in,
+)
 
 
 def read_nodes(path: Path) -> NodeFile:
@@ -251,6 +258,7 @@ def model_files(path: Path) -> ModelFiles:
         )
     shapes = shapes_in(path)
     own = named_as(shapes, "stiffness")
+    check_real(path, "damping", named_as(shapes, "damping"), required=False)
     damping = next(
         (name for name in named_as(shapes, "damping") if own and shapes[name] == shapes[own[0]]), ""
     )
