@@ -1,8 +1,9 @@
 """Gain, phase, delay and modulus margins of a loop, from its exact open-loop transfer function.
 
 With L = N/D on s = jω, |L| = 1, Im L = 0 and the extremes of |1 + L| and |L/(1 + L)| are polynomial equations
-in ω² over the integers, whose roots are certified: no crossing is missed between the points of a grid. Loops
-with delays: `lti/delay_margins.py`.
+in ω² over the integers, whose roots are certified: no crossing is missed between the points of a grid. Where
+L(∞) is not 0, infinite frequency is a candidate, too: 1 + k L loses its leading coefficient at k = -1/L(∞)
+(Zhou, Doyle & Glover 1996, 5.2). Loops with delays: `lti/delay_margins.py`.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ class Margins:
         The smallest |1 + L|, the inverse of the largest sensitivity.
     gain_crossover, phase_crossover, modulus_at
         Frequencies of the smallest phase margin (|L| = 1), of the smallest gain margin (L real), and of the
-        smallest |1 + L|; rad/s, infinite where there is none.
+        smallest |1 + L|; rad/s, infinite where there is none, or where the gain margin is that of L(∞).
     Ms, Mt
         The largest |S| = 1/|1 + L|, at `modulus_at`, and the largest |T| = |L/(1 + L)|.
     Mt_at
@@ -107,13 +108,18 @@ def margins(numerator: Any, denominator: Any) -> Margins:
     phases = [
         (lag(_ratio(numerator, denominator, omega)), omega) for omega in _positive_roots(size_n - size_d)
     ]
-    phase, gain_crossover = min(phases, default=(math.inf, math.inf))
     delay = min((math.radians(angle) / omega for angle, omega in phases), default=math.inf)
+    limit = _limit(numerator, denominator)
+    if abs(limit) == 1:
+        phases.append((lag(complex(limit)), math.inf))
+    phase, gain_crossover = min(phases, default=(math.inf, math.inf))
     crossings = [*_positive_roots(_without(imaginary, size_d)), *([0.0] if denominator[0] != 0 else [])]
     real = [(_ratio(numerator, denominator, omega).real, omega) for omega in crossings]
     gains = [(-1 / value, omega) for value, omega in real if value < 0]
     above = [(factor, omega) for factor, omega in gains if factor >= 1 - LIMIT]
     below = [(factor, omega) for factor, omega in gains if factor < 1 - LIMIT]
+    if limit < 0:  # 1 + k L loses its leading coefficient: a pole passes through infinity
+        (above if limit > -1 else below).append((float(-1 / limit), math.inf))
     gain, phase_crossover = min(above, default=(math.inf, math.inf))
     reduction = max(below, default=(0.0, math.inf))
     if not above:
@@ -129,7 +135,7 @@ def margins(numerator: Any, denominator: Any) -> Margins:
         gain=gain,
         gain_reduction=reduction[0],
         phase=phase,
-        delay=0.0 if _high(numerator, denominator) >= 1 else delay,
+        delay=0.0 if abs(limit) >= 1 or numerator.degree() > denominator.degree() else delay,
         modulus=1 / Ms if Ms else math.inf,
         gain_crossover=gain_crossover,
         phase_crossover=phase_crossover,
@@ -159,7 +165,8 @@ def _largest(top: Any, bottom: Any) -> tuple[float, float]:
         return math.inf, min(on_axis)
     stationary = above.derivative() * below - above * below.derivative()
     sizes = [(abs(_ratio(top, bottom, omega)), omega) for omega in [0.0, *_positive_roots(stationary)]]
-    return largest_of([*sizes, (_high(top, bottom), math.inf)])
+    high = math.inf if top.degree() > bottom.degree() else float(abs(_limit(top, bottom)))
+    return largest_of([*sizes, (high, math.inf)])
 
 
 def largest_of(sizes: Iterable[tuple[float, float]]) -> tuple[float, float]:
@@ -171,11 +178,11 @@ def largest_of(sizes: Iterable[tuple[float, float]]) -> tuple[float, float]:
     return best
 
 
-def _high(top: Any, bottom: Any) -> float:
-    """Return the size of a rational function at infinity."""
+def _limit(top: Any, bottom: Any) -> Fraction:
+    """Return a rational function at infinity; 0 where it is not finite."""
     if top.degree() != bottom.degree():
-        return 0.0 if top.degree() < bottom.degree() else math.inf
-    return float(abs(Fraction(int(top.leading_coefficient()), int(bottom.leading_coefficient()))))
+        return Fraction(0)
+    return Fraction(int(top.leading_coefficient()), int(bottom.leading_coefficient()))
 
 
 def _ratio(top: Any, bottom: Any, omega: float) -> complex:
