@@ -139,6 +139,56 @@ def bad_numbers(chance, base):
     return text
 
 
+def whole_range(chance, base):
+    """Numbers over the whole range of floats, of either sign, in a fraction of the scene's numbers."""
+    data = deepcopy(base)
+    numbers = [path for path in paths(data) if type(at(data, path)) in (int, float) and path[-1] != "dynid"]
+    share = chance.choice([1, 1, 2, len(numbers)])
+    for path in chance.sample(numbers, min(len(numbers), share)):
+        size = 10.0 ** chance.uniform(-323, 308) * chance.choice([1, 1, 1, -1])
+        at(data, path[:-1])[path[-1]] = chance.choice([size, size, 1e300, -1e308, 1.7e308, 5e-324, 1e160])
+    return dump(data)
+
+
+def deep_names(chance, base):
+    """Paths, chains and lists of names that are longer than anything they could name, as values and keys."""
+    data = deepcopy(base)
+    every = [path for path in paths(data) if path not in (("dynid",), ("kind",))]
+    for path in sorted(
+        chance.sample(every, min(len(every), chance.choice([1, 1, 3]))), key=len, reverse=True
+    ):
+        joint, name = (
+            chance.choice([".", ".", "/", " -> ", ",", " "]),
+            chance.choice(["a", "1", "m_s", "graph"]),
+        )
+        long, holder = joint.join([name] * chance.choice([70, 300, 3000])), at(data, path[:-1])
+        if isinstance(holder, dict) and chance.random() < 0.5:
+            holder[long] = holder[path[-1]]
+        else:
+            holder[path[-1]] = long
+    return dump(data)
+
+
+def nested_models(chance, base):
+    """Models within models, more than anybody can expand, in a graph of the scene or a new one."""
+    data, depth = deepcopy(base), chance.choice([3, 20, 60, 1000])
+    models = {}
+    for level in range(depth):
+        below = {"model": f"m{level + 1}"}
+        if chance.random() < 0.3:
+            below["repeat"] = chance.choice([2, 300, 100_000])
+        models[f"m{level}"] = {"nodes": dict.fromkeys("abcd"[: chance.choice([1, 2, 4])], below)}
+    end = chance.choice(
+        [{"nodes": {}}, {"nodes": {"r": {"type": "R", "value": 1}}}, {"nodes": {"a": models["m0"]}}]
+    )
+    models[f"m{depth}"] = chance.choice([end, end, {"nodes": {"a": {"model": "m0"}}}])
+    graph = data.get("graph") if isinstance(data.get("graph"), dict) else {}
+    nodes = graph.get("nodes") if isinstance(graph.get("nodes"), dict) else {}
+    data["graph"] = {**graph, "nodes": {**nodes, "x": {"model": "m0"}}}
+    data["models"] = models
+    return dump(data)
+
+
 def huge_sizes(chance, base):
     """Counts that nobody can wait for or store: of whatever a scene counts."""
     data = deepcopy(base)

@@ -18,14 +18,17 @@ def _changed(chance, base):
 
 #: Name: what makes a scene out of a valid one, and how many of a hundred.
 KINDS = {
-    "changed values and keys": (_changed, 26),
-    "another type at a key": (wrong_type, 24),
-    "damaged text": (spoiled_text, 16),
+    "changed values and keys": (_changed, 20),
+    "another type at a key": (wrong_type, 18),
+    "damaged text": (spoiled_text, 12),
     "attribute names": (hostile.attribute_names, 7),
     "numbers that are none": (hostile.bad_numbers, 6),
+    "numbers over the whole range": (hostile.whole_range, 10),
     "huge counts and sizes": (hostile.huge_sizes, 5),
     "devices, directories, pipes": (hostile.hostile_files, 5),
     "cyclic and long parameters": (hostile.cyclic_parameters, 4),
+    "long and deep names": (hostile.deep_names, 3),
+    "models within models": (hostile.nested_models, 3),
     "code": (hostile.code, 3),
     "alias bombs": (hostile.alias_bomb, 2),
     "deep nesting": (hostile.deep_nesting, 2),

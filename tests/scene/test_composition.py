@@ -1,6 +1,7 @@
 """Sub-models: nested graphs equal their flat form exactly; faults stand where they are written."""
 
 import random
+import time
 from collections import Counter
 from fractions import Fraction
 
@@ -10,10 +11,11 @@ import sympy
 
 import dynid
 from dynid.errors import FileError, SceneError, Singular
+from dynid.scene.composition import composed
 from dynid.scene.identified import identified_scene
 from dynid.scene.kinds.bond_graph import built_graph
 from dynid.scene.load import check_source, load_scene
-from dynid.scene.yaml.source import apply_overrides, parse_source
+from dynid.scene.yaml.source import apply_overrides, parse_source, read_source
 from tests.bondgraph.random_graphs import random_graph
 from tests.sample import sample
 from tests.scene.nested_graphs import nested
@@ -502,14 +504,148 @@ def test_an_unknown_that_an_instance_is_given_is_written_back_there():
     check_source(written)
 
 
-def test_a_graph_of_too_many_nodes_is_refused_at_the_first_beyond(monkeypatch):
-    monkeypatch.setattr("dynid.scene.composition.MOST_NODES", 7)
-    text = MOTOR.lstrip("\n")
-    at = place(text, "d: {type: R, value: 0.5}").split(":")
-    assert f"scene.yaml:{at[0]}:" in faults(text)
-    assert "the graph has more than 7 nodes" in faults(text)
-    monkeypatch.setattr("dynid.scene.composition.MOST_NODES", 8)
-    assert len(built_graph(scene(text)).graph.nodes) == 8
+def nested_scene(models, instance="{model: m0}", name="x"):
+    """Return a scene with an instance of the first model beside a graph that is valid."""
+    lines = "\n".join(f"  {name}: {model}" for name, model in models.items())
+    return (
+        "dynid: 1\nkind: bond-graph\n"
+        f"graph: {{nodes: {{v: Se, j: 1, m: {{type: I, value: 1}}, {name}: {instance}}}, "
+        f"bonds: [v -> j, j -> m]}}\n"
+        f"analysis: {{outputs: [m.f]}}\nmodels:\n{lines}\n"
+    )
+
+
+def refused_at_once(text):
+    """Return the faults of a scene, which take less than a second of CPU time."""
+    began = time.process_time()
+    reported = faults(text)
+    assert time.process_time() - began < 1
+    return reported
+
+
+LEAF = "{nodes: {a: {type: R, value: 1}}}"
+
+
+@pytest.mark.parametrize("wide", [2, 3, 10])
+def test_models_that_multiply_are_refused_before_they_are_expanded(wide):
+    """Each level has several instances of the next: the size grows as a power of the depth."""
+    names = "abcdefghij"[:wide]
+    depth = 45
+    models = {
+        f"m{k}": f"{{nodes: {{{', '.join(f'{name}: {{model: m{k + 1}}}' for name in names)}}}}}"
+        for k in range(depth)
+    }
+    reported = refused_at_once(nested_scene(models | {f"m{depth}": LEAF}))
+    assert (
+        "the instances of models make more than 5,000,000 values in this graph; use fewer copies" in reported
+    )
+    assert reported.count("\n") == 0
+
+
+@pytest.mark.parametrize("counts", [(100_000, 100_000), (300, 300, 300), (2, 100_000, 50)])
+def test_copies_of_copies_are_refused_before_they_are_expanded(counts):
+    models = {
+        f"m{k}": f"{{nodes: {{a: {{model: m{k + 1}, repeat: {count}}}}}}}" for k, count in enumerate(counts)
+    }
+    leaf = {f"m{len(counts)}": "{nodes: {a: {type: I, value: 1}, b: {type: C, value: 2}}}"}
+    assert "more than 5,000,000 values" in refused_at_once(nested_scene(models | leaf))
+    empty = refused_at_once(nested_scene(models | {f"m{len(counts)}": "{nodes: {}}"}))
+    assert f"the model 'm{len(counts)}' needs the key 'nodes'" in empty
+
+
+def test_long_names_and_large_nodes_count_in_the_size_of_copies():
+    text = nested_scene({"m0": LEAF}, "{model: m0, repeat: 100000}", "x" * 1000)
+    assert "more than 5,000,000 values" in refused_at_once(text)
+    matrix = [[1] * 20] * 20  # 400 values a copy
+    text = nested_scene(
+        {"m0": f"{{nodes: {{a: {{type: R, matrix: {matrix}}}}}}}"}, "{model: m0, repeat: 20000}"
+    )
+    assert "more than 5,000,000 values" in refused_at_once(text)
+
+
+@pytest.mark.parametrize("depth", [51, 300, 3000])
+def test_models_too_deep_in_one_another_are_refused(depth):
+    models = {f"m{k}": f"{{nodes: {{a: {{model: m{k + 1}}}}}}}" for k in range(depth - 1)}
+    reported = refused_at_once(nested_scene(models | {f"m{depth - 1}": LEAF}))
+    assert "models stand more than 50 deep in one another; join some of them" in reported
+    assert reported.count("\n") == 0
+
+
+def test_fifty_models_in_one_another_are_one_graph():
+    models = {f"m{k}": f"{{nodes: {{a: {{model: m{k + 1}}}}}}}" for k in range(49)}
+    source = composed(parse_source(nested_scene(models | {"m49": LEAF})))
+    assert "x" + ".a" * 50 in source.data["graph"]["nodes"]
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_a_model_of_two_depths_is_too_deep_where_its_deeper_use_is(order):
+    """The model m0 is 30 deep; below 25 others it is too deep, whichever of both is met first."""
+    models = {f"m{k}": f"{{nodes: {{a: {{model: m{k + 1}}}}}}}" for k in range(29)} | {"m29": LEAF}
+    models |= {f"n{k}": f"{{nodes: {{a: {{model: n{k + 1}}}}}}}" for k in range(24)}
+    models["n24"] = "{nodes: {a: {model: m0}}}"
+    pair = ["p: {model: m0}", "q: {model: n0}"][::order]
+    text = nested_scene(models | {"both": f"{{nodes: {{{', '.join(pair)}}}}}"}, "{model: both}")
+    assert "more than 50 deep" in refused_at_once(text)
+
+
+@pytest.mark.parametrize(
+    "wrong", ["{model: none}", "{model: m2, Q: 1}", "{model: m2, repeat: 0}", "{model: m3}"]
+)
+def test_a_fault_in_a_model_of_many_copies_is_reported_once_and_at_once(wrong):
+    models = {
+        "m0": "{nodes: {a: {model: m1, repeat: 100000}}}",
+        "m1": f"{{nodes: {{a: {wrong}}}}}",
+        "m2": LEAF,
+        "m3": "{parameters: {R: null}, nodes: {a: {type: R, value: R}}}",
+    }
+    assert refused_at_once(nested_scene(models)).count("\n") == 0
+
+
+def test_a_bond_without_a_port_in_many_copies_is_reported_at_once():
+    models = {"m0": "{nodes: {a: 1, b: {model: m1}}, bonds: [a -> b.q]}", "m1": LEAF}
+    reported = refused_at_once(nested_scene(models, "{model: m0, repeat: 50000}"))
+    assert "'b.q' is no port" in reported
+    assert reported.count("\n") == 0
+
+
+@pytest.mark.parametrize(
+    "spellings", [("{}.yaml", "./{}.yaml"), ("{}.yaml", "down/../{}.yaml"), ("d/{}.yaml", "e/{}.yaml")]
+)
+def test_each_file_is_read_once_by_whichever_names(tmp_path, monkeypatch, spellings):
+    """Every file uses the next under two names: read by name, the last would be read 2^40 times."""
+    (tmp_path / "down").mkdir()
+    for link in "de":
+        (tmp_path / link).symlink_to(tmp_path, target_is_directory=True)
+    for k in range(40):
+        names = ", ".join(spelling.format(f"f{k + 1}") for spelling in spellings)
+        (tmp_path / f"f{k}.yaml").write_text(f"use: [{names}]\n")
+    (tmp_path / "f40.yaml").write_text(
+        "models: {leaf: {ports: [a], nodes: {a: 1, r: {type: R, value: 1}}, bonds: [a -> r]}}\n"
+    )
+    (tmp_path / "scene.yaml").write_text(
+        "dynid: 1\nkind: bond-graph\nuse: f0.yaml\n"
+        "graph: {nodes: {v: Se, j: 1, x: {model: leaf}}, bonds: [v -> j, j -> x.a]}\n"
+        "analysis: {outputs: [m.f]}\n"
+    )
+    files = []
+
+    def read(path):
+        files.append(path)
+        return read_source(path)
+
+    monkeypatch.setattr("dynid.scene.model_files.read_source", read)
+    source = composed(read_source(tmp_path / "scene.yaml"))
+    assert "x.a" in source.data["graph"]["nodes"]
+    assert len(files) == 41
+
+
+def test_files_that_use_one_another_too_deep_are_refused(tmp_path):
+    for k in range(60):
+        (tmp_path / f"f{k}.yaml").write_text(f"use: f{k + 1}.yaml\n")
+    own = tmp_path / "scene.yaml"
+    own.write_text(f"use: f0.yaml{MOTOR}")
+    with pytest.raises(SceneError, match=r"f49\.yaml:1:6: more than 50 files use one another in a row"):
+        load_scene(own)
 
 
 def test_a_model_of_two_files_is_refused_in_the_second(tmp_path):

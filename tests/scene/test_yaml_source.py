@@ -3,6 +3,7 @@ import math
 import os
 import subprocess
 import sys
+import time
 
 import pytest
 from hypothesis import given, settings
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 
 from dynid.errors import FileError, SceneError
 from dynid.scene.yaml.parser import MAX_CHARACTERS
-from dynid.scene.yaml.source import apply_overrides, parse_source, read_source
+from dynid.scene.yaml.source import apply_overrides, parse_source, read_source, set_values
 from dynid.scene.yaml.writer import dump
 from dynid.suggestions import did_you_mean, did_you_mean_path, short_paths
 
@@ -391,3 +392,27 @@ def test_without_a_similar_name_the_group_is_listed():
     found = did_you_mean_path("identification/parameters/upper.k", known)
     assert found == "; 'identification/parameters' holds name, estimate"
     assert did_you_mean_path("plan/modes/estimated", known) == ""
+
+
+@pytest.mark.parametrize("names", [70, 300, 800, 20_000])
+def test_a_path_deeper_than_a_scene_is_refused_at_once(names):
+    path = ".".join("a" * names)
+    began = time.process_time()
+    for change in (lambda s: apply_overrides(s, [f"{path}=1"]), lambda s: set_values(s, {path: 1})):
+        with pytest.raises(SceneError, match=r"a scene is at most 64 deep|nested more than 64 deep"):
+            change(parse_source("b: 1"))
+    assert time.process_time() - began < 1
+
+
+def test_an_override_may_reach_the_greatest_depth_of_a_scene_and_no_more():
+    path = ".".join("a" * 63)
+    source = apply_overrides(parse_source("b: 1"), [f"{path}=[1]"])
+    assert parse_source(dump(source.data)).data == source.data
+    with pytest.raises(SceneError, match="nested more than 64 deep"):
+        apply_overrides(parse_source("b: 1"), [f"{path}=[[1]]"])
+
+
+def test_a_key_that_holds_dots_is_one_name_however_many():
+    key = ".".join(["x", *"a" * 100])
+    source = apply_overrides(parse_source(f"b: {{{key}: 1}}"), [f"b.{key}=2"])
+    assert source.data == {"b": {key: 2}}

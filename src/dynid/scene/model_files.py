@@ -12,8 +12,8 @@ from dynid.errors import Fault, FileError, SceneError
 from dynid.scene.schema.raw import mapping, mapping_of
 from dynid.scene.yaml.source import Source, parse_source, read_source
 
-#: The most files that use each other.
-_DEEPEST = 50
+#: The most files that use one another in a row.
+_MAX_DEPTH = 50
 
 
 def library_names() -> list[str]:
@@ -48,8 +48,7 @@ def with_models(source: Source) -> Source:
     """
     faults: list[Fault] = []
     models, marks = dict(mapping(source.data, "models")), dict(source.marks)
-    files = {used.file: used for used in _used(source, (os.path.normpath(source.file),), faults)}  # each once
-    for used in files.values():
+    for used in _UsedFiles(faults).sources(source, (os.path.realpath(source.file),)):
         for name, model in mapping(used.data, "models").items():
             if name in models:
                 other = marks["models", name].file
@@ -77,29 +76,45 @@ def with_models(source: Source) -> Source:
     return replace(source, data=data, marks=marks, overridden=source.overridden or "use" in source.data)
 
 
-def _used(source: Source, above: tuple[str, ...], faults: list[Fault]) -> Iterator[Source]:
-    """Yield the files that a file uses, and those that these use."""
-    used = mapping_of(source.data).get("use", [])
-    for place, name in enumerate(used if isinstance(used, list) else [used]):
-        path = ("use", place) if isinstance(used, list) else ("use",)
-        if not isinstance(name, str) or not name:
-            faults.append(source.fault(path, "'use' names files of models"))
-            continue
-        file = os.path.normpath(Path(source.file).parent / name)
-        if file in above or len(above) > _DEEPEST:
-            faults.append(source.fault(path, f"'{name}' uses itself"))
-            continue
+class _UsedFiles:
+    """The files that a scene uses, directly or through others, each read once."""
+
+    def __init__(self, faults: list[Fault]) -> None:
+        self.faults = faults
+        self._read: set[str] = set()
+
+    def sources(self, source: Source, above: tuple[str, ...]) -> Iterator[Source]:
+        """Yield the files that a file uses, and those that these use; `above` are the files around."""
+        names = mapping_of(source.data).get("use", [])
+        for index, name in enumerate(names if isinstance(names, list) else [names]):
+            path = ("use", index) if isinstance(names, list) else ("use",)
+            if not isinstance(name, str) or not name or "\0" in name:
+                self.faults.append(source.fault(path, "'use' names files of models"))
+                continue
+            file = os.path.normpath(Path(source.file).parent / name)
+            identity = os.path.realpath(file)  # links may give a file any number of names
+            if identity in above:
+                self.faults.append(source.fault(path, f"'{name}' uses itself"))
+            elif len(above) > _MAX_DEPTH:
+                message = f"more than {_MAX_DEPTH} files use one another in a row; join some of them"
+                self.faults.append(source.fault(path, message))
+            elif identity not in self._read:
+                self._read.add(identity)
+                if used := self._used(source, path, name, file):
+                    yield used
+                    yield from self.sources(used, (*above, identity))
+
+    def _used(self, source: Source, path: tuple[Any, ...], name: str, file: str) -> Source | None:
         try:
-            found = read_source(file)
+            used = read_source(file)
         except FileError as error:
             if Path(name).stem in library_names():
                 message = f"the model '{Path(name).stem}' comes with dynid and needs no 'use': leave this out"
-                faults.append(source.fault(path, message))
-                continue
+                self.faults.append(source.fault(path, message))
+                return None
             message = f"{error.problem}; 'use' is relative to the folder of its file"
             raise FileError(str(source.fault(path, message))) from None
-        if not isinstance(found.data, Mapping) or {"models", "use"}.isdisjoint(found.data):
-            faults.append(source.fault(path, f"'{name}' has no 'models'"))
-            continue
-        yield found
-        yield from _used(found, (*above, file), faults)
+        if not isinstance(used.data, Mapping) or {"models", "use"}.isdisjoint(used.data):
+            self.faults.append(source.fault(path, f"'{name}' has no 'models'"))
+            return None
+        return used

@@ -34,7 +34,7 @@ from dynid.bondgraph.graph import (
 )
 from dynid.bondgraph.request import NUMERIC, USUAL, Engine, FormulaForm, Reading, ResultName
 from dynid.errors import Fault
-from dynid.scene.composition import MOST_COPIES
+from dynid.scene.model_faults import MAX_COPIES
 from dynid.scene.schema.base import (
     AccuracyModel,
     ComposedScene,
@@ -290,7 +290,7 @@ class InstanceModel(Section):
     model_config = ConfigDict(extra="allow")
 
     model: str
-    repeat: int | None = Field(default=None, ge=1, le=MOST_COPIES)
+    repeat: int | None = Field(default=None, ge=1, le=MAX_COPIES)
     chain: list[str] | None = Field(default=None, min_length=2, max_length=2)
 
 

@@ -13,6 +13,7 @@ from typing import Any
 from dynid.errors import Fault, FileError, SceneError
 from dynid.scene.yaml.parser import (
     MAX_CHARACTERS,
+    MAX_DEPTH,
     Key,
     Path,
     Place,
@@ -20,11 +21,14 @@ from dynid.scene.yaml.parser import (
     parse_yaml,
     place_of,
     resolve_plain,
+    shorten,
 )
 from dynid.scene.yaml.writer import dump
 from dynid.suggestions import did_you_mean
 
 _START: Place = (1, 1)
+# The most names in a dotted path: a scene is at most MAX_DEPTH deep, and its keys may hold dots themselves.
+_MAX_NAMES = 4 * MAX_DEPTH
 
 
 @dataclass(frozen=True)
@@ -170,7 +174,7 @@ def path_of(source: Source, dotted: str) -> Path:
     SceneError
         When a list has no such entry.
     """
-    parts, holder = dotted.split("."), (source.written or source).data
+    parts, holder = _names(dotted, dotted), (source.written or source).data
     path: Path = ()
     while parts:
         key, parts = _next_key(holder if isinstance(holder, dict | list) else {}, parts, path, dotted)
@@ -210,7 +214,7 @@ def _read_regular_file(name: str) -> bytes:
 
 def _set(source: Source, dotted: str, value: Any, marks: dict[Path, Positions], origin: str) -> Source:
     """Copy the containers along the path, so that the source, and what aliases share, stay as they are."""
-    parts = dotted.split(".")
+    parts = _names(dotted, origin)
     if not all(parts):
         raise SceneError([Fault(origin, 1, 1, "an empty name in the path; write it as a.b.c")])
     root = [source.data]
@@ -233,12 +237,30 @@ def _set(source: Source, dotted: str, value: Any, marks: dict[Path, Positions], 
         holder[key] = holder = child.copy()
         key, parts = _next_key(holder, parts, path, origin)
         path = (*path, key)
+    if len(path) + _height(value) > MAX_DEPTH:
+        raise SceneError([Fault(origin, 1, 1, f"nested more than {MAX_DEPTH} deep")])
     holder[key] = value
     kept = {place: mark for place, mark in source.marks.items() if place[: len(path)] != path}
     for length in range(len(path)):
         kept.setdefault(path[:length], Positions(_START, _START, origin))
     kept.update({path + below: mark for below, mark in marks.items()})
     return replace(source, data=root[0], marks=kept, overridden=True)
+
+
+def _names(dotted: str, origin: str) -> list[str]:
+    """Return the names in a dotted path."""
+    names = dotted.split(".")
+    if len(names) > _MAX_NAMES:
+        message = f"the path has {len(names)} names; a scene is at most {MAX_DEPTH} deep"
+        raise SceneError([Fault(shorten(origin), 1, 1, message)])
+    return names
+
+
+def _height(value: Any) -> int:
+    """Return how deep data are nested."""
+    if not isinstance(value, dict | list):
+        return 0
+    return 1 + max(map(_height, value.values() if isinstance(value, dict) else value), default=0)
 
 
 def _next_key(holder: Any, parts: list[str], path: Path, origin: str) -> tuple[Key, list[str]]:

@@ -1,0 +1,212 @@
+"""Models of bond graphs as written, and the faults of models and instances that need no expansion.
+
+All of them are raised before any instance is expanded, so that what an expansion makes is bounded beforehand:
+each model is visited once, and the sizes of its instances are added up.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from dynid.arithmetic.expression import name_problem
+from dynid.errors import Fault
+from dynid.scene.model_files import is_instance, library_names
+from dynid.scene.schema.raw import chain_ends, listing, mapping
+from dynid.scene.yaml.parser import Path as KeyPath
+from dynid.scene.yaml.source import Source
+from dynid.suggestions import did_you_mean
+
+#: Keys of instances and nodes, which no parameter of a model is called.
+RESERVED = ("type", "value", "model", "domain", "ports", "repeat", "chain", "law")
+#: The most copies of an instance.
+MAX_COPIES = 100_000
+#: The most values (texts, numbers, lists, mappings) of all instances together: about 1 GB.
+MAX_VALUES = 5_000_000
+#: The most models within one another; each takes two frames of Python's stack of 1,000.
+MAX_NESTING = 50
+# A text counts once for so many characters: names of nodes grow with the names of the instances around them.
+_CHARACTERS = 64
+
+_MODEL_KEYS = ("title", "source", "ports", "parameters", "nodes", "bonds")
+
+
+class Model(NamedTuple):
+    """A model as written: its data, and where they stand."""
+
+    name: str
+    data: Mapping[Any, Any]
+
+    @property
+    def path(self) -> KeyPath:
+        """The path of its mapping in the scene."""
+        return ("models", self.name)
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """Its parameters with their usual values; None has to be given."""
+        return {str(name): value for name, value in mapping(self.data, "parameters").items()}
+
+    @property
+    def ports(self) -> list[str]:
+        """Its ports: nodes of it, or ends of its bonds that are no nodes."""
+        return [str(port) for port in listing(self.data, "ports")]
+
+    @property
+    def nodes(self) -> dict[str, Any]:
+        """Its nodes."""
+        return {str(name): node for name, node in mapping(self.data, "nodes").items()}
+
+
+def model_faults(source: Source, models: Mapping[str, Model]) -> list[Fault]:
+    """Return the faults of models, of their instances, and of what these make together."""
+    checks = _Checks(source, models)
+    for model in models.values():
+        checks.check_model(model)
+    checks.check_nodes(mapping(mapping(source.data, "graph"), "nodes"), ("graph",))
+    checks.size_of(mapping(source.data, "graph"), ("graph",), ())
+    return checks.faults
+
+
+class _Size(NamedTuple):
+    """What the nodes and bonds of a model make: values, and models within one another."""
+
+    values: int
+    depth: int
+
+
+class _Checks:
+    def __init__(self, source: Source, models: Mapping[str, Model]) -> None:
+        self.source, self.models = source, models
+        self.faults: list[Fault] = []
+        self._sizes: dict[str, _Size] = {}
+        self._noted: set[str] = set()
+
+    def _note(self, path: KeyPath, message: str, *, key: bool = True) -> None:
+        self.faults.append(self.source.fault(path, message, key=key))
+
+    def check_model(self, model: Model) -> None:
+        """Note the faults of a model."""
+        for key in model.data:
+            if key not in _MODEL_KEYS:
+                self._note((*model.path, key), f"unknown key '{key}'{did_you_mean(str(key), _MODEL_KEYS)}")
+        if not model.data.get("nodes"):
+            self._note(model.path, f"the model '{model.name}' needs the key 'nodes'")
+        for name in mapping(model.data, "parameters"):
+            problem = f"'{name}' is a key of nodes; use another name" if name in RESERVED else ""
+            if problem := problem or name_problem(str(name)):
+                self._note((*model.path, "parameters", name), problem)
+        ends = Counter(
+            end for text in listing(model.data, "bonds") if isinstance(text, str) for end in chain_ends(text)
+        )
+        nodes = model.nodes
+        for index, port in enumerate(model.ports):
+            path = (*model.path, "ports", index)
+            if port in nodes:
+                if is_instance(nodes[port]):
+                    self._note(path, f"the port '{port}' is an instance; name a port of another name")
+            elif ends[port] != 1:
+                count = "none" if not ends[port] else str(ends[port])
+                self._note(
+                    path, f"the port '{port}' is no node, so one bond of the model ends there, not {count}"
+                )
+        self.check_nodes(mapping(model.data, "nodes"), model.path)
+
+    def check_nodes(self, nodes: Mapping[Any, Any], path: KeyPath) -> None:
+        """Note the faults of the nodes of a model, or of the graph, and of the instances among them."""
+        for name, node in nodes.items():
+            place = (*path, "nodes", name)
+            if path[0] == "models" and not _is_name(str(name)):
+                self._note(place, f"'{name}' cannot name a node; use letters, digits, _ and -")
+            elif is_instance(node):
+                self._check_instance(str(name), node, place)
+
+    def _check_instance(self, name: str, node: Mapping[Any, Any], path: KeyPath) -> None:
+        if problem := name_problem(name.rpartition(".")[2]):
+            self._note(path, problem)
+        model = self.models.get(str(node["model"]))
+        if model is None:
+            close = did_you_mean(str(node["model"]), [*self.models, *library_names()])
+            self._note((*path, "model"), f"no model '{node['model']}'{close}", key=False)
+            return
+        parameters = model.parameters
+        for key in node:
+            if key not in ("model", "repeat", "chain") and str(key) not in parameters:
+                close = did_you_mean(str(key), parameters) or f"; it has {', '.join(parameters) or 'none'}"
+                self._note((*path, key), f"the model '{model.name}' has no parameter '{key}'{close}")
+        for parameter, value in parameters.items():
+            if node.get(parameter, value) is None:
+                self._note(path, f"'{name}' needs the parameter '{parameter}' of its model '{model.name}'")
+        self._check_copies(node, model, path)
+
+    def _check_copies(self, node: Mapping[Any, Any], model: Model, path: KeyPath) -> None:
+        count, chain = node.get("repeat"), node.get("chain")
+        if chain is not None and (count is None or not isinstance(chain, list) or len(chain) != 2):
+            message = "'chain' is [port, port] beside 'repeat': of each copy, and of the next one"
+            self._note((*path, "chain"), message)
+            return
+        for index, port in enumerate(map(str, chain or ())):
+            if port not in model.ports:
+                close = did_you_mean(port, model.ports) or f"; it has {', '.join(model.ports)}"
+                message = f"the model '{model.name}' has no port '{port}'{close}"
+                self._note((*path, "chain", index), message, key=False)
+        if count is not None and (type(count) is not int or not 1 <= count <= MAX_COPIES):
+            message = f"'repeat' is a whole number from 1 to {MAX_COPIES:,}"
+            self._note((*path, "repeat"), message, key=False)
+
+    def size_of(self, graph: Mapping[Any, Any], path: KeyPath, above: tuple[str, ...]) -> _Size:
+        """Return what a model or the graph makes; note what is too deep, too large, or contains itself."""
+        values, depth = _count(graph.get("bonds")) + _count(graph.get("parameters")), 0
+        for name, node in mapping(graph, "nodes").items():
+            values += _count(node) + _count(str(name))
+            if is_instance(node):
+                below = self._size_of_model(str(node["model"]), (*path, "nodes", name), above)
+                depth = max(depth, below.depth + 1)
+                count = node.get("repeat")
+                copies = count if type(count) is int and count > 0 else 1
+                values += copies * below.values * _count(str(name))
+            if values > MAX_VALUES:
+                message = f"the instances of models make more than {MAX_VALUES:,} values in this graph"
+                self._note_once((*path, "nodes", name), f"{message}; use fewer copies", key=True)
+                return _Size(0, depth)
+        return _Size(values, depth)
+
+    def _size_of_model(self, name: str, path: KeyPath, above: tuple[str, ...]) -> _Size:
+        if name in above:
+            cycle = " -> ".join([*above[above.index(name) :], name])
+            self._note((*path, "model"), f"the model contains itself: {cycle}", key=False)
+            return _Size(0, 0)
+        if len(above) >= MAX_NESTING:
+            return self._too_deep(path)
+        if (model := self.models.get(name)) is None:
+            return _Size(0, 0)
+        if name not in self._sizes:
+            self._sizes[name] = self.size_of(model.data, model.path, (*above, name))
+        elif len(above) + self._sizes[name].depth >= MAX_NESTING:
+            return self._too_deep(path)
+        return self._sizes[name]
+
+    def _too_deep(self, path: KeyPath) -> _Size:
+        message = f"models stand more than {MAX_NESTING} deep in one another; join some of them"
+        self._note_once((*path, "model"), message, key=False)
+        return _Size(0, 0)
+
+    def _note_once(self, path: KeyPath, message: str, *, key: bool) -> None:
+        """Note a fault in the innermost model that has it, not again in those around."""
+        if message not in self._noted:
+            self._noted.add(message)
+            self._note(path, message, key=key)
+
+
+def _is_name(text: str) -> bool:
+    return bool(text) and all(letter.isalnum() or letter in "_-" for letter in text)
+
+
+def _count(value: Any) -> int:
+    """Return the number of values in data as written, those that aliases share once for each alias."""
+    if isinstance(value, dict):
+        return 1 + sum(_count(str(key)) + _count(entry) for key, entry in value.items())
+    if isinstance(value, list):
+        return 1 + sum(map(_count, value))
+    return 1 + len(value) // _CHARACTERS if isinstance(value, str) else 1
