@@ -274,13 +274,13 @@ def test_match_is_not_of_a_record_that_lists_its_channels(tmp_path):
             "file: {path: a.uff, columns: [1]}\n  match: {by: position, tolerance: 1, geometry: nodes.csv}",
             "9:39: nodes.csv:1: the columns are node, x.",
         ),
-        ("file: {path: uneven.uff}", "8:10: uneven.uff has times that are not even. Give the 'step' that"),
+        ("file: {path: uneven.uff}", "8:10: uneven.uff: row 4: the time goes on by 2.4 s here, 1 s a row"),
     ],
 )
 def test_what_a_universal_file_lacks_is_located(tmp_path, more, said):
     even = [function(np.zeros(8), response=(node, 2), id1="a") for node in (3, 4)]
     written(tmp_path / "a.uff", *even)
-    times = np.array([0.0, 1, 2, 4, 5, 6, 7, 8])
+    times = np.array([0.0, 1, 2, 4.4, 5, 6, 7, 8])
     written(tmp_path / "uneven.uff", {**even[0], "x": times, "abscissa_spacing": 0})
     (tmp_path / "nodes.csv").write_text("node,x\n1,1\n")
     assert fault(tmp_path, f"{BEAM}measurement:\n  channels: all\n  {more}\n").startswith(said)

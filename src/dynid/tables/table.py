@@ -190,13 +190,25 @@ class DataTable:
             clock = clock_of(self.times, step, self.resolution)
             if isinstance(clock, StepDisagreement):
                 remedy = "The rows of a record lie one 'step' apart; a missing sample keeps its row."
+                remedy += self._interpolates(step)
                 if clock.row is not None:
                     self.refuse_row(clock.row, clock.problem, remedy)
-                self.file.refuse(clock.problem, "Correct the step, or the file.", colon=True)
+                remedy = f"Correct the step, or the file.{self._interpolates(step)}"
+                self.file.refuse(clock.problem, remedy, colon=True)
             return (chosen if clock is None else self._placed(chosen, clock)), clock
         if resample:
             self.file.refuse("has no times to resample by", "Name their column: time: NAME.", key="resample")
         return chosen, None
+
+    def _interpolates(self, step: float) -> str:
+        """Return the remedy of interpolation at even times where the times allow it, else nothing."""
+        assert self.times is not None
+        steps = np.diff(self.times)
+        usual = float(np.median(steps)) if len(steps) else np.nan
+        possible = steps.min(initial=np.inf) > 0 and steps.max(initial=0) <= _WIDEST * step
+        if not (possible and 1 / _RATIO < usual / step < _RATIO):
+            return ""
+        return " resample: true takes the samples at their times, and interpolates them at even ones."
 
     def _placed(self, values: NDArray[np.float64], clock: Clock) -> NDArray[np.float64]:
         """Return each sample at its place; duplicates must agree."""

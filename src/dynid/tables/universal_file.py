@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import io
 import math
+import tempfile
 from collections.abc import Iterator
 from importlib import import_module
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,8 +17,18 @@ from numpy.typing import NDArray
 from dynid.errors import FileError
 from dynid.structure.readers.imported_matrix import MOST_NUMBERS, read_errors
 from dynid.tables.table import DataFile, DataTable
+from dynid.tables.universal_blocks import (
+    HEADER,
+    BlockError,
+    DataSet,
+    check_columns,
+    data_sets,
+    function_values,
+)
 from dynid.units import UnknownUnitError, readings, si_factor, unit_fits
 
+#: Data sets with numbers in columns of a fixed width; those whose rows are joined before they are split.
+_IN_COLUMNS, _JOINED = (18, 55), (15, 2420)
 #: Types of functions of time, general or not.
 _TIME = (0, 1)
 #: Digits of an increment as the format prints it.
@@ -69,23 +81,45 @@ class UniversalFile:
         if file.path.stat().st_size > 8 * MOST_NUMBERS:
             file.refuse(f"is larger than the {8 * MOST_NUMBERS} bytes that are read")
         self.file = file
-        with file.path.open("rb") as stream:
-            stream.seek(-min(file.path.stat().st_size, 1000), 2)
-            if stream.read().split()[-1:] != [b"-1"]:
-                file.refuse("does not end with the line -1: it is no Universal File, or is truncated")
-        with self.errors():
-            self._source = pyuff.UFF(str(file.path))
-            self.kinds = [int(kind) for kind in self._source.get_set_types()]
+        try:
+            self._data_sets = data_sets(file.path.read_bytes())
+        except BlockError as error:
+            file.refuse(str(error))
+        except OSError as error:
+            file.refuse(f"cannot be read: {error.strerror or error}")
+        self._source = pyuff.UFF
+        self.kinds = [one.kind for one in self._data_sets]
 
     def sets(self, *kinds: int, header: bool = False) -> Iterator[dict[str, Any]]:
         """Yield the data sets of some kinds, in order; with `header` data sets 58 without their values."""
-        for place, kind in enumerate(self.kinds):
-            if kind in kinds:
-                with self.errors():
-                    found = self._source.read_sets(place, header_only=header)
-                if not isinstance(found, dict) or not found:
-                    self.file.refuse(f"data set {place + 1} (of type {kind}) is empty", "It is damaged.")
-                yield found
+        for place, one in enumerate(self._data_sets, 1):
+            if one.kind not in kinds:
+                continue
+            with self.errors():
+                found = self._parsed(place, one)
+                if one.kind == 58 and not header:
+                    found["x"], found["data"] = function_values(one, found)
+            yield found
+
+    def _parsed(self, place: int, one: DataSet) -> dict[str, Any]:
+        """Return what pyuff reads of a data set; of functions (58) the header."""
+        if one.kind in _IN_COLUMNS:
+            check_columns(one)
+        # pyuff joins the rows of some data sets, and reads files alone.
+        lines = one.lines[:HEADER] if one.kind == 58 else one.lines
+        margin = " " if one.kind in _JOINED else ""
+        text = "".join(f"{margin}{line}\n" for line in lines[1:])
+        with tempfile.TemporaryDirectory(prefix="dynid-") as folder:
+            path = Path(folder, "one.uff")
+            path.write_text(f"    -1\n{lines[0]}\n{text}    -1\n", encoding="utf-8", newline="\n")
+            found = None
+            with contextlib.suppress(Exception):  # of which pyuff says nothing
+                found = self._source(str(path)).read_sets(0, header_only=True)
+        if not isinstance(found, dict) or not found:
+            raise ValueError(
+                f"data set {place} (of type {one.kind}, from line {one.line}) is not as its format says"
+            )
+        return found
 
     def units(self) -> FileUnits:
         """Return the units of the file, of its record 164; SI where it has none.
@@ -154,7 +188,7 @@ def read_uff(file: DataFile) -> DataTable:
                 f"function {number} ({function.name}) has other times than the first",
                 "Put records of different sampling into files of their own.",
             )
-    coarse = 0.0 if found[0].even else _DIGITS
+    coarse = 0.0 if found[0].even else stored_precision(times)
     names, units = ([*one] for one in zip(*((one.name, one.units) for one in found), strict=True))
     values = np.column_stack([function.values for function in found])
     # Names of functions repeat in practice; numbers distinguish them. None of them is a column of times.
@@ -209,9 +243,35 @@ def _increment(printed: float) -> float:
     """Return an increment, of which six digits are printed: that of a whole rate if exactly one fits them."""
     if not (np.isfinite(printed) and printed > 0):
         return printed
-    digits = 0.5 * 10 ** (np.floor(np.log10(printed)) - 5)
-    low, high = np.ceil(1 / (printed + digits)), np.floor(1 / (printed - digits))
-    return float(1 / low) if low == high else printed
+    return _of_whole_rate(printed, 0.5 * 10 ** (np.floor(np.log10(printed)) - 5))
+
+
+def _of_whole_rate(step: float, rounding: float) -> float:
+    """Return the step of the only whole rate within a rounding of it, else the step."""
+    if step <= rounding:
+        return step
+    low, high = np.ceil(1 / (step + rounding)), np.floor(1 / (step - rounding))
+    return float(1 / low) if low == high else step
+
+
+def mean_step(x: NDArray[np.float64]) -> float:
+    """Return the mean increment of an abscissa between points that may be missing; 0 of fewer than two."""
+    if len(x) < 2:
+        return 0.0
+    steps, rounding = np.diff(x), stored_precision(x) * float(abs(x[0]) + abs(x[-1]))
+    usual = float(np.median(steps))
+    intervals = len(steps)
+    if usual > 4 * rounding:
+        intervals = int(np.maximum(np.round(steps / usual), 1).sum())
+    return _of_whole_rate(float(x[-1] - x[0]) / intervals, rounding / intervals)
+
+
+def stored_precision(x: NDArray[np.float64]) -> float:
+    """Return the relative rounding of abscissae that are stored one by one: six digits in text."""
+    if np.array_equal(x, [float(f"{value:.5e}") for value in x]):
+        return _DIGITS
+    single = np.array_equal(x, x.astype(np.float32))
+    return float(np.finfo(np.float32 if single else np.float64).eps)
 
 
 def _end(data_set: Any, end: str) -> tuple[int, str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import count
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
@@ -323,14 +324,23 @@ def _record(given: RecordModel, test: _Test) -> tuple[dict[str, Any], dict[str, 
         for dof, (number, function) in zip(driven, forces, strict=True)
     ]
     listed: dict[str, Any] = {"channels": channels}
-    first = sensors[0][1]
+    at, first = sensors[0]
     if given.step is None:
-        if not first.even:
-            test.source.file.refuse("has times that are not even", "Give the 'step' that they have.")
-        listed["step"] = first.step
+        listed["step"] = first.step if first.even else _stored_step(test, at)
     if given.samples is None:
         listed["samples"] = first.points
     return listed, {"columns": [number for number, _ in sensors]}, excitation
+
+
+def _stored_step(test: _Test, number: int) -> float:
+    """Return the mean step of a time history whose times are stored one by one."""
+    from dynid.tables.universal_file import mean_step
+
+    histories = [function for function in test.source.functions() if function.kind in (0, 1)]
+    step = mean_step(histories[number - 1].x)
+    if not 0 < step < math.inf:
+        test.source.file.refuse("has times that do not increase", "Give the 'step' that they have.")
+    return step
 
 
 def _check_known(test: _Test, functions: Sequence[tuple[int, UniversalFunction]]) -> None:
