@@ -555,6 +555,17 @@ def test_a_nonlinear_response_that_has_no_values_says_why(text, reason):
     assert "bond_graph/time_response/response" in result
 
 
+@pytest.mark.parametrize(("stop", "frequency"), [("2.0e+6", "3.0e+7"), ("5.0e+7", "1.0e+6")])
+def test_a_nonlinear_response_of_which_no_sample_is_reached_says_why(stop, frequency):
+    """The solver fails in its first step, and warns in words of its own."""
+    signal = f"{{kind: sine, frequency: {frequency}}}"
+    times = f"{{outputs: [k.q], time: {{stop: {stop}, step: 1.0e+4, input: {signal}}}}}"
+    result = run(duffing("{start: {k.q: 0.5}}", times))
+    reason = result.group_attrs["bond_graph/time_response"]["nonlinear"]
+    assert "the nonlinear response was integrated to 0 s only: no step is short enough" in reason
+    assert "end it before" in reason
+
+
 def test_a_nonlinear_response_is_of_graphs_up_to_a_size(monkeypatch):
     monkeypatch.setattr("dynid.bondgraph.results.operating_point._MOST", 9)
     result = run(over_time(HARD, ", input: {kind: step}"))

@@ -10,6 +10,9 @@ from typing import Any, Literal
 
 MAX_BITS = 20_000
 
+#: The largest number of what is computed in floating point: its square, and the sum of 1e8 such, is finite.
+LARGEST = 1e150
+
 Number = Fraction | float
 
 

@@ -7,6 +7,7 @@ methods), twice at different tolerances: their difference estimates the error.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -338,9 +339,17 @@ class _Run:
                     ) from None
                 return dynamics.rates(self._c, u)
 
-            solved = solve_ivp(rates, (start, stop), x, "LSODA", at, rtol=tolerance, atol=tolerance * size)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", UserWarning)  # of failed steps; the error below says it
+                solved = solve_ivp(
+                    rates, (start, stop), x, "LSODA", at, rtol=tolerance, atol=tolerance * size
+                )
             if not solved.success:
-                raise NumericalError(f"the nonlinear response was integrated to {solved.t[-1]:.4g} s only")
+                reached = solved.t[-1] if len(solved.t) else start  # no sample was reached
+                raise NumericalError(
+                    f"the nonlinear response was integrated to {reached:.4g} s only: no step is short enough "
+                    f"for its tolerance; end it before {stop:.4g} s, or use slower inputs"
+                )
             size = np.maximum(size, np.abs(solved.y - self._z[self._first :, None]).max(axis=1))
             for row, t, state in zip(np.flatnonzero(inside), solved.t, solved.y.T, strict=False):
                 found[row] = self._outputs(float(t), state, middle)

@@ -216,6 +216,14 @@ def _factors(plain: Likelihood) -> list[list[Array]]:
 def _best(recorded: Array, predicted: Array, factors: Array, in_time: bool) -> Correction:
     """Return delay and factor of a channel against its prediction; responses have no delay in samples."""
     most = min(_MOST_DELAY, int(_PART * len(recorded))) if in_time else 0
+    # Relative to the largest values, so that no square overflows.
+    largest = (
+        float(np.nanmax(np.abs(recorded), initial=0.0)),
+        float(np.nanmax(np.abs(predicted), initial=0.0)),
+    )
+    if not (0 < largest[0] < math.inf and 0 < largest[1] < math.inf):
+        return NONE
+    recorded, predicted = recorded / largest[0], predicted / largest[1]
     squares: dict[int, float] = {}
     ratios: dict[int, float] = {}
     for delay in sorted(range(-most, most + 1), key=abs):
@@ -225,7 +233,7 @@ def _best(recorded: Array, predicted: Array, factors: Array, in_time: bool) -> C
         zz, yy, zy = float(z @ z), float(y @ y), float(z @ y)
         if zz > 0 and yy > 0:
             squares[delay] = zy * zy / (zz * yy)
-            ratios[delay] = math.copysign(math.sqrt(zz / yy), zy)
+            ratios[delay] = math.copysign(math.sqrt(zz / yy), zy) * (largest[0] / largest[1])
     if not squares or max(squares.values()) < _CORRELATED:
         return NONE
     left = 1 - max(squares.values())

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynid.errors import NotIdentifiable, UsageError
 from dynid.identification.goodness_of_fit.statistics import root_mean_square
 from dynid.identification.records.measurement import RecordData
-from dynid.identification.records.simulation import Simulation, per_channel
+from dynid.identification.records.simulation import Simulation, check_finite, per_channel
 from dynid.identification.systems.instruments import Instruments
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.parametric_model import Model, freed_model, system_of
@@ -114,8 +114,7 @@ class FrfMeasurement:
             values = np.array(self.source, dtype=complex)
             if values.shape != shape:
                 raise UsageError(f"measured responses are {values.shape}, but must be {shape}")
-            if np.isinf(values).any():
-                raise UsageError("measured responses must be finite, or NaN where a line is missing")
+            check_finite(values, "measured responses", "line")
             object.__setattr__(self, "source", values)
         if self.deviation is not None:
             self._check_deviation(np.asarray(self.deviation, dtype=float), shape)

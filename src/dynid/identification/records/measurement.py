@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from dynid.errors import NotIdentifiable, UsageError
 from dynid.identification.goodness_of_fit.statistics import root_mean_square
 from dynid.identification.records.noise import Autoregression, ColouredNoise
-from dynid.identification.records.simulation import Simulation, per_channel
+from dynid.identification.records.simulation import Simulation, check_finite, per_channel
 from dynid.identification.systems.instruments import Instruments
 from dynid.identification.systems.linear_system import SystemModel
 from dynid.lti.signals import Random, RecordTimes, Shifted, WhiteNoise
@@ -87,8 +87,7 @@ class Measurement:
             raise UsageError(
                 f"measured values are {values.shape}, but must be {(self.samples, len(channels))}"
             )
-        if np.isinf(values).any():
-            raise UsageError("measured values must be finite, or NaN where a sample is missing")
+        check_finite(values, "measured values", "sample")
         object.__setattr__(self, "source", values)
 
     @property

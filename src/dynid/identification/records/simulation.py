@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arithmetic.numbers import LARGEST
 from dynid.errors import UsageError
 from dynid.identification.goodness_of_fit.statistics import root_mean_square
 from dynid.identification.records.noise import Autoregression
@@ -71,6 +73,18 @@ class Simulation:
         if self.noise is not None:
             return per_channel("noise", self.noise, clean.shape[1])
         return per_channel("noise_ratio", self.noise_ratio, clean.shape[1]) * root_mean_square(clean)
+
+
+def check_finite(values: NDArray[Any], what: str, sample: str) -> None:
+    """Refuse measured values that are infinite, or whose squares are; NaN is a missing one."""
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    if largest == math.inf:
+        raise UsageError(f"{what} must be finite, or NaN where a {sample} is missing")
+    if largest > LARGEST:
+        raise UsageError(
+            f"{what} reach {largest:.3g}; they may reach {LARGEST:g}, whose square is finite: check columns "
+            "and units"
+        )
 
 
 def per_channel(name: str, level: float | Sequence[float], channels: int) -> Array:

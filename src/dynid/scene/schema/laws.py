@@ -42,7 +42,7 @@ def _modulated(raw: Any, info: ValidationInfo) -> Quantity:
         try:
             expression = parse(raw)
         except ExpressionError:
-            return resolve(raw, info)
+            return resolve(raw, info, exact=True)
         known = names_of(info)
         unread = (name for name in expression.names if name not in known.parameters and known.complete)
         meant = any("." in name and name.rpartition(".")[2] in QUANTITIES for name in unread)
@@ -54,7 +54,7 @@ def _modulated(raw: Any, info: ValidationInfo) -> Quantity:
             if problems:
                 raise fault("; ".join(problems))
             return Quantity(1, expression, variable=True)
-    return resolve(raw, info)
+    return resolve(raw, info, exact=True)
 
 
 NodeValue = Annotated[

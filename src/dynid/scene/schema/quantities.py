@@ -14,6 +14,7 @@ from pydantic_core.core_schema import CoreSchema, with_info_plain_validator_func
 
 from dynid.arithmetic.dependent import Dependent, Real, substituted
 from dynid.arithmetic.expression import Expression, ExpressionError, Number, parse, to_fraction
+from dynid.arithmetic.numbers import LARGEST
 from dynid.suggestions import did_you_mean
 
 
@@ -94,8 +95,11 @@ def names_of(info: ValidationInfo) -> SceneNames:
     return context if isinstance(context, SceneNames) else SceneNames()
 
 
-def resolve(raw: Any, info: ValidationInfo) -> Quantity:
-    """Resolve a quantity: a number, a parameter's name, or an expression of both."""
+def resolve(raw: Any, info: ValidationInfo, *, exact: bool = False) -> Quantity:
+    """Resolve a quantity: a number, a parameter's name, or an expression of both.
+
+    One that is `exact` enters exact arithmetic; others enter sums of squares, and their size is limited.
+    """
     if isinstance(raw, bool) or not isinstance(raw, int | float | str):
         kinds = {bool: "true or false", dict: "a mapping", list: "a list", type(None): "nothing"}
         found = next((word for kind, word in kinds.items() if isinstance(raw, kind)), repr(raw))
@@ -103,7 +107,7 @@ def resolve(raw: Any, info: ValidationInfo) -> Quantity:
     if isinstance(raw, int | float):
         if isinstance(raw, float) and not math.isfinite(raw):
             raise fault(f"{raw} is not a finite number")
-        return _in_range(Quantity(to_fraction(raw)))
+        return _in_range(Quantity(to_fraction(raw)), exact)
     names = names_of(info)
     try:
         expression = parse(raw)
@@ -121,18 +125,20 @@ def resolve(raw: Any, info: ValidationInfo) -> Quantity:
             values = names.parameters
             reals = {name: names.dependent.get(name, values[name]) for name in expression.names}
             dependent = substituted(expression, reals)
-        return _in_range(Quantity(value, expression, dependent))
+        return _in_range(Quantity(value, expression, dependent), exact)
     except ExpressionError as error:
         raise PydanticCustomError("expression", "{message}", {"message": str(error)}) from None
 
 
-def _in_range(quantity: Quantity) -> Quantity:
-    """Return a quantity, checked not to become infinity or zero in double precision."""
+def _in_range(quantity: Quantity, exact: bool) -> Quantity:
+    """Return a quantity, checked not to become infinity or zero in double precision, nor its square."""
     try:
         if float(quantity) == 0 != quantity.value:
             raise fault("the value is too close to zero for double precision")
     except OverflowError:
         raise fault("the value is too large for double precision") from None
+    if not exact and abs(float(quantity)) > LARGEST:
+        raise fault(f"{float(quantity):g} is too large: numbers reach {LARGEST:g}, whose square is finite")
     return quantity
 
 
