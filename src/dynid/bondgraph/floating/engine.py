@@ -20,6 +20,7 @@ from dynid.bondgraph.floating.roots import (
 from dynid.bondgraph.floating.series import leading_terms
 from dynid.bondgraph.floating.spectrum import natural_equations, spectrum, zero_equations
 from dynid.bondgraph.plan import Channel, ReducedGraph, determinant
+from dynid.errors import Undecided
 from dynid.lti.stability import TransferProperties
 
 
@@ -39,7 +40,7 @@ class FloatEngine:
         counted = modular_ratios(reduced, [*self.channels.values(), *determinants.values()])
         self.counts = {channel: counted[register] for channel, register in self.channels.items()}
         self.natural_counts = {port: counted[register][0] for port, register in determinants.items()}
-        self._spectra: dict[frozenset[str], RootDiscs] = {}
+        self._spectra: dict[tuple[frozenset[str], bool], RootDiscs] = {}
         self._found: dict[Channel, FloatTransferFunction] = {}
 
     def channel(self, channel: Channel) -> FloatTransferFunction:
@@ -52,20 +53,20 @@ class FloatEngine:
         """Return the natural modes that cancel in a channel."""
         return self.channel(channel).hidden_modes
 
-    def natural(self, channel: Channel) -> RootDiscs:
+    def natural(self, channel: Channel, *, exact: bool = False) -> RootDiscs:
         """Return all natural modes of the part behind an output, its integrator included."""
         port = channel[0]
-        junctions = frozenset(self.reduced.reductions[port].junctions)
-        if junctions not in self._spectra:
-            self._spectra[junctions] = checked(
-                spectrum(natural_equations(self.reduced, port)), self.natural_counts[port].degree
+        key = frozenset(self.reduced.reductions[port].junctions), exact
+        if key not in self._spectra:
+            self._spectra[key] = checked(
+                spectrum(natural_equations(self.reduced, port), exact=exact), self.natural_counts[port].degree
             )
         origin = RootDiscs(np.zeros(1, dtype=np.complex128), np.zeros(1), np.zeros(1))
-        return RootDiscs.joined([self._spectra[junctions], *[origin] * self.reduced.graph.integrates(port)])
+        return RootDiscs.joined([self._spectra[key], *[origin] * self.reduced.graph.integrates(port)])
 
-    def invariant_zeros(self, channel: Channel) -> RootDiscs:
+    def invariant_zeros(self, channel: Channel, *, exact: bool = False) -> RootDiscs:
         """Return the invariant zeros of a channel: its zeros and hidden modes."""
-        return spectrum(zero_equations(self.reduced, channel))
+        return spectrum(zero_equations(self.reduced, channel), exact=exact)
 
     @cached_property
     def at_zero(self) -> dict[int, tuple[int, float]]:
@@ -152,21 +153,29 @@ class FloatTransferFunction(TransferProperties):
 
     @cached_property
     def _roots(self) -> tuple[tuple[EstimatedRoot, ...], ...]:
-        """Return zeros, poles and hidden modes."""
+        """Return zeros, poles and hidden modes, certified in small blocks where eigenvalues do not decide."""
+        try:
+            return self._settled(exact=False)
+        except Undecided:
+            return self._settled(exact=True)
+
+    def _settled(self, *, exact: bool) -> tuple[tuple[EstimatedRoot, ...], ...]:
         port = self.channel[0]
-        natural, all_counts = self.engine.natural(self.channel), self.engine.natural_counts[port]
+        natural, all_counts = self.engine.natural(self.channel, exact=exact), self.engine.natural_counts[port]
         if self.engine.reduced.graph.integrates(port):  # the output's integrator counts as a mode here
             all_counts = all_counts.times_s()
         if self.vanishes:
-            return (), (), settled(natural, all_counts)
+            return (), (), settled(natural, all_counts, strict=not exact)
         hidden_counts = RootCounts(all_counts.polynomial // self.below.polynomial)
-        zeros = checked(self.engine.invariant_zeros(self.channel), self.above.degree + hidden_counts.degree)
+        zeros = self.engine.invariant_zeros(self.channel, exact=exact)
+        zeros = checked(zeros, self.above.degree + hidden_counts.degree)
         common, matches = cancelling(natural, zeros, hidden_counts.degree)
-        return (
-            settled(zeros.where(~matches), self.above),
-            settled(natural.where(~common), self.below),
-            settled(natural.where(common), hidden_counts),
+        parts = (
+            (zeros.where(~matches), self.above),
+            (natural.where(~common), self.below),
+            (natural.where(common), hidden_counts),
         )
+        return tuple(settled(discs, counts, strict=not exact) for discs, counts in parts)
 
 
 def _limit(power: int, coefficient: float) -> float:

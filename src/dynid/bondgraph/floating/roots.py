@@ -24,6 +24,8 @@ from dynid.bondgraph.program.factored import (
     rational_functions_modulo,
 )
 from dynid.errors import Undecided
+from dynid.number_format import root_text
+from dynid.suggestions import shortened
 
 # --- exact counts ---------------------------------------------------------------------------------
 
@@ -173,6 +175,9 @@ class RootDiscs:
 
 # --- agreement of both ----------------------------------------------------------------------------
 
+#: Relative error above which repeated roots are certified: within one block eigenvalues have half the digits.
+_SHARP = 2.0**-40
+
 
 @dataclass(frozen=True)
 class EstimatedRoot:
@@ -200,11 +205,21 @@ class EstimatedRoot:
     residual: float
 
 
-def settled(discs: RootDiscs, counts: RootCounts) -> tuple[EstimatedRoot, ...]:
+def settled(discs: RootDiscs, counts: RootCounts, *, strict: bool = False) -> tuple[EstimatedRoot, ...]:
     """Bring roots into agreement with their exact counts.
 
     Roots at the origin become 0; roots that overlap become one root where that is what they are, and keep
     wide errors where they are distinct.
+
+    Parameters
+    ----------
+    discs
+        The roots.
+    counts
+        Their counts.
+    strict
+        True: distinct roots that overlap, a side that is open, and repeated roots with a relative error above
+        `_SHARP` are undecided as well.
 
     Raises
     ------
@@ -215,7 +230,9 @@ def settled(discs: RootDiscs, counts: RootCounts) -> tuple[EstimatedRoot, ...]:
     origin = np.arange(len(discs)) < counts.at_origin
     around = np.abs(discs.centre) <= discs.radius
     if (around != origin).any():
-        raise _undecided(f"which roots lie at the origin ({counts.at_origin} do)")
+        raise _undecided(
+            f"which roots lie at the origin ({counts.at_origin} do)", discs.where(around | origin)
+        )
     found = [EstimatedRoot(0j, counts.at_origin, 0.0, 0, 0.0)] if counts.at_origin else []
     rest = discs.where(~origin)
     labels = rest.clusters()
@@ -224,13 +241,23 @@ def settled(discs: RootDiscs, counts: RootCounts) -> tuple[EstimatedRoot, ...]:
     expected = sorted(counts.multiplicities)
     if counts.at_origin:
         expected.remove(counts.at_origin)
-    if sorted(len(group) for group in groups) == expected:
-        merged = [_merged(rest, group) for group in groups]
-    elif len(groups) < len(expected):
+    merged = [_merged(rest, group) for group in groups]
+    agree = sorted(len(group) for group in groups) == expected
+    blurred = not agree or any(
+        power > 1 and radius > _SHARP * abs(value) for value, power, radius, _ in merged
+    )
+    if (strict and blurred) or not (agree or len(groups) < len(expected)):
+        clustered = rest.where(np.bincount(labels, minlength=len(rest))[labels] > 1)
+        powers = ", ".join(str(power) for power in expected if power > 1) or "none is"
+        what = f"how often repeated roots are repeated ({powers})"
+        raise _undecided(what, clustered if len(clustered) else rest)
+    if not agree:
         merged = [part for group in groups for part in _apart(rest, group)]
-    else:
-        raise _undecided("how often repeated roots are repeated")
     sides = _sides(merged, counts.mirrored - counts.at_origin)
+    if strict and None in sides:
+        near = np.array([side is None for side in sides])
+        centre, radius = (np.array([part[k] for part in merged])[near] for k in (0, 2))
+        raise _undecided("on which side of the imaginary axis roots lie", RootDiscs(centre, radius, radius))
     found += [
         EstimatedRoot(value, multiplicity, radius, side, residual)
         for (value, multiplicity, radius, residual), side in zip(merged, sides, strict=True)
@@ -301,7 +328,7 @@ def cancelling(
         if not common[row] and not matches[column]:
             common[row] = matches[column] = True
     if common.sum() != count:
-        raise _undecided(f"which {count} of the natural modes cancel")
+        raise _undecided(f"which {count} of the natural modes cancel", natural)
     return common, matches
 
 
@@ -314,12 +341,23 @@ def checked(discs: RootDiscs, count: int) -> RootDiscs:
         Where it is not.
     """
     if len(discs) != count:
-        raise _undecided(f"all roots ({len(discs)} found, there are {count})")
+        raise _undecided(f"all roots ({len(discs)} found, there are {count})", discs)
     return discs
 
 
-def _undecided(what: str) -> Undecided:
+#: Most roots that a message names.
+_SHOWN = 6
+
+
+def _undecided(what: str, discs: RootDiscs) -> Undecided:
+    """Return the error of roots that are undecided, with these roots and their errors."""
+    names = [
+        f"{root_text(value)} (error {radius:.1g})"
+        for value, radius in zip(discs.centre.tolist(), discs.radius.tolist(), strict=True)
+        if value.imag >= 0
+    ]
+    roots = shortened(names, _SHOWN) if names else "none"
     return Undecided(
-        f"the floating-point engine cannot determine {what}",
+        f"the floating-point engine cannot determine {what}: {roots}, rad/s",
         remedy="Use 'analysis.engine: exact', which decides it.",
     )

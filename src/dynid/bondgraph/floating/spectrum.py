@@ -35,32 +35,58 @@ _ALLOWANCE = 8.0
 _ITERATIONS, _FACTORISATIONS = 2, 4
 #: What is allowed for the correction that follows one, over its square by the room around the root.
 _NEXT = 64.0
+#: Most states of a block whose characteristic polynomial is computed: 2 s for 60 with 53 bits an entry.
+_MOST_CERTIFIED = 60
 #: How far beside a root its equations are factorised, if they are exactly singular at it.
 _SHIFTS = (_UNIT, 2.0**-40, 2.0**-26, 2.0**-18)
 
 
-def spectrum(equations: Sequence[LinearForm]) -> RootDiscs:
+def spectrum(equations: Sequence[LinearForm], *, exact: bool = False) -> RootDiscs:
     """Return the roots of the determinant of equations, with error estimates.
 
     Parameters
     ----------
     equations
         As many forms that equal zero as there are unknowns, with exact coefficients.
+    exact
+        True: roots of blocks of up to `_MOST_CERTIFIED` states are certified.
 
     Raises
     ------
     Singular
         Where the determinant vanishes.
     """
-    found = []
+    parts = []
     for block in irreducible_blocks(equations):
+        if exact and (discs := _certified(block.forms)) is not None:
+            parts.append(discs)
+            continue
         states = _states(block.forms)
         if len(states) == 1:  # exact, rounded once
             value, error = states[0].astype(np.complex128), _UNIT * np.abs(states[0])
-            found.append(RootDiscs(value, error, np.zeros(1)))
+            parts.append(RootDiscs(value, error, np.zeros(1)))
         elif len(states):
-            found.append(_Pencil(block.forms).refined(_eigenvalues(states)))
-    return RootDiscs.joined(found)
+            parts.append(_Pencil(block.forms).refined(_eigenvalues(states)))
+    return RootDiscs.joined(parts)
+
+
+def _certified(block: list[LinearForm]) -> RootDiscs | None:
+    """Return the roots of a block from its characteristic polynomial; None where it has too many states."""
+    from flint import fmpq_mat
+
+    from dynid.lti.certified_roots import certified_roots
+
+    rates = solve(block, [])[0] if len(block) > 1 else {}
+    if not 1 < len(rates) <= _MOST_CERTIFIED:
+        return None
+    matrix = fmpq_mat(len(rates), len(rates))
+    place = {name: k for k, name in enumerate(rates)}
+    for name, form in rates.items():
+        for symbol, value in form.items():
+            matrix[place[name], place[symbol[1]]] = value
+    roots = [root for root in certified_roots(matrix.charpoly().numer()) for _ in range(root.multiplicity)]
+    values, radii = (np.array([getattr(root, name) for root in roots]) for name in ("value", "radius"))
+    return RootDiscs(values.astype(np.complex128), radii, np.zeros(len(roots)))
 
 
 def first_values(equations: Sequence[LinearForm]) -> list[complex]:
