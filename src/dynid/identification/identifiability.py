@@ -129,7 +129,7 @@ def expected_time_records(
         measured = data(truth or model, loads, measurement)
         known = as_estimated(loads, measurement.record)
         one = parametric_model(model, known, measurement.channels, measurement.record.times)
-        records.append(TimeRecord(one, measured, Experiment(loads, measurement), len(experiments)))
+        records.append(TimeRecord.of(one, measured, Experiment(loads, measurement), len(experiments)))
     likelihood = TimeLikelihood(tuple(records))
     return ExpectedTimeRecords(likelihood, *_expectation(likelihood))
 

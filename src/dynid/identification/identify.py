@@ -289,7 +289,7 @@ def posterior_of(
     several starts is made once. Of records of time it comes first: it finds the neighbourhood of the optimum,
     which the later models share. Of frequency responses it comes last, if the residuals still require it:
     those of a basis that does not follow the parameters yet need not be white, and a better basis may make
-    the search needless.
+    the search needless. The samples at which every input is known follow delays as they are estimated.
 
     Parameters
     ----------
@@ -308,7 +308,7 @@ def posterior_of(
     suggest
         Whether mistakes of instruments are sought that explain a lack of fit.
     """
-    values = [record.data for record in likelihood.records]
+    values = [record.whole for record in likelihood.records]
     eta = starts(model.unknowns)
     search_last = isinstance(likelihood, FrfLikelihood)
     here, most_rounds = estimator, _MOST_ROUNDS
@@ -317,18 +317,19 @@ def posterior_of(
     before: Posterior | None = None
     for number in count(1):
         estimate = _estimated(here, likelihood, eta, suggest)
-        if likelihood.modelled and estimate.likelihood is None:  # an estimator that assumes white noise
-            coloured = likelihood.renewed(estimate.fit)
-            fit = coloured.fit(estimate.fit.eta)
-            estimate = replace(estimate, likelihood=coloured, fit=fit, comparison=None)
         if before is not None:
             estimate = _continued(before, likelihood, estimate)
         before = posterior = Posterior(estimate.likelihood or likelihood, estimator.name, estimate)
+        covering = likelihood.covering(estimate.fit.eta, narrowed=number == 1)
         if rebuild is None:
-            break
+            if covering is likelihood or number == most_rounds:
+                break
+            likelihood, eta, here = covering, estimate.fit.eta, _with(here, multi_start=False)
+            continue
         deviations = posterior.information.deviations()
         change, eta = np.abs(estimate.fit.eta - eta), estimate.fit.eta
         settled = bool(np.all(change <= np.maximum(_SETTLED * deviations, _LEAST * likelihood.priors.units)))
+        settled = settled and covering is likelihood
         if search_last and (settled or number == _MOST_ROUNDS):
             searching = _with(here, multi_start=True)
             if posterior.explained or searching == here:
@@ -341,22 +342,33 @@ def posterior_of(
         model = rebuild(named(model.unknowns, eta))
         if number == most_rounds:
             break
-        likelihood = likelihood_of(model, values).continuing(posterior.likelihood)
+        likelihood = likelihood_of(model, values).continuing(posterior.likelihood).continuing(covering)
     posterior = _checked(posterior, starts(model.unknowns), suggest)
     full = isinstance(truth, StructuralModel) and truth.basis is None
     if full and isinstance(model, StructuralModel) and model.basis is not None:
-        from dynid.identification.model_error import model_error
-
-        own = [record.data for record in posterior.likelihood.records]
-        found = model_error(
-            model,
-            posterior.likelihood,
-            posterior.fit,
-            list(dict.fromkeys(dofs)),
-            lambda finer: likelihood_of(finer, own).with_noise_of(posterior.likelihood),
-        )
-        posterior = replace(posterior, model_error=found)
+        posterior = _with_model_error(posterior, model, likelihood_of, list(dict.fromkeys(dofs)))
     return posterior, model
+
+
+def _with_model_error(
+    posterior: Posterior,
+    model: StructuralModel,
+    likelihood_of: Callable[[Any, Sequence[RecordData]], Likelihood],
+    dofs: list[Label],
+) -> Posterior:
+    """Return a posterior with the error of its reduced model; `dofs` are those of loads and sensors."""
+    from dynid.identification.model_error import model_error
+
+    likelihood = posterior.likelihood
+    values = [record.whole for record in likelihood.records]
+    error = model_error(
+        model,
+        likelihood,
+        posterior.fit,
+        dofs,
+        lambda finer: likelihood_of(finer, values).with_noise_of(likelihood),
+    )
+    return replace(posterior, model_error=error)
 
 
 def _estimated(estimator: Any, likelihood: Likelihood, eta: Array, suggest: bool) -> Estimate:
@@ -364,9 +376,12 @@ def _estimated(estimator: Any, likelihood: Likelihood, eta: Array, suggest: bool
     try:
         with guarded("the estimator", Diverged, remedy=ASTRAY, names=likelihood.names):
             found: Estimate = estimator.run(likelihood, eta)
-            return found
     except Diverged as error:
         raise _suggesting(error, instrument_mistakes(likelihood, [eta]) if suggest else ()) from error
+    if not likelihood.modelled or found.likelihood is not None:
+        return found
+    coloured = likelihood.renewed(found.fit)  # an estimator that assumes white noise
+    return replace(found, likelihood=coloured, fit=coloured.fit(found.fit.eta), comparison=None)
 
 
 def _checked(posterior: Posterior, start: Array, suggest: bool) -> Posterior:
@@ -427,7 +442,7 @@ def _likelihood(
 ) -> TimeLikelihood:
     """Return the likelihood of records, each with its model."""
     each = zip(models, values, experiments, strict=True)
-    records = tuple(TimeRecord(model, own, experiment, len(values)) for model, own, experiment in each)
+    records = tuple(TimeRecord.of(model, own, experiment, len(values)) for model, own, experiment in each)
     return TimeLikelihood(records, noiseless=noiseless)
 
 
@@ -455,7 +470,8 @@ def _continued(before: Posterior, likelihood: Likelihood, now: Estimate) -> Esti
         for one, other in zip(before.likelihood.records, likelihood.records, strict=True)
         if isinstance(one, TimeRecord) and isinstance(other, TimeRecord)
     ]
-    if all(one.system.states == other.system.states for one, other in pairs):
+    same = [(len(one.times), one.system.states) == (len(two.times), two.system.states) for one, two in pairs]
+    if all(same):
         units = [one.scale / other.scale for one, other in pairs]
         earlier = [
             [

@@ -99,7 +99,7 @@ class ModalProblem:
             else:  # the values of the modes, the last ones, are those of the measurement
                 models = models_of_records(other, experiments)
                 each = zip(models, given[: len(experiments)], experiments, strict=True)
-                records += [TimeRecord(own, values, taken, waves + 1) for own, values, taken in each]
+                records += [TimeRecord.of(own, values, taken, waves + 1) for own, values, taken in each]
             return Likelihood((*records, measured))
 
         given = [data(truth or full, *experiment) for experiment in experiments]

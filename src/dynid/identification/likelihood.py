@@ -204,6 +204,15 @@ class Likelihood:
         each = zip(self.records, other.records, strict=True)
         return replace(self, records=tuple(record.continuing(one) for record, one in each))
 
+    def covering(self, eta: Array, *, narrowed: bool) -> Self:
+        """Return the likelihood of records where every input is known at coordinates `eta`; itself if it is.
+
+        `narrowed`: of all such samples; else of the present ones alone.
+        """
+        records = tuple(record.covering(eta, narrowed=narrowed) for record in self.records)
+        same = all(one is other for one, other in zip(records, self.records, strict=True))
+        return self if same else replace(self, records=records, noiseless=None)
+
     def whiteness(self, fit: Fit) -> float:
         """Return the p-value of the residuals' whiteness."""
         each = zip(self.records, fit.residuals, strict=True)

@@ -346,6 +346,8 @@ class Auto:
         """
         search = Search(likelihood)
         search.attempt("a filter pass", partial(_filtered, partial(run_passes, passes=1), likelihood, origin))
+        if not self.multi_start and not search.accepted:
+            search.attempt("the start", partial(guided, (), origin))
         if not self.multi_start or (search.accepted and not search.vague):
             return search.best()
         guides = {part: in_segments(likelihood, part) for route in _ROUTES for part in route}

@@ -75,10 +75,13 @@ class Linearised:
         The model.
     part
         How far a coordinate may move, in its deviations.
+    origin
+        Coordinates whose delays the timeline of the model has (p): it is linear in delays about these.
     """
 
-    def __init__(self, model: ParametricModel, part: float) -> None:
+    def __init__(self, model: ParametricModel, part: float, origin: Array) -> None:
         self._model, self._part = model, part
+        self._origin, self._delays = origin.copy(), model.follows_delays(origin)
         self._steps: dict[int, LinearisedStep] = {}
         self._outputs: Outputs | None = None
         self._log, self._most = logarithmic(model.unknowns), most_moved(model)
@@ -87,8 +90,9 @@ class Linearised:
 
     def follow(self, eta: Array, spread: Array) -> None:
         """Linearise anew if coordinates of these deviations (p) have left the present ones."""
-        if not np.all(np.abs(eta - self.eta) <= np.minimum(self._part * spread, self._most)):
-            self.eta = eta.copy()
+        near = np.abs(eta - self.eta) <= np.minimum(self._part * spread, self._most)
+        if not np.all(near | (self._delays & (self.eta == self._origin))):
+            self.eta = np.where(self._delays, self._origin, eta)
             self._steps.clear()
             self._outputs = None
 
@@ -240,7 +244,7 @@ def _walk(
     vary = bool(model.output(z[n:])[1].any()) or model.affine is None
     expected = measured if vary else measured - model.direct(z[n:]).value
     H = np.zeros((measured.shape[1], len(z)), dtype=z.dtype)
-    steps, spread, limits = Linearised(model, part), _lengths(S), run_away_limits(model.unknowns)
+    steps, spread, limits = Linearised(model, part, z[n:]), _lengths(S), run_away_limits(model.unknowns)
     steps.follow(z[n:], spread[n:])
     H[:, :n] = model.output(z[n:])[0]
     for node, sample in enumerate(model.line.sample_of().tolist()):

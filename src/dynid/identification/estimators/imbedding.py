@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 
 #: Terms of the exponential series between two nodes of the record's timeline.
 _TERMS = 12
+# Part of a record by which a time may lie outside: round-off.
+_ROUND_OFF = 1e-12
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ class InvariantImbedding:
         )
         if not solved.success:
             raise Diverged(f"the integration of eqs 19 and 20 breaks down: {solved.message}", remedy=ASTRAY)
-        history = flow.history(np.asarray(solved.y.T))
+        history = flow.history(record.model.own(np.asarray(solved.y.T)))
         for eta in history.eta[[len(history.eta) // 2, -1]]:
             check_run_away(record.unknowns, eta, origin)
         return history, len(start), int(solved.nfev)
@@ -114,15 +116,15 @@ class Flow:
 
     def __init__(self, record: TimeRecord, options: InvariantImbedding, origin: Array) -> None:
         self.model = model = record.model
-        if model.sampling is not None or model.instruments.unknown_delays:
+        if model.instruments.unknown_delays:
             raise UsageError(
-                "invariant imbedding takes no delays of channels, and none that are unknown",
+                "invariant imbedding takes no delays that are unknown",
                 remedy="Use estimator: {method: auto}.",
                 names=("estimator.method",),
             )
         self.size = model.states + model.parameters
         self.upper = np.triu_indices(self.size)
-        times = model.line.nodes[model.line.wanted]
+        times = model.times
         step = float(np.mean(np.diff(times))) if len(times) > 1 else 1.0
         self.weight = 1 / (2 * (options.noise_ratio * record.data.rms) ** 2 * step)  # Q
         self.unmodelled = np.zeros((self.size, self.size))
@@ -130,7 +132,10 @@ class Flow:
         at_origin, line = model.at(origin), model.line
         self.unmodelled[:n, :n] = options.input_deviation**2 * step * at_origin.B @ at_origin.B.T
         # What the inputs add at once may jump between samples: it is taken off before the record is bridged.
-        self._splines = _splines(times, record.data.values - model.direct(origin).value)
+        self._delays = model.instruments.numbers(model.instruments.delays, {}).value
+        at_once = model.gathered(model.direct(origin).value)
+        self._splines = _splines(times, record.data.values - at_once)
+        self._span = times[[0, -1]]
         self._direct = at_origin.D
         # Inputs and their derivatives (orders x loads x q) by the generators' states.
         readout = line.H * model.acting[:, None] * model.w_scale
@@ -174,7 +179,11 @@ class Flow:
         moved = found.C_slopes @ z[:n] + np.einsum("pkcl,kl->pc", found.D_slopes, inputs)
         Ht = np.concatenate([found.C, moved.T], axis=1)
         direct = np.einsum("kcl,kl->c", found.D - self._direct, inputs)
-        innovation = self._splines(t) - found.C @ z[:n] - direct
+        recorded = np.clip(t + self._delays, *self._span)
+        innovation = self._splines(recorded) - found.C @ z[:n] - direct
+        outside = np.abs(recorded - t - self._delays) > _ROUND_OFF * (self._span[1] - self._span[0])
+        if outside.any():  # of a delayed channel there is no value of this time, or none yet
+            Ht[outside], innovation[outside] = 0.0, 0.0
         return F, Ht, innovation, found.B @ inputs[0], found.A_slopes
 
     def _generators(self, t: float) -> Array:
@@ -227,8 +236,8 @@ class Flow:
         return J
 
 
-def _splines(times: Array, values: Array) -> Callable[[float], Array]:
-    """Return the channels between their samples, by cubic splines; missing samples are bridged."""
+def _splines(times: Array, values: Array) -> Callable[[Array], Array]:
+    """Return the channels between their samples, each at its own time, by cubic splines over gaps."""
     from scipy.interpolate import CubicSpline  # heavy import, needed here only
 
     present = [~np.isnan(column) for column in values.T]
@@ -237,4 +246,4 @@ def _splines(times: Array, values: Array) -> Callable[[float], Array]:
     curves = [
         CubicSpline(times[there], column[there]) for there, column in zip(present, values.T, strict=True)
     ]
-    return lambda t: np.array([curve(t) for curve in curves])
+    return lambda t: np.array([curve(at) for curve, at in zip(curves, t, strict=True)])

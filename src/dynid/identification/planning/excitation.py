@@ -208,12 +208,12 @@ def exact_bounds(
     eta, n = expected.fit.eta, joint.states
     free, steps = free_prediction(joint, eta)
     found = joint.at(eta)
-    settled = np.zeros(n)  # state of the steady state at the first sample, scaled
+    settled = np.zeros(n)  # state of the steady state at the first time, scaled
     for column, load in enumerate(loads):
         assert isinstance(load.signal, Multisine)
         for w, c in zip(*load.signal.lines, strict=True):
             moved = np.linalg.solve(1j * w * np.eye(n) - found.A, found.B[:, column].astype(complex))
-            settled += (moved * c * np.exp(1j * w * float(times[0]))).real
+            settled += (moved * c * np.exp(1j * w * float(joint.line.nodes[0]))).real
     predicted = prediction(joint, eta, settled, free, steps)
     root = expected.likelihood.records[0].root
     weight = 1 / expected.noise[0][:, None]

@@ -235,7 +235,7 @@ def candidate_sensors(
     there = {channel.name for channel in own}  # their instruments may have a gain, offset or delay
     every = tuple(dict.fromkeys([*own, *(channel for channel in channels if channel.name not in there)]))
     known = as_estimated(experiment.loads, experiment.measurement.record)
-    joint = parametric_model(model, known, every, experiment.measurement.record.times)
+    joint = parametric_model(model, known, every, record.model.times)
     eta = expected.fit.eta
     # Candidates may depend on more states, which start from zero.
     start = expected.fit.parts[0].predicted.start * record.model.scale

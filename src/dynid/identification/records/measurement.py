@@ -201,6 +201,11 @@ class RecordData:
         """Number of values of each channel (channels)."""
         return np.asarray(np.count_nonzero(~np.isnan(self.values), axis=0))
 
+    def within(self, samples: slice) -> RecordData:
+        """Return some of the samples."""
+        clean = None if self.clean is None else self.clean[samples]
+        return replace(self, values=self.values[samples], clean=clean)
+
     def without_noise(self) -> RecordData:
         """Return the record without its noise, where that is known."""
         return self if self.clean is None else replace(self, values=self.clean)

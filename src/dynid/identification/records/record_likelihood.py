@@ -121,6 +121,18 @@ class RecordLikelihood(ABC):
     data: RecordData
     sharing: int
 
+    @property
+    def whole(self) -> RecordData:
+        """The values with those at which not every input is known."""
+        return self.data
+
+    def covering(self, eta: Array, *, narrowed: bool) -> Self:  # noqa: ARG002
+        """Return the likelihood of the values at which every input is known at coordinates `eta` (p).
+
+        `narrowed`: of all such values; else of the present ones alone.
+        """
+        return self
+
     # Description, for messages and results.
 
     @property

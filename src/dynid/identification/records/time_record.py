@@ -37,7 +37,9 @@ from dynid.identification.likelihood import Likelihood
 from dynid.identification.records.measurement import Experiment, RecordData
 from dynid.identification.records.noise import Autoregression, ColouredNoise, estimated
 from dynid.identification.records.record_likelihood import RecordFit, RecordLikelihood
+from dynid.identification.records.simulation import Simulation
 from dynid.identification.systems.instruments import DELAY, GAIN_CHANGE, CalibrationDerivatives
+from dynid.identification.systems.known_inputs import NONE_LEFT_OUT, KnownSamples
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.parametric_model import ParametricModel, freed_coordinates
 from dynid.identification.systems.prediction import (
@@ -51,7 +53,7 @@ from dynid.identification.systems.prediction import (
     runs,
 )
 from dynid.lti.recurrence import recurrence
-from dynid.parameters import Parameter, rates, values
+from dynid.parameters import Parameter, rates, starts, values
 from dynid.structure.response import Channel
 
 Array = NDArray[np.float64]
@@ -92,6 +94,10 @@ class TimeRecord(RecordLikelihood):
         Number of records that share the parameters.
     colour
         Autoregression of the noise, by which values and derivatives are whitened; absent: the noise is white.
+    left_out
+        Samples of the record at which not every input is known: `model` and `data` are without them.
+    recorded
+        The record with them; None where there are none.
     """
 
     model: ParametricModel
@@ -99,7 +105,58 @@ class TimeRecord(RecordLikelihood):
     experiment: Experiment | None = None
     sharing: int = 1
     colour: Autoregression | None = None
+    left_out: KnownSamples = NONE_LEFT_OUT
+    recorded: RecordData | None = None
     _last: dict[bytes, Prediction] = field(default_factory=dict, init=False, repr=False)
+
+    @classmethod
+    def of(cls, model: ParametricModel, data: RecordData, experiment: Experiment, sharing: int = 1) -> Self:
+        """Return the likelihood of a record where every input is known.
+
+        Of unknown delays, for the range in which they are sought first; `covering` adapts it to an estimate.
+        """
+        record = cls(model, data, experiment, sharing)
+        spread = [unknown.first_spread for unknown in model.unknowns]
+        left_out = record._left_out_at(starts(model.unknowns), np.array(spread))
+        return record.leaving_out(left_out)
+
+    def leaving_out(self, samples: KnownSamples) -> Self:
+        """Return the likelihood of the record without so many samples at its ends."""
+        if samples == self.left_out:
+            return self
+        whole, times = self.whole, self.taken_under.measurement.record.times
+        kept = slice(samples.before, len(times) - samples.after)
+        model = self.model.at_times(times[kept])
+        return replace(
+            self, model=model, data=whole.within(kept), left_out=samples, recorded=whole, colour=None
+        )
+
+    def covering(self, eta: Array, *, narrowed: bool) -> Self:
+        """Return the likelihood of samples at which every input is known at coordinates `eta` (p).
+
+        `narrowed`: of all such samples; else of the present ones alone, among which a search of delays ends.
+        """
+        needed = self._left_out_at(eta, np.zeros(len(eta)))
+        return self.leaving_out(needed if narrowed else needed.including(self.left_out))
+
+    def _left_out_at(self, eta: Array, reach: Array) -> KnownSamples:
+        """Return the samples left out for coordinates that may be off by so much (p)."""
+        if self.experiment is None or not self.model.instruments.delayed:
+            return self.left_out
+        measurement = self.experiment.measurement
+        simulated = isinstance(measurement.source, Simulation)
+        return self.model.known_samples(measurement.record.times, eta, reach, simulated=simulated)
+
+    @property
+    def whole(self) -> RecordData:
+        """The record with all its samples."""
+        return self.data if self.recorded is None else self.recorded
+
+    @property
+    def times(self) -> Array:
+        """Times of the samples, s, from the first one of the record on."""
+        first = self.left_out.before
+        return np.asarray((first + np.arange(len(self.data.values))) * self.sampling_step)
 
     @property
     def channels(self) -> Sequence[Channel]:
@@ -129,7 +186,7 @@ class TimeRecord(RecordLikelihood):
 
     def row_label(self, row: int) -> str:
         """Return the time of a sample."""
-        return f"{row * self.sampling_step:.5g} s"
+        return f"{self.times[row]:.5g} s"
 
     def unexplained(self, fit: RecordFit, column: int) -> tuple[float, Array]:
         """Return the raw residual of a channel over its signal (RMS), and that residual (times x 1)."""
@@ -177,7 +234,8 @@ class TimeRecord(RecordLikelihood):
         Channels are weighted by `noise`, their standard deviations (channels); absent: by their RMS.
         """
         model = self.model
-        if self.colour is None and model.sampling is None and kernels_used(model):
+        moving = model.sampling is not None or model.instruments.unknown_delays
+        if self.colour is None and not moving and kernels_used(model):
             from dynid.identification.systems import kernels
 
             weights = np.ones(len(self.data.rms)) if noise is None else self.data.rms / noise
@@ -248,8 +306,12 @@ class TimeRecord(RecordLikelihood):
         return replace(self, colour=estimated(fit.residual, errors, wanted, orders))
 
     def with_noise_of(self, other: Any) -> Self:
-        """Return the likelihood with the autoregression of another one of the same record."""
-        return replace(self, colour=other.colour)
+        """Return the likelihood with samples and autoregression of another one of the same record."""
+        return replace(self.leaving_out(other.left_out), data=other.data, colour=other.colour)
+
+    def continuing(self, other: Any) -> Self:
+        """Return the likelihood of the samples of another one of the same record."""
+        return self.leaving_out(other.left_out)
 
     def ideal(self) -> Self:
         """Return the likelihood without noise, as far as that is known, with the true colour."""

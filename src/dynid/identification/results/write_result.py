@@ -72,7 +72,6 @@ from dynid.identification.goodness_of_fit.residual_tests import (
 from dynid.identification.importance import DRAWS, PosteriorCheck, likelihood_size, posterior_check
 from dynid.identification.posterior import Posterior
 from dynid.identification.records.frf_record import FrfRecord
-from dynid.identification.records.measurement import Measurement
 from dynid.identification.records.record_likelihood import RecordFit
 from dynid.identification.records.time_record import TimeRecord, state_deviations
 from dynid.identification.results.write_derived import DERIVED, DerivedRequest, add_derived, add_noise
@@ -386,7 +385,8 @@ def _add_record(
     """Add measurement, states and residuals of a record; `band` and `true` of its states (rows x n)."""
     group = partial(_group, posterior, k)
     model, measurement, rows = record.model, record.taken_under.measurement, stored_rows(len(fit.residual))
-    true = None if true is None else true[rows]
+    if true is not None:
+        true = true[record.left_out.before :][: len(fit.residual)][rows]
     _add_measurement(result, group("measurement"), record, fit)
     values = [unknown.true for unknown in model.unknowns if unknown.true is not None]
     if len(values) == len(model.unknowns):
@@ -394,7 +394,7 @@ def _add_record(
     if true is not None:
         result.add(f"{group('history')}/true_state", true, ("time", "component"))
     states, dims = group("states"), ("time", "component")  # measured or not (Yang, Fig. 9)
-    _add_stored_times(result, states, measurement)
+    _add_stored_times(result, states, record)
     _add_components(result, states, model)
     result.add(f"{states}/estimate", fit.predicted.states[rows] * model.scale, dims)
     result.add(f"{states}/standard_deviation", band * model.scale, dims)
@@ -410,7 +410,7 @@ def _add_record(
     if posterior.innovations is not None:
         own, innovations = posterior.innovations[k], group("innovations")
         found = consistency(own)
-        result.add_axis(f"{innovations}/time", _times(measurement), "s")
+        result.add_axis(f"{innovations}/time", record.times, "s")
         result.add_axis(f"{innovations}/channel", names)
         result.add(f"{innovations}/normalised", own, ("time", "channel"))
         for name in ("mean_square", "low", "high"):
@@ -423,7 +423,7 @@ def _add_history(result: Result, group: str, record: TimeRecord, history: Pass) 
     """Add the histories of parameters and states over a record."""
     model, dims = record.model, ("time", "parameter")
     estimate, rate = values(model.unknowns, history.eta), rates(model.unknowns, history.eta)
-    _add_stored_times(result, group, record.taken_under.measurement)
+    _add_stored_times(result, group, record)
     result.add_axis(f"{group}/parameter", [unknown.name for unknown in model.unknowns])
     unit = common_unit(unknown.unit for unknown in model.unknowns)
     result.add(f"{group}/estimate", estimate, dims, unit)
@@ -447,7 +447,8 @@ def _add_measurement(result: Result, group: str, record: TimeRecord, fit: Record
     loads, measurement = record.taken_under
     units = [channel.unit for channel in measurement.channels]
     unit = common_unit(units)
-    result.add_axis(f"{group}/time", _times(measurement), "s")
+    result.add_axis(f"{group}/time", record.times, "s")
+    result.add(f"{group}/samples_left_out", sum(record.left_out))
     result.add_axis(f"{group}/channel", [channel.name for channel in measurement.channels])
     result.add(f"{group}/unit", units, ("channel",))
     result.add(f"{group}/measured", data.recorded, dims, unit)
@@ -468,16 +469,13 @@ def _add_measurement(result: Result, group: str, record: TimeRecord, fit: Record
         result.add(f"{group}/given_noise", data.given_noise, ("channel",), unit)
 
 
-def _add_stored_times(result: Result, group: str, measurement: Measurement) -> None:
+def _add_stored_times(result: Result, group: str, record: TimeRecord) -> None:
     """Add the times of a history, and annotate it where not every sample is stored."""
-    rows = stored_rows(measurement.samples)
-    result.add_axis(f"{group}/time", _times(measurement)[rows], "s")
+    samples = len(record.times)
+    rows = stored_rows(samples)
+    result.add_axis(f"{group}/time", record.times[rows], "s")
     if rows.step > 1:
-        result.annotate(group, samples=measurement.samples, stored_every=rows.step)
-
-
-def _times(measurement: Measurement) -> Array:
-    return np.asarray(np.arange(measurement.samples) * measurement.step)
+        result.annotate(group, samples=samples, stored_every=rows.step)
 
 
 def _add_responses(result: Result, record: FrfRecord, fit: RecordFit) -> None:

@@ -123,6 +123,11 @@ class Instruments:
         return numbers and all(gain == 1 for gain in gains) and not any(rest)
 
     @property
+    def delayed(self) -> bool:
+        """True if a load or channel has a delay, known or not."""
+        return any(isinstance(delay, Dependent) or delay for delay in (*self.load_delays, *self.delays))
+
+    @property
     def unknown_delays(self) -> bool:
         """True if a delay depends on parameters."""
         return any(isinstance(delay, Dependent) for delay in (*self.load_delays, *self.delays))

@@ -16,8 +16,10 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arithmetic.dependent import Dependent
 from dynid.errors import UsageError
 from dynid.identification.systems.instruments import Instruments, RecordSampling
+from dynid.identification.systems.known_inputs import KnownSamples, continued, known_samples
 from dynid.identification.systems.linear_system import Affine, LinearSystem, SystemModel
 from dynid.identification.systems.structure_system import StructureSystem
 from dynid.lti.exponential import balance, exponential, exponential_with_derivatives, rescaled
@@ -191,6 +193,11 @@ class ParametricModel:
         found = self.at(eta)
         return found.C, found.C_slopes
 
+    def follows_delays(self, eta: Array) -> NDArray[np.bool_]:
+        """Return the mask of parameters on which delays depend (p)."""
+        at, delays = named(self.unknowns, eta), (*self.instruments.load_delays, *self.instruments.delays)
+        return np.asarray(self.instruments.numbers(delays, at).slopes.any(axis=1))
+
     def late(self, eta: Array) -> Array:
         """Return the derivatives of the loads' delays by the coordinates (p x loads)."""
         _, slopes = self.instruments.numbers(self.instruments.load_delays, named(self.unknowns, eta))
@@ -249,17 +256,44 @@ class ParametricModel:
         delays = [self.instruments.numbers(given, at).value for given in each]
         key = np.concatenate(delays).tobytes()
         if key not in self._moved:
-            line, sampling = _timeline(self.system, self.instruments, self.times, at)
             self._moved.clear()
-            self._moved[key] = replace(self, line=line, sampling=sampling, _last={}, _moved={})
+            self._moved[key] = self._on(*_timeline(self.system, self.instruments, self.times, at))
         return self._moved[key]
+
+    def known_samples(self, times: Array, eta: Array, reach: Array, *, simulated: bool) -> KnownSamples:
+        """Return how many of these samples of the record to leave out: not every input is known there.
+
+        Coordinates are `eta`, and may be off by `reach` (p).
+        """
+        return known_samples(
+            self.signals, self.instruments, self.unknowns, times, eta, reach, at_rest_before=simulated
+        )
+
+    def at_times(self, times: Array) -> ParametricModel:
+        """Return the model of other samples of the record, at these times, s."""
+        at = {unknown.name: unknown.start for unknown in self.unknowns}
+        found = self._on(*_timeline(self.system, self.instruments, times, at))
+        return found if self.freed is None else replace(found, freed=self.freed.at_times(times))
+
+    def _on(self, line: Timeline, sampling: RecordSampling | None) -> ParametricModel:
+        """Return the model on another timeline."""
+        initials = self.initials
+        if self.known.any():  # what is prescribed at the first time
+            initials = self.system.prescribed(float(line.nodes[0]))[0] / self.scale * self.acting[:, None]
+        return replace(self, line=line, sampling=sampling, initials=initials, _last={}, _moved={})
+
+    @cached_property
+    def has_moving_jumps(self) -> bool:
+        """True if a load of unknown delay may jump; of samples those that are held."""
+        moving = any(isinstance(delay, Dependent) for delay in self.instruments.load_delays)
+        return moving and not all(isinstance(one, Sampled) and one.hold != "zero" for one in self.signals)
 
     def jumps(self, eta: Array) -> Array | None:
         """Return what jumps of delayed inputs add to the derivatives of the state (intervals x p x n).
 
-        Each is at the end of its interval. None where no delay is unknown.
+        Each is at the end of its interval. None where none moves.
         """
-        if not self.instruments.unknown_delays:
+        if not self.has_moving_jumps:
             return None
         line, late = self.line, self.late(eta)
         jumped = np.zeros((len(line.which), len(line.H)))
@@ -380,37 +414,11 @@ def _timeline(
 ) -> tuple[Timeline, RecordSampling | None]:
     """Return the timeline of signals and channels that are delayed as at values of the parameters."""
     sampling = RecordSampling.of(times, instruments.numbers(instruments.delays, values).value)
-    signals = instruments.acting(system.signals, values)
     wanted = times if sampling is None else sampling.times
+    signals = instruments.acting(system.signals, values)
     if sampling is not None:
-        _check_known(signals, times, sampling)
+        signals = [continued(signal, wanted) for signal in signals]
     return timeline(signals, wanted, float(wanted[0])), sampling
-
-
-def _check_known(signals: Sequence[Signal], times: Array, sampling: RecordSampling) -> None:
-    """Refuse delays of channels for which a sampled signal is needed before or after its samples."""
-    known = [signal for signal in signals if isinstance(signal, Sampled)]
-    if not known:
-        return
-    first, last = max(one.start for one in known), min(one.stop for one in known)
-    rounding = 1e-6 * min(one.step for one in known)
-    begin, end = float(sampling.times[0]), float(sampling.times[-1])
-    which = f"an excitation is known from {first:g} s to {last:g} s only, but the delays of channels need it"
-    if end > last + rounding:
-        latest = sampling.times[sampling.rows.max(axis=1)]
-        enough = int(np.count_nonzero(latest <= last + rounding))
-        raise UsageError(
-            f"{which} up to {end:.6g} s",
-            remedy=f"State samples: {enough} in the measurement ({len(times)} are used now).",
-            names=("samples", "records", "channels"),
-        )
-    if begin < first - rounding:
-        raise UsageError(
-            f"{which} from {begin:.6g} s on",
-            remedy=f"Take {first - begin:.6g} s from every delay, of the excitation and of all channels "
-            "(0 where none is stated): only their differences count.",
-            names=("channels", "records"),
-        )
 
 
 def system_of(model: Model, loads: Sequence[Any], channels: Sequence[Any]) -> LinearSystem:

@@ -142,8 +142,8 @@ def prediction(model: ParametricModel, eta: Array, x0: Array, free: Free, steps:
 
 
 def kernels_used(model: ParametricModel) -> bool:
-    """Return True if predictions are compiled: those whose delays are known."""
-    return compiled() and not model.instruments.unknown_delays
+    """Return True if predictions are compiled: those in which no jump of an input moves."""
+    return compiled() and not model.has_moving_jumps
 
 
 def forced_by(model: ParametricModel, eta: Array, loads: Sequence[int]) -> Array:

@@ -203,6 +203,10 @@ def record_summary(result: Result) -> str:
     lists = list(dict.fromkeys(", ".join(result[f"{path}/channel"].data) for path in every))
     missing = sum(int(np.isnan(values).sum()) for values in measured)
     gaps = f", {missing} missing" if missing else ""
+    paths = [path for name in every if (path := f"{name}/samples_left_out") in result]
+    left_out = sum(int(result.value(path)) for path in paths)
+    if left_out:
+        gaps += f"; {counted(left_out, 'sample')} left out, at which not every input is known (delays)"
     unknowns = counted(len(result[f"{_PARAMETERS}/name"].data), "unknown parameter")
     if f"{group}/omega" in result:
         omega, unit = result[f"{group}/omega"].data, frequency_unit(result)

@@ -1,0 +1,151 @@
+"""Samples of a record at which every input of its model is known.
+
+A sampled signal is known from its first sample to its last, any other one from t = 0 on. A channel that is
+late by d records the model's output of d before, which depends on the inputs up to then: of its first samples
+the inputs are not known, and of its last ones where it is early.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.arithmetic.dependent import Real
+from dynid.errors import UsageError
+from dynid.identification.systems.instruments import Instruments
+from dynid.lti.signals import Derivative, Sampled, Shifted, Signal
+from dynid.parameters import Parameter, named
+
+Array = NDArray[np.float64]
+
+# Part of a sampling step by which a sample may lie outside and still count as known: round-off of times.
+_ROUND_OFF = 1e-6
+# Part of a record that the range of delays that are sought may leave out at each end, beside their starts.
+_SEARCHED = 0.1
+# Fewest samples to which a record may be shortened.
+_FEWEST = 2
+
+
+class KnownSamples(NamedTuple):
+    """Numbers of samples that are left out at the beginning (`before`) and at the end (`after`)."""
+
+    before: int = 0
+    after: int = 0
+
+    def including(self, other: KnownSamples) -> KnownSamples:
+        """Return the samples that both leave."""
+        return KnownSamples(max(self.before, other.before), max(self.after, other.after))
+
+
+NONE_LEFT_OUT = KnownSamples()
+
+
+def known_samples(
+    signals: Sequence[Signal],
+    instruments: Instruments,
+    unknowns: Sequence[Parameter],
+    times: Array,
+    eta: Array,
+    reach: Array,
+    *,
+    at_rest_before: bool,
+) -> KnownSamples:
+    """Return how many samples to leave out, so that every input is known at the others.
+
+    Parameters
+    ----------
+    signals
+        Inputs, without the delays of the loads.
+    instruments
+        The delays of loads and channels.
+    unknowns
+        The unknown parameters (p).
+    times
+        Sampling times, s.
+    eta, reach
+        Coordinates of the parameters, and how far these may be off (p).
+    at_rest_before
+        True of simulated records, which follow the model from t = 0 on.
+
+    Raises
+    ------
+    UsageError
+        If hardly a sample is left.
+    """
+    nearest = _left_out(signals, instruments, unknowns, times, (eta, 0.0 * reach), at_rest_before)
+    if sum(nearest) > len(times) - _FEWEST:
+        raise UsageError(
+            f"the delays leave {max(0, len(times) - sum(nearest))} of {len(times)} samples at which every "
+            "input is known",
+            remedy="Correct the delays of the channels and of the excitation (s), or take a longer record.",
+            names=("channels", "excitation", "records"),
+        )
+    if not reach.any():
+        return nearest
+    farthest = _left_out(signals, instruments, unknowns, times, (eta, reach), at_rest_before)
+    most = int(_SEARCHED * len(times))
+    return KnownSamples(
+        min(farthest.before, nearest.before + most), min(farthest.after, nearest.after + most)
+    )
+
+
+def _left_out(
+    signals: Sequence[Signal],
+    instruments: Instruments,
+    unknowns: Sequence[Parameter],
+    times: Array,
+    around: tuple[Array, Array],
+    at_rest_before: bool,
+) -> KnownSamples:
+    """Return the samples left out for delays within a range of the coordinates (centre and reach, p)."""
+    loads_low, loads_high = _range(instruments, instruments.load_delays, unknowns, *around)
+    low, high = _range(instruments, instruments.delays, unknowns, *around)
+    begin, end = (0.0 if at_rest_before else -math.inf), math.inf
+    for signal, earliest, latest in zip(signals, loads_low, loads_high, strict=True):
+        first, last = _span(signal)
+        begin, end = max(begin, first + latest), min(end, last + earliest)
+    rounding = _ROUND_OFF * float(np.min(np.diff(times), initial=1.0))
+    before = times - max(0.0, float(high.max(initial=0.0))) < begin - rounding
+    after = times - min(0.0, float(low.min(initial=0.0))) > end + rounding
+    return KnownSamples(int(np.count_nonzero(before)), int(np.count_nonzero(after)))
+
+
+def _range(
+    instruments: Instruments, delays: Sequence[Real], unknowns: Sequence[Parameter], eta: Array, reach: Array
+) -> tuple[Array, Array]:
+    """Return the least and greatest values of delays where coordinates are within their limits and reach."""
+    value, slopes = instruments.numbers(delays, named(unknowns, eta))
+    ends = []
+    for side in (-1.0, 1.0):
+        limits = [one.low if side < 0 else one.high for one in unknowns]
+        moved = [
+            side * far if limit is None else side * max(0.0, min(far, side * (one.coordinate(limit) - at)))
+            for one, limit, at, far in zip(unknowns, limits, eta.tolist(), reach.tolist(), strict=True)
+        ]
+        rate = [one.value(at) if one.logarithmic else 1.0 for one, at in zip(unknowns, eta, strict=True)]
+        ends.append((np.array(moved) * rate)[:, None] * slopes)
+    return value + np.minimum(*ends).sum(axis=0), value + np.maximum(*ends).sum(axis=0)
+
+
+def _span(signal: Signal) -> tuple[float, float]:
+    """Return the first and last time, s, at which a signal is known."""
+    if isinstance(signal, Derivative):
+        return _span(signal.signal)
+    if isinstance(signal, Shifted):
+        first, last = _span(signal.signal)
+        return first + signal.delay, last + signal.delay
+    return (signal.start, signal.stop) if isinstance(signal, Sampled) else (0.0, math.inf)
+
+
+def continued(signal: Signal, times: Array) -> Signal:
+    """Return a signal that keeps its first and last sample before and after them, where times need that.
+
+    A search of delays passes through values at which a few samples of a record do.
+    """
+    if not isinstance(signal, Sampled):
+        return signal
+    return signal if signal.start <= times[0] and times[-1] <= signal.stop else Shifted(signal, 0.0)
