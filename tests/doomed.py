@@ -1,8 +1,10 @@
-"""What a separate process is told to do, and does not survive; it imports nothing else."""
+"""What a separate process is told to do, and does not survive; it imports little else."""
 
 import os
 import signal
 import time
+
+from dynid.trial import limit_processor_time
 
 
 def returns(_):
@@ -22,6 +24,36 @@ def takes_memory(_):
 
 
 def crashes(_):
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def sends_and_never_ends(send, number):
+    """Send numbers, then compute without an end, and where no signal of Python is handled."""
+    for k in range(int(number)):
+        send({"number": k})
+    limit_processor_time(0.2)
+    sum(range(10**18))
+
+
+def explains_and_never_ends(send, *_):
+    """Send an explanation and some progress, then compute without an end."""
+    cost = {"parts": {"work": 0.1}, "megabytes": 90, "kilobytes": 20}
+    send({"progress": "reducing the graph"})
+    send({"lines": ["", "  graph  2 nodes"], "failure": [], "code": 0, "cost": cost})
+    send({"progress": "poles of loop 7"})
+    limit_processor_time(0.1)
+    sum(range(10**18))
+
+
+def begins_and_never_ends(send, *_):
+    """Send some progress, then compute without an end."""
+    send({"progress": "assigning causality"})
+    limit_processor_time(0.1)
+    sum(range(10**18))
+
+
+def crashes_after_a_message(send):
+    send([1, 2])
     os.kill(os.getpid(), signal.SIGSEGV)
 
 

@@ -22,7 +22,7 @@ from dynid.store.files import hollow, write_blocks
 from dynid.structure.readers import matlab
 from dynid.structure.readers.read import MatrixFile, read_matrix
 from dynid.tables.read import read_columns
-from dynid.trial import survives, work
+from dynid.trial import messages, survives, work
 from tests.copies import told_by_a_copy
 
 
@@ -36,6 +36,23 @@ def test_only_what_dies_does_not_survive(capfd, name, outcome):
 
 def test_what_never_ends_does_not_survive():
     assert survives("tests.doomed:never_ends", "x", seconds=0.01) is False
+
+
+@pytest.mark.parametrize("number", [0, 3])
+def test_what_was_sent_before_the_processor_time_was_over_is_received(number):
+    received = messages("tests.doomed:sends_and_never_ends", str(number), seconds=30)
+    assert list(received) == [{"number": k} for k in range(number)]
+
+
+def test_what_was_sent_before_a_crash_or_the_time_was_over_is_received():
+    assert list(messages("tests.doomed:crashes_after_a_message", seconds=30)) == [[1, 2]]
+    assert list(messages("tests.doomed:never_ends", seconds=0.5)) == []
+
+
+def test_a_stream_that_is_not_read_to_its_end_leaves_no_process():
+    received = messages("tests.doomed:sends_and_never_ends", "2", seconds=30)
+    assert next(received) == {"number": 0}
+    received.close()
 
 
 def test_beside_other_threads_there_is_a_trial():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dynid.bondgraph.request import RESULTS
-from dynid.cli.check import seconds_text, size_text
+from dynid.cli.explained import _received, seconds_text, size_text
 from dynid.errors import Singular
 from dynid.scene.explanations.explanation import explain, peak_megabytes
 from dynid.scene.load import check_source, load_scene
@@ -17,6 +17,7 @@ from dynid.scene.run import run_scene
 from dynid.scene.yaml.source import parse_source
 from dynid.store import write_result
 from dynid.templates.chain import chain_scene
+from dynid.trial import messages
 
 OSCILLATOR = """
 dynid: 1
@@ -111,7 +112,7 @@ def test_what_a_record_cannot_see_is_named_and_is_what_the_run_says(dynid, folde
 
 
 def test_a_structure_that_cannot_be_held_in_doubles_is_foretold(dynid, folder):
-    (folder / "lost.yaml").write_text(DEAF.replace("k: 50", "k: 1e300"))
+    (folder / "lost.yaml").write_text(DEAF.replace("k: 50", "k: 1e140"))
     code, out, _ = dynid("check", "--explain", "lost.yaml")
     failed, _, said = dynid("run", "lost.yaml")
     assert failed == code == 3
@@ -329,6 +330,54 @@ def test_bases_of_a_large_structure_are_not_made_to_be_explained():
     assert told[""] == "guyan: masters count 12, choose qr"
     assert told["modes"].startswith("the lowest 12, by sparse Lanczos")
     assert explained.cost is not None
+
+
+@pytest.fixture
+def explained_by(monkeypatch):
+    """Let another function explain scenes in the separate process."""
+
+    def change(function):
+        monkeypatch.setattr(
+            "dynid.trial.messages",
+            lambda _, *arguments, seconds: messages(function, *arguments, seconds=seconds),
+        )
+
+    return change
+
+
+def test_a_stage_without_progress_is_cut_off_and_named(dynid, folder, explained_by):
+    (folder / "one.yaml").write_text(OSCILLATOR)
+    explained_by("tests.doomed:explains_and_never_ends")
+    code, out, err = dynid("check", "--explain", "one.yaml")
+    assert (code, err) == (0, "")
+    said = " ".join(out.split())
+    assert "graph 2 nodes cost more than 5 s, 90 MB of memory; a file of about 20 kB (a trial run" in said
+    assert "was cut off: after 5 s of processor time it was at 'poles of loop 7', which has no" in said
+
+
+def test_an_explanation_without_an_end_is_cut_off_and_named(dynid, folder, explained_by):
+    (folder / "one.yaml").write_text(OSCILLATOR)
+    explained_by("tests.doomed:begins_and_never_ends")
+    code, out, err = dynid("check", "--explain", "one.yaml")
+    assert (code, err) == (0, "")
+    assert "one.yaml: valid (bond-graph: Oscillator)" in out
+    assert "the explanation is not complete: after 5 s of processor time it was at 'assigning" in out
+
+
+def test_where_no_process_can_be_started_a_scene_is_explained_in_this_one(dynid, folder, monkeypatch):
+    (folder / "one.yaml").write_text(OSCILLATOR)
+    separate = dynid("check", "--explain", "one.yaml")
+    monkeypatch.setattr("dynid.trial.messages", lambda *_, **__: None)
+    here = dynid("check", "--explain", "one.yaml")
+    assert [line for line in here[1].splitlines() if "cost" not in line] == [
+        line for line in separate[1].splitlines() if "cost" not in line
+    ]
+    assert (here[0], here[2]) == (separate[0], separate[2]) == (0, "")
+
+
+def test_an_unforeseen_error_of_an_explanation_is_not_hidden():
+    with pytest.raises(RuntimeError, match="KeyError 'x'"):
+        _received([{"progress": "a"}, {"unforeseen": "KeyError 'x'"}])
 
 
 STUDY = """

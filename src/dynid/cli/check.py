@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import math
 import time
-from collections.abc import Iterator
-from pathlib import Path
-from textwrap import wrap
 from typing import TYPE_CHECKING
 
 import click
@@ -14,11 +10,7 @@ import click
 from dynid.errors import DynidError, Fault, FileError, SceneError
 
 if TYPE_CHECKING:
-    from dynid.scene.explanations.explanation import Explanation
     from dynid.scene.load import Scene
-
-#: A part of the work is listed if it takes longer than this, s, and more than this share of the whole.
-_LEAST, _SHARE = 0.5, 0.1
 
 
 @click.command()
@@ -43,7 +35,8 @@ def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...],
     With --explain, reports for each valid scene what a run would do: independent and dependent states, the
     engine or estimator and the reason for it, the identifiability of each parameter, the parts of the model
     that are not used, and the time. For that a run is begun and, after five seconds of processor time,
-    cut off and extrapolated. If this shows that the run will fail, the reason is printed.
+    cut off and extrapolated; work that takes longer without any progress is named. If this shows that the
+    run will fail, the reason is printed.
 
     \b
     Examples:
@@ -68,7 +61,7 @@ def check(scenes: tuple[str, ...], explaining: bool, overrides: tuple[str, ...],
                 click.echo("\n".join(obstacles), err=True)
                 code = max(code, exit_code)
                 continue
-            lines, exit_code = _explained(scene, quiet, loading) if explaining else ([], 0)
+            lines, exit_code = _explained(scene, overrides, quiet, loading) if explaining else ([], 0)
             code = max(code, exit_code)
         except SceneError as error:
             click.echo(str(error), err=True)
@@ -126,101 +119,13 @@ def _problem(error: DynidError) -> str:
     return error.problem
 
 
-def _explained(scene: Scene, quiet: bool, loading: float) -> tuple[list[str], int]:
+def _explained(
+    scene: Scene, overrides: tuple[str, ...], quiet: bool, loading: float
+) -> tuple[list[str], int]:
     """Return the lines that explain a valid scene, and the exit code of its run as far as it is known."""
+    from dynid.cli.explained import cost_lines, explained
     from dynid.cli.progress import showing
-    from dynid.cli.run import LocatedError
-    from dynid.scene.explanations.explanation import explain
-    from dynid.scene.kinds.study import base_scene
 
     with showing(quiet):
-        if scene.kind == "study":
-            from dynid.study.explanation import explain_study
-            from dynid.study.plan import make_plan
-
-            explained = explain_study(make_plan(scene), f"{Path(scene.source.file).stem}.h5")
-        else:
-            try:
-                explained = explain(scene, trying=True)
-            except FileError as error:
-                raise LocatedError(scene, error) from error
-    lines = list(explanation_lines(explained, loading))
-    if explained.obstacle is None:
-        return lines, 0
-    if scene.kind == "study":  # a sample that fails is a row of its file
-        place = base_scene(scene).locate(explained.obstacle)
-        return [*lines, "  the scene fails at its own values:", f"  {place}", ""], 0
-    code = explained.obstacle.exit_code
-    return [
-        *lines,
-        f"  a run will fail (exit code {code}):",
-        f"  {scene.locate(explained.obstacle)}",
-        "",
-    ], code
-
-
-def explanation_lines(explained: Explanation, loading: float = 0.0) -> Iterator[str]:
-    """Yield the screen of an explanation: facts, causality, identifiability and cost, one after the other.
-
-    `loading`: seconds in which a scene is read, a part of every run.
-    """
-    from dynid.cli.summary.common import folded
-    from dynid.cli.summary.identification import identifiability_lines
-    from dynid.cli.summary.transfer_functions import causality_lines
-
-    parts = [
-        [line for fact in explained.facts for line in _hanging(fact.topic, fact.text)],
-        list(causality_lines(explained.result)),
-        identifiability_lines(explained.result),
-    ]
-    if (cost := explained.cost) is not None:
-        memory, file = size_text(1e6 * cost.megabytes), size_text(1e3 * cost.kilobytes)
-        total = f"{seconds_text(loading + cost.seconds)}, {memory} of memory; a file of about {file}"
-        if cost.trial is not None:
-            said = "measured by a trial run" if cost.trial.complete else "from the beginning of a trial run"
-            total += f" ({said})"
-        large = sorted(cost.parts.items(), key=lambda part: -part[1])
-        large = [(name, each) for name, each in large if each > max(_LEAST, _SHARE * cost.seconds)]
-        shares = "; ".join(f"{name} {seconds_text(each)}" for name, each in large)
-        parts.append([*_hanging("cost", total), *(_hanging("", shares) if large else ())])
-    for part in filter(None, parts):
-        yield ""
-        whole = "\n".join(part).rstrip("\n").split("\n")
-        yield from (piece for line in whole for piece in folded(line))
-    yield ""
-
-
-def _hanging(topic: str, text: str) -> Iterator[str]:
-    from dynid.cli.summary.common import columns
-
-    first, *rest = wrap(text, min(91, columns() - 17), break_long_words=False, break_on_hyphens=False) or [""]
-    yield f"  {topic:<13}  {first}"
-    yield from (f"{'':17}{line}" for line in rest)
-
-
-def seconds_text(seconds: float) -> str:
-    """Return an estimated duration as text."""
-    if seconds < 0.5:
-        return "well under a second"
-    if seconds < 1.5:
-        return "about a second"
-    if seconds < 90:
-        return f"about {_rounded(seconds)} s"
-    if seconds < 90 * 60:
-        return f"about {_rounded(seconds / 60)} min"
-    return f"about {_rounded(seconds / 3600)} h"
-
-
-def size_text(size: float) -> str:
-    """Return a number of bytes as text."""
-    for unit, name in ((1e9, "GB"), (1e6, "MB")):
-        if size >= unit:
-            return f"{_rounded(size / unit)} {name}"
-    return f"{_rounded(size / 1e3)} kB"
-
-
-def _rounded(value: float) -> str:
-    """Return a number with two significant digits, or one below 10."""
-    digits = 1 if value >= 10 else 0
-    decimals = digits - math.floor(math.log10(value)) if value > 0 else 0
-    return f"{round(value, decimals):,.{max(0, decimals)}f}"
+        answer = explained(scene, overrides)
+    return [*answer.lines, *cost_lines(answer, loading), *answer.failure], answer.code

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from dynid.errors import DynidError, NumericalError, UsageError
 from dynid.number_format import counted
-from dynid.progress import progress_to
+from dynid.progress import Listener, progress_to
 from dynid.result import Result
 from dynid.scene.kind import KINDS
 from dynid.scene.schema.base import aspects_of
@@ -149,7 +149,7 @@ def explain(scene: Scene, *, trying: bool = False) -> Explanation:
     except (NumericalError, UsageError) as error:  # before any fact is known
         return Explanation(Result(scene.kind, scene.title), [], obstacle=error)
     cost = explained.cost
-    if trying and cost is not None and cost.seconds < _TRIED:
+    if trying and cost is not None and is_tried(cost):
         explained = replace(explained, cost=replace(cost, trial=trial(scene)))
     explained.result.attrs["scene"] = scene.source.resolved_text()  # screens look up its frequency unit
     tried = getattr(scene.model, "accuracy", None)
@@ -158,6 +158,11 @@ def explain(scene: Scene, *, trying: bool = False) -> Explanation:
     what = ", ".join(tried.alternatives or aspects_of(scene.source.data))
     fact = Fact("accuracy", f"alternatives of {what} are tried after it, for at most {tried.budget:g} s")
     return replace(explained, facts=[*explained.facts, fact])
+
+
+def is_tried(cost: CostEstimate) -> bool:
+    """Return True for a run that is expected to be short enough for a trial."""
+    return cost.seconds < _TRIED
 
 
 #: Longest trial, processor seconds.
@@ -186,7 +191,12 @@ class _Enough(BaseException):
     """Ends a trial; no handler of errors takes it for one."""
 
 
-def trial(scene: Scene, limit: float = LIMIT, clock: Callable[[], float] = time.process_time) -> Trial | None:
+def trial(
+    scene: Scene,
+    limit: float = LIMIT,
+    clock: Callable[[], float] = time.process_time,
+    heard: Listener | None = None,
+) -> Trial | None:
     """Return the forecast of the time of a run, which is begun and cut off at a limit.
 
     Parameters
@@ -197,6 +207,8 @@ def trial(scene: Scene, limit: float = LIMIT, clock: Callable[[], float] = time.
         Longest trial, s.
     clock
         Returns the time, s.
+    heard
+        Receives the progress of the run, too.
 
     Returns
     -------
@@ -208,13 +220,15 @@ def trial(scene: Scene, limit: float = LIMIT, clock: Callable[[], float] = time.
     began = clock()
     reports = [Report("", 0.0)]
 
-    def heard(what: str) -> None:
+    def hear(what: str) -> None:
+        if heard is not None:
+            heard(what)
         reports.append(Report(what, clock() - began))
         if reports[-1].at > limit:
             raise _Enough
 
     try:
-        with progress_to(heard):
+        with progress_to(hear):
             run_scene(scene)
     except _Enough:
         return Trial(forecast(reports), len(reports), complete=False)

@@ -1,0 +1,256 @@
+"""Explanations of scenes in a separate process, which is ended where it takes too long.
+
+Stages of a run may report no progress for minutes, and compiled ones cannot be interrupted.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from textwrap import wrap
+from typing import TYPE_CHECKING, Any
+
+from dynid.errors import DynidError, FileError
+from dynid.progress import progress_to, report_progress
+
+if TYPE_CHECKING:
+    from dynid.scene.explanations.explanation import CostEstimate, Explanation
+    from dynid.scene.load import Scene
+
+#: Wall-clock seconds for each second of processor time, on a busy machine.
+_PATIENCE = 6
+#: Processor seconds beyond those of a trial run, which then reports its forecast.
+_SLACK = 0.2
+#: A part of the work is listed if it takes longer than this, s, and more than this share of the whole.
+_LEAST, _SHARE = 0.5, 0.1
+
+Send = Callable[[dict[str, Any]], object]
+
+
+@dataclass(frozen=True)
+class Explained:
+    """The explanation of a scene, as far as it came.
+
+    Parameters
+    ----------
+    lines
+        The screen without the cost.
+    failure
+        Lines that say how a run will fail.
+    code
+        The exit code of a run, as far as it is known.
+    cost
+        The expected cost; None where a run fails, or the explanation was cut off before.
+    cut_off
+        What was in progress where the explanation was cut off; None where it is complete.
+    """
+
+    lines: list[str] = field(default_factory=list)
+    failure: list[str] = field(default_factory=list)
+    code: int = 0
+    cost: CostEstimate | None = None
+    cut_off: str | None = None
+
+
+def explained(scene: Scene, overrides: tuple[str, ...]) -> Explained:
+    """Return the explanation of a valid scene, made in a separate process of limited processor time.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    overrides
+        The values that were set in it.
+
+    Raises
+    ------
+    DynidError
+        Where a file of the scene cannot be read.
+    """
+    from dynid.scene.explanations.explanation import LIMIT
+    from dynid.trial import limits_processor_time, messages
+
+    seconds = LIMIT * (_PATIENCE if limits_processor_time() else 1)
+    stream = messages("dynid.cli.explained:explain_file", scene.source.file, *overrides, seconds=seconds)
+    if stream is not None:
+        return _received(stream)
+    heard: list[dict[str, Any]] = []  # no process can be started here
+    explain_in_parts(scene, heard.append)
+    return _received(heard)
+
+
+def _received(stream: Iterable[dict[str, Any]]) -> Explained:
+    """Return the explanation of which a stream has the parts."""
+    from dynid.scene.explanations.explanation import CostEstimate, Trial
+
+    answer, work = Explained(), "reading the scene"
+    for message in stream:
+        match message:
+            case {"progress": str(text)}:
+                work = text or work
+                report_progress(text)
+            case {"lines": lines, "failure": failure, "code": code, "cost": cost}:
+                cost = None if cost is None else CostEstimate(**cost)
+                answer, work = Explained(lines, failure, code, cost), "the beginning of a trial run"
+            case {"trial": trial}:
+                if answer.cost is not None and trial is not None:
+                    answer = replace(answer, cost=replace(answer.cost, trial=Trial(*trial)))
+                return answer
+            case {"unreadable": str(text)}:
+                error = DynidError(text)
+                error.exit_code = FileError.exit_code
+                raise error
+            case {"unforeseen": str(text)}:
+                raise RuntimeError(text)
+    return replace(answer, cut_off=work)
+
+
+def explain_file(send: Send, path: str, *overrides: str) -> None:
+    """Explain the scene of a file: what the separate process does."""
+    from dynid.scene.explanations.explanation import LIMIT
+    from dynid.scene.load import load_scene
+    from dynid.trial import limit_processor_time
+
+    scene = load_scene(path, overrides)
+    limit_processor_time(LIMIT + _SLACK)
+    try:
+        explain_in_parts(scene, send)
+    except FileError as error:
+        send({"unreadable": str(scene.locate(error))})
+    except Exception as error:
+        send({"unforeseen": f"{type(error).__name__} {error}"})
+
+
+def explain_in_parts(scene: Scene, send: Send) -> None:
+    """Send the explanation of a scene, then the forecast of a trial run where it is short."""
+    from dynid.scene.explanations.explanation import LIMIT, explain, is_tried, trial
+
+    def report(text: str) -> None:
+        send({"progress": text})
+
+    began = time.process_time()
+    with progress_to(report):
+        explanation = _of_study(scene) if scene.kind == "study" else explain(scene)
+        cost = explanation.cost
+        failure, code = _failure(scene, explanation)
+        numbers = cost and {
+            "parts": dict(cost.parts),
+            "megabytes": cost.megabytes,
+            "kilobytes": cost.kilobytes,
+        }
+        lines = list(explanation_lines(explanation))
+        send({"lines": lines, "failure": failure, "code": code, "cost": numbers})
+        tried = None
+        if scene.kind != "study" and cost is not None and is_tried(cost):
+            tried = trial(scene, max(0.0, LIMIT - (time.process_time() - began)), heard=report)
+        send({"trial": tried})
+
+
+def _of_study(scene: Scene) -> Explanation:
+    from dynid.study.explanation import explain_study
+    from dynid.study.plan import make_plan
+
+    return explain_study(make_plan(scene), f"{Path(scene.source.file).stem}.h5")
+
+
+def _failure(scene: Scene, explanation: Explanation) -> tuple[list[str], int]:
+    """Return the lines that say how a run will fail, and its exit code; none where it is not known to."""
+    from dynid.scene.kinds.study import base_scene
+
+    obstacle = explanation.obstacle
+    if obstacle is None:
+        return [], 0
+    if scene.kind == "study":  # a sample that fails is a row of its file
+        return ["  the scene fails at its own values:", f"  {base_scene(scene).locate(obstacle)}", ""], 0
+    code = obstacle.exit_code
+    return [f"  a run will fail (exit code {code}):", f"  {scene.locate(obstacle)}", ""], code
+
+
+def explanation_lines(explanation: Explanation) -> Iterator[str]:
+    """Yield the screen of an explanation but for its cost: facts, causality, identifiability."""
+    from dynid.cli.summary.identification import identifiability_lines
+    from dynid.cli.summary.transfer_functions import causality_lines
+
+    yield from _paragraphs(
+        [line for fact in explanation.facts for line in _hanging(fact.topic, fact.text)],
+        list(causality_lines(explanation.result)),
+        identifiability_lines(explanation.result),
+    )
+
+
+def cost_lines(answer: Explained, loading: float) -> Iterator[str]:
+    """Yield the cost of a run; `loading` are the seconds in which a scene is read, a part of every run."""
+    from dynid.scene.explanations.explanation import LIMIT
+
+    cut_off = f"after {LIMIT:g} s of processor time it was at '{answer.cut_off}', which has no forecast"
+    cost = answer.cost
+    if cost is None:
+        if answer.cut_off is not None:
+            yield from _paragraphs([*_hanging("cut off", f"the explanation is not complete: {cut_off}")])
+        yield ""
+        return
+    memory, file = size_text(1e6 * cost.megabytes), size_text(1e3 * cost.kilobytes)
+    seconds, large = seconds_text(loading + cost.seconds), {}
+    if answer.cut_off is not None:
+        seconds, said = f"more than {LIMIT:g} s", f" (a trial run was cut off: {cut_off})"
+    elif cost.trial is not None:
+        said = "measured by a trial run" if cost.trial.complete else "from the beginning of a trial run"
+        said = f" ({said})"
+    else:
+        said = ""
+    if answer.cut_off is None:
+        large = {name: each for name, each in cost.parts.items() if each > max(_LEAST, _SHARE * cost.seconds)}
+    total = f"{seconds}, {memory} of memory; a file of about {file}{said}"
+    in_order = sorted(large.items(), key=lambda part: -part[1])
+    shares = "; ".join(f"{name} {seconds_text(each)}" for name, each in in_order)
+    yield from _paragraphs([*_hanging("cost", total), *(_hanging("", shares) if large else ())])
+    yield ""
+
+
+def _paragraphs(*parts: Sequence[str]) -> Iterator[str]:
+    """Yield the lines of paragraphs, an empty line before each of them, folded to the screen."""
+    from dynid.cli.summary.common import folded
+
+    for part in filter(None, parts):
+        yield ""
+        whole = "\n".join(part).rstrip("\n").split("\n")
+        yield from (piece for line in whole for piece in folded(line))
+
+
+def _hanging(topic: str, text: str) -> Iterator[str]:
+    from dynid.cli.summary.common import columns
+
+    first, *rest = wrap(text, min(91, columns() - 17), break_long_words=False, break_on_hyphens=False) or [""]
+    yield f"  {topic:<13}  {first}"
+    yield from (f"{'':17}{line}" for line in rest)
+
+
+def seconds_text(seconds: float) -> str:
+    """Return an estimated duration as text."""
+    if seconds < 0.5:
+        return "well under a second"
+    if seconds < 1.5:
+        return "about a second"
+    if seconds < 90:
+        return f"about {_rounded(seconds)} s"
+    if seconds < 90 * 60:
+        return f"about {_rounded(seconds / 60)} min"
+    return f"about {_rounded(seconds / 3600)} h"
+
+
+def size_text(size: float) -> str:
+    """Return a number of bytes as text."""
+    for unit, name in ((1e9, "GB"), (1e6, "MB")):
+        if size >= unit:
+            return f"{_rounded(size / unit)} {name}"
+    return f"{_rounded(size / 1e3)} kB"
+
+
+def _rounded(value: float) -> str:
+    """Return a number with two significant digits, or one below 10."""
+    digits = 1 if value >= 10 else 0
+    decimals = digits - math.floor(math.log10(value)) if value > 0 else 0
+    return f"{round(value, decimals):,.{max(0, decimals)}f}"
