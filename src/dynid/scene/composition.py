@@ -15,9 +15,17 @@ from typing import Any, NamedTuple
 
 from dynid.arithmetic.expression import renamed
 from dynid.errors import Fault, SceneError
-from dynid.scene.model_faults import Model, model_faults
+from dynid.scene.model_faults import Model, copy_values, model_faults
 from dynid.scene.model_files import is_instance, with_models
-from dynid.scene.schema.raw import chain_ends, chain_fault, listing, mapping, mapping_of, own_variable
+from dynid.scene.schema.raw import (
+    chain_ends,
+    chain_fault,
+    listing,
+    mapping,
+    mapping_of,
+    own_variable,
+    written_key,
+)
 from dynid.scene.yaml.parser import MAX_FAULTS, Positions
 from dynid.scene.yaml.parser import Path as KeyPath
 from dynid.scene.yaml.source import Source
@@ -209,45 +217,63 @@ class _Flattening:
     ) -> None:
         """Add an instance of a model, or the copies of one."""
         model = self.models[str(node["model"])]
-        inner = self._arguments(flat, node, model, path, names)
         count = node.get("repeat")
         copies = [flat] if count is None else [f"{flat}.{number}" for number in range(1, count + 1)]
+        scopes = self._arguments(flat, node, path, names)
         mark, unconnected = self._mark(path), [port for port in model.ports if port not in model.nodes]
-        for copy in copies:
-            self._place(f"{copy}.", model.data, model.path, inner)
+        for number, copy in enumerate(copies, 1):
+            self._place(f"{copy}.", model.data, model.path, scopes.get(number, scopes[0]))
             self.ports |= {f"{copy}.{port}": (mark, []) for port in model.ports}
             self.open |= {f"{copy}.{port}" for port in unconnected}
         if copies != [flat]:
             right, left = (str(port) for port in listing(node, "chain") or ("", ""))
+            backward = bool(right) and (model.outflow(right) < 0 or model.outflow(left) > 0)
             for one, other in pairwise(copies) if right else ():
-                self._connect(f"{one}.{right}", f"{other}.{left}", mark, f"chain of {flat}")
+                ends = (f"{one}.{right}", f"{other}.{left}")
+                self._connect(*(ends[::-1] if backward else ends), mark, f"chain of {flat}")
             if right:
                 self.aliases |= {f"{flat}.{left}": f"{copies[0]}.{left}"}
                 self.aliases |= {f"{flat}.{right}": f"{copies[-1]}.{right}"}
 
     def _arguments(
-        self,
-        flat: str,
-        node: Mapping[Any, Any],
-        model: Model,
-        path: KeyPath,
-        names: Mapping[str, str],
-    ) -> dict[str, str]:
-        """Add the parameters of an instance; return their flat names by those in the model."""
-        usual = model.parameters
-        inner = {name: f"{flat}.{name}" for name in usual}
-        for name, value in usual.items():
-            own, scope = (
-                ((*path, name), names) if name in node else ((*model.path, "parameters", name), inner)
-            )
-            given = node.get(name, value)
-            if inner[name] in mapping(self.source.data, "parameters"):
-                message = f"'{inner[name]}' is a parameter of the instance '{flat}'; use another name"
-                self._note(self.source.fault(("parameters", inner[name]), message, key=True))
-            self.parameters[inner[name]] = _scoped(given, scope)
-            for below, mark in self._marks(own[:-1]).get(own[-1], ()):
-                self.marks["parameters", inner[name], *below] = mark
-        return inner
+        self, flat: str, node: Mapping[Any, Any], path: KeyPath, names: Mapping[str, str]
+    ) -> dict[int, dict[str, str]]:
+        """Add the parameters of an instance; return their flat names by those in the model, by copy.
+
+        The names that copies share have the number 0. A copy with values of its own has parameters of its own
+        for these, and for usual values that depend on them.
+        """
+        model = self.models[str(node["model"])]
+        usual, copies = model.parameters, copy_values(node)
+        changed = {number: _changed(values, usual, node) for number, values in copies.items()}
+        shared = {name: f"{flat}.{name}" for name in usual}
+        if changed and len(changed) == node.get("repeat"):
+            unshared = set.intersection(*changed.values())
+        else:
+            unshared = set()
+        scopes = {0: shared}
+        for number, own in {0: shared.keys() - unshared, **changed}.items():
+            scopes[number] = scope = shared | {name: f"{flat}.{number}.{name}" for name in own if number}
+            for name in (name for name in usual if name in own):
+                if name in copies.get(number, {}):
+                    place, around = (*path, "copies", written_key(node["copies"], str(number)), name), names
+                elif name in node:
+                    place, around = (*path, name), names
+                else:
+                    place, around = (*model.path, "parameters", name), scope
+                value = copies.get(number, {}).get(name, node.get(name, usual[name]))
+                self._add_parameter(scope[name], _scoped(value, around), place)
+        return scopes
+
+    def _add_parameter(self, flat: str, value: Any, path: KeyPath) -> None:
+        """Add a parameter of an instance, written at a path."""
+        if flat in mapping(self.source.data, "parameters"):
+            holder = flat.rpartition(".")[0]
+            message = f"'{flat}' is a parameter of the instance '{holder}'; use another name"
+            self._note(self.source.fault(("parameters", flat), message, key=True))
+        self.parameters[flat] = value
+        for below, mark in self._marks(path[:-1]).get(path[-1], ()):
+            self.marks["parameters", flat, *below] = mark
 
     # Ports
 
@@ -276,6 +302,21 @@ class _Flattening:
                 if end in at:
                     at[end] = [kept if number == dropped else number for number in at[end]]
         return [bonds[number] for number in sorted(bonds)]
+
+
+def _changed(values: Mapping[str, Any], usual: Mapping[str, Any], node: Mapping[Any, Any]) -> set[str]:
+    """Return the parameters of a copy that its values change: these, and usual values that depend on them."""
+    changed = set(values)
+    while True:
+        names = {name: f"{name}'" for name in changed}
+        others = {
+            name
+            for name, value in usual.items()
+            if name not in changed and name not in node and _scoped(value, names) != value
+        }
+        if not others:
+            return changed
+        changed |= others
 
 
 class _Scope(dict[str, str]):

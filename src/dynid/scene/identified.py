@@ -12,7 +12,7 @@ from dynid.errors import SceneError, UsageError
 from dynid.result import Result
 from dynid.scene.composition import composed
 from dynid.scene.model_files import is_instance
-from dynid.scene.schema.raw import mapping
+from dynid.scene.schema.raw import mapping, written_key
 from dynid.scene.yaml.parser import Path
 from dynid.scene.yaml.source import Source, parse_source
 from dynid.scene.yaml.writer import dump, edited
@@ -102,6 +102,10 @@ def place_of_unknown(data: Any, name: str) -> Path:
     if holder in mapping(mapping(data, "graph"), "nodes"):
         given = data["graph"]["nodes"][holder]
         return ("graph", "nodes", holder, own) if is_instance(given) and own in given else ()
+    line, _, number = holder.rpartition(".")
+    copies = mapping(mapping(mapping(data, "graph"), "nodes").get(line), "copies")
+    if own in mapping(copies, key := written_key(copies, number)):
+        return ("graph", "nodes", line, "copies", key, own)
     joints = {str(key): key for key in mapping(data, "joints")}
     joint, _, letter = holder.rpartition(".")  # of a joint between points: bolt.k.x
     if joint in joints and holder not in joints:

@@ -6,20 +6,23 @@ each model is visited once, and the sizes of its instances are added up.
 
 from __future__ import annotations
 
+import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 from dynid.arithmetic.expression import name_problem
 from dynid.errors import Fault
 from dynid.scene.model_files import is_instance, library_names
-from dynid.scene.schema.raw import chain_ends, listing, mapping
+from dynid.scene.schema.raw import chain_ends, is_mapping_of_mappings, listing, mapping
 from dynid.scene.yaml.parser import Path as KeyPath
 from dynid.scene.yaml.source import Source
 from dynid.suggestions import did_you_mean
 
+#: Keys of an instance that are no parameters of its model.
+_INSTANCE_KEYS = ("model", "repeat", "chain", "copies")
 #: Keys of instances and nodes, which no parameter of a model is called.
-RESERVED = ("type", "value", "model", "domain", "ports", "repeat", "chain", "law")
+RESERVED = (*_INSTANCE_KEYS, "type", "value", "domain", "ports", "law")
 #: The most copies of an instance.
 MAX_COPIES = 100_000
 #: The most values (texts, numbers, lists, mappings) of all instances together: about 1 GB.
@@ -29,6 +32,7 @@ MAX_NESTING = 50
 # A text counts once for so many characters: names of nodes grow with the names of the instances around them.
 _CHARACTERS = 64
 
+_COPY_NUMBER = re.compile("[1-9][0-9]{0,5}")
 _MODEL_KEYS = ("title", "source", "ports", "parameters", "nodes", "bonds")
 
 
@@ -57,6 +61,21 @@ class Model(NamedTuple):
     def nodes(self) -> dict[str, Any]:
         """Its nodes."""
         return {str(name): node for name, node in mapping(self.data, "nodes").items()}
+
+    def outflow(self, port: str) -> int:
+        """Return 1 where power is positive out of the model at a port, -1 where into it, 0 where it is free.
+
+        It follows the bond within, at a port that is no node, and at a TF or GY: one bond in, and one out.
+        """
+        node = self.nodes.get(port)
+        kind = node.get("type") if isinstance(node, dict) else node
+        if port in self.nodes and kind not in ("TF", "GY"):
+            return 0
+        for text in listing(self.data, "bonds"):
+            ends = chain_ends(text) if isinstance(text, str) else []
+            if port in ends:
+                return -1 if ends[0] == port else 1
+        return 0
 
 
 def model_faults(source: Source, models: Mapping[str, Model]) -> list[Fault]:
@@ -130,15 +149,40 @@ class _Checks:
             close = did_you_mean(str(node["model"]), [*self.models, *library_names()])
             self._note((*path, "model"), f"no model '{node['model']}'{close}", key=False)
             return
-        parameters = model.parameters
-        for key in node:
-            if key not in ("model", "repeat", "chain") and str(key) not in parameters:
-                close = did_you_mean(str(key), parameters) or f"; it has {', '.join(parameters) or 'none'}"
-                self._note((*path, key), f"the model '{model.name}' has no parameter '{key}'{close}")
-        for parameter, value in parameters.items():
-            if node.get(parameter, value) is None:
+        self._check_names({key: key for key in node if key not in _INSTANCE_KEYS}, model, path)
+        copies = copy_values(node)
+        for parameter, value in model.parameters.items():
+            values = [copy.get(parameter) for copy in copies.values()]
+            everywhere = len(copies) == node.get("repeat") and None not in values
+            if node.get(parameter, value) is None and not everywhere:
                 self._note(path, f"'{name}' needs the parameter '{parameter}' of its model '{model.name}'")
         self._check_copies(node, model, path)
+        self._check_copy_values(node, model, (*path, "copies"))
+
+    def _check_names(self, keys: Iterable[Any], model: Model, path: KeyPath) -> None:
+        """Note keys that are no parameters of a model."""
+        parameters = model.parameters
+        for key in keys:
+            if str(key) not in parameters:
+                close = did_you_mean(str(key), parameters) or f"; it has {', '.join(parameters) or 'none'}"
+                self._note((*path, key), f"the model '{model.name}' has no parameter '{key}'{close}")
+
+    def _check_copy_values(self, node: Mapping[Any, Any], model: Model, path: KeyPath) -> None:
+        """Note the faults of values of single copies."""
+        if "copies" not in node:
+            return
+        count, copies = node.get("repeat"), node["copies"]
+        if type(count) is not int or not is_mapping_of_mappings(copies):
+            message = "'copies' has values of single copies beside 'repeat': {2: {C: 3}}"
+            self._note(path, message)
+            return
+        for number, values in copies.items():
+            if not (_COPY_NUMBER.fullmatch(str(number)) and int(number) <= count):
+                self._note((*path, number), f"there is no copy {number}; they count from 1 to {count}")
+            self._check_names(values, model, (*path, number))
+            for name, value in values.items():
+                if value is None:
+                    self._note((*path, number, name), f"'{name}' of copy {number} needs a value")
 
     def _check_copies(self, node: Mapping[Any, Any], model: Model, path: KeyPath) -> None:
         count, chain = node.get("repeat"), node.get("chain")
@@ -151,9 +195,20 @@ class _Checks:
                 close = did_you_mean(port, model.ports) or f"; it has {', '.join(model.ports)}"
                 message = f"the model '{model.name}' has no port '{port}'{close}"
                 self._note((*path, "chain", index), message, key=False)
+        if chain and len(flows := {model.outflow(str(port)) for port in chain} - {0}) == 1 and count != 1:
+            self._check_through(model, [str(port) for port in chain], *flows, (*path, "chain"))
         if count is not None and (type(count) is not int or not 1 <= count <= MAX_COPIES):
             message = f"'repeat' is a whole number from 1 to {MAX_COPIES:,}"
             self._note((*path, "repeat"), message, key=False)
+
+    def _check_through(self, model: Model, chain: list[str], flow: int, path: KeyPath) -> None:
+        """Note a chain whose ports both lead into the model, or both out of it."""
+        if all(model.outflow(port) for port in chain) and set(chain) <= set(model.ports):
+            way = "out of" if flow > 0 else "into"
+            message = (
+                f"power is positive {way} the model '{model.name}' at both '{chain[0]}' and '{chain[1]}'"
+            )
+            self._note(path, f"{message}; turn the bond of the model at one of them")
 
     def size_of(self, graph: Mapping[Any, Any], path: KeyPath, above: tuple[str, ...]) -> _Size:
         """Return what a model or the graph makes; note what is too deep, too large, or contains itself."""
@@ -197,6 +252,15 @@ class _Checks:
         if message not in self._noted:
             self._noted.add(message)
             self._note(path, message, key=key)
+
+
+def copy_values(node: Mapping[Any, Any]) -> dict[int, dict[str, Any]]:
+    """Return the values of single copies of an instance by their numbers, as far as they can be read."""
+    return {
+        int(number): {str(name): value for name, value in values.items()}
+        for number, values in mapping(node, "copies").items()
+        if _COPY_NUMBER.fullmatch(str(number)) and isinstance(values, dict)
+    }
 
 
 def _is_name(text: str) -> bool:

@@ -292,6 +292,7 @@ class InstanceModel(Section):
     model: str
     repeat: int | None = Field(default=None, ge=1, le=MAX_COPIES)
     chain: list[str] | None = Field(default=None, min_length=2, max_length=2)
+    copies: dict[Annotated[str, Field(pattern="^[0-9]+$")], dict[str, ParameterEntry]] | None = None
 
 
 _Node = Annotated[

@@ -277,7 +277,10 @@ def _next_key(holder: Any, parts: list[str], path: Path, origin: str) -> tuple[K
         for key in (joined, _as_key(joined)):
             if key in holder:
                 return key, parts[length:]
-    return _as_key(parts[0]), parts[1:]
+    key = _as_key(parts[0])
+    if type(key) is int and len(parts) > 1 and {"model", "repeat"} <= holder.keys():
+        return "copies", parts  # line.2.C: the copies of an instance are named by their numbers
+    return key, parts[1:]
 
 
 def _as_key(word: str) -> Key:
