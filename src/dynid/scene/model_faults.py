@@ -195,16 +195,17 @@ class _Checks:
                 close = did_you_mean(port, model.ports) or f"; it has {', '.join(model.ports)}"
                 message = f"the model '{model.name}' has no port '{port}'{close}"
                 self._note((*path, "chain", index), message, key=False)
-        if chain and len(flows := {model.outflow(str(port)) for port in chain} - {0}) == 1 and count != 1:
-            self._check_through(model, [str(port) for port in chain], *flows, (*path, "chain"))
+        if chain and count != 1:
+            self._check_through(model, [str(port) for port in chain], (*path, "chain"))
         if count is not None and (type(count) is not int or not 1 <= count <= MAX_COPIES):
             message = f"'repeat' is a whole number from 1 to {MAX_COPIES:,}"
             self._note((*path, "repeat"), message, key=False)
 
-    def _check_through(self, model: Model, chain: list[str], flow: int, path: KeyPath) -> None:
+    def _check_through(self, model: Model, chain: list[str], path: KeyPath) -> None:
         """Note a chain whose ports both lead into the model, or both out of it."""
-        if all(model.outflow(port) for port in chain) and set(chain) <= set(model.ports):
-            way = "out of" if flow > 0 else "into"
+        flows = [model.outflow(port) for port in chain if port in model.ports]
+        if flows in ([1, 1], [-1, -1]):
+            way = "out of" if flows[0] > 0 else "into"
             message = (
                 f"power is positive {way} the model '{model.name}' at both '{chain[0]}' and '{chain[1]}'"
             )
