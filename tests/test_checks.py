@@ -238,6 +238,92 @@ def test_tolerances_of_a_comparison_are_symmetric():
         assert len(compare(first, second, rtol=0.09)) == 1
 
 
+def pair(path, one, other, dims, units=""):
+    """Return two results of one array."""
+    results = Result("x"), Result("x")
+    for result, data in zip(results, (one, other), strict=True):
+        result.add(path, np.asarray(data), dims, units)
+    return results
+
+
+FIELDS = [
+    ("reduction/serep/mac", ("mode", "full_mode")),
+    ("bond_graph/frequency_response/response", ("omega", "output", "input")),
+    ("bond_graph/time_response/response", ("time", "output")),
+    ("structure/modes/shape", ("dof", "mode")),
+    ("modal/shape", ("mode", "channel")),
+    ("reduction/guyan/stiffness", ("coordinate", "column")),
+    ("reduction/guyan/T", ("dof", "coordinate")),
+    ("identification/parameters/correlation", ("parameter", "other")),
+]
+ENTRIES = [
+    ("identification/parameters/estimate", ("parameter",)),
+    ("identification/parameters/standard_error", ("parameter",)),
+    ("reduction/serep/frequencies", ("mode",)),
+    ("bond_graph/transfer_function/y/u/poles", ("pole",)),
+    ("bond_graph/transfer_function/y/u/numerator", ("numerator_power",)),
+    ("bond_graph/time_response/time", ("time",)),
+    ("bond_graph/sensitivities/y/u/pole_sensitivity", ("pole", "parameter")),
+]
+
+
+@pytest.mark.parametrize(("path", "dims"), FIELDS)
+@pytest.mark.parametrize("kind", [float, complex])
+def test_round_off_in_an_array_of_one_quantity_is_relative_to_its_largest_entry(path, dims, kind):
+    rng = np.random.default_rng(len(path))
+    shape = (4, 3, 2)[: len(dims)]
+    one = rng.standard_normal(shape).astype(kind)
+    one.ravel()[:2] = 50.0, 0.0
+    other = one + 3e-14 * rng.standard_normal(shape)  # below 1e-9 of 50, beyond that of 0
+    first, second = pair(path, one, other, dims, "m")
+    assert compare(first, second) == compare(second, first) == []
+    assert len(compare(first, second, elementwise=True)) == 1
+    other.ravel()[1] = 1e-7  # more than 1e-9 of the largest
+    assert [str(difference.path) for difference in compare(*pair(path, one, other, dims, "m"))] == [path]
+    assert compare(*pair(path, one, other, dims, "m"), rtol=2.1e-9) == []
+    other.ravel()[1] = math.nan
+    assert len(compare(*pair(path, one, other, dims, "m"), rtol=1.0)) == 1
+
+
+@pytest.mark.parametrize(("path", "dims"), ENTRIES)
+def test_quantities_of_their_own_are_compared_by_their_own_size(path, dims):
+    one = np.full((3, 2)[: len(dims)], 50.0)
+    one.ravel()[1] = 1e-6
+    other = one.copy()
+    other.ravel()[1] *= 1 + 1e-8
+    assert len(compare(*pair(path, one, other, dims))) == 1
+    assert compare(*pair(path, one, other, dims), rtol=2e-8) == []
+
+
+def test_columns_of_several_units_have_their_own_largest_entries():
+    one = np.array([[1e6, 1e-6], [2e6, 0.0]])
+    other = one + np.array([[0, 1e-12], [0, 1e-13]])
+    path, dims = "identification/measurement/measured", ("time", "channel")
+    assert compare(*pair(path, one, other, dims, "m/s")) == []
+    (difference,) = compare(*pair(path, one, other, dims))
+    assert "2 of 4 entries" in difference.message
+    assert compare(*pair(path, one, other, dims), rtol=1.1e-6) == []
+
+
+def test_samples_of_a_study_have_their_own_largest_entries():
+    path, dims = "study/results/bond_graph/frequency_response/response", ("sample", "omega")
+    one = np.array([[1e6, 1.0], [1e-6, 0.0]])
+    assert compare(*pair(path, one, np.add(one, [[1e-5, 1e-5], [1e-17, 1e-17]]), dims, "m")) == []
+    (difference,) = compare(*pair(path, one, np.add(one, [[1e-5, 1e-5], [1e-12, 1e-17]]), dims, "m"))
+    assert difference.message.endswith("at entry 2, 1 (1 of 4 entries differ)")
+    scalar, scalars = "study/results/bond_graph/properties/y/u/dc_gain", np.array([1e6, 1e-6])
+    assert len(compare(*pair(scalar, scalars, scalars * (1 + 1e-8), ("sample",)))) == 1
+
+
+def test_an_error_bound_is_compared_by_the_scale_of_what_it_bounds():
+    results = Result("x"), Result("x")
+    for result, bound in zip(results, (1e-15, 3e-15), strict=True):
+        result.add("r/response", np.array([1.0, 0.1]), ("omega",), "m")
+        result.add("r/response_error_bound", np.array([bound, bound]), ("omega",), "m")
+    assert compare(*results) == []
+    assert len(compare(*results, elementwise=True)) == 1
+
+
 def test_junit_counts_and_survives_any_text():
     outcomes = [
         CheckOutcome(True, "a/b", "= 1", "1", "b is 1"),

@@ -14,6 +14,17 @@ from dynid.result import PROVENANCE_ARRAYS, Result, Scalar, Variable, is_cost, w
 
 RTOL = 1e-9
 
+#: Dimensions along which an array samples one quantity: responses, shapes, matrices, coordinates in space.
+_FIELD = frozenset({"omega", "time", "lag", "dof", "node", "xyz"}) | {
+    *("coordinate", "column", "rate_of", "state", "full_mode", "other")
+}
+#: Names of arrays of one quantity by modes alone.
+_SHAPES = frozenset({"shape", "mac"})
+#: Dimensions whose entries are quantities of their own, but for those below.
+_SEPARATE = frozenset({"sample", "parameter", "component"})
+#: Dimensions whose entries are one quantity where they have one unit.
+_CHANNELS = frozenset({"channel", "output", "input", "source", "excitation"})
+
 
 @dataclass(frozen=True)
 class Difference:
@@ -31,7 +42,9 @@ class Difference:
         return "/need/" in self.path or self.path.endswith("_error_bound")
 
 
-def compare(a: Result, b: Result, rtol: float = RTOL, atol: float = 0.0) -> list[Difference]:
+def compare(
+    a: Result, b: Result, rtol: float = RTOL, atol: float = 0.0, *, elementwise: bool = False
+) -> list[Difference]:
     """Return the differences of two results beyond tolerances; titles, provenance and costs are ignored.
 
     Parameters
@@ -39,7 +52,11 @@ def compare(a: Result, b: Result, rtol: float = RTOL, atol: float = 0.0) -> list
     a, b
         The results.
     rtol, atol
-        Numbers x and y agree when |x - y| <= atol + rtol max(|x|, |y|). NaN agrees with NaN.
+        Numbers x and y agree when |x - y| <= atol + rtol max(|x|, |y|). NaN agrees with NaN. Of arrays of one
+        quantity (responses, shapes, MAC, matrices) the maximum is that of all entries: round-off is relative
+        to the largest of them.
+    elementwise
+        True: each entry of every array is compared by its own size.
     """
     found = [Difference("kind", f"{a.kind} against {b.kind}")] if a.kind != b.kind else []
     for path in sorted((a.keys() | b.keys()) - PROVENANCE_ARRAYS):
@@ -47,7 +64,9 @@ def compare(a: Result, b: Result, rtol: float = RTOL, atol: float = 0.0) -> list
             found.append(Difference(path, f"only in the {'second' if path not in a else 'first'}"))
         elif is_cost(path):
             continue
-        elif message := _difference(a[path], b[path], rtol, atol):
+        elif message := _difference(
+            a[path], b[path], rtol, atol, None if elementwise else _scale(a, b, path)
+        ):
             found.append(Difference(path, message))
         else:
             found += _attr_differences(path, a[path].attrs, b[path].attrs, rtol, atol)
@@ -57,7 +76,7 @@ def compare(a: Result, b: Result, rtol: float = RTOL, atol: float = 0.0) -> list
     return found
 
 
-def close(a: NDArray[Any], b: NDArray[Any], rtol: float, atol: float) -> NDArray[Any]:
+def close(a: NDArray[Any], b: NDArray[Any], rtol: float, atol: NDArray[np.float64] | float) -> NDArray[Any]:
     """Return a mask of close entries; infinities are close to themselves only, NaN to nothing."""
     same = np.asarray(a == b, dtype=bool)
     if a.dtype.kind not in "ifc" or b.dtype.kind not in "ifc":
@@ -94,7 +113,47 @@ def words_of(data: NDArray[Any]) -> str:
     return word(data) if data.ndim == 0 else f"[{', '.join(map(word, data.ravel()))}]"
 
 
-def _difference(a: Variable, b: Variable, rtol: float, atol: float) -> str:
+def _is_field(path: str, variable: Variable) -> bool:
+    """Return True for an array of one quantity, whose round-off is relative to its largest entry."""
+    leaf = path.rpartition("/")[2]
+    inner = [dim for dim in variable.dims if dim != "sample"]
+    if variable.dtype.kind not in "fc" or inner in ([], [leaf]):  # scalars and axes
+        return False
+    return leaf in _SHAPES or not _FIELD.isdisjoint(inner)
+
+
+def _scale(a: Result, b: Result, path: str) -> NDArray[np.float64] | None:
+    """Return the largest entry of both arrays, by quantity; None where each entry is one.
+
+    An error bound of an array has the scale of this array.
+    """
+    bounded = path.removesuffix("_error_bound")
+    path = bounded if bounded in a and bounded in b else path
+    variables = [a[path], b[path]]
+    if not all(_is_field(path, variable) for variable in variables):
+        return None
+    if variables[0].dims != variables[1].dims or variables[0].shape != variables[1].shape:
+        return None
+    mixed = _CHANNELS if not variables[0].units else frozenset()
+    apart = [dim in _SEPARATE or dim in mixed for dim in variables[0].dims]
+    return np.maximum(*(_largest(variable, apart) for variable in variables))
+
+
+def _largest(variable: Variable, apart: list[bool]) -> NDArray[np.float64]:
+    """Return the largest finite magnitude along all axes but those apart; the others have length 1."""
+    axes = tuple(axis for axis, separate in enumerate(apart) if not separate)
+    largest: list[NDArray[np.float64]] = []
+    for _, block in variable.blocks():
+        with np.errstate(all="ignore"):
+            sizes = np.abs(block)
+        sizes = np.where(np.isfinite(sizes), sizes, 0.0)
+        largest.append(np.max(sizes, axis=axes, keepdims=True, initial=0.0))
+    if not largest:
+        return np.zeros([1] * len(apart))
+    return np.concatenate(largest) if apart[0] else np.max(largest, axis=0)
+
+
+def _difference(a: Variable, b: Variable, rtol: float, atol: float, scale: NDArray[np.float64] | None) -> str:
     for what, mine, theirs in (
         ("dimensions", a.dims, b.dims),
         ("shape", a.shape, b.shape),
@@ -105,7 +164,7 @@ def _difference(a: Variable, b: Variable, rtol: float, atol: float) -> str:
     if a.dtype.names != b.dtype.names:
         return "the columns differ"
     for name in a.dtype.names or ("",):
-        if message := _value_difference(_paired(a, b, name), a.shape, rtol, atol):
+        if message := _value_difference(_paired(a, b, name), a.shape, rtol, atol, scale):
             return f"{name}: {message}" if name else message
     return ""
 
@@ -120,13 +179,23 @@ def _paired(a: Variable, b: Variable, name: str) -> _Pairs:
         yield (start, mine[name], theirs[name]) if name else (start, mine, theirs)
 
 
-def _value_difference(pairs: _Pairs, shape: tuple[int, ...], rtol: float, atol: float) -> str:
+def _value_difference(
+    pairs: _Pairs,
+    shape: tuple[int, ...],
+    rtol: float,
+    atol: float,
+    scale: NDArray[np.float64] | None = None,
+) -> str:
     """Return the first difference and the number of differences as text."""
     first, count = "", 0
     for start, a, b in pairs:
         if a.size and a.dtype.kind != b.dtype.kind and not (_is_numeric(a) and _is_numeric(b)):
             return f"{words_of(a)} against {words_of(b)}"
-        misses = np.argwhere(~_agree(a, b, rtol, atol))
+        tolerance: NDArray[np.float64] | float = atol
+        if scale is not None:
+            rows = scale[start : start + len(a)] if len(scale) > 1 else scale
+            tolerance = atol + rtol * rows
+        misses = np.argwhere(~_agree(a, b, rtol if scale is None else 0.0, tolerance))
         if len(misses) and not count:
             place = tuple(misses[0])
             entry = ", ".join(str(step + 1 + start * (not axis)) for axis, step in enumerate(place))
@@ -136,7 +205,7 @@ def _value_difference(pairs: _Pairs, shape: tuple[int, ...], rtol: float, atol: 
     return first + (f" ({count} of {size} entries differ)" if count and size > 1 else "")
 
 
-def _agree(a: NDArray[Any], b: NDArray[Any], rtol: float, atol: float) -> NDArray[Any]:
+def _agree(a: NDArray[Any], b: NDArray[Any], rtol: float, atol: NDArray[np.float64] | float) -> NDArray[Any]:
     if not (_is_numeric(a) and _is_numeric(b)):
         return np.asarray(a == b, dtype=bool)
     both_nan = np.isnan(a) & np.isnan(b)

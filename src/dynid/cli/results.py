@@ -150,10 +150,17 @@ def plot(file: str, output: str | None, form: str, names: tuple[str, ...], listi
     show_default=True,
     help="Absolute tolerance.",
 )
+@click.option(
+    "--elementwise", is_flag=True, help="Compare each entry of arrays of one quantity by its own size, too."
+)
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing; only the exit code reports differences.")
 @reads_results("first", "second")
-def compare(first: str, second: str, rtol: float, atol: float, quiet: bool) -> int:
+def compare(first: str, second: str, rtol: float, atol: float, elementwise: bool, quiet: bool) -> int:
     """List the differences between two results; exit code 1 if there are any.
+
+    Numbers x and y agree where |x - y| <= A + R max(|x|, |y|). In arrays of one quantity (responses, shapes,
+    MAC, matrices) the maximum is that of the whole array; parameters, frequencies, poles, zeros, coefficients
+    and scalars are compared entry by entry, with --elementwise all.
 
     Provenance (versions, creation time, the scene's text) is not compared. Of two identifications of one
     record, the likelihood ratio and the BIC are printed, too: which model the record prefers, by how much.
@@ -165,7 +172,7 @@ def compare(first: str, second: str, rtol: float, atol: float, quiet: bool) -> i
     from dynid.store import open_stored
 
     with open_stored(first) as one, open_stored(second) as other:
-        differences = differences_between(one, other, rtol, atol)
+        differences = differences_between(one, other, rtol, atol, elementwise=elementwise)
         compared = compare_identifications(one, other) if differences and not quiet else []
     if not quiet:
         of_method = [one for one in differences if one.of_method]
