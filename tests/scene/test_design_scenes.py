@@ -239,6 +239,13 @@ def test_faults_of_parameters_are_reported_once():
     assert fault.startswith("scene.yaml:4:6: ")
 
 
+@pytest.mark.parametrize("mass", ["1e-170", "1e-300"])
+def test_a_design_whose_equations_overflow_is_refused(mass):
+    text = SCENE.replace("{type: I, value: m}", f"{{type: I, value: {mass}}}")
+    with pytest.raises(Unreachable, match=r"the state equations reach \S+; a design takes up to 1e\+150"):
+        dynid.run(scene(text))
+
+
 def test_graphs_with_laws_are_not_designed():
     text = SCENE.replace("c: {type: R, value: c}", 'c: {type: R, law: {e: "c*f*abs(f)"}}')
     message = "a design is of a linear graph, and 'c' has a law; write the slope at its point as a value"

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arithmetic.numbers import LARGEST
 from dynid.bondgraph.design.request import (
     Criterion,
     Design,
@@ -210,10 +211,13 @@ class DesignFunctions:
         Raises
         ------
         NumericalError
-            Where the equations have no solution.
+            Where the equations have no solution, or one whose squares overflow.
         """
         values = self.coordinates.values(eta)
         found = self._equations.at(dict(zip(self._names, values.tolist(), strict=True)))
+        largest = max(float(np.abs(part).max(initial=0.0)) for part in found[:4])
+        if not largest <= LARGEST:
+            raise NumericalError(f"the state equations reach {largest:.3g}; a design takes up to {LARGEST:g}")
         rates = self.coordinates.rates(values)
         slopes = (np.einsum("p,p...->p...", rates, one) for one in found[4:])
         return Matrices(*found[:4], *slopes)

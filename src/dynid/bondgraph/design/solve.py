@@ -265,8 +265,8 @@ def _missing_roots(functions: DesignFunctions, missed: Sequence[Evaluation]) -> 
     target = design.roots[place]
     try:
         values, _ = functions.channel_roots(functions.matrices(missed[0].eta), target)
-    except NumericalError:
-        values = np.zeros(0, dtype=complex)
+    except NumericalError as error:
+        return _error(design, target, error.problem, "Change the start.")
     if not len(values):
         return _error(design, target, f"{target.channel} has no {target.kind}s", "Choose another channel.")
     what = "real" if target.damping is not None and abs(target.damping) == 1 else "oscillating"
