@@ -5,7 +5,7 @@ import scipy.linalg
 
 from dynid.arithmetic.dependent import Dependent
 from dynid.identification.records.modal_measurement import ModalMeasurement
-from dynid.parameters import Parameter
+from dynid.parameters import Parameter, ParameterPrior
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model import StructuralModel, Term
@@ -14,13 +14,17 @@ DOFS = (1, 2, 4, 6)
 MASSES = (2.0, 2.0, 1.5, 1.0, 1.0, 0.7)
 
 
-def chain(factor=0.8, *, damping=False):
-    """Six masses; two joints and a damper are unknown, started at `factor` times their true values."""
+def chain(factor=0.8, *, damping=False, prior=None):
+    """Six masses; two joints and a damper are unknown, started at `factor` times their true values.
+
+    `prior`: its mean over the true value, and its relative deviation.
+    """
     c = 60.0 if damping else 0.0
     links = [Link((1,), 2e4, c), Link((1, 2), 3e4, c), Link((4, 5), 2e4, c / 3), Link((5, 6), 1.5e4, 0.0)]
 
     def unknown(true):
-        return JointParameter(start=factor * true, true=true)
+        mean = None if prior is None else ParameterPrior(prior[0] * true, prior[1])
+        return JointParameter(start=factor * true, true=true, prior=mean)
 
     joints = [
         Joint("upper", (2, 3), unknown(2e4), unknown(40.0) if damping else None),

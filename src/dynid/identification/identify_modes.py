@@ -9,6 +9,7 @@ from typing import Any, Self
 
 from dynid.errors import UsageError
 from dynid.identification.estimators.modal_search import ModalSearch
+from dynid.identification.form_error import needed_form_error
 from dynid.identification.identify import (
     Rebuild,
     check_identifiable,
@@ -163,7 +164,10 @@ def identify_modes(
             problem.likelihood_of,
             [],
         )
+        needed = needed_form_error(posterior)
+        if needed is not None:
+            posterior = replace(posterior, mistakes=(*posterior.mistakes, needed.statement))
         result = add_identification(Result("identification"), posterior, further=further)
         at_start = problem.likelihood.records[-1]
         assert isinstance(at_start, ModalRecord)
-        return add_modes(result, posterior, problem.full, at_start, problem.rebuild)
+        return add_modes(result, posterior, problem.full, at_start, problem.rebuild, needed)

@@ -238,9 +238,15 @@ class Information:
     @cached_property
     def root(self) -> Array:
         """A root of that covariance (p x p)."""
-        size = np.linalg.norm(self.projected, axis=0)
-        R = np.linalg.qr(self.projected / size, mode="r")
-        return np.asarray(np.linalg.solve(R, np.eye(len(size))) / size[:, None])
+        return self.root_of(np.ones(len(self.names), dtype=bool))
+
+    def root_of(self, free: NDArray[np.bool_]) -> Array:
+        """Return a root of the covariance (p x p) with all parameters but those `free` (p) fixed."""
+        size = np.linalg.norm(self.projected[:, free], axis=0)
+        R = np.linalg.qr(self.projected[:, free] / size, mode="r")
+        root = np.zeros((len(free), len(free)))
+        root[np.ix_(free, free)] = np.linalg.solve(R, np.eye(len(size))) / size[:, None]
+        return root
 
     @cached_property
     def _deviations(self) -> Array:

@@ -200,7 +200,7 @@ class Likelihood:
         return replace(self, records=tuple(record.with_noise_of(one) for record, one in each))
 
     def continuing(self, other: Likelihood) -> Self:
-        """Return the likelihood with what another one of the same records has learnt about their errors."""
+        """Return the likelihood with the samples of another one of the same records."""
         each = zip(self.records, other.records, strict=True)
         return replace(self, records=tuple(record.continuing(one) for record, one in each))
 

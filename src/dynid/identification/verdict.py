@@ -102,8 +102,8 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
     for name, apart in zip(names, posterior.prior_conflict, strict=True):
         if apart > CONTRADICTED:
             yield (
-                f"the prior of {name} and the record contradict each other ({apart:.2g} deviations apart): "
-                "correct its value, or give it a larger relative_deviation"
+                f"the prior of {name} and the {posterior.noun} contradict each other ({apart:.2g} deviations "
+                "apart): correct its value, or give it a larger relative_deviation"
             )
     correlation, relative = posterior.information.correlation(), posterior.relative_errors
     for k, name in enumerate(names):
@@ -122,7 +122,7 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
                 combination = "ratio" if rho > 0 else "product"
                 yield (
                     f"{names[other]} and {name} are hardly distinguishable (correlation {rho:.3f}): "
-                    f"the record determines their {combination} better than either"
+                    f"the {posterior.noun} determines their {combination} better than either"
                 )
 
 
@@ -189,9 +189,14 @@ def _noise_warnings(posterior: Posterior) -> Iterator[str]:
             f"{found.overall_low:.3g} … {found.overall_high:.3g} expected"
         )
     places, test = posterior.contradicted_noise, posterior.noise_test
+    modal = [posterior.likelihood.records[one.record].modal for one in posterior.channels]
+    if posterior.comparison.lacks_fit:  # of modes, the lack of fit says that they are too large
+        places = [k for k in places if not (modal[k] and test.ratio[k] > 1)]
     if places:
         ratios = [f"{posterior.channels[k].name} {_number(test.ratio[k])} times" for k in places]
         remedy = "correct measurement.noise or leave it out"
+        if all(modal[k] for k in places):
+            remedy = "correct the scatter of the survey (frequency_std, damping_std, shape_std, floor)"
         if all(test.ratio[k] > 1 for k in places):
             remedy += "; if it is right, the model leaves something unexplained"
         bars = "; standard_error_scaled has the error bars for the observed noise"

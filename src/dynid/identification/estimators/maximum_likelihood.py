@@ -152,8 +152,7 @@ def with_noise(likelihood: L, way: Refined) -> tuple[L, Refined]:
     """Return the likelihood with the noise model that belongs to its maximum, and that maximum.
 
     The noise model is estimated from the residuals, and the maximum from the likelihood with it, in turn,
-    until the estimates change by less than a thousandth of their standard errors, or what the records need
-    (`noise_settled`). Estimates of parameters and
+    until the estimates change by less than a thousandth of their standard errors. Estimates of parameters and
     of noise are asymptotically independent, so that this contracts fast: by about the part of the values that
     the parameters take. The order of an autoregression is chosen in the first rounds alone.
 
@@ -171,8 +170,7 @@ def with_noise(likelihood: L, way: Refined) -> tuple[L, Refined]:
         way = refine(likelihood, fit.eta)
         change, fit, steps = np.abs(way.fit.eta - fit.eta), way.fit, steps + way.steps
         deviations = likelihood.information(fit, likelihood.likeliest(fit)).deviations()
-        last = max(record.noise_settled for record in likelihood.records)
-        if number > 1 and np.all(change <= np.maximum(last * deviations, 1e-10 * units)):
+        if number > 1 and np.all(change <= np.maximum(_LAST_STEP * deviations, 1e-10 * units)):
             return likelihood, Refined(fit, steps)
     raise Diverged(
         f"the noise model has not converged in {_MOST_ITERATIONS} rounds",

@@ -1,15 +1,16 @@
 """The default estimator of measured modes, alone or together with records or frequency responses.
 
 Modes have few local optima: those where modes are paired wrongly, and those at a veering of two frequencies,
-where shapes change so fast that steps are small. So where the residuals are not scatter, modes that are close
-are first compared by the span of their shapes, which does not veer, and other starts are drawn near the given
-one. Records of time and frequency responses, whose misfit has many local optima, start from where the modes
-lead.
+where shapes change so fast that steps are small. An optimum counts where a second search ends there that
+begins as a compromise: with deviations so large that the values of small scatter do not lead. Where the two
+differ, or the residuals are not scatter, modes that are close are first compared by the span of their shapes,
+which does not veer, and other starts are drawn. Records of time and frequency responses, whose misfit has
+many local optima, start from where the modes lead.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -24,8 +25,13 @@ Array = NDArray[np.float64]
 
 # Frequencies nearer than this part have one span, on the way to an optimum.
 _WIDE = 0.15
-# Starts that are drawn at most, how far from the given one (a factor), and how many are to agree.
-_STARTS, _REACH, _AGREEING = 6, 2.5, 3
+# Least deviation of a compromise, relative: that of a poor initial guess rather than that of the scatter.
+_COMPROMISE = 0.1
+# Rounds of starts: how many are drawn, and how far from the given one (a factor).
+_ROUNDS = ((8, 3.0), (16, 10.0))
+# How many searches are to end at the best optimum where the residuals are not scatter, and where they are.
+# With records of time or responses, whose evaluations are dearer, one round is drawn, and fewer are to agree.
+_AGREEING, _CONFIRMED, _AGREEING_RECORDS = 8, 2, 3
 
 
 @dataclass(frozen=True)
@@ -49,24 +55,27 @@ class ModalSearch:
         DynidError
             The first error, if no attempt was completed.
         """
-        begun = [r.begun(origin) if isinstance(r, ModalRecord) else r for r in likelihood.records]
-        likelihood = replace(likelihood, records=tuple(begun))
         own = tuple(record for record in likelihood.records if isinstance(record, ModalRecord))
         alone = len(own) == len(likelihood.records)
+        own = tuple(record.with_error(np.maximum(record.error, _COMPROMISE)) for record in own)
         modes = ModalGuide(own, at=origin)
         spans = ModalGuide(tuple(record.by_spans(_WIDE) for record in own), at=origin)
-        routes: list[list[Likelihood]] = [[] if alone else [modes], [spans] if alone else [spans, modes]]
-        search = Search(likelihood, agreeing=_AGREEING)
-        search.attempt("the start", partial(guided, routes[0], origin))
-        if not self.multi_start or (search.accepted and not search.vague):
+        route: list[Likelihood] = [] if alone else [modes]
+        search = Search(likelihood, agreeing=_AGREEING if alone else _AGREEING_RECORDS)
+        search.attempt("the start", partial(guided, route, origin))
+        if not self.multi_start or (not alone and search.accepted and not search.vague):
             return search.best()
-        if search.tried:  # errors of the model's form are about the same at all optima
-            search.likelihood = likelihood.continuing(search.best_tried.likelihood)
-        search.attempt("spans of close modes", partial(guided, routes[1], origin))
-        if not search.accepted:
-            for number, start in enumerate(drawn_starts(likelihood.priors, origin, _STARTS, _REACH, 0), 1):
+        if alone:
+            search.attempt("a compromise", partial(guided, [modes], origin), drawn=True)
+            if search.accepted and search.agreeing >= _CONFIRMED and not search.vague:
+                return search.best()
+        routes: list[list[Likelihood]] = [[modes], [spans] if alone else [spans, modes]]
+        search.attempt("spans of close modes", partial(guided, routes[1], origin), drawn=alone)
+        for seed, (count, reach) in enumerate(_ROUNDS if alone else _ROUNDS[:1]):
+            starts = drawn_starts(likelihood.priors, origin, count, reach, seed)
+            for number, start in enumerate(starts, 1):
+                if search.agreed or (search.accepted and (not alone or search.agreeing >= _CONFIRMED)):
+                    return search.best()
                 route = routes[number % 2]
-                search.attempt(f"start {number} of {_STARTS}", partial(guided, route, start), drawn=True)
-                if search.agreed:
-                    break
+                search.attempt(f"start {number} of {count}", partial(guided, route, start), drawn=True)
         return search.best()

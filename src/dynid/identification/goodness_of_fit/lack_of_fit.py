@@ -12,8 +12,13 @@ scene's model ties to a few unknowns (`saturated_model`). From these follow
 - `redundancy`: how many numbers of the saturated model the record resolves beyond the unknowns. Only they can
   contradict the model; where there are none, any model fits.
 
-Values whose scatter is given, such as measured modes, have no saturated model: their residuals are tested
-against the scatter (chi-squared), and all of them are signal.
+Values whose scatter is given, such as measured modes, have no saturated model: all of them are signal, and
+their residuals are tested by chi-squared, together with those of the Gaussian priors. So the test is of the
+statistical model that the estimate maximises. Of M measured values beyond nuisances and Q priors the degrees
+of freedom are M + Q less the number of unknowns that they determine and that are at no limit (of those at a
+limit: M. J. Silvapulle, P. K. Sen, Constrained Statistical Inference, 2005, sec. 3.4). The sum is divided
+into independent ones of the frequencies, of the damping ratios and of the rest, lest the many components of
+shapes hide an error of one frequency; the p-value is that of the least one of k, 1 - (1 - p)^k.
 
 Each channel is weighted by the residual noise of the saturated model with delayed residuals. G. A. F. Seber,
 A. J. Lee, Linear Regression Analysis, 2nd ed. 2003, ch. 4.
@@ -64,6 +69,8 @@ class ModelComparison:
         The p-value of the whiteness of the residuals.
     tables
         Residuals of records whose scatter is given; these have no channels in `records`.
+    prior_squares, prior_degrees
+        Sum of squares of the priors' residuals over their deviations, and its degrees of freedom.
     """
 
     records: Sequence[Sequence[SaturatedCoordinates]]
@@ -72,6 +79,8 @@ class ModelComparison:
     free: NDArray[np.bool_]
     whiteness_p: float = 1.0
     tables: Sequence[ScatterTest] = ()
+    prior_squares: float = 0.0
+    prior_degrees: float = 0.0
 
     @cached_property
     def noise(self) -> list[Array]:
@@ -116,15 +125,23 @@ class ModelComparison:
         """The p-value of the residuals, were the scene's model right."""
         if not self.tables:
             return self._saturated_p
-        squares, degrees = (
-            sum(float(one.sum()) for one in part) for part in zip(*self._scatter, strict=True)
-        )
-        of_scatter = chi_squared_tail(max(1, round(degrees)), squares) if degrees > 0 else 1.0
-        return of_scatter if not self._each else min(1.0, 2 * min(of_scatter, self._saturated_p))
+        return self.scatter_p if not self._each else min(1.0, 2 * min(self.scatter_p, self._saturated_p))
 
     @property
-    def _scatter(self) -> list[tuple[Array, Array]]:
-        return [(one.squares, one.degrees) for one in self.tables]
+    def chi_squared(self) -> tuple[float, int]:
+        """Sum of squares of the values whose scatter is given, and of the priors; its degrees of freedom."""
+        squares = self.prior_squares + sum(float(one.squares.sum()) for one in self.tables)
+        return squares, round(self.prior_degrees + sum(float(one.degrees.sum()) for one in self.tables))
+
+    @property
+    def scatter_p(self) -> float:
+        """The p-value of the residuals of the values whose scatter is given, and of the priors."""
+        squares, degrees = self.chi_squared
+        groups = [group for one in self.tables for group in one.groups if group[1] > 0]
+        groups.append((squares - sum(s for s, _ in groups), degrees - sum(d for _, d in groups)))
+        tails = [chi_squared_tail(d, max(s, 0.0)) for s, d in groups if d > 0]
+        least = min(tails, default=1.0)
+        return -math.expm1(len(tails) * math.log1p(-least)) if least < 1 else 1.0
 
     @cached_property
     def _saturated_p(self) -> float:
@@ -255,18 +272,28 @@ def compare_models(likelihood: Likelihood, fit: Fit, whiteness_p: float | None =
     plain = all(record.data.passed == 1 for record in records)
     white = likelihood.whiteness(fit) if plain and whiteness_p is None else whiteness_p
 
+    priors = likelihood.priors
+    free = ~priors.at_bound(fit.eta)
+
     def root() -> Array:
-        return likelihood.information(fit, likelihood.likeliest(fit)).root
+        return likelihood.information(fit, likelihood.likeliest(fit)).root_of(free)
 
     found = [record.tested(part, root) for record, part in zip(records, fit.parts, strict=True)]
     saturated = [k for k, table in enumerate(found) if table is None]
+    squares = degrees = 0.0
+    if len(saturated) < len(found):
+        squares = float(np.sum(priors.residual(fit.eta) ** 2))
+        part_of_prior = (np.linalg.norm(root(), axis=1) / priors.deviations)[priors.given] ** 2
+        degrees = float(np.sum(1 - part_of_prior))
     return ModelComparison(
         [records[k].coordinates(fit.parts[k]) for k in saturated],
         [records[k].given / records[k].data.rms for k in saturated],
-        likelihood.priors.deviations,
-        ~likelihood.priors.at_bound(fit.eta),
+        priors.deviations,
+        free,
         white if plain and white is not None else 1.0,
         [table for table in found if table is not None],
+        squares,
+        degrees,
     )
 
 

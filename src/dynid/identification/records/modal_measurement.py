@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,6 +33,8 @@ class Scatter(NamedTuple):
 USUAL = Scatter(0.005, 0.2, 0.05)
 #: Least scatter where one is given: a scatter of few tests may be zero by chance, as that of a reference is.
 FLOORS = Scatter(0.001, 0.02, 0.02)
+#: No error of the model's form.
+NO_ERROR = Scatter(0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +56,7 @@ class ModalMeasurement:
     floors
         Least scatter where one is given; absent: `FLOORS`. Where none is given, `USUAL` counts.
     model_error
-        Errors of the model's form, relative as `Scatter`, which add to the scatter; NaN: estimated, if the
-        residuals contradict the scatter.
+        Errors of the model's form, relative as `Scatter`, which add to the scatter.
     unit
         Unit of the frequencies in results: rad/s or Hz.
     """
@@ -68,7 +69,7 @@ class ModalMeasurement:
     damping_std: Array | None = None
     shape_std: Array | None = None
     floors: Scatter = FLOORS
-    model_error: Scatter = field(default=Scatter(np.nan, np.nan, np.nan))
+    model_error: Scatter = NO_ERROR
     unit: str = "rad/s"
 
     def __post_init__(self) -> None:

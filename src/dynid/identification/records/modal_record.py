@@ -2,11 +2,8 @@
 
 Every evaluation pairs measured modes with those of the model anew (`paired_modes`).
 
-Values are in units of their deviations. Where the model's form is in error, that error adds to the scatter:
-``sigma^2 = scatter^2 + (e size)^2``. Of each quantity e solves ``sum r^2 / sigma^2 = nu - 2``, nu being the
-degrees of freedom of its residuals: the posterior mean of a variance with Jeffreys' prior (A. Gelman et al.,
-Bayesian Data Analysis, 3rd ed. 2013, sec. 2.6). The likeliest one, with nu, is often far too small where
-nu is 3 or 4, and intervals then do not cover.
+Values are in units of their deviations, ``sigma^2 = scatter^2 + (e size)^2`` with the error e of the model's
+form that the scene states for each quantity. Fit, error bars and verdict are all for these deviations.
 """
 
 from __future__ import annotations
@@ -19,10 +16,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.defaults import LACK_OF_FIT
 from dynid.errors import UsageError
 from dynid.identification.goodness_of_fit.saturated_model import SaturatedCoordinates
-from dynid.identification.goodness_of_fit.statistics import chi_squared_tail, root_mean_square
+from dynid.identification.goodness_of_fit.statistics import root_mean_square
 from dynid.identification.likelihood import Likelihood
 from dynid.identification.priors import Priors
 from dynid.identification.records.measurement import RecordData
@@ -39,8 +35,8 @@ from dynid.structure.modes.derivatives import ModalSolution, has_damping, lowest
 
 Array = NDArray[np.float64]
 
-# Errors of the form, known to a fifth at best, are settled where estimates change by this part of their bars.
-_SETTLED = 0.03
+# Part of its variance that the parameters leave of a combination of values, below which nothing shows in it.
+_HIDDEN = 0.05
 #: Frequencies nearer to each other, relative, have one span of shapes.
 CLOSE = 1e-4
 
@@ -117,9 +113,7 @@ class ModalRecord(RecordLikelihood):
                 remedy="Give it one, or leave the damping ratios out.",
                 names=("measurement.modes",),
             )
-        known = np.nan_to_num(
-            [getattr(measurement.model_error, one.name) for one in channels_of(measurement)]
-        )
+        known = np.array([getattr(measurement.model_error, one.name) for one in channels_of(measurement)])
         record = cls(model, measurement, RecordData(np.zeros((0, 0))), known, sharing, count)
         return record.with_error(known)
 
@@ -307,103 +301,48 @@ class ModalRecord(RecordLikelihood):
         slopes = self.slopes(fit, noise)
         return CalibrationDerivatives((), np.zeros(0), slopes, np.zeros((len(slopes), 0)))
 
-    # Error of the model's form.
-
-    @property
-    def modelled(self) -> bool:
-        """True if errors of the model's form are estimated."""
-        return bool(self._estimated.any())
-
-    @property
-    def noise_settled(self) -> float:
-        """Change of the estimates in standard errors below which the errors of the form count as settled."""
-        return _SETTLED
-
-    @cached_property
-    def _estimated(self) -> NDArray[np.bool_]:
-        return np.isnan([getattr(self.measurement.model_error, one.name) for one in self.channels])
-
-    def renewed(self, fit: RecordFit, known: Array, *, settling: bool = False) -> Self:  # noqa: ARG002
-        """Return the likelihood with the errors of the model's form that belong to the residuals of a fit.
-
-        There are none where the residuals do not contradict the scatter.
-        """
-        share = np.sum((self.slopes(fit, np.ones(len(self.error))) @ known) ** 2, axis=1)
-        share = share.reshape(len(fit.residual), -1).sum(axis=0)
-        degrees = np.maximum(fit.counts - self.taken(fit, fit.noise) - share, 0.0)
-        left = [column * spread for column, spread in zip(fit.residual.T, self._padded, strict=True)]
-        bare = self.with_error(self.known_error)._padded
-        squares = sum(float(np.nansum((a / b) ** 2)) for a, b in zip(left, bare, strict=True))
-        if chi_squared_tail(max(1, round(float(degrees.sum()))), squares) > LACK_OF_FIT.value:
-            return self.with_error(self.known_error)
-        error = self.error.copy()
-        for k in np.flatnonzero(self._estimated):
-            there = ~np.isnan(left[k])
-            scatter, size = (part[: len(there)] for part in self._padded_parts[k])
-            expected = max(float(degrees[k]) - 2, float(degrees[k]) / 3)
-            error[k] = _form_error(left[k][there], scatter[there], size[there], expected)
-        return self.with_error(error)
-
-    @cached_property
-    def _padded(self) -> list[Array]:
-        rows = len(self.data.values)
-        return [_filled(part, rows) for part in self.spread]
-
-    @cached_property
-    def _padded_parts(self) -> list[tuple[Array, Array]]:
-        rows = len(self.data.values)
-        return [(_filled(a, rows), _filled(b, rows)) for a, b in self.scatter_and_size]
-
-    def with_noise_of(self, other: Any) -> Self:
-        """Return the likelihood with the errors of the form of another one."""
-        return self.with_error(other.error)
-
-    def continuing(self, other: Any) -> Self:
-        """Return the likelihood with the errors of the form of another one."""
-        return self.with_error(other.error)
-
-    @property
-    def known_error(self) -> Array:
-        """Errors of the form that are given, not estimated (quantities)."""
-        return np.where(self._estimated, 0.0, self.error)
+    # Verdict.
 
     def tested(self, fit: RecordFit, root: Callable[[], Array]) -> ScatterTest:
-        """Return the residuals over the scatter, without the errors of the form that were estimated."""
+        """Return the residuals over their deviations, with what parameters and scales take of them."""
         assert isinstance(fit, ModalFit)
-        assert fit.by_parameter is not None
-        bare = self.with_error(self.known_error)
-        factors = [a / b for a, b in zip(self._padded, bare._padded, strict=True)]
-        residual = fit.residual * np.column_stack(factors)
-        share = np.sum((self.slopes(fit, np.ones(len(self.error))) @ root()) ** 2, axis=1)
-        share = share.reshape(len(fit.residual), -1).sum(axis=0)
-        scaled = replace(fit, by_parameter=fit.by_parameter * np.column_stack(factors)[..., None])
+        slopes = self.slopes(fit, np.ones(len(self.error)))
+        moved = (slopes @ root()).reshape(*fit.residual.shape, -1)
+        share = np.sum(moved**2, axis=(0, 2))
         off = fit.omega / self.measurement.omega - 1
         explained = [1 - float(np.sqrt(np.mean(off**2)))]
         if np.isfinite(fit.own_mac).any():
             explained.append(float(np.nanmean(fit.own_mac)))
         return ScatterTest(
-            np.nansum(residual**2, axis=0),
+            np.nansum(fit.residual**2, axis=0),
             np.maximum(fit.counts - self.taken(fit, fit.noise) - share, 0.0),
-            bare.slopes(scaled, np.ones(len(self.error))),
+            slopes,
             int(fit.counts.sum()) - self.nuisances,
             float(np.clip(min(explained), 0.0, 1.0)),
+            self._groups(fit.residual, moved),
         )
 
-    def log_determinant(self) -> float:
-        """Return the sum of the logarithms of the deviations."""
-        if not self.modelled:
-            return 0.0
-        each = np.column_stack(self._padded)
-        return float(np.sum(np.log(each[~np.isnan(self.data.values)])))
+    def _groups(self, residual: Array, moved: Array) -> list[tuple[float, int]]:
+        """Return independent sums of squares of the frequencies, and of the damping ratios beside them.
 
-    def begun(self, eta: Array) -> Self:
-        """Return the likelihood with the errors of the form that the residuals at first coordinates have.
-
-        With these a search begins by compromise instead of following the scatter.
+        That of some residuals r with the covariance V = I - A A' is r' V^+ r: by so much chi-squared is less
+        where these values are left out. `moved`: A, derivatives times a root of the covariance (values x
+        quantities x p).
         """
-        if not self.modelled:
-            return self
-        return self.renewed(self.fit(eta, self.data.values), np.zeros((len(eta), 1)))
+        found: list[tuple[float, int]] = []
+        before, rank = 0.0, 0
+        several = [k for k, one in enumerate(self.channels) if one.name != "shape"]
+        for count in range(1, len(several) + 1) if len(self.channels) > 1 else ():
+            r = residual[:, several[:count]].T.ravel()
+            A = moved[:, several[:count]].transpose(1, 0, 2).reshape(len(r), -1)
+            there = ~np.isnan(r)
+            variance, axes = np.linalg.eigh(np.eye(int(there.sum())) - A[there] @ A[there].T)
+            shown = variance > _HIDDEN
+            parts = (axes.T @ r[there])[shown]
+            squares, degrees = float(np.sum(parts**2 / variance[shown])), int(np.count_nonzero(shown))
+            found.append((squares - before, degrees - rank))
+            before, rank = squares, degrees
+        return found
 
     def by_spans(self, close: float) -> Self:
         """Return the likelihood in which modes that are this close have one span: it has no veering."""
@@ -419,25 +358,6 @@ def _side_by_side(columns: Sequence[Array]) -> Array:
     """Return columns of any length side by side, filled with NaN."""
     rows = max(map(len, columns))
     return np.column_stack([_filled(column, rows) for column in columns])
-
-
-def _form_error(residual: Array, scatter: Array, size: Array, degrees: float) -> float:
-    """Return e >= 0 with ``sum r^2 / (scatter^2 + (e size)^2) = degrees``, by bisection of its logarithm."""
-
-    def excess(error: float) -> float:
-        return float(np.sum(residual**2 / (scatter**2 + (error * size) ** 2))) - degrees
-
-    if degrees <= 0 or excess(0.0) <= 0:
-        return 0.0
-    low, high = 1e-6, 1.0
-    if excess(low) <= 0:
-        return 0.0
-    while excess(high) > 0:
-        high *= 2
-    for _ in range(60):
-        middle = float(np.sqrt(low * high))
-        low, high = (middle, high) if excess(middle) > 0 else (low, middle)
-    return high
 
 
 @dataclass(frozen=True, eq=False)

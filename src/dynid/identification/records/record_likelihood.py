@@ -58,6 +58,9 @@ class ScatterTest:
         Number of values less that of nuisances.
     explained
         Part of the values that the model explains (0 to 1).
+    groups
+        Sums of squares that are independent of each other and of what is left, with their degrees of freedom:
+        of channels with few values, which the many of the others would hide.
     """
 
     squares: Array
@@ -65,6 +68,7 @@ class ScatterTest:
     by_parameter: Array
     values: int
     explained: float
+    groups: Sequence[tuple[float, int]] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,11 +253,6 @@ class RecordLikelihood(ABC):
         return False
 
     @property
-    def noise_settled(self) -> float:
-        """Change of the estimates in standard errors below which the noise model counts as settled."""
-        return 1e-3
-
-    @property
     def noise_remedy(self) -> str:
         """The remedy of coloured residuals, as the end of a sentence; empty where there is none."""
         return ""
@@ -282,13 +281,13 @@ class RecordLikelihood(ABC):
         return self
 
     def continuing(self, other: Any) -> Self:  # noqa: ARG002
-        """Return the likelihood with the errors of the model's form that another one has found."""
+        """Return the likelihood of the samples of another one of the same record."""
         return self
 
     def tested(self, fit: RecordFit, root: Callable[[], Array]) -> ScatterTest | None:  # noqa: ARG002
         """Return the residuals over the scatter that is given; None where a saturated model tests them.
 
-        `root` returns a root of the covariance of the coordinates (p x p); all must be identifiable.
+        `root` returns a root of the covariance of the coordinates (p x p), 0 of those at a limit.
         """
         return None
 

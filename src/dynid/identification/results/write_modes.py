@@ -10,12 +10,16 @@
   magnitude 1; of complex ones `complexity_measured`, the part of each that no phase makes real.
 - `expanded_start`, `expanded`: measured shapes at all DOFs, in the span of the modes they are paired with
   (SEREP), of as many of the nearest ones as there are sensors; NaN of a mode whose shape was not measured.
-- `model_error`: errors of the model's form, relative, of each quantity, with `scatter_floor`.
+- `chi2`, `chi2_degrees`: sum of squares of the residuals over their deviations, priors included, and its
+  degrees of freedom.
+- `model_error`: errors of the model's form that the scene states, relative, of each quantity, with
+  `scatter_floor`; `model_error_needed`: those that the residuals would need, where the fit is rejected.
 - `left_out_error`, `left_out_deviation`, `left_out_by_scatter`: each frequency predicted with it left out,
-  over the measured one less 1, and its bars, with the error of the form and by scatter alone; of modes alone,
-  NaN where the rest does not determine the parameters.
+  over the measured one less 1, and its bars, with the stated error of the form and by scatter alone; of modes
+  alone, NaN where the rest does not determine the parameters.
 - `trade_off/<frequencies|shapes>/{frequency_error, mac}`: the fits to frequencies alone and to shapes alone
-  (damping ratios, where measured, count in both), where the form is in error.
+  (damping ratios, where measured, count in both), for their scatter, where the form is in error: stated, or
+  needed.
 - `directions/`: combinations of parameters by how much better the data know them than the priors (`strength`,
   singular values of the derivatives times the priors' deviations), where all parameters have priors.
 - `statements`: what follows from these, in words.
@@ -36,6 +40,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import DynidError
 from dynid.identification.estimators.maximum_likelihood import refine
+from dynid.identification.form_error import FormError
 from dynid.identification.identify import Rebuild
 from dynid.identification.information import Information
 from dynid.identification.posterior import Posterior
@@ -82,8 +87,8 @@ class LeftOut(NamedTuple):
 
     @property
     def contradicted(self) -> NDArray[np.bool_]:
-        """Mask of modes whose prediction errors exceed four times the bars by scatter alone (r)."""
-        return np.asarray(np.abs(self.error) > CONTRADICTED * self.by_scatter)
+        """Mask of modes whose prediction errors exceed four times their deviations (r)."""
+        return np.asarray(np.abs(self.error) > CONTRADICTED * self.deviation)
 
 
 def left_out(record: ModalRecord, eta: Array) -> LeftOut:
@@ -92,13 +97,13 @@ def left_out(record: ModalRecord, eta: Array) -> LeftOut:
     Parameters
     ----------
     record
-        The measured modes, with the errors of the form that were found.
+        The measured modes, with the errors of the form that are stated.
     eta
         Coordinates of the estimate (p).
     """
     r, measured = record.measurement.modes, record.measurement.omega
     error, deviation, by_scatter = np.full((3, r), np.nan)
-    bare = record.with_error(record.known_error)
+    bare = record.with_error(np.zeros(len(record.error)))
     for k in range(r):
         report_progress(f"frequency {k + 1} left out")
         both = [ModalLikelihood((one.with_error(one.error, (k,)),)) for one in (record, bare)]
@@ -145,7 +150,7 @@ def trade_off(record: ModalRecord, eta: Array, rebuild: Rebuild | None) -> dict[
     found, channels = {}, [one.name for one in record.channels]
     for name, ignored in (("frequencies", "shape"), ("shapes", "frequency")):
         report_progress(f"fit to {name} alone")
-        error = np.where([one == ignored for one in channels], _NO_WEIGHT, record.known_error)
+        error = np.where([one == ignored for one in channels], _NO_WEIGHT, 0.0)
         own, end = record.with_error(error), eta
         try:
             for _ in range(1 if rebuild is None else 2):
@@ -210,6 +215,7 @@ def add_modes(
     full: StructuralModel,
     at_start: ModalRecord,
     rebuild: Rebuild | None = None,
+    needed: FormError | None = None,
 ) -> Result:
     """Add measured and computed modes, and return the result.
 
@@ -225,6 +231,8 @@ def add_modes(
         The measured modes with the model at the starts.
     rebuild
         Returns the model for parameters by name, where its basis follows them.
+    needed
+        Errors of the form that the residuals would need, where the fit is rejected.
     """
     if not result.wants_below(GROUP):
         return result
@@ -232,7 +240,6 @@ def add_modes(
         (k, one) for k, one in enumerate(posterior.likelihood.records) if isinstance(one, ModalRecord)
     )
     after = posterior.fit.parts[k]
-    at_start = at_start.with_error(record.error)
     before = at_start.fit(starts(record.unknowns), at_start.data.values)
     assert isinstance(after, ModalFit)
     measured, r = record.measurement, record.measurement.modes
@@ -261,10 +268,18 @@ def add_modes(
             shapes = _expanded(one, fit)
             if len(shapes) == full.size:
                 result.add(f"{GROUP}/expanded{suffix}", shapes, ("dof", "mode"))
+    squares, degrees = posterior.comparison.chi_squared
+    result.add(f"{GROUP}/chi2", squares)
+    result.add(f"{GROUP}/chi2_degrees", degrees)
     result.add(f"{GROUP}/model_error", record.error, ("quantity",))
+    if needed is not None:
+        result.add(f"{GROUP}/model_error_needed", needed.error, ("quantity",))
     floors = [getattr(measured.floors, one.name) for one in record.channels]
     result.add(f"{GROUP}/scatter_floor", floors, ("quantity",))
-    said = [] if len(posterior.likelihood.records) > 1 else _add_diagnosis(result, posterior, record, rebuild)
+    said = []
+    if len(posterior.likelihood.records) == 1:
+        in_error = needed is not None or bool(record.error.any())
+        said += _add_diagnosis(result, posterior, record, rebuild, in_error=in_error)
     said += _add_directions(result, posterior)
     result.add_axis(f"{GROUP}/statements", np.array(said, dtype=object))
     return result
@@ -289,16 +304,15 @@ def _expanded(record: ModalRecord, fit: ModalFit) -> NDArray[Any]:
 
 
 def _add_diagnosis(
-    result: Result, posterior: Posterior, record: ModalRecord, rebuild: Rebuild | None
+    result: Result, posterior: Posterior, record: ModalRecord, rebuild: Rebuild | None, *, in_error: bool
 ) -> list[str]:
     """Add the frequencies left out and the ends of the trade-off; return what they say."""
     group, eta, said = GROUP, posterior.fit.eta, []
-    in_error = bool(record.modelled and record.error.any())
-    if in_error:
+    if record.error.any():
         each = [
             f"{100 * e:.2g} % of {one.name}" for one, e in zip(record.channels, record.error, strict=True)
         ]
-        said.append(f"estimated errors of the model's form, in the standard errors: {', '.join(each)}")
+        said.append(f"stated errors of the model's form, in fit, intervals and verdict: {', '.join(each)}")
     if result.wants_below(f"{group}/left_out_error") and record.measurement.modes > 1:
         found = left_out(record, eta)
         for name, values in zip(("error", "deviation", "by_scatter"), found, strict=True):
@@ -306,13 +320,13 @@ def _add_diagnosis(
         worst = np.flatnonzero(found.contradicted)
         if len(worst):
             shown = ", ".join(
-                f"mode {k + 1} {100 * found.error[k]:+.2g} % (bar {100 * found.by_scatter[k]:.2g} %)"
+                f"mode {k + 1} {100 * found.error[k]:+.2g} % (bar {100 * found.deviation[k]:.2g} %)"
                 for k in worst
             )
             said.insert(
                 0,
                 "the form of the model contradicts the data: frequencies predicted with them left out are "
-                f"off by more than {CONTRADICTED:.0f} bars of the scatter: {shown}",
+                f"off by more than {CONTRADICTED:.0f} standard errors: {shown}",
             )
     if in_error and len(record.measurement.dofs) and result.wants_below(f"{group}/trade_off"):
         also = " and damping ratios" if record.measurement.has_damping else ""

@@ -130,7 +130,7 @@ def _sensors(scene: Scene, given: MeasuredModesModel) -> list[Label]:
 
 def _measured(given: MeasuredModesModel, omega: Any, dofs: Sequence[Label], *rest: Any) -> ModalMeasurement:
     """Return measured modes with the floors and model errors of the scene."""
-    from dynid.identification.records.modal_measurement import FLOORS, ModalMeasurement, Scatter
+    from dynid.identification.records.modal_measurement import FLOORS, NO_ERROR, ModalMeasurement
 
     shape, damping, omega_std, damping_std, shape_std, unit = rest
     try:
@@ -143,7 +143,7 @@ def _measured(given: MeasuredModesModel, omega: Any, dofs: Sequence[Label], *res
             damping_std,
             shape_std,
             floors=_scatter(given.floor, FLOORS),
-            model_error=_scatter(given.model_error, Scatter(math.nan, math.nan, math.nan)),
+            model_error=_scatter(given.model_error, NO_ERROR),
             unit=unit,
         )
     except UsageError as error:
