@@ -280,13 +280,16 @@ def test_estimate_does_not_depend_on_the_start():
 @pytest.mark.slow
 @pytest.mark.parametrize("off", [0.0, 6.0], ids=["right", "one frequency off"])
 def test_rejections_at_five_percent(off):
-    """Of 300 right surveys 2 to 8 %; of those with one frequency 6 standard errors off 90 % or more."""
+    """Of 300 right surveys 2 to 8 %; of those with one frequency 6 standard errors off 90 % or more.
+
+    Not the third one, from which the joints follow: two thirds of an error there are in the estimates.
+    """
     model, rejected = chain(), []
     for seed in range(300 if not off else 100):
         modal = measured(model, seed)
         moved = np.zeros(4)
-        moved[seed % 4] = off * 0.002 * (-1) ** seed
-        factor = [0.4, 1.0, 2.5][seed % 3]
+        moved[[0, 1, 3][seed % 3]] = off * 0.002 * (-1) ** seed
+        factor = [0.4, 1.0, 2.5][seed // 3 % 3]
         result = identify_modes(chain(factor), replace(modal, omega=modal.omega * (1 + moved)))
         rejected.append(float(diagnostic(result, "lack_of_fit_p")) < 0.05)
     assert np.mean(rejected) >= 0.9 if off else 0.02 <= np.mean(rejected) <= 0.08
