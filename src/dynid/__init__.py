@@ -82,7 +82,8 @@ def run(scene: Scene | str | os.PathLike[str]) -> Result:
     Raises
     ------
     dynid.errors.NumericalError
-        Where the question has no trustworthy answer (singular, diverged, not identifiable).
+        Where the question has no trustworthy answer (singular, diverged, not identifiable). Where a fit was
+        rejected, `result` of the error shows it: measured, predicted and diagnostics.
     dynid.errors.FileError
         Where a file that the scene names cannot be read.
     """

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 
 class DynidError(Exception):
@@ -20,9 +21,15 @@ class DynidError(Exception):
         What to do, as one or more sentences; may be empty.
     names
         The nodes, parameters or files concerned; a scene finds its line through them.
+
+    Attributes
+    ----------
+    result
+        Result of a rejected fit, which shows why it is; None of other errors.
     """
 
     exit_code = 3
+    result: Any = None
 
     def __init__(self, problem: str, *, remedy: str = "", names: Iterable[str] = ()) -> None:
         super().__init__(problem)

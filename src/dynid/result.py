@@ -141,6 +141,10 @@ def is_cost(path: str) -> bool:
     return holder in ("accuracy", "bench") and rest.rpartition("/")[2] in COST_COLUMNS
 
 
+#: Status of a result whose fit is rejected: it has the fit and its tests, and no answers.
+REJECTED = "rejected"
+
+
 class Result(Mapping[str, Variable]):
     """Named arrays by path (`bond_graph/frequency_response/omega`), with attributes of the whole.
 
@@ -160,6 +164,11 @@ class Result(Mapping[str, Variable]):
         self.attrs: dict[str, Scalar] = dict(attrs or {})
         self.group_attrs: dict[str, dict[str, Scalar]] = {}
         self._variables: dict[str, Variable] = {}
+
+    @property
+    def rejected(self) -> bool:
+        """True of a rejected fit."""
+        return self.attrs.get("status") == REJECTED
 
     def wants(self, path: str) -> bool:  # noqa: ARG002 - used by Selection
         """Return True if an array is kept; others need not be computed."""

@@ -40,6 +40,7 @@ class Rig:
         for place, (k, c) in enumerate(self.links):
             v = np.eye(3)[place] - (np.eye(3)[place - 1] if place else 0)
             K, C = K + k * np.outer(v, v), C + c * np.outer(v, v)
+        self.stiffness, self.damping = K, C
         natural = np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real)
         self.step = 2 * np.pi / natural.max() / rng.uniform(8, 12)
         self.omega = np.sort(rng.uniform(0.1 * natural.min(), 1.2 * natural.max(), 120))

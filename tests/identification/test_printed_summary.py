@@ -67,6 +67,7 @@ def outcome(warned=(), lacks_fit=False, **changed):
         comparison=compared,
         noun="record",
         estimate=SimpleNamespace(disputed=False),
+        rejection=None,
     )
     result.add(f"{group}/verdict", verdict(posterior))
     result.add_axis(f"{group}/warnings", np.array(warned, dtype=object))

@@ -59,6 +59,8 @@ def compare(
         True: each entry of every array is compared by its own size.
     """
     found = [Difference("kind", f"{a.kind} against {b.kind}")] if a.kind != b.kind else []
+    if a.rejected != b.rejected:
+        found.append(Difference("status", f"the {'first' if a.rejected else 'second'} is rejected"))
     for path in sorted((a.keys() | b.keys()) - PROVENANCE_ARRAYS):
         if path not in a or path not in b:
             found.append(Difference(path, f"only in the {'second' if path not in a else 'first'}"))
@@ -252,6 +254,8 @@ def compare_identifications(a: Result, b: Result) -> list[str]:
         The results, called first and second.
     """
     needed = (f"{_DIAGNOSTICS}/log_likelihood", f"{_DIAGNOSTICS}/bic", f"{_DIAGNOSTICS}/free_parameters")
+    if a.rejected or b.rejected:
+        return []
     if any(path not in result for path in needed for result in (a, b)) or not _same_record(a, b):
         return []
     return list(_lines(a, b))

@@ -25,7 +25,7 @@ class LocatedError(DynidError):
 
     def __init__(self, scene: Scene, error: DynidError) -> None:
         super().__init__(str(scene.locate(error)))
-        self.exit_code = error.exit_code
+        self.exit_code, self.result = error.exit_code, error.result
 
 
 @click.command()
@@ -61,7 +61,8 @@ def run(
     """Run one scene and write one HDF5 file.
 
     The file is written completely or not at all. Exit code 1: an expectation of the scene failed; the file is
-    still written.
+    still written. Exit code 3 with a file of status "rejected": a fit does not explain its record; the file
+    has the fit and its tests, and no estimates to go by.
 
     \b
     Examples:
@@ -80,8 +81,14 @@ def run(
     from dynid.store import write_result
 
     doubts = warn_of_doubts(loaded)
+    rejection: LocatedError | None = None
     with showing(quiet) as listener:
-        result = compute(loaded, listener, accuracy=accuracy)
+        try:
+            result = compute(loaded, listener, accuracy=accuracy)
+        except LocatedError as error:
+            if error.result is None:
+                raise
+            rejection, result = error, error.result
         listener(f"writing {target}")
         write_result(result, target)
         if report:
@@ -89,7 +96,7 @@ def run(
             from dynid.store import read_result
 
             write_page(read_result(target), report)
-    outcomes = checked_expectations(loaded, result, junit)
+    outcomes = [] if rejection else checked_expectations(loaded, result, junit)
     from dynid.report.content import warnings, without_warnings
 
     if not quiet and not as_json:
@@ -109,6 +116,8 @@ def run(
     # Scripts that do not read the screen find the warnings on standard error.
     for warning in said:
         click.echo(f"{scene}: warning: {warning}", err=True)
+    if rejection:
+        raise rejection
     return report_expectations(loaded, outcomes, quiet or as_json)
 
 

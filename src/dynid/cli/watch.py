@@ -356,7 +356,15 @@ class Watch:
             return
         from dynid.cli.run import compute
 
-        result = compute(scene, lambda _: None, accuracy=False)
+        try:
+            self._keep(compute(scene, lambda _: None, accuracy=False))
+        except DynidError as error:
+            if error.result is not None:
+                self._keep(error.result)
+            raise
+
+    def _keep(self, result: Result) -> None:
+        """Write a result where that is wanted, and publish it."""
         if self.output:
             from dynid.store import write_result
 

@@ -37,6 +37,7 @@ from dynid.identification.records.measurement import (
 )
 from dynid.identification.records.simulation import Simulation
 from dynid.identification.records.time_record import TimeLikelihood, TimeRecord
+from dynid.identification.results.write_rejected import raise_rejected
 from dynid.identification.results.write_result import Further, add_identification
 from dynid.identification.systems.instruments import Instruments, with_spreads
 from dynid.identification.systems.parametric_model import (
@@ -202,6 +203,7 @@ def identify_all(
             dofs,
             suggest=into is None or into.wants("identification/diagnostics/warnings"),
         )
+        raise_rejected(posterior)
         return add_identification(
             Result("identification") if into is None else into,
             posterior,
@@ -269,6 +271,7 @@ def identify_frf(
             else [],
             suggest=True,
         )
+        raise_rejected(posterior)
         return add_identification(Result("identification"), posterior, further=further)
 
 
@@ -345,6 +348,7 @@ def posterior_of(
         likelihood = likelihood_of(model, values).continuing(posterior.likelihood).continuing(covering)
     posterior = _checked(posterior, starts(model.unknowns), suggest)
     full = isinstance(truth, StructuralModel) and truth.basis is None
+    full = full and posterior.rejection is None
     if full and isinstance(model, StructuralModel) and model.basis is not None:
         posterior = _with_model_error(posterior, model, likelihood_of, list(dict.fromkeys(dofs)))
     return posterior, model
@@ -385,14 +389,14 @@ def _estimated(estimator: Any, likelihood: Likelihood, eta: Array, suggest: bool
 
 
 def _checked(posterior: Posterior, start: Array, suggest: bool) -> Posterior:
-    """Return a posterior with mistakes of instruments that explain its lack of fit; check it."""
+    """Return a checked posterior, which may be rejected, with mistakes that explain its lack of fit."""
     if suggest and (not posterior.comparison.explained or posterior.comparison.lacks_fit):
         found = instrument_mistakes(posterior.likelihood, [posterior.fit.eta, start])
         posterior = replace(posterior, mistakes=tuple(found))
     try:
         posterior.check()
     except (Diverged, NotIdentifiable) as error:
-        raise _suggesting(error, posterior.mistakes) from error
+        return replace(posterior, rejection=_suggesting(error, posterior.mistakes))
     return posterior
 
 

@@ -100,6 +100,8 @@ class Posterior:
         Error that the reduction of the model causes, if it is reduced.
     mistakes
         Mistakes of instruments that explain the lack of fit, in words.
+    rejection
+        Error that rejects the fit; None where it is accepted.
     """
 
     likelihood: Likelihood
@@ -107,6 +109,7 @@ class Posterior:
     estimate: Estimate
     model_error: ModelError | None = None
     mistakes: tuple[str, ...] = ()
+    rejection: DynidError | None = None
 
     @property
     def fit(self) -> Fit:
@@ -267,7 +270,8 @@ class Posterior:
     @property
     def converged(self) -> bool:
         """True if the estimate is at the optimum, and the model explains records that could contradict it."""
-        return self.optimal and self.comparison.explained and self.comparison.redundancy > 0
+        explained = self.rejection is None and self.comparison.explained
+        return self.optimal and explained and self.comparison.redundancy > 0
 
     def check(self) -> None:
         """Refuse estimates whose prediction does not explain the records.

@@ -35,6 +35,8 @@ def verdict(posterior: Posterior) -> str:
 
     It starts with `converged` only where the residuals do not contradict the model.
     """
+    if posterior.rejection is not None:
+        return f"rejected: {posterior.rejection.problem}"
     names, distance, compared = (
         posterior.likelihood.names,
         posterior.distance_to_optimum,

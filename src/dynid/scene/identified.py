@@ -44,6 +44,11 @@ def identified_scene(result: Result, file: str = "") -> str:
     UsageError
         If it is no identification, or has no scene.
     """
+    if result.rejected:
+        raise UsageError(
+            f"{file or 'the result'} is rejected: its fit does not explain the record",
+            remedy="Correct the model or the record, and run the scene again.",
+        )
     if f"{_PARAMETERS}/estimate" not in result:
         raise UsageError(
             f"{file or 'the result'} holds no identification: there are no estimates",

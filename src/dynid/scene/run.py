@@ -27,11 +27,23 @@ def run_scene(scene: Scene) -> Result:
     Raises
     ------
     NumericalError
-        Where the analysis has no trustworthy result.
+        Where the analysis has no trustworthy result; of a rejected fit with its `result`.
     FileError
         Where a file that the scene names cannot be read.
     """
-    result: Result = KINDS[scene.kind].load("run")(scene)
+    try:
+        result: Result = KINDS[scene.kind].load("run")(scene)
+    except DynidError as error:
+        if error.result is not None:
+            error.result.title = scene.title
+            _add_origin(error.result, scene)
+        raise
+    _add_origin(result, scene)
+    return result
+
+
+def _add_origin(result: Result, scene: Scene) -> None:
+    """Add the scene's text and the seed of its noise."""
     result.attrs["scene"] = scene.source.resolved_text()
     data = scene.source.data
     measurement, time = data.get("measurement") or {}, (data.get("analysis") or {}).get("time") or {}
@@ -42,7 +54,6 @@ def run_scene(scene: Scene) -> Result:
         noisy += [signal for signal in given if signal["kind"] == "random"]
     # The seed of the noise of the measurement, else that of the first random signal; 0 without both.
     result.attrs["seed"] = noisy[0].get("seed", 0) if noisy else 0
-    return result
 
 
 def preparation_errors(scene: Scene) -> list[DynidError]:

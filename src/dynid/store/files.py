@@ -18,7 +18,7 @@ from dynid._version import __version__
 from dynid.errors import FileError, UsageError
 from dynid.file_access import replace_file, replacing
 from dynid.hdf5 import CHECKED, checksum, open_hdf5
-from dynid.result import Result, Scalar, Variable
+from dynid.result import REJECTED, Result, Scalar, Variable
 from dynid.store.reader import CURRENT, INTERRUPTED, StoredVariable, read_root, reading
 from dynid.store.writer import ArrayWriter, Sink, write_attrs
 
@@ -224,10 +224,10 @@ def _write_root(file: Any, result: Result, scene_text: str, complete: bool = Tru
         "format": CURRENT,
         "kind": result.kind,
         "title": result.title,
-        "status": "complete" if complete else INTERRUPTED,
+        "status": INTERRUPTED if not complete else REJECTED if result.rejected else "complete",
     }
     attrs = result.group_attrs.get("", {}) | result.attrs
-    given = {name: value for name, value in attrs.items() if name != "scene"}
+    given = {name: value for name, value in attrs.items() if name not in ("scene", "status")}
     if clash := sorted(given.keys() & fixed.keys()):
         raise ValueError(f"the attribute '{clash[0]}' is set by the store")
     write_attrs(file, stamps | given | fixed)

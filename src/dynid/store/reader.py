@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import FileError
 from dynid.hdf5 import Refused, check_stored
-from dynid.result import Result, Scalar, Variable, as_kept
+from dynid.result import REJECTED, Result, Scalar, Variable, as_kept
 
 #: Format of the files that are written.
 CURRENT = 1
@@ -132,9 +132,11 @@ def read_root(file: Any, name: str, stored: bool = False, partial: bool = False)
     if not isinstance(number, int) or "kind" not in root:
         raise FileError(f"{name} is HDF5, but not a result of dynid", names=[name])
     refuse_unknown(number, name)
-    if root.get("status") not in ("complete", INTERRUPTED if partial else "complete"):
+    if root.get("status") not in ("complete", REJECTED, INTERRUPTED if partial else "complete"):
         raise FileError(f"{name} is not complete", remedy="Run its scene again.", names=[name])
     attrs = {key: value for key, value in root.items() if key not in ROOT_ATTRS}
+    if root["status"] == REJECTED:
+        attrs["status"] = REJECTED
     scene = file.get("scene", getlink=True)
     if scene is not None:
         text = _hard_item(file, "scene")

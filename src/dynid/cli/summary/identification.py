@@ -18,6 +18,7 @@ from dynid.report.content.identifiability import (
     modal_shifts,
 )
 from dynid.report.content.identification import (
+    has_estimates,
     parameter_table,
     preparation,
     record_summary,
@@ -55,7 +56,7 @@ _MODES, _SHIFTS, _MASSLESS, _BANDS = 20, 8, 8, 5
 def lines(result: Result) -> list[str]:
     """Return the screen of an identification, line by line."""
     screen: list[str] = []
-    if "identification/parameters/name" in result:
+    if has_estimates(result):
         columns, rows = parameter_table(result)
         screen += [
             *paragraph(record_summary(result)),
@@ -132,7 +133,7 @@ def identifiability_lines(result: Result, *, planned: bool = False) -> list[str]
         *(part for line in collinear_groups(result) for part in paragraph(line, "    ")),
     ]
     # An identification has the calibration below its estimates.
-    if "identification/parameters/name" not in result:
+    if not has_estimates(result):
         screen += [line for sentence in calibration_sentences(result) for line in paragraph(sentence, "    ")]
     columns, rows = modal_shifts(result)
     shown, count = first_modes(rows, _SHIFTS)

@@ -156,7 +156,7 @@ def add_identification(
     result.add_axis(f"{_STAGES}/stage", [stage.name for stage in stages])
     result.add_axis(f"{_STAGES}/parameter", posterior.likelihood.names)
     estimates = values(posterior.likelihood.unknowns, np.array([stage.eta for stage in stages]))
-    result.add(f"{_STAGES}/estimate", estimates, ("stage", "parameter"), _unit(posterior))
+    result.add(f"{_STAGES}/estimate", estimates, ("stage", "parameter"), common_unit_of(posterior))
     result.add(f"{_STAGES}/residual_ratio", [np.max(stage.residual_ratio) for stage in stages], ("stage",))
     result.add(f"{_STAGES}/iterations", [stage.iterations for stage in stages], ("stage",))
     chosen = [stage.eta is posterior.fit.eta for stage in stages].index(True) + 1
@@ -166,7 +166,7 @@ def add_identification(
     check = posterior_check(posterior) if further.check else None
     if check is not None:
         _add_check(result, posterior, check)
-    _add_diagnostics(result, posterior, [] if check is None else check.warnings)
+    add_diagnostics(result, posterior, [] if check is None else check.warnings)
     if posterior.model_error is not None:
         posterior.model_error.add_to(result, [place.name for place in posterior.channels])
     if result.wants_below(DERIVED):
@@ -177,19 +177,9 @@ def add_identification(
 def _add_parameters(result: Result, posterior: Posterior) -> None:
     """Add ``parameters/``: estimates with error bars, bounds and correlations."""
     group, dims = _PARAMETERS, ("parameter",)
-    unknowns, names, priors = (
-        posterior.likelihood.unknowns,
-        posterior.likelihood.names,
-        posterior.likelihood.priors,
-    )
-    unit, estimate, rate, true = _unit(posterior), posterior.values, posterior.rates, posterior.true
-    result.add_axis(f"{group}/parameter", names)
-    result.add(f"{group}/name", names, dims)
-    result.add(f"{group}/unit", [unknown.unit for unknown in unknowns], dims)
-    if not all(unknown.logarithmic for unknown in unknowns):
-        result.add(f"{group}/scale", [unknown.scale for unknown in unknowns], dims)
-    result.add(f"{group}/start", [unknown.start for unknown in unknowns], dims, unit)
-    result.add(f"{group}/true", true, dims, unit)
+    names, priors = posterior.likelihood.names, posterior.likelihood.priors
+    unit, estimate, rate, true = common_unit_of(posterior), posterior.values, posterior.rates, posterior.true
+    add_names(result, group, posterior)
     result.add(f"{group}/estimate", estimate, dims, unit)
     result.add(f"{group}/standard_error", rate * posterior.information.deviations(), dims, unit)
     if result.wants(f"{group}/standard_error_scaled") and posterior.noise_is_given:
@@ -211,7 +201,20 @@ def _add_parameters(result: Result, posterior: Posterior) -> None:
     result.add(f"{group}/correlation", posterior.information.correlation(), ("parameter", "other"))
 
 
-def _unit(posterior: Posterior) -> str:
+def add_names(result: Result, group: str, posterior: Posterior) -> None:
+    """Add names, units, scales, starts and true values of the parameters to a group."""
+    dims, unit, unknowns = ("parameter",), common_unit_of(posterior), posterior.likelihood.unknowns
+    names = posterior.likelihood.names
+    result.add_axis(f"{group}/parameter", names)
+    result.add(f"{group}/name", names, dims)
+    result.add(f"{group}/unit", [unknown.unit for unknown in unknowns], dims)
+    if not all(unknown.logarithmic for unknown in unknowns):
+        result.add(f"{group}/scale", [unknown.scale for unknown in unknowns], dims)
+    result.add(f"{group}/start", [unknown.start for unknown in unknowns], dims, unit)
+    result.add(f"{group}/true", posterior.true, dims, unit)
+
+
+def common_unit_of(posterior: Posterior) -> str:
     """Return the common unit of the parameters, if there is one."""
     return common_unit(unknown.unit for unknown in posterior.likelihood.unknowns)
 
@@ -219,7 +222,7 @@ def _unit(posterior: Posterior) -> str:
 # Diagnostics.
 
 
-def _add_diagnostics(result: Result, posterior: Posterior, more: Sequence[str] = ()) -> None:
+def add_diagnostics(result: Result, posterior: Posterior, more: Sequence[str] = ()) -> None:
     """Add ``diagnostics/``: convergence, comparison of models, tests of the residuals, verdict."""
     group = _DIAGNOSTICS
     for name in ("optimum", "settled"):
@@ -268,6 +271,8 @@ def _add_comparison(result: Result, posterior: Posterior) -> None:
     result.add(f"{group}/lack_of_fit_p", compared.lack_of_fit_p)
     result.add(f"{group}/lacks_fit", compared.lacks_fit)
     result.add(f"{group}/channel_lack_of_fit_p", compared.channel_lack_of_fit_p, ("channel",))
+    if posterior.rejection is not None:
+        return
     if not posterior.converged:
         result.annotate(_PARAMETERS, error_bars="nominal: the result is rejected")
     elif compared.lacks_fit or is_coloured(posterior.whiteness_p):
@@ -326,7 +331,7 @@ def _add_check(result: Result, posterior: Posterior, check: PosteriorCheck) -> N
     result.add(f"{group}/effective_samples_used", check.effective_used)
     result.add(f"{group}/gaussian", check.gaussian)
     for name in ("mean", "low", "high"):
-        result.add(f"{group}/{name}", getattr(check, name), dims, _unit(posterior))
+        result.add(f"{group}/{name}", getattr(check, name), dims, common_unit_of(posterior))
     if check.log_evidence is not None:
         result.add(f"{group}/log_evidence", check.log_evidence)
     result.annotate(group, samples=DRAWS, confidence=0.95)
@@ -390,7 +395,7 @@ def _add_record(
     _add_measurement(result, group("measurement"), record, fit)
     values = [unknown.true for unknown in model.unknowns if unknown.true is not None]
     if len(values) == len(model.unknowns):
-        result.add(f"{group('history')}/true", values, ("parameter",), _unit(posterior))
+        result.add(f"{group('history')}/true", values, ("parameter",), common_unit_of(posterior))
     if true is not None:
         result.add(f"{group('history')}/true_state", true, ("time", "component"))
     states, dims = group("states"), ("time", "component")  # measured or not (Yang, Fig. 9)
@@ -400,23 +405,47 @@ def _add_record(
     result.add(f"{states}/standard_deviation", band * model.scale, dims)
     if true is not None:
         result.add(f"{states}/true", true, dims)
-    names, spectra = [channel.name for channel in measurement.channels], group("residual_spectrum")
-    omega, amplitude = spectrum(fit.residual, measurement.step)  # roots of power spectral densities
-    units = [f"{channel.unit}.(s/rad)^0.5" for channel in measurement.channels]
-    result.add_axis(f"{spectra}/omega", omega, "rad/s")
-    result.add_axis(f"{spectra}/channel", names)
-    result.add(f"{spectra}/unit", units, ("channel",))
-    result.add(f"{spectra}/amplitude", amplitude, ("omega", "channel"), common_unit(units))
+    _add_spectrum(result, group("residual_spectrum"), record, fit)
     if posterior.innovations is not None:
         own, innovations = posterior.innovations[k], group("innovations")
         found = consistency(own)
         result.add_axis(f"{innovations}/time", record.times, "s")
-        result.add_axis(f"{innovations}/channel", names)
+        result.add_axis(f"{innovations}/channel", [channel.name for channel in measurement.channels])
         result.add(f"{innovations}/normalised", own, ("time", "channel"))
         for name in ("mean_square", "low", "high"):
             result.add(f"{innovations}/{name}", getattr(found, name), ("channel",))
         for name in ("overall", "overall_low", "overall_high", "consistent"):
             result.add(f"{innovations}/{name}", getattr(found, name))
+
+
+def _add_spectrum(result: Result, group: str, record: TimeRecord, fit: RecordFit) -> None:
+    """Add the roots of the power spectral densities of the residuals."""
+    channels = record.taken_under.measurement.channels
+    omega, amplitude = spectrum(fit.residual, record.sampling_step)
+    units = [f"{channel.unit}.(s/rad)^0.5" for channel in channels]
+    result.add_axis(f"{group}/omega", omega, "rad/s")
+    result.add_axis(f"{group}/channel", [channel.name for channel in channels])
+    result.add(f"{group}/unit", units, ("channel",))
+    result.add(f"{group}/amplitude", amplitude, ("omega", "channel"), common_unit(units))
+
+
+def add_fits(result: Result, posterior: Posterior) -> None:
+    """Add what was measured and predicted with the residuals and their spectra, record by record."""
+    each = zip(posterior.likelihood.records, posterior.fit.parts, strict=True)
+    for k, (record, fit) in enumerate(each):
+        if isinstance(record, FrfRecord):
+            _add_responses(result, record, fit)
+            group, dims = "identification/measurement", ("omega", "channel")
+        elif isinstance(record, TimeRecord):
+            group = _group(posterior, k, "measurement")
+            _add_measurement(result, group, record, fit)
+            _add_spectrum(result, _group(posterior, k, "residual_spectrum"), record, fit)
+            dims = ("time", "channel")
+        else:
+            continue
+        unit = common_unit(channel.unit for channel in record.channels)
+        residual = result[f"{group}/measured"].data - result[f"{group}/predicted"].data
+        result.add(f"{group}/residual", residual, dims, unit)
 
 
 def _add_history(result: Result, group: str, record: TimeRecord, history: Pass) -> None:

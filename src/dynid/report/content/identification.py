@@ -39,7 +39,7 @@ _BADLY = 1e3
 #: Residuals, relative to the signal, below which they are rounding of doubles over thousands of steps.
 _ROUND_OFF = 1e-11
 _MEASURED, _DIAGNOSTICS = "identification/measurement", "identification/diagnostics"
-_PARAMETERS = "identification/parameters"
+_PARAMETERS, _REJECTED = "identification/parameters", "identification/rejected"
 
 
 def method(result: Result) -> str:
@@ -68,7 +68,7 @@ def method(result: Result) -> str:
 
 def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the content of an identification, or of the responses of a structure."""
-    if f"{_PARAMETERS}/name" in result:
+    if has_estimates(result):
         good = not is_rejected(result)
         sound = good and bool(result.value(f"{_DIAGNOSTICS}/white")) and not lacks_fit(result)
         answer, quality = list[Statement](), list[Statement]()
@@ -88,7 +88,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
     if "bond_graph" in result.group_attrs:
         from dynid.report.content.bond_graph import sections as sections_of_graph
 
-        asked = f"{_PARAMETERS}/name" not in result
+        asked = not has_estimates(result)
         yield from (
             section if asked or section.place != "answer" else replace(section, place="details")
             for section in sections_of_graph(result)
@@ -118,16 +118,27 @@ def sections(result: Result) -> Iterator[ReportSection]:
     if massless:
         shown = ", ".join(map(str, massless[:_SHOWN]))
         remark = [Statement(f"{len(massless)} massless: {shown}{', …' if len(massless) > _SHOWN else ''}")]
-    asked = f"{_PARAMETERS}/name" not in result and "bond_graph" not in result.group_attrs
+    asked = not has_estimates(result) and "bond_graph" not in result.group_attrs
     blocks: tuple[Block, ...] = (table, *more(count, _MOST_MODES, "mode"), *remark)
     yield ReportSection("Modes", blocks, "answer" if asked else "details")
 
 
+def estimates_group(result: Result) -> str:
+    """Return the group of the estimates: a group of their own where they are rejected."""
+    return _REJECTED if result.rejected else _PARAMETERS
+
+
+def has_estimates(result: Result) -> bool:
+    """Return True if there are estimates, or rejected ones."""
+    return f"{estimates_group(result)}/name" in result
+
+
 def linear_parameters(result: Result) -> list[bool]:
     """Return for each parameter True if it is estimated itself, not by its logarithm."""
-    if f"{_PARAMETERS}/scale" in result:
-        return [scale == "linear" for scale in result[f"{_PARAMETERS}/scale"].data]
-    return [False] * len(result[f"{_PARAMETERS}/name"].data)
+    group = estimates_group(result)
+    if f"{group}/scale" in result:
+        return [scale == "linear" for scale in result[f"{group}/scale"].data]
+    return [False] * len(result[f"{group}/name"].data)
 
 
 def interval(estimate: float, error: float, linear: bool) -> tuple[float, float]:
@@ -152,10 +163,11 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
     Where the residuals contradict the given noise, a column has the standard error for the noise of the
     residuals.
     """
+    group = estimates_group(result)
     get = {
         name.rpartition("/")[2]: variable.data
         for name, variable in result.items()
-        if name.startswith(f"{_PARAMETERS}/")
+        if name.startswith(f"{group}/")
     }
     known, exact = bool(np.isfinite(get["true"]).any()), is_round_off(result)
     barred = not (exact or is_rejected(result))
@@ -169,7 +181,8 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
     truths = (*(("true", "error") if known else ()), *(("CR bound",) if bounded else ()))
     rows, linear = [], linear_parameters(result)
     for k, name in enumerate(get["name"]):
-        estimate, error, true = (float(get[part][k]) for part in ("estimate", "standard_error", "true"))
+        estimate, true = (float(get[part][k]) for part in ("estimate", "true"))
+        error = float(get["standard_error"][k]) if barred else math.nan
         shown: tuple[str, ...] = (quantity(estimate, abs(estimate) * 1e-4 if exact else None),)
         if barred:
             low, high = interval(estimate, error, linear[k])
@@ -196,9 +209,9 @@ def record_summary(result: Result) -> str:
     group = _MEASURED
     several = [path for path in result if path.startswith(f"{group}/record_") and path.endswith("/measured")]
     every = [path.removesuffix("/measured") for path in several] or [group]
+    unknowns = counted(len(result[f"{estimates_group(result)}/name"].data), "unknown parameter")
     if f"{every[0]}/measured" not in result:
-        unknowns = counted(len(result[f"{_PARAMETERS}/name"].data), "unknown parameter")
-        return f"{unknowns}; {modal_summary(result)}"
+        return f"{unknowns}; {modal_summary(result)}" if has_modes(result) else unknowns
     measured = [result[f"{path}/measured"].data for path in every]
     lists = list(dict.fromkeys(", ".join(result[f"{path}/channel"].data) for path in every))
     missing = sum(int(np.isnan(values).sum()) for values in measured)
@@ -207,21 +220,23 @@ def record_summary(result: Result) -> str:
     left_out = sum(int(result.value(path)) for path in paths)
     if left_out:
         gaps += f"; {counted(left_out, 'sample')} left out, at which not every input is known (delays)"
-    unknowns = counted(len(result[f"{_PARAMETERS}/name"].data), "unknown parameter")
     if f"{group}/omega" in result:
         omega, unit = result[f"{group}/omega"].data, frequency_unit(result)
         span = span_text(unit.factor * omega[0], unit.factor * omega[-1], 5)
         lines = f"{counted(len(omega), 'line')}, {span} {unit.name}"
         return f"{unknowns}; {lines}, of the frequency responses {lists[0]}{gaps}"
-    states = len(result[f"{every[0].replace('measurement', 'history')}/component"].data)
     records = f"{counted(len(every), 'record')}, " if several else ""
     samples = counted(sum(map(len, measured)), "sample")
+    record = f"{unknowns}; {records}{samples} of {'; '.join(lists)}{gaps}"
+    if result.rejected:
+        return record
+    states = len(result[f"{every[0].replace('measurement', 'history')}/component"].data)
     scope = result.get("identification/need/part")
     reduced = scope is not None and "coordinates" in scope.data
     size = (
         f"{counted(states, 'state')} of the reduced model" if reduced else counted(states, "physical state")
     )
-    return f"{size}, {unknowns}; {records}{samples} of {'; '.join(lists)}{gaps}"
+    return f"{size}, {record}"
 
 
 def preparation(result: Result) -> Iterator[str]:
@@ -264,7 +279,8 @@ def cautions(result: Result) -> Iterator[str]:
         else:
             remedy = "use method auto, or more passes"
         reason = str(result.value(f"{_DIAGNOSTICS}/verdict")).removeprefix("NOT converged: ")
-        yield f"not converged: {reason}: {remedy}"
+        if not result.rejected:  # else the error of the run says it
+            yield f"not converged: {reason}: {remedy}"
     yield from (str(warning) for warning in result[f"{_DIAGNOSTICS}/warnings"].data)
 
 
@@ -297,6 +313,16 @@ def noise_sentences(result: Result) -> Iterator[str]:
     yield f"{title}{', '.join(each[:_CHANNELS])}{', …' if len(each) > _CHANNELS else ''}"
 
 
+def _rejected_bars(result: Result) -> str:
+    """Return what a rejected result has for error bars."""
+    if result.rejected:
+        return (
+            "the fit does not explain the record: its estimates are no answers, and stand in "
+            "identification/rejected alone; the figures of the fit show where it fails"
+        )
+    return "error bars are not printed: the result is rejected (those in the file are nominal)"
+
+
 def verdict_sentences(result: Result) -> Iterator[str]:
     """Yield the verdict on an estimate: residuals, limits, conditioning, worst parameter, warnings."""
     p, white = result.value(f"{_DIAGNOSTICS}/whiteness_p"), bool(result.value(f"{_DIAGNOSTICS}/white"))
@@ -320,10 +346,11 @@ def verdict_sentences(result: Result) -> Iterator[str]:
     yield from noise_sentences(result)
     rejected = is_rejected(result)
     if rejected:
-        yield "error bars are not printed: the result is rejected (those in the file are nominal)"
+        yield _rejected_bars(result)
     elif not (white or exact or lacks_fit(result)):  # of which the verdict says it
         yield "error bars are nominal: the residuals are not white noise"
-    names, bounds = result[f"{_PARAMETERS}/name"].data, f"{_PARAMETERS}/at_bound"
+    group = estimates_group(result)
+    names, bounds = result[f"{group}/name"].data, f"{group}/at_bound"
     held = ", ".join(names[result[bounds].data]) if bounds in result else ""
     if held:
         yield f"at a limit (min or max): {held}; the likelihood increases beyond it"

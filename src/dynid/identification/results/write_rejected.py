@@ -1,0 +1,55 @@
+"""Result of a rejected fit: what was measured and predicted, and the tests that reject it; no answers.
+
+Estimates stand in ``identification/rejected/``, with their starts, true values and units, and nowhere else:
+there is neither `parameters` nor what would follow from these. `measurement` has the `residual`, too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynid.errors import DynidError
+from dynid.identification.posterior import Posterior
+from dynid.identification.results.write_result import add_diagnostics, add_fits, add_names, common_unit_of
+from dynid.result import REJECTED, Result
+
+#: Group of the estimates.
+GROUP = "identification/rejected"
+_FAILURES = (DynidError, ArithmeticError, np.linalg.LinAlgError)
+
+
+def raise_rejected(posterior: Posterior) -> None:
+    """Raise the error of a rejected fit, with its result, which leaves out what cannot be computed."""
+    error = posterior.rejection
+    if error is None:
+        return
+    result = Result("identification")
+    result.attrs["status"] = REJECTED
+    result.annotate("identification", estimator=posterior.method, rejected=str(error))
+    for add in (_add_estimates, _add_stages, add_fits, add_diagnostics):
+        part = Result("identification")
+        try:
+            add(part, posterior)
+        except _FAILURES:  # numbers of such a fit may leave their range
+            continue
+        result.merge(part)
+    error.result = result
+    raise error
+
+
+def _add_estimates(result: Result, posterior: Posterior) -> None:
+    dims, true = ("parameter",), posterior.true
+    add_names(result, GROUP, posterior)
+    result.add(f"{GROUP}/estimate", posterior.values, dims, common_unit_of(posterior))
+    result.add(f"{GROUP}/at_bound", posterior.likelihood.priors.at_bound(posterior.fit.eta), dims)
+    nonzero = np.where(true == 0, np.nan, true)
+    result.add(f"{GROUP}/error_percent", 100 * np.abs(posterior.values / nonzero - 1), dims, "%")
+
+
+def _add_stages(result: Result, posterior: Posterior) -> None:
+    stages, group = posterior.estimate.stages, "identification/stages"
+    result.add_axis(f"{group}/stage", [stage.name for stage in stages])
+    result.add(f"{group}/residual_ratio", [np.max(stage.residual_ratio) for stage in stages], ("stage",))
+    result.add(f"{group}/iterations", [stage.iterations for stage in stages], ("stage",))
+    chosen = [stage.eta is posterior.fit.eta for stage in stages].index(True) + 1
+    result.add(f"{group}/chosen", chosen)
