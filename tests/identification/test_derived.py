@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 
+import dynid
+from dynid import native
 from dynid.cli.summary import identification
 from dynid.identification.derived import (
     DELTA,
@@ -23,6 +25,8 @@ from dynid.lti.signals import Multisine
 from dynid.parameters import Parameter
 from dynid.report.content.modes import derived_sections, derived_table
 from dynid.result import Result
+from dynid.scene.load import check_source
+from dynid.scene.yaml.source import parse_source
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.response import Channel, Load
@@ -111,7 +115,7 @@ def test_the_bands_of_one_mass_are_those_of_the_formulas():
 def test_the_band_of_the_compliance_is_that_of_the_spring():
     derived = one_mass()
     (pair,) = pairs_of([("x", "m")], [("f", "N")])
-    gains = derived.gains(pair)
+    gains = derived.gains(pair, derived.zeros(pair))
     np.testing.assert_allclose(gains["dc"].value, 1 / 8e3, rtol=1e-12)
     np.testing.assert_allclose(gains["dc"].high, np.exp(WIDTH * 0.02) / 8e3, rtol=1e-9)
     assert gains["high_frequency"].value == gains["high_frequency"].high == 0
@@ -260,3 +264,44 @@ def test_ends_of_a_band_that_nothing_bounds_are_infinite():
     for name, end in (("low", -math.inf), ("high", math.inf)):
         both = result[f"roots/{name}"].data
         assert both.real.tolist() == both.imag.tolist() == [end]
+
+
+CLEAN_CHAIN = """
+dynid: 1
+kind: identification
+structure:
+  lumped: {masses: [1, 1.5, 2, 1], links: [{dofs: [1], k: 900, c: 3}, {dofs: [3, 4], k: 1200, c: 3}]}
+derived: [poles, zeros, modes]
+joints:
+  upper: {dofs: [1, 2], k: {start: 700, true: 1000}, c: {start: 2, true: 2.5}}
+  lower: {dofs: [2, 3], k: {start: 700, true: 800}, c: {start: 3, true: 2}}
+excitation: [{dof: 4, kind: multisine, amplitude: [1, 1, 1], frequency: [9, 23, 41]}]
+measurement:
+  step: 0.01
+  samples: 300
+  channels: [{dof: 1, quantity: velocity}, {dof: 2, quantity: acceleration}]
+  simulate: {noise_ratio: 0, settle: 10}
+"""
+
+
+def test_a_clean_record_has_zeros_of_one_shape_with_and_without_the_library(monkeypatch):
+    """Three links with k/c = 400 stand between the force and mass 1, two between it and mass 2."""
+    roots = {}
+    for wish in ("0", "1" if native.found() else "0"):
+        monkeypatch.setenv(native.VARIABLE, wish)
+        roots[wish] = dynid.run(check_source(parse_source(CLEAN_CHAIN.lstrip("\n"))))
+    for result in roots.values():
+        for output, count in (("1.velocity", 3), ("2.acceleration", 2)):
+            group = f"identification/derived/zeros/{output}/4"
+            value, multiplicity = (result[f"{group}/{name}"].data for name in ("value", "multiplicity"))
+            multiple = (multiplicity == count) & (value != 0)
+            assert multiple.sum() == count
+            np.testing.assert_allclose(value[multiple], -400, rtol=1e-9)
+            for end in ("low", "high"):
+                assert np.abs(result[f"{group}/{end}"].data[multiple] + 400).max() < 1e-6
+        assert result["identification/derived/gains/2.acceleration/4/dc/value"].data == 0
+    one, other = roots["0"], roots[max(roots)]
+    shapes = [
+        {path: result[path].data.shape for path in result if "/derived/" in path} for result in (one, other)
+    ]
+    assert shapes[0] == shapes[1]

@@ -40,6 +40,10 @@ _ON_AXIS = 1e-8
 _CONFIRMED = 3
 # Distance from the axis, in standard deviations, beyond which no sample is needed.
 _FAR = 6.0
+# Errors of an estimate that is converged: so many standard deviations, at most this part of the parameter.
+_DEVIATIONS, _CONVERGED = 6.0, 1e-9
+# Roots of a sample that stay within so many radii of a cluster are not resolved either.
+_WITHIN = 4.0
 # Distances between roots in a block of samples.
 _BLOCK = 1 << 17
 
@@ -204,6 +208,15 @@ class RootFamily:
     reference: Roots
     _known: dict[bytes, ComplexArray] = field(default_factory=dict, repr=False)
 
+    @cached_property
+    def multiplicity(self) -> NDArray[np.intp]:
+        """Number of roots that are one with each within round-off (m)."""
+        count = np.ones(len(self.reference.values), dtype=np.intp)
+        count[: self.reference.origin] = self.reference.origin
+        for cluster in self.reference.clusters:
+            count[cluster.places] = len(cluster.places)
+        return count
+
     @property
     def shown(self) -> NDArray[np.intp]:
         """Places of the roots that are not below the real axis."""
@@ -243,12 +256,22 @@ class RootFamily:
         if key not in self._known:
             block = max(1, _BLOCK // len(self.reference.values) ** 2)
             parts = [self._assigned(etas[k : k + block]) for k in range(0, len(etas), block)]
-            self._known[key] = np.concatenate(parts)
+            self._known[key] = self._merged(np.concatenate(parts))
         return self._known[key]
+
+    def _merged(self, tracked: ComplexArray) -> ComplexArray:
+        """Return roots at coordinates (S x m) with those that round-off does not resolve in their centre."""
+        for places, centre, radius in self.reference.clusters:
+            roots = tracked[:, places]
+            mean = roots.mean(axis=1)
+            mean = mean.real.astype(np.complex128) if centre.imag == 0 else mean
+            close = (np.abs(roots - mean[:, None]) <= _WITHIN * radius).all(axis=1)
+            tracked[np.ix_(close, places)] = mean[close, None]
+        return tracked
 
     def _assigned(self, etas: Array) -> ComplexArray:
         """Return the roots at coordinates (S x m) in the order of those at the mean."""
-        start, change, origin = self.reference
+        start, change, origin, _ = self.reference
         found = self.at(etas)
         tracked = np.full((len(etas), len(start)), complex(math.nan, math.nan))
         usable = [
@@ -410,6 +433,13 @@ class DerivedQuantities:
     def _rates(self) -> Array:
         return rates(self.posterior.unknowns, self.posterior.eta)
 
+    @property
+    def _spread(self) -> Array:
+        """Errors of the parameters where the estimate is converged (p)."""
+        deviation = np.linalg.norm(self.posterior.root, axis=1) * np.abs(self._rates)
+        size = np.abs(np.array(list(self.posterior.values(self.posterior.eta).values())))
+        return np.asarray(np.minimum(_DEVIATIONS * deviation, _CONVERGED * size))
+
     @cached_property
     def poles(self) -> RootFamily:
         """The poles."""
@@ -421,7 +451,9 @@ class DerivedQuantities:
             found = iter(poles_of_all([one.A for one in each if one is not None], scale))
             return [None if one is None else next(found) for one in each]
 
-        return RootFamily(self.posterior, at, self._reference(poles(here.A, here.A_slopes, scale)))
+        return RootFamily(
+            self.posterior, at, self._reference(poles(here.A, here.A_slopes, scale, self._spread))
+        )
 
     def zeros(self, pair: Pair) -> RootFamily | None:
         """Return the zeros of a pair; None where the input does not affect the output."""
@@ -439,7 +471,7 @@ class DerivedQuantities:
                 for one in each
             ]  # fmt: skip
 
-        found = zeros(here, scale=scale)
+        found = zeros(here, scale=scale, spread=self._spread)
         return None if found is None else RootFamily(self.posterior, at, self._reference(found))
 
     def _reference(self, found: Roots) -> Roots:
@@ -484,10 +516,15 @@ class DerivedQuantities:
 
         return _halves(self.posterior.bands(np.concatenate([size, phase]), moved, at))
 
-    def gains(self, pair: Pair) -> dict[str, ConfidenceBand]:
-        """Return the gains of a pair at rest and at high frequencies, as far as they are finite."""
+    def gains(self, pair: Pair, family: RootFamily) -> dict[str, ConfidenceBand]:
+        """Return the gains of a pair at rest and at high frequencies, as far as they are finite.
+
+        With zeros at the origin, in the family of its zeros, and no poles there, it is 0 at rest.
+        """
         eta = self.posterior.eta
         made: dict[str, Callable[[ParametricSystem], tuple[float, Array] | None]] = {"dc": _dc_gain}
+        if family.reference.origin > self.poles.reference.origin:
+            made["dc"] = lambda one: (0.0, np.zeros_like(one.d_slopes))
         here = self._at(eta)
         if len(here.D) == 1 or not here.D[1:, pair.channel, pair.load].any():
             made["high_frequency"] = lambda one: (one.d, one.d_slopes)

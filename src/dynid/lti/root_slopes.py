@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.lti.exponential import balance, rescaled
+from dynid.lti.root_clusters import Resolution, RootCluster, root_clusters
 from dynid.lti.state_space import ParametricSystem
 
 Array = NDArray[np.float64]
@@ -23,6 +24,10 @@ ComplexArray = NDArray[np.complex128]
 
 # Relative size below which a singular value or a direct term is rounding.
 _ROUNDING = 1e-10
+# Angles of the points at which a transfer function is tested for zero, rad.
+_ANGLES = np.array([0.3, 1.1, 0.7, 0.5])
+# Backward errors of reduction and eigenvalues, over n eps and the norm of the matrix.
+_BACKWARD = 8.0
 # Roots nearer than this part of their size are one; a root whose w^H P' v is below it has no derivative.
 _SAME, _DEFECTIVE = 1e-7, 1e-6
 
@@ -31,18 +36,23 @@ class Roots(NamedTuple):
     """Finite roots of a parametric matrix, those at the origin first, then by size.
 
     `values` (m), exactly 0 at the origin; `slopes` (m x p): their derivatives by the parameters, 0 at the
-    origin, infinite where a root is multiple or defective; `origin`: number of roots at the origin.
+    origin, infinite where a root is multiple or defective; `origin`: number of roots at the origin;
+    `clusters`: roots that are one within the errors of the matrix, whose values are their centres.
     """
 
     values: ComplexArray
     slopes: ComplexArray
     origin: int
+    clusters: tuple[RootCluster, ...] = ()
 
 
-def poles(A: Array, slopes: Array | None = None, scale: Array | None = None) -> Roots:
+def poles(
+    A: Array, slopes: Array | None = None, scale: Array | None = None, spread: Array | None = None
+) -> Roots:
     """Return the eigenvalues of A (n x n), and their derivatives where those of A (p x n x n) are given.
 
-    `scale` (n) balances it, as that of a matrix nearby does; absent: its own.
+    `scale` (n) balances it, as that of a matrix nearby does; absent: its own. With the errors of the
+    parameters (p) in `spread`, eigenvalues that are one within these and round-off are merged.
     """
     d = balance(A) if scale is None else scale
     if slopes is None:
@@ -53,8 +63,10 @@ def poles(A: Array, slopes: Array | None = None, scale: Array | None = None) -> 
     same, left = np.linalg.eig(A.T)
     left = left[:, np.argmin(np.abs(values[:, None] - same), axis=1)]
     strength = np.einsum("ik,ik->k", left, right)
-    moved = np.einsum("ik,pij,jk->kp", left, rescaled(slopes, d), right, optimize=True)
-    return _ordered(values.astype(np.complex128), _divided(moved, strength), origin)
+    slopes = rescaled(slopes, d)
+    moved = np.einsum("ik,pij,jk->kp", left, slopes, right, optimize=True)
+    resolution = None if spread is None else _resolution(A, _errors(slopes, spread))
+    return _ordered(values.astype(np.complex128), _divided(moved, strength), origin, resolution)
 
 
 def poles_of_all(matrices: Sequence[Array], scale: Array) -> list[Roots]:
@@ -65,11 +77,17 @@ def poles_of_all(matrices: Sequence[Array], scale: Array) -> list[Roots]:
     return _all_ordered(np.linalg.eigvals(A).astype(np.complex128), _at_origin(A))
 
 
-def zeros(system: ParametricSystem, *, slopes: bool = True, scale: Array | None = None) -> Roots | None:
+def zeros(
+    system: ParametricSystem,
+    *,
+    slopes: bool = True,
+    scale: Array | None = None,
+    spread: Array | None = None,
+) -> Roots | None:
     """Return the finite zeros of a system, with their derivatives unless `slopes` is False.
 
     None where the input does not affect the output. `scale` (n) balances A, as that of a system nearby does;
-    absent: its own.
+    absent: its own. `spread` merges zeros as it does `poles`.
     """
     n, p = len(system.A), len(system.A_slopes)
     if scale is None:
@@ -80,10 +98,10 @@ def zeros(system: ParametricSystem, *, slopes: bool = True, scale: Array | None 
     speed = max(float(np.linalg.norm(A)), np.finfo(float).tiny)
     of_b, of_c = float(np.linalg.norm(b)), float(np.linalg.norm(c))
     if not (of_b and of_c):  # what is left is the direct term: zeros where the modes are not involved
-        return poles(system.A, system.A_slopes) if system.d else None
+        return poles(system.A, system.A_slopes, spread=spread) if system.d else None
     gain = speed / (of_b * of_c)
     each = (A / speed, b / of_b, c / of_c, np.array(system.d * gain))
-    dynamics = _zero_dynamics(*(one[None] for one in each))
+    dynamics = None if _vanishes(*each) else _zero_dynamics(*(one[None] for one in each))
     if dynamics is None:
         return None
     values: ComplexArray = np.linalg.eigvals(dynamics[0]).astype(np.complex128)
@@ -101,7 +119,19 @@ def zeros(system: ParametricSystem, *, slopes: bool = True, scale: Array | None 
     change[:, :n, n] = -system.b_slopes / scale / of_b
     change[:, n, :n], change[:, n, n] = system.c_slopes * scale / of_c, system.d_slopes * gain
     moved = -np.einsum("ki,pij,kj->kp", left, change, right, optimize=True)
-    return _ordered(np.asarray(values * speed), _divided(moved * speed, strength), origin)
+    resolution = None
+    if spread is not None:
+        rounding = _resolution(rescaled(dynamics[0], balance(dynamics[0])), 0.0)
+        errors = _errors(change, spread)
+
+        def resolution(points: ComplexArray) -> Array:
+            points = points / speed
+            matrices = np.broadcast_to(pencil[0], (len(points), n + 1, n + 1)).copy()
+            matrices[:, :n, :n] = points[:, None, None] * np.eye(n) - A / speed
+            smallest = np.linalg.svd(matrices, compute_uv=False)[:, -1]
+            return np.minimum(rounding(points), smallest / errors if errors else np.inf)
+
+    return _ordered(np.asarray(values * speed), _divided(moved * speed, strength), origin, resolution)
 
 
 def zeros_of_all(systems: Sequence[ParametricSystem], scale: Array) -> list[Roots | None]:
@@ -126,6 +156,19 @@ def zeros_of_all(systems: Sequence[ParametricSystem], scale: Array) -> list[Root
     (one,) = systems
     involved = of_b[0] and of_c[0]
     return [None if involved or not one.d else poles(one.A)]
+
+
+def _vanishes(A: Array, b: Array, c: Array, d: Array) -> bool:
+    """Return True if the terms of c (s - A)^-1 b + d cancel, or are absent, at all of a few points s.
+
+    The points lie in the right half-plane, from the slowest motion to the norm of A, which is 1.
+    """
+    sizes = np.abs(np.linalg.eigvals(A))
+    slowest = sizes[sizes > _ROUNDING].min(initial=1.0)
+    points = np.geomspace(slowest, 2.0, len(_ANGLES)) * np.exp(1j * _ANGLES)
+    right = np.linalg.solve(points[:, None, None] * np.eye(len(A)) - A, b[:, None].astype(complex))[:, :, 0]
+    terms = np.column_stack([right * c, np.full(len(points), d)])
+    return bool((np.abs(terms.sum(axis=1)) <= _ROUNDING * np.abs(terms).sum(axis=1)).all())
 
 
 def _zero_dynamics(A: Array, b: Array, c: Array, d: Array) -> Array | None:
@@ -168,6 +211,22 @@ def _at_origin(A: Array) -> NDArray[np.intp]:
     return count
 
 
+def _errors(slopes: Array, spread: Array) -> float:
+    """Return a bound on the change of a matrix by errors of the parameters (p), by its slopes (p x n x n)."""
+    return float(spread @ np.linalg.norm(slopes, axis=(1, 2)))
+
+
+def _resolution(A: Array, errors: float) -> Resolution:
+    """Return the smallest singular value of s - A (n x n) at points over rounding and errors of A."""
+    bound = _BACKWARD * len(A) * np.finfo(float).eps * float(np.linalg.norm(A, 2)) + errors
+
+    def resolution(points: ComplexArray) -> Array:
+        matrices = points[:, None, None] * np.eye(len(A)) - A
+        return np.asarray(np.linalg.svd(matrices, compute_uv=False)[:, -1] / bound)
+
+    return resolution
+
+
 def _divided(moved: ComplexArray, strength: ComplexArray) -> ComplexArray:
     """Return derivatives (m x p), infinite where the divisor (m) says that there are none."""
     weak = np.abs(strength) <= _DEFECTIVE
@@ -176,16 +235,25 @@ def _divided(moved: ComplexArray, strength: ComplexArray) -> ComplexArray:
     return np.asarray(found)
 
 
-def _ordered(values: ComplexArray, slopes: ComplexArray, origin: int) -> Roots:
-    """Return roots by size, those at the origin exact, multiple ones without derivatives."""
+def _ordered(
+    values: ComplexArray, slopes: ComplexArray, origin: int, resolution: Resolution | None = None
+) -> Roots:
+    """Return roots by size, those at the origin exact, multiple ones without derivatives.
+
+    With a resolution, those that it does not separate have the values of their centres.
+    """
     order = _by_size(values[None], np.array([origin]))[0]
     values, slopes = values[order], slopes[order].copy()
     values[:origin], slopes[:origin] = 0.0, 0.0
     rest = values[origin:]
     near = np.abs(rest[:, None] - rest) <= _SAME * np.abs(rest)
     multiple = np.count_nonzero(near, axis=1) > 1
+    clusters = []
+    for cluster in root_clusters(rest, resolution) if resolution is not None else ():
+        rest[cluster.places], multiple[cluster.places] = cluster.centre, True
+        clusters.append(cluster._replace(places=cluster.places + origin))
     slopes[origin:][multiple] = np.inf
-    return Roots(values, slopes, origin)
+    return Roots(values, slopes, origin, tuple(clusters))
 
 
 def _all_ordered(values: ComplexArray, origin: NDArray[np.intp]) -> list[Roots]:

@@ -3,7 +3,8 @@
 Below ``identification/derived/``:
 
 - `poles`: `value`, `low`, `high` (95 %; complex, the bands of real and imaginary parts), 1/s, those with
-  negative imaginary parts left out; `method` of each part.
+  negative imaginary parts left out; `method` of each part. Roots that round-off does not resolve are given
+  as one, as often as they are: `multiplicity`.
 - `modes/frequency`, `modes/damping`: natural frequencies (rad/s) and damping ratios of the pairs of poles.
 - `zeros/<output>/<input>`: the finite zeros of the pair, as the poles; `frequency` and `damping` of the pairs
   among them.
@@ -173,7 +174,7 @@ def _add_zeros(result: Result, derived: DerivedQuantities, pair: Pair) -> list[V
         return [Verdict(name, False, 0.0, True, "the input does not affect the output")]
     _add_roots(result, group, "zero", family)
     _add_pairs(result, group, "pair", family)
-    for gain, band in derived.gains(pair).items():
+    for gain, band in derived.gains(pair, family).items():
         _add_band(result, f"{DERIVED}/gains/{pair.output}/{pair.input}/{gain}", band.part(0), (), pair.unit)
     return [family.verdict(name, "zero", "minimum phase")]
 
@@ -188,6 +189,7 @@ def _add_roots(result: Result, group: str, axis: str, family: RootFamily) -> Non
     for name, band in (("real", real), ("imaginary", imaginary)):
         result.add(f"{group}/method_{name}", band.method, (axis,))
     result.add(f"{group}/on_axis", family.on_axis[family.shown], (axis,))
+    result.add(f"{group}/multiplicity", family.multiplicity[family.shown], (axis,))
 
 
 def _add_pairs(result: Result, group: str, axis: str, family: RootFamily) -> None:
