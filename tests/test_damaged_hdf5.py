@@ -19,7 +19,7 @@ from dynid.hdf5 import open_hdf5
 from dynid.result import Result
 from dynid.store import read_result, write_result
 from dynid.store.files import hollow, write_blocks
-from dynid.structure.readers import matlab
+from dynid.structure.readers import archives, matlab
 from dynid.structure.readers.read import MatrixFile, read_matrix
 from dynid.tables.read import read_columns
 from dynid.trial import messages, survives, work
@@ -283,17 +283,17 @@ def test_a_matlab_file_that_ends_its_reader_is_refused(mat, monkeypatch, fate):
 
 
 def test_archives_of_matlab_files_are_few_and_leave_nothing(mat, monkeypatch):
-    monkeypatch.setattr(matlab, "_archives", {})
+    monkeypatch.setattr(archives, "_archives", {})
     ends = []
-    monkeypatch.setattr(matlab.atexit, "register", ends.append)
-    matlab._folder.cache_clear()
-    for k in range(matlab._KEPT + 2):
+    monkeypatch.setattr(archives.atexit, "register", ends.append)
+    archives._folder.cache_clear()
+    for k in range(archives.KEPT + 2):
         shutil.copy(mat, mat.with_name(f"{k}.mat"))
         np.testing.assert_array_equal(stiffness(mat.with_name(f"{k}.mat")), K)
-    folder = Path(matlab._folder(os.getpid()))
-    assert len([*folder.iterdir()]) == matlab._KEPT
-    next(iter(matlab._archives.values())).unlink()  # somebody tidies the folder
-    for k in range(matlab._KEPT + 2):
+    folder = Path(archives._folder(os.getpid()))
+    assert len([*folder.iterdir()]) == archives.KEPT
+    next(iter(archives._archives.values())).unlink()  # somebody tidies the folder
+    for k in range(archives.KEPT + 2):
         np.testing.assert_array_equal(stiffness(mat.with_name(f"{k}.mat")), K)
     monkeypatch.setattr(os, "getpid", lambda: -1)  # in a copy of the process
     ends[0]()
@@ -301,7 +301,7 @@ def test_archives_of_matlab_files_are_few_and_leave_nothing(mat, monkeypatch):
     monkeypatch.undo()
     ends[0]()
     assert not folder.exists()
-    matlab._folder.cache_clear()
+    archives._folder.cache_clear()
 
 
 def test_claims_of_a_matlab_file_are_checked_before_it_is_read(tmp_path):

@@ -77,7 +77,7 @@ LIBRARIES = {
     "xarray": {"result"},
     "pandas": {"result", "report.notebook"},
     "typst": {"report.figure"},
-    "meshio": {"structure.readers.mesh"},
+    "meshio": {"structure.readers.foreign_mesh"},
     "skfem": set(),  # an oracle of tests
     "matplotlib": {"report.notebook"},  # files of figures are written as SVG
 }

@@ -147,6 +147,35 @@ def check_stored(dataset: Any) -> None:
         raise Refused(f"'{name}' claims {claimed:,} bytes of values, but has {stored:,} bytes in the file")
 
 
+def check_all_stored(file: Any) -> None:
+    """Raise unless the values of all datasets are stored in a file, and no link leads into another one.
+
+    Raises
+    ------
+    Refused
+        As `inside` and `check_stored`.
+    """
+    import h5py
+
+    groups = [file]
+    while groups:
+        group = groups.pop()
+        for name in group:
+            link = group.get(name, getlink=True)
+            if isinstance(link, h5py.ExternalLink):
+                raise Refused(f"'{name}' is a link to another file, '{link.filename}'")
+            if isinstance(link, h5py.HardLink):
+                item = group[name]
+                if isinstance(item, h5py.Group):
+                    groups.append(item)
+                elif isinstance(item, h5py.Dataset) and item.size and not item.is_virtual:
+                    # Of an array that was never written nothing is stored; its values are a fill value.
+                    if item.external or item.id.get_storage_size():
+                        check_stored(item)
+                elif isinstance(item, h5py.Dataset) and item.is_virtual:
+                    check_stored(item)
+
+
 def read_all(name: str) -> None:
     """Read names, attributes, axes and values of a file, as far as the budget goes. Errors are suppressed."""
     import h5py

@@ -211,7 +211,7 @@ def test_truncated_files_of_calculix(tmp_path, damaged, cut):
         ("*NODE\n1, 0.\n*NGEN\n1, 5\n", "has *NGEN, which is not read"),
         ("*NODE, SYSTEM=C\n1, 0.\n", "in a system other than Cartesian"),
         ("*INCLUDE, INPUT=m.inp\n", "too many files include each other"),
-        ("*NODE\n1, 0.\n*NSET, NSET=A, GENERATE\n1, 99999999999, 1\n", "a node set from 1 to 99999999999"),
+        ("*NODE\n1, 0.\n*NSET, NSET=A, GENERATE\n1, 99999999999, 1\n", "it has a set from 1 to 99999999999"),
         ("*NODE\n1, nan, 0., 0.\n", "finite coordinates"),
         ("*NODE\n1, 0.\n*INSTANCE, NAME=I, PART=P\n1., 0., 0.\n", "has a moved instance"),
     ],

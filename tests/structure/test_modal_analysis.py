@@ -11,7 +11,10 @@ from dynid.structure.imported import imported
 from dynid.structure.joints import Joint
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.modal_analysis import modal_analysis, rigid_names, summarise
+from dynid.structure.model import StructuralModel
 from dynid.structure.readers.read import MatrixFile
+from dynid.structure.solid import Material, solid
+from tests.structure.boxes import box, joined_meshes
 
 FE = Path(__file__).parents[3] / "shared" / "data" / "fe"
 needs_data = pytest.mark.skipif(not FE.is_dir(), reason="the shared data are not here")
@@ -104,3 +107,27 @@ def test_the_harwell_boeing_frames_have_massless_rotations():
     about = summarise(imported(MatrixFile(FE / "bcsstm01.mtx"), MatrixFile(FE / "bcsstk01.mtx")))
     assert len(about.massless) == 24
     assert about.rigid == ()
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5, 6, 7, 11, 14])
+@pytest.mark.parametrize("parts", [1, 2])
+def test_rigid_body_modes_are_those_of_the_structure_however_few_modes_are_requested(count, parts):
+    rng = np.random.default_rng(count)
+    one = box("tetra", (1, 1, 2), move=lambda xyz: xyz + 0.05 * rng.normal(size=xyz.shape))
+    mesh = one if parts == 1 else joined_meshes(one, box("tetra", (1, 2, 1), move=lambda xyz: xyz + 3))
+    model = solid(mesh, Material(1.0, 0.3, 1.0))
+    result = modal_analysis(model, count)
+    assert result.value("structure/modes/rigid") == 6 * parts
+    assert len(result["structure/modes/omega"].data) == count
+    names = [str(name) for name in result["structure/modes/name"].data]
+    assert names[: min(count, 3)] == ["translation x", "translation y", "translation z"][:count]
+    if parts == 1:
+        assert names[3:] == ["rotation 1", "rotation 2", "rotation 3", *[""] * count][: max(count - 3, 0)]
+    assert [bool(name) for name in names] == [k < 6 * parts for k in range(count)]
+
+
+def test_all_modes_may_be_rigid_body_modes():
+    result = modal_analysis(lumped([1, 2, 3], [Link((1, 2), 1e3)]), 1)
+    assert result.value("structure/modes/rigid") == 2
+    loose = modal_analysis(StructuralModel(np.eye(4), np.zeros((4, 4)), np.zeros((4, 4))), 2)
+    assert loose.value("structure/modes/rigid") == 4

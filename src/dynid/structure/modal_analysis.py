@@ -20,6 +20,8 @@ _WITHIN = 1e-5
 _PERIODS = ((6, 3), (3, 3), (2, 2), (1, 1))
 _AXES = "xyz"
 _MOVED = 3
+#: Rigid-body modes of a free structure.
+_RIGID = 6
 
 
 class StructureSummary(NamedTuple):
@@ -52,7 +54,7 @@ def summarise(
     """
     if found is None:
         M, C, K = model.with_joints()
-        found = modes(M, C, K, count=None if model.size <= 400 else 7)
+        found = _beyond_rigid((M, C, K), modes(M, C, K, count=None if model.size <= 400 else 7))
     names = rigid_names(model.dofs, found.shapes[:, : found.rigid])
     without = massless(model.M if M is None else M)
     return StructureSummary(model.size, model.is_sparse, tuple(model.dofs[at] for at in without), names)
@@ -134,6 +136,19 @@ def _is_within(motion: Array, basis: Array) -> bool:
     return bool(np.linalg.norm(outside) <= _WITHIN * np.linalg.norm(motion) > 0)
 
 
+def _beyond_rigid(matrices: tuple[Matrix, Matrix, Matrix], lowest: Modes) -> Modes:
+    """Return modes with all rigid-body modes of the structure among them.
+
+    Where the lowest modes are all of the rigid body there may be more of these, and any few of them are
+    motions of all of its translations and rotations together.
+    """
+    M, C, K = matrices
+    found = lowest
+    while found.rigid == len(found.omega) < (most := M.shape[0] - found.massless):
+        found = modes(M, C, K, min(2 * len(found.omega) + _RIGID, most))
+    return found
+
+
 def modal_analysis(
     model: StructuralModel,
     count: int | None = None,
@@ -158,23 +173,25 @@ def modal_analysis(
         massless}``: `uncertainty` is how far rounding of the matrices leaves a frequency open, `undecided`
         whether that is so far that the mode may be a rigid-body one (an attribute `doubt` of the group says
         so in words, and where a frequency has few digits), `name` is empty for elastic modes, `shape` (dof x
-        mode) has unit modal mass, `rigid` counts, `massless` lists the DOFs without mass; `counted` is the
-        frequency up to which no mode is missing, proved by signs of pivots.
+        mode) has unit modal mass, `rigid` counts the rigid-body modes of the structure, of which `count` may
+        leave some out, `massless` lists the DOFs without mass; `counted` is the frequency up to which no mode
+        is missing, proved by signs of pivots.
     """
     M, C, K = model.with_joints(values)
     found = modes(M, C, K, count, below)
-    about = summarise(model, found, M)
+    whole = found if count is None else _beyond_rigid((M, C, K), found)
+    about = summarise(model, whole, M)
     result, group = Result("structure"), "structure/modes"
     result.add_axis(f"{group}/mode", np.arange(1, len(found.omega) + 1))
     result.add(f"{group}/omega", found.omega, ("mode",), "rad/s")
     result.add(f"{group}/uncertainty", found.uncertainty, ("mode",), "rad/s")
     result.add(f"{group}/undecided", found.undecided, ("mode",))
     result.add(f"{group}/damping", found.damping, ("mode",))
-    names = [*about.rigid, *[""] * (len(found.omega) - len(about.rigid))]
+    names = [*about.rigid, *[""] * len(found.omega)][: len(found.omega)]
     result.add(f"{group}/name", names, ("mode",))
     result.add_axis(f"{group}/dof", [str(dof) for dof in model.dofs])
     result.add(f"{group}/shape", found.shapes, ("dof", "mode"))
-    result.add(f"{group}/rigid", found.rigid)
+    result.add(f"{group}/rigid", whole.rigid)
     result.add(f"{group}/counted", found.counted, (), "rad/s")
     if found.doubt:
         result.annotate(group, doubt=found.doubt)

@@ -317,7 +317,9 @@ def _solid(folder: Path, part: SolidModel, parameters: Sequence[Parameter]) -> S
 
     materials = part.materials
     return solid(
-        read_mesh(folder / part.mesh, si_factor(part.unit, ("m",))),
+        read_mesh(
+            folder / part.mesh, si_factor(part.unit, ("m",)), [folder / path for path in part.includes]
+        ),
         {name: material(one) for name, one in materials.items()}
         if isinstance(materials, dict)
         else material(materials),

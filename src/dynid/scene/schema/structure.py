@@ -358,6 +358,7 @@ class SolidModel(Section):
     """A solid from a mesh of elements."""
 
     mesh: FilePath
+    includes: list[FilePath] = []
     unit: Annotated[UnitName, AfterValidator(_is_length)] = "m"
     materials: Annotated[
         Annotated[MaterialModel, Tag("one")]

@@ -19,7 +19,15 @@ from dynid.errors import FileError
 from dynid.number_format import counted
 from dynid.structure.labels import DIRECTIONS, Node, Nodes
 from dynid.structure.matrices import Array, Label
-from dynid.structure.readers.imported_matrix import COMPLEX, ImportedMatrix, opened, read_errors, real
+from dynid.structure.readers.imported_matrix import (
+    COMPLEX,
+    ImportedMatrix,
+    Reference,
+    included,
+    opened,
+    read_errors,
+    real,
+)
 from dynid.structure.readers.node_file import DofOrder, NodeFile, corners, edges
 
 _CONSTRAINTS = (
@@ -37,7 +45,7 @@ _ELEMENTS = {
 }  # fmt: skip
 _SYSTEMS = ("CORD1R", "CORD1C", "CORD1S", "CORD2R", "CORD2C", "CORD2S")
 _ASETS = ("ASET", "ASET1", "BSET", "BSET1", "CSET", "CSET1", "QSET", "QSET1")
-_KEPT = {"GRID", "GRDSET", "SPOINT", "EXTRN", *_SYSTEMS, *_ASETS, *_ELEMENTS, *_CONSTRAINTS}
+KEPT = {"GRID", "GRDSET", "SPOINT", "EXTRN", *_SYSTEMS, *_ASETS, *_ELEMENTS, *_CONSTRAINTS}
 
 
 class _System(NamedTuple):
@@ -86,7 +94,7 @@ def read_nodes(path: Path) -> NodeFile:
         If the file cannot be read, has no nodes, or several superelements with nodes.
     """
     with read_errors(path, WHAT):
-        cards = read_cards(path, _KEPT)
+        cards = read_cards(path, KEPT)
         return nodes_of(path, cards)
 
 
@@ -266,11 +274,11 @@ WHAT = "Nastran bulk data"
 Card = list[str]
 
 
-def read_cards(path: Path, kept: Set[str]) -> dict[str, list[Card]]:
+def read_cards(path: Path, kept: Set[str], reference: Reference = included) -> dict[str, list[Card]]:
     """Return the cards of some names in a file, each as its fields, the name first, padded by blanks."""
     found: dict[str, list[Card]] = {}
     current: Card | None = None
-    for line in _lines(path, 0, [0]):
+    for line in _lines(path, reference, 0, [0]):
         fields = _fields(line)
         name = fields[0].rstrip("*").rstrip().upper()
         if name.startswith("="):
@@ -287,7 +295,7 @@ def read_cards(path: Path, kept: Set[str]) -> dict[str, list[Card]]:
     return found
 
 
-def _lines(path: Path, depth: int, size: list[int]) -> Iterator[str]:
+def _lines(path: Path, reference: Reference, depth: int, size: list[int]) -> Iterator[str]:
     """Yield the lines of bulk data in a file and those that it includes, without comments.
 
     The commands above ``BEGIN BULK`` are left out; files without it are bulk data from their first line.
@@ -305,7 +313,7 @@ def _lines(path: Path, depth: int, size: list[int]) -> Iterator[str]:
             elif line and not above:
                 if word.startswith("INCLUDE"):
                     name = line.strip()[7:].strip().strip("'\"")
-                    yield from _lines(path.parent / name, depth + 1, size)
+                    yield from _lines(reference(path, name), reference, depth + 1, size)
                 else:
                     yield line
 

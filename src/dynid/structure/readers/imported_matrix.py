@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, TextIO, TypeAlias
 
 import numpy as np
 
@@ -161,6 +161,15 @@ def compressed(path: Path, shape: Any, parts: tuple[Any, Any, Any], layout: str)
 
 # The most characters of a file and those that it includes, and how deep these are nested.
 _MOST, _DEEPEST = 1_000_000_000, 10
+
+
+Reference: TypeAlias = Callable[[Path, str], Path]
+"""Function of a file and the name of another one in it, which returns the path of that, or refuses it."""
+
+
+def included(path: Path, named: str) -> Path:
+    """Return the path of a file that another one includes."""
+    return path.parent / named
 
 
 def opened(path: Path, depth: int, size: list[int]) -> TextIO:

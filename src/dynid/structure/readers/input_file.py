@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,11 +17,12 @@ import numpy as np
 from dynid.errors import FileError
 from dynid.number_format import counted
 from dynid.structure.labels import Nodes
-from dynid.structure.readers.imported_matrix import opened, read_errors, real
+from dynid.structure.readers.imported_matrix import Reference, included, opened, read_errors, real
 from dynid.structure.readers.node_file import NodeFile, corners, edges
 
-_WHAT = "an input file of Abaqus or CalculiX"
-_MOST_GENERATED = 10_000_000
+WHAT = "an input file of Abaqus or CalculiX"
+#: The most members of all sets of a file.
+_MOST_MEMBERS = 20_000_000
 _CONSTRAINTS = (
     "BOUNDARY", "EQUATION", "MPC", "COUPLING", "KINEMATIC", "DISTRIBUTING", "RIGID BODY", "TIE",
     "KINEMATIC COUPLING", "DISTRIBUTING COUPLING",
@@ -37,7 +39,7 @@ _SHAPES = (
 )  # fmt: skip
 
 
-class _Block(NamedTuple):
+class Block(NamedTuple):
     """A keyword with its parameters, and its data lines as words."""
 
     keyword: str
@@ -45,22 +47,28 @@ class _Block(NamedTuple):
     lines: list[list[str]]
 
 
-def read_nodes(path: Path) -> NodeFile:
+def read_nodes(path: Path, reference: Reference = included) -> NodeFile:
     """Return nodes and node sets of an input file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    reference
+        What makes a path out of a file and the name of another in it, or refuses that.
 
     Raises
     ------
     FileError
         If it cannot be read, has no nodes, or makes or moves nodes in ways that are not read.
     """
-    with read_errors(path, _WHAT):
+    with read_errors(path, WHAT):
         places: dict[int, list[float]] = {}
-        sets: dict[str, list[int]] = {}
-        written: dict[str, str] = {}  # names of sets as they are written first; their case does not count
+        sets = Sets()
         elements: list[tuple[str, list[int]]] = []
         held: Counter[str] = Counter()
         parts = 0
-        for block in _blocks(path):
+        for block in blocks(path, reference):
             parts += block.keyword == "PART"
             moved = block.keyword == "INSTANCE" and block.lines
             if parts > 1 or moved or block.keyword in _UNREAD:
@@ -70,13 +78,12 @@ def read_nodes(path: Path) -> NodeFile:
                     remedy="Write an input file without parts, or a table of nodes (.csv).",
                 )
             name = block.parameters.get("NSET", "")
-            written.setdefault(name.upper(), name)
             if block.keyword == "NODE":
                 numbers = _nodes(places, block)
                 if name:
-                    sets.setdefault(name.upper(), []).extend(numbers)
+                    sets.add(name, numbers)
             elif block.keyword == "NSET":
-                sets.setdefault(name.upper(), []).extend(_members(sets, block))
+                sets.add(name, sets.listed(block))
             elif block.keyword == "ELEMENT":
                 elements += _elements(block)
             elif block.keyword in _CONSTRAINTS:
@@ -88,8 +95,8 @@ def read_nodes(path: Path) -> NodeFile:
         numbers = list(places)
         xyz = np.array([places[number] for number in numbers])
         known = {
-            written[name]: tuple(dict.fromkeys(node for node in members if node in places))
-            for name, members in sets.items()
+            name: tuple(dict.fromkeys(node for node in members if node in places))
+            for name, members in sets.named.items()
         }
         lines = {edge for shape, ends in elements if places.keys() >= {*ends} for edge in edges(shape, ends)}
         return NodeFile(Nodes(tuple(numbers), xyz, {}, known, tuple(sorted(lines)), tuple(_notes(held))), ())
@@ -104,7 +111,7 @@ def _notes(held: Counter[str]) -> Iterator[str]:
         yield f"constraints, which are not applied: {listed}"
 
 
-def _nodes(places: dict[int, list[float]], block: _Block) -> list[int]:
+def _nodes(places: dict[int, list[float]], block: Block) -> list[int]:
     """Add the nodes of a block; of one that stands twice the last position holds."""
     if block.parameters.get("SYSTEM", "R").upper() != "R":
         raise ValueError("*NODE in a system other than Cartesian is not read")
@@ -117,23 +124,45 @@ def _nodes(places: dict[int, list[float]], block: _Block) -> list[int]:
     return numbers
 
 
-def _members(sets: dict[str, list[int]], block: _Block) -> Iterator[int]:
-    """Yield the nodes of a set: numbers, names of other sets, or with ``GENERATE`` first, last, step."""
-    for words in block.lines:
-        if "GENERATE" in block.parameters:
-            first, last, step = (int(word) for word in [*[word for word in words if word], "1"][:3])
-            if step < 1 or (last - first) // step > _MOST_GENERATED:
-                raise ValueError(f"a node set from {first} to {last} by {step}")
-            yield from range(first, last + 1, step)
-            continue
-        for word in words:
-            if word.lstrip("+-").isdigit():
-                yield int(word)
-            elif word:
-                yield from sets.get(word.upper().strip('"'), ())
+class Sets:
+    """Sets of numbers by name, in any case of letters; `named` are they by their names as written first."""
+
+    def __init__(self) -> None:
+        self.named: dict[str, list[int]] = {}
+        self._spelled: dict[str, str] = {}
+        self._left = _MOST_MEMBERS
+
+    def add(self, name: str, numbers: Iterable[int]) -> None:
+        """Add numbers to a set.
+
+        Raises
+        ------
+        ValueError
+            If all sets of the file have too many members.
+        """
+        added = [*islice(numbers, self._left + 1)]
+        self._left -= len(added)
+        if self._left < 0:
+            raise ValueError(f"its sets have more than {_MOST_MEMBERS} members")
+        self.named.setdefault(self._spelled.setdefault(name.upper(), name), []).extend(added)
+
+    def listed(self, block: Block) -> Iterator[int]:
+        """Yield the members in a block: numbers, names of other sets, with ``GENERATE`` first, last, step."""
+        for words in block.lines:
+            if "GENERATE" in block.parameters:
+                first, last, step = (int(word) for word in [*[word for word in words if word], "1"][:3])
+                if step < 1 or (last - first) // step > self._left:
+                    raise ValueError(f"it has a set from {first} to {last} by {step}")
+                yield from range(first, last + 1, step)
+                continue
+            for word in words:
+                if word.lstrip("+-").isdigit():
+                    yield int(word)
+                elif word:
+                    yield from self.named.get(self._spelled.get(word.upper().strip('"'), ""), ())
 
 
-def _elements(block: _Block) -> Iterator[tuple[str, list[int]]]:
+def _elements(block: Block) -> Iterator[tuple[str, list[int]]]:
     """Yield shape and corners of the elements of a block, whose lines go on until all nodes are there."""
     kind = block.parameters.get("TYPE", "").upper()
     shape = next((shape for pattern, shape in _SHAPES if re.match(pattern, kind)), None)
@@ -149,11 +178,11 @@ def _elements(block: _Block) -> Iterator[tuple[str, list[int]]]:
             waiting = []
 
 
-def _blocks(path: Path) -> Iterator[_Block]:
+def blocks(path: Path, reference: Reference = included) -> Iterator[Block]:
     """Yield the keywords of a file and those that it includes, with their data lines."""
-    current: _Block | None = None
+    current: Block | None = None
     continued = ""
-    for line in _lines(path, 0, [0]):
+    for line in _lines(path, reference, 0, [0]):
         if line.startswith("*"):
             continued = line
         elif continued.endswith(","):  # the parameters of a keyword go on
@@ -170,21 +199,24 @@ def _blocks(path: Path) -> Iterator[_Block]:
         keyword, *parameters = (word.strip() for word in continued[1:].split(","))
         pairs = (word.partition("=") for word in parameters)
         given = {name.strip().upper(): value.strip().strip('"') for name, _, value in pairs}
-        current = _Block(" ".join(keyword.upper().split()), given, [])
+        current = Block(" ".join(keyword.upper().split()), given, [])
         continued = ""
     if current is not None:
         yield current
 
 
-def _lines(path: Path, depth: int, size: list[int]) -> Iterator[str]:
+def _lines(path: Path, reference: Reference, depth: int, size: list[int]) -> Iterator[str]:
     """Yield the lines of a file and those that it includes, without comments and blanks at their ends."""
     with opened(path, depth, size) as stream:
         for raw in stream:
             line = raw.strip()
             if not line or line.startswith("**"):
                 continue
-            other = re.match(r"\*(?:INCLUDE|NODE|ELEMENT)\b.*,\s*INPUT\s*=\s*([^,]+)", line, re.IGNORECASE)
+            other = re.match(
+                r"\*(?:INCLUDE|NODE|ELEMENT|NSET|ELSET)\b.*,\s*INPUT\s*=\s*([^,]+)", line, re.IGNORECASE
+            )
             if other is None or not line[1:].upper().startswith("INCLUDE"):
                 yield line
             if other is not None:
-                yield from _lines(path.parent / other[1].strip().strip("\"'"), depth + 1, size)
+                file = reference(path, other[1].strip().strip("\"'"))
+                yield from _lines(file, reference, depth + 1, size)

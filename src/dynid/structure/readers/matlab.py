@@ -7,12 +7,7 @@ Fields of a structure are variables ``structure/field``. Version 7.3 is HDF5.
 
 from __future__ import annotations
 
-import atexit
 import json
-import os
-import shutil
-import tempfile
-from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,6 +16,7 @@ import numpy as np
 from dynid import trial
 from dynid.errors import FileError
 from dynid.structure.matrices import Array, Matrix, is_sparse
+from dynid.structure.readers.archives import DiedError, archived
 from dynid.structure.readers.imported_matrix import (
     MOST_NUMBERS,
     as_numbers,
@@ -39,8 +35,6 @@ _GROWTH = 1032  # of stored bytes by decompression, at most
 #: Memory of the separate process, bytes: of itself, and at most.
 _LEAST_MEMORY, _MOST_MEMORY = 2**31, 24 * MOST_NUMBERS
 _BYTES_A_SECOND = 10_000_000  # of a file, read at least
-_KEPT = 8  # archives kept at a time
-_archives: dict[tuple[str, int, int], Path] = {}
 
 
 class MatlabVariable(NamedTuple):
@@ -161,38 +155,15 @@ def _archive(path: Path) -> Path:
             raise FileError(
                 f"{path} is a MATLAB file of version 7.3, of which only matrices are read", remedy=_REMEDY
             )
-        key = (os.path.realpath(path), facts.st_mtime_ns, facts.st_size)
-        if key not in _archives or not _archives[key].exists():
-            handle, target = tempfile.mkstemp(".npz", dir=_folder(os.getpid()))
-            os.close(handle)
-            seconds = trial.SECONDS + facts.st_size / _BYTES_A_SECOND
-            memory = min(_LEAST_MEMORY + 2 * _GROWTH * facts.st_size, _MOST_MEMORY)
-            call = (f"{__name__}:archive", str(path), target)
-            ended = trial.survives(*call, seconds=seconds, memory=memory)
-            if ended is None:  # there are no other processes here
-                archive(str(path), target)
-            elif not ended:
-                raise FileError(
-                    f"{path} cannot be read as {_WHAT}: it is damaged, so that SciPy does not survive it",
-                    remedy=_REMEDY,
-                )
-            _archives[key] = Path(target)
-            if len(_archives) > _KEPT:
-                _archives.pop(next(iter(_archives))).unlink(missing_ok=True)
-    return _archives[key]
-
-
-@cache
-def _folder(process: int) -> str:
-    """Return the folder of the archives of a process, which is removed at its end."""
-    folder = tempfile.mkdtemp(prefix="dynid-")
-
-    def remove() -> None:
-        if os.getpid() == process:  # not in a copy of it
-            shutil.rmtree(folder, ignore_errors=True)
-
-    atexit.register(remove)
-    return folder
+        seconds = trial.SECONDS + facts.st_size / _BYTES_A_SECOND
+        memory = min(_LEAST_MEMORY + 2 * _GROWTH * facts.st_size, _MOST_MEMORY)
+        try:
+            return archived(path, archive, seconds=seconds, memory=memory)
+        except DiedError:
+            raise FileError(
+                f"{path} cannot be read as {_WHAT}: it is damaged, so that SciPy does not survive it",
+                remedy=_REMEDY,
+            ) from None
 
 
 def archive(path: str, target: str) -> None:
