@@ -210,7 +210,9 @@ def _add_responses(result: Result, reduced: ReducedGraph, analysis: Analysis) ->
         add_frequency_response(result, reduced, analysis.omega, evaluate)
     if "time_response" in asked and analysis.times is not None:
         report_progress("time response")
-        add_time_response(result, reduced, analysis.times, analysis.signals, analysis.initial)
+        add_time_response(
+            result, reduced, analysis.times, analysis.signals, analysis.initial, apart=analysis.apart
+        )
         if analysis.linearisation is not None:
             from dynid.bondgraph.results.operating_point import add_nonlinear_response
 

@@ -140,6 +140,8 @@ class Analysis:
         Times of the time response, s, starting at 0.
     signals
         Signals of the time response: pairs of an input and a signal; those of one input add up.
+    apart
+        True: there is one signal for each input, and the responses to them are apart, not added.
     initial
         Stored energy at t = 0: the flow of an I, the effort of a C.
     parameters
@@ -167,6 +169,7 @@ class Analysis:
     omega: NDArray[np.float64] | None = None
     times: NDArray[np.float64] | None = None
     signals: tuple[tuple[str, Signal], ...] = ()
+    apart: bool = False
     initial: Mapping[str, float | Fraction] = field(default_factory=dict)
     parameters: tuple[SensitivityParameter, ...] | None = None
     engine: Engine = "auto"

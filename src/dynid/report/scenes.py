@@ -186,3 +186,17 @@ def frequency_span(result: Result, group: str) -> tuple[float, float, str]:
     """Return the first and the last frequency of a group of responses, and their unit."""
     omega, unit = result[f"{group}/omega"].data, frequency_unit(result)
     return float(omega[0]) * unit.factor, float(omega[-1]) * unit.factor, unit.name
+
+
+def time_courses(result: Result, group: str) -> list[tuple[str, NDArray[Any]]]:
+    """Return the responses over time of a group by output, or by output and source."""
+    data = result[f"{group}/response"].data
+    outputs = [str(output) for output in result[f"{group}/output"].data]
+    if data.ndim == 2:
+        return list(zip(outputs, data.T, strict=True))
+    sources = [str(source) for source in result[f"{group}/source"].data]
+    return [
+        (f"{output} to {source}", data[:, k, m])
+        for k, output in enumerate(outputs)
+        for m, source in enumerate(sources)
+    ]

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -155,25 +154,33 @@ def add_nonlinear_response(result: Result, analysis: Analysis) -> None:
         result.annotate(_TIME, nonlinear="left out: loops are closed around the linearisation")
         return
     point = analysis.linearisation.point
-    try:
-        found = nonlinear_response(
-            point, analysis.law_outputs, analysis.times, analysis.signals, analysis.initial
-        )
-    except NumericalError as error:
-        result.annotate(_TIME, nonlinear=f"left out: {error.problem}")
-        return
+    ports, times, initial = analysis.law_outputs, analysis.times, analysis.initial
     linear = result[f"{_TIME}/response"]
+    try:
+        if analysis.apart:  # in the order of the linear responses
+            signals = {name: (name, signal) for name, signal in analysis.signals}
+            sources = [str(name) for name in result[f"{_TIME}/source"].data]
+            alone = [nonlinear_response(point, ports, times, [signals[name]], initial) for name in sources]
+            outputs, error = (
+                np.stack([one.outputs for one in alone], axis=-1),
+                max(one.error for one in alone),
+            )
+        else:
+            outputs, error = nonlinear_response(point, ports, times, analysis.signals, initial)
+    except NumericalError as failure:
+        result.annotate(_TIME, nonlinear=f"left out: {failure.problem}")
+        return
     size = np.abs(linear.data).max(axis=0)
-    size[size == 0] = np.abs(found.outputs).max(axis=0)[size == 0]
+    size[size == 0] = np.abs(outputs).max(axis=0)[size == 0]
     size[size == 0] = 1.0
-    deviation = np.abs(found.outputs - linear.data).max(axis=0) / size
-    result.add(f"{_TIME}/nonlinear", found.outputs, ("time", "output"), linear.units)
+    deviation = np.abs(outputs - linear.data).max(axis=0) / size
+    result.add(f"{_TIME}/nonlinear", outputs, linear.dims, linear.units)
     values = [
         point.value(port) if port.quantity in "ef" else _at_rest(point, port) for port in analysis.law_outputs
     ]
     result.add(f"{_TIME}/operating_value", np.array(values), ("output",), linear.units)
-    result.add(f"{_TIME}/nonlinear_deviation", deviation, ("output",))
-    result.annotate(_TIME, nonlinear_tolerance=TOLERANCE, nonlinear_error=found.error)
+    result.add(f"{_TIME}/nonlinear_deviation", deviation, linear.dims[1:])
+    result.annotate(_TIME, nonlinear_tolerance=TOLERANCE, nonlinear_error=error)
 
 
 def _at_rest(point: OperatingPoint, port: Port) -> float:
@@ -189,8 +196,7 @@ _MOST = 600
 _MOST_EVALUATIONS, _MOST_BY_SAMPLE = 20_000, 20
 
 
-@dataclass(frozen=True)
-class NonlinearResponse:
+class NonlinearResponse(NamedTuple):
     """A nonlinear response.
 
     Parameters

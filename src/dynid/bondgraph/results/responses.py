@@ -113,11 +113,14 @@ def add_time_response(
     times: NDArray[np.float64],
     signals: Sequence[tuple[str, Signal]],
     initial: Mapping[str, float | Fraction],
+    *,
+    apart: bool = False,
 ) -> None:
     """Add the response to signals, and to stored energy as equivalent sources (eqs 13 to 16).
 
     The system is linear: both are computed alone and superposed. Where both stand, `zero_state` is the
-    response to the signals from rest, `zero_input` that to what is stored.
+    response to the signals from rest, `zero_input` that to what is stored. Responses to single sources that
+    are apart are along a third axis, `source`.
 
     Parameters
     ----------
@@ -129,6 +132,8 @@ def add_time_response(
         Pairs of an input and what drives it.
     initial
         The flow of an I or the effort of a C at t = 0, by name.
+    apart
+        True: each input has one signal, nothing is stored, and the responses are not added.
     """
     from dynid.bondgraph.state_space import rational_matrices, state_space
     from dynid.lti.floating import guarded
@@ -139,6 +144,8 @@ def add_time_response(
     system = state_space(reduced, tuple(initial))
     stored = [(f"{STORED}{name}", Impulse(float(value))) for name, value in initial.items()]
     driven: dict[str, Sequence[tuple[str, Signal]]] = {"zero_state": signals, "zero_input": stored}
+    if apart:
+        driven = {name: [(name, signal)] for name, signal in signals}
     solved: dict[str, TimeResponse] = {}
     doubts = []  # the parts of an output that are in doubt
     for part, driving in driven.items():
@@ -148,11 +155,16 @@ def add_time_response(
             with guarded("the time response", names=("analysis.time",)):
                 solved[part], doubt = refined_response(_driven(system, driving), shapes, times, rational)
             doubts.append(doubt)
-    outputs = {"response": np.asarray(sum(part.outputs for part in solved.values()))}
-    outputs |= {part: alone.outputs for part, alone in solved.items()} if len(solved) > 1 else {}
     sources = np.zeros((len(times), len(reduced.inputs)))
-    for place, (name, _) in enumerate(signals):
-        sources[:, reduced.inputs.index(name)] += solved["zero_state"].inputs[:, place]
+    if apart:
+        outputs = {"response": np.stack([solved[name].outputs for name in reduced.inputs], axis=-1)}
+        for place, name in enumerate(reduced.inputs):
+            sources[:, place] = solved[name].inputs[:, 0]
+    else:
+        outputs = {"response": np.asarray(sum(part.outputs for part in solved.values()))}
+        outputs |= {part: alone.outputs for part, alone in solved.items()} if len(solved) > 1 else {}
+        for place, (name, _) in enumerate(signals):
+            sources[:, reduced.inputs.index(name)] += solved["zero_state"].inputs[:, place]
     _add_courses(result, reduced, times, outputs, sources)
     result.annotate(_TIME, states=", ".join(system.states), order=len(system.states))
     notes = [_SHARED] if initial and len(system.states) < len(reduced.storages) else []
@@ -189,14 +201,15 @@ def _add_courses(
     outputs: Mapping[str, NDArray[np.float64]],
     sources: NDArray[np.float64],
 ) -> None:
-    """Add the histories of outputs (times x outputs, by name) and sources (times x inputs), with units."""
+    """Add the histories of outputs (times x outputs, or times x outputs x inputs) and sources, with units."""
     own = [reduced.units.of_output(port) for port in reduced.outputs]
     driving = [reduced.units.of_input(name) for name in reduced.inputs]
     result.add_axis(f"{_TIME}/time", times, "s")
     result.add_axis(f"{_TIME}/output", [str(port) for port in reduced.outputs])
     result.add_axis(f"{_TIME}/source", list(reduced.inputs))
     for name, values in outputs.items():
-        result.add(f"{_TIME}/{name}", values, ("time", "output"), common_unit(own))
+        dims = ("time", "output", "source")[: values.ndim]
+        result.add(f"{_TIME}/{name}", values, dims, common_unit(own))
     result.add(f"{_TIME}/input", sources, ("time", "source"), common_unit(driving))
     if any(own):
         result.add(f"{_TIME}/unit", own, ("output",))

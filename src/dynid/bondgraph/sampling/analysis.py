@@ -214,7 +214,9 @@ class SampledAnalysis:
             if self._asks(_FREQUENCY) and analysis.omega is not None:
                 add_frequency_response(result, reduced, analysis.omega)
             if self._asks(_TIME) and analysis.times is not None:
-                add_time_response(result, reduced, analysis.times, analysis.signals, initial)
+                add_time_response(
+                    result, reduced, analysis.times, analysis.signals, initial, apart=analysis.apart
+                )
         except DynidError:
             return None
         return result

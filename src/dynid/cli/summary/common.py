@@ -10,7 +10,7 @@ from typing import Any
 
 from dynid.number_format import counted, general, span_text
 from dynid.report.content import extremes, time_span
-from dynid.report.scenes import frequency_span, peak_responses
+from dynid.report.scenes import frequency_span, peak_responses, time_courses
 from dynid.result import Result
 
 #: Widths of screens in characters: the usual one of texts, and limits of what terminals give.
@@ -38,17 +38,16 @@ def response_lines(result: Result, group: str) -> Iterable[str]:
         if len(channels) > _MOST:
             yield f"    … {counted(len(channels) - _MOST, 'more channel')} in the file"
     if f"{transient}/time" in result:
-        response = result[f"{transient}/response"].data
         yield f"  time response {time_span(result, transient)}"
         note = result.group_attrs.get(transient, {}).get("note")
         if note:
             yield from (f"    {line}" for line in wrapped(f"Note: {note}.", 96))
-        outputs = result[f"{transient}/output"].data
-        for output, column in zip(outputs[:_MOST], response.T, strict=False):
-            least, largest, final = extremes(column)
-            yield f"    {output}: min {least}, max {largest}, final {final}"
-        if len(outputs) > _MOST:
-            yield f"    … {counted(len(outputs) - _MOST, 'more output')} in the file"
+        courses = time_courses(result, transient)
+        for name, course in courses[:_MOST]:
+            least, largest, final = extremes(course)
+            yield f"    {name}: min {least}, max {largest}, final {final}"
+        if len(courses) > _MOST:
+            yield f"    … {counted(len(courses) - _MOST, 'more response')} in the file"
 
 
 def columns() -> int:

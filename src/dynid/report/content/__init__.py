@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dynid.number_format import counted, general, memory_text, span_text, time_text
 from dynid.report.content.blocks import Content, ReportSection, Statement, TextTable, more
-from dynid.report.scenes import frequency_span, peak_responses, plain_data
+from dynid.report.scenes import frequency_span, peak_responses, plain_data, time_courses
 from dynid.result import Result
 from dynid.scene.kind import KINDS, resolve
 
@@ -111,18 +111,15 @@ def responses(result: Result) -> Iterator[ReportSection]:
             yield ReportSection("Frequency response", (table, *more(len(channels), _MOST, "channel")))
         group = f"{base}/time_response"
         if f"{group}/time" in result:
-            response = result[f"{group}/response"].data
-            ranges = tuple(
-                (str(output), *extremes(column))
-                for output, column in zip(result[f"{group}/output"].data[:_MOST], response.T, strict=False)
-            )
+            courses = time_courses(result, group)
+            ranges = tuple((name, *extremes(course)) for name, course in courses[:_MOST])
             note = result.group_attrs.get(group, {}).get("note")
             yield ReportSection(
                 "Time response",
                 (
                     TextTable(("", "min", "max", "final"), ranges, caption=time_span(result, group)),
                     *([Statement(f"{note}.")] if note else []),
-                    *more(response.shape[1], _MOST, "output"),
+                    *more(len(courses), _MOST, "response"),
                 ),
             )
 
@@ -141,7 +138,8 @@ def time_span(result: Result, group: str) -> str:
     """Return the inputs, the duration and the number of samples of a time response."""
     time, sources, inputs = (result[f"{group}/{name}"].data for name in ("time", "source", "input"))
     driven = ", ".join(str(name) for name, column in zip(sources, inputs.T, strict=True) if column.any())
-    to = f"to {driven}, " if driven else ""
+    alone = ", each alone" if result[f"{group}/response"].data.ndim == 3 else ""
+    to = f"to {driven}{alone}, " if driven else ""
     return f"{to}{time[0]:.4g} … {time[-1]:.4g} s, {counted(len(time), 'sample')}"
 
 

@@ -26,7 +26,7 @@ from dynid.report.content.transfer_functions import (
     source_lines,
     sources_title,
 )
-from dynid.report.scenes import frequency_unit, in_hertz
+from dynid.report.scenes import frequency_unit, in_hertz, time_courses
 from dynid.result import Result
 
 PORT, POINT = "bond_graph/port", "bond_graph/operating_point"
@@ -131,11 +131,12 @@ def nonlinear_facts(result: Result) -> Iterator[str]:
         yield f"nonlinear response {about['nonlinear']}"
     if f"{group}/nonlinear_deviation" not in result:
         return
-    outputs, shares = (result[f"{group}/{name}"].data for name in ("output", "nonlinear_deviation"))
-    for output, share in list(zip(outputs, shares, strict=True))[:_OUTPUTS]:
-        yield f"{output}: the nonlinear response is off the linear one by {100 * share:.3g} % of its maximum"
+    shares = result[f"{group}/nonlinear_deviation"].data.ravel()
+    names = [name for name, _ in time_courses(result, group)]
+    for name, share in list(zip(names, shares, strict=True))[:_OUTPUTS]:
+        yield f"{name}: the nonlinear response is off the linear one by {100 * share:.3g} % of its maximum"
     yield from (
-        block.text for block in more(len(outputs), _OUTPUTS, "output") if isinstance(block, Statement)
+        block.text for block in more(len(names), _OUTPUTS, "response") if isinstance(block, Statement)
     )
     tolerance, error = (float(about[f"nonlinear_{name}"]) for name in ("tolerance", "error"))
     yield f"integrated with relative tolerance {tolerance:.0e}; estimated error {error:.1g} of the maximum"

@@ -278,7 +278,7 @@ def _time_response(result: Result, group: str) -> Picture:
         own = [f"{law}{_range(np.asarray(data))}" for law, data in both.items() if np.isfinite(data).any()]
         ranges += [f"{name}: {', '.join(own)}"] if own else []
     way = "" if moving else "Free response to the initial state. "
-    left = f" The first {OUTPUTS} of {len(outputs)} outputs." if len(outputs) > OUTPUTS else ""
+    left = f" The first {OUTPUTS} of {len(outputs)} responses." if len(outputs) > OUTPUTS else ""
     about = f"{way}{'; '.join(ranges)}, over {short(float(time[-1] - time[0]))} s.{left}"
     rows = [
         [
@@ -306,6 +306,13 @@ def _columns(result: Result, group: str, name: str, axis: str, unit: str) -> Map
     variable = result[f"{group}/{name}"]
     names = list(map(str, result[f"{group}/{axis}"].data))
     given = result[f"{group}/{unit}"].data if f"{group}/{unit}" in result else [variable.units] * len(names)
+    if variable.data.ndim == 3:  # each source alone
+        sources = result[f"{group}/source"].data
+        return {
+            labelled(f"{own} to {source}", str(its) or "SI"): variable.data[:, k, m]
+            for k, (own, its) in enumerate(zip(names, given, strict=True))
+            for m, source in enumerate(sources)
+        }
     return {
         labelled(own, str(its) or "SI"): variable.data[:, k]
         for k, (own, its) in enumerate(zip(names, given, strict=True))

@@ -216,9 +216,12 @@ def graph_analysis(
     if wanted.results is None and sum(bool(node.part) for node in graph.nodes.values()) > TRACED_PARTS.value:
         asked -= {"reduction"}  # formulas of that many nodes are long, and nobody reads them
     signals: list[tuple[str, Signal]] = []
+    apart = False
     if "time_response" in asked:
         assert wanted.time is not None
-        # Without any signal: the free response where there is stored energy, else that to a unit step.
+        # Without any signal: the free response where there is stored energy, else those to a unit step of
+        # each source; several are apart, as of sources in different units a sum has no meaning.
+        apart = not (wanted.time.input or model.initial) and len(inputs) > 1
         parts = list(wanted.time.input) or ([] if model.initial else [StepSignal(kind="step")])
         units = GraphUnits(graph)
 
@@ -241,6 +244,7 @@ def graph_analysis(
         omega=angular_frequencies(wanted.frequency) if wanted.frequency else None,
         times=record_of(wanted.time).times if wanted.time else None,
         signals=tuple(signals),
+        apart=apart,
         initial={name: (given.f or given.e or Quantity(0)).exact for name, given in model.initial.items()},
         port=wanted.port,
         parameters=variables,
