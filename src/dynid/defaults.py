@@ -185,6 +185,9 @@ NOISE_CONTRADICTED = Level(
 NOISE_MATTERS = Level(1.05, "a given noise is contradicted only where it is off by a factor of {value:g}")
 OUTLIER = Level(1e-4, "a sample is an outlier where the largest of as many Gaussian ones has p < {value:g}")
 HEAVY_TAILS = Level(1e-6, "residuals have heavy tails where their kurtosis has p < {value:g}")
+RESIDUAL_GROWTH = Level(
+    1e-6, "residuals grow with the response where the rank correlation of their sizes has p < {value:g}"
+)
 OFFSET = Level(1e-6, "a channel has an offset where the mean of its residual has p < {value:g}")
 NOISE_VALUES = Level(
     10, "an autoregression of noise has at least {value} stretches without a gap a coefficient"

@@ -225,6 +225,7 @@ def posterior(measured=MEASURED, residual=NOISE, **changed):
         model_error=None,
         mistakes=changed.pop("mistakes", ()),
         estimate=SimpleNamespace(cut_off=0),
+        growing=None,
         several=False,
         noun="record",
         **(given | changed),

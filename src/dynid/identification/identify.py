@@ -22,6 +22,7 @@ from dynid.identification.estimators.estimate import Estimate, Estimator, Sweep
 from dynid.identification.estimators.filter import ASTRAY
 from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
 from dynid.identification.goodness_of_fit.instrument_mistakes import instrument_mistakes
+from dynid.identification.goodness_of_fit.proportional_noise import growing_residuals
 from dynid.identification.likelihood import Likelihood
 from dynid.identification.posterior import Posterior
 from dynid.identification.records.frf_measurement import FrfMeasurement, frf_data
@@ -397,6 +398,10 @@ def _checked(posterior: Posterior, start: Array, suggest: bool) -> Posterior:
         posterior.check()
     except (Diverged, NotIdentifiable) as error:
         return replace(posterior, rejection=_suggesting(error, posterior.mistakes))
+    if suggest and not posterior.mistakes and posterior.comparison.has_signal:
+        names = [place.name for place in posterior.channels]
+        growing = growing_residuals(posterior.likelihood, posterior.fit, names)
+        posterior = posterior if growing is None else replace(posterior, growing=growing)
     return posterior
 
 

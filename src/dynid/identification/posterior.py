@@ -39,6 +39,7 @@ from dynid.identification.systems.instruments import CalibrationSlopes, calibrat
 from dynid.parameters import logarithmic, rates, truths, values
 
 if TYPE_CHECKING:
+    from dynid.identification.goodness_of_fit.proportional_noise import GrowingResiduals
     from dynid.identification.model_error import ModelError
 
 Array = NDArray[np.float64]
@@ -100,6 +101,8 @@ class Posterior:
         Error that the reduction of the model causes, if it is reduced.
     mistakes
         Mistakes of instruments that explain the lack of fit, in words.
+    growing
+        Residuals that grow with the response, where these are not explained by mistakes.
     rejection
         Error that rejects the fit; None where it is accepted.
     """
@@ -109,6 +112,7 @@ class Posterior:
     estimate: Estimate
     model_error: ModelError | None = None
     mistakes: tuple[str, ...] = ()
+    growing: GrowingResiduals | None = None
     rejection: DynidError | None = None
 
     @property

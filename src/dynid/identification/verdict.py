@@ -100,6 +100,8 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
             f"the model lacks fit ({p_text(compared.lack_of_fit_p, 1)}), most of all in {worst}: it explains "
             f"{share_text(compared.signal_explained)} of the signal; standard errors are nominal"
         )
+    if posterior.growing is not None:
+        yield posterior.growing.statement
     names, errors = posterior.likelihood.names, posterior.error_in_bounds
     for name, apart in zip(names, posterior.prior_conflict, strict=True):
         if apart > CONTRADICTED:
@@ -169,7 +171,8 @@ def _coloured_residuals(posterior: Posterior) -> Iterator[str]:
             found.setdefault(place.record, []).append((place.name, f"{100 * part:.2g} %", peak))
     for k, channels in found.items():
         # A mistake of an instrument that explains the lack of fit has a remedy of its own.
-        remedy = "" if posterior.mistakes else posterior.likelihood.records[k].noise_remedy
+        explained = posterior.mistakes or (posterior.growing is not None and posterior.growing.explained)
+        remedy = "" if explained else posterior.likelihood.records[k].noise_remedy
         if len(channels) == 1:
             name, size, peak = channels[0]
             yield (
@@ -221,7 +224,8 @@ def _shape_warnings(posterior: Posterior, place: ChannelOfRecord, shape: Residua
             f"({p_text(shape.mean_p)}): an offset of the sensor?{_weight_lost(place, part)} "
             "Remedy: prepare: [{detrend: constant}] in the measurement"
         )
-    if posterior.robust:
+    growing = posterior.growing
+    if posterior.robust or (growing is not None and (place.record, place.column) in growing.channels):
         return
     if count := len(shape.outliers):
         labels = ", ".join(record.row_label(int(row)) for row in shape.outliers[:_NAMED])
