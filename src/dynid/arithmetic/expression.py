@@ -18,6 +18,7 @@ from fractions import Fraction
 from functools import cached_property, lru_cache
 from typing import Any, TypeVar
 
+from dynid.arithmetic.irrational import pi
 from dynid.arithmetic.numbers import Number, OutOfRangeError, apply, as_number, to_fraction
 from dynid.errors import UsageError
 from dynid.suggestions import did_you_mean, without_decimal_comma
@@ -306,7 +307,7 @@ class Expression:
         return stack[0]
 
     def evaluate(self, env: Mapping[str, Number]) -> Number:
-        """Return the value: a `Fraction` where only exact operations are involved, else a float.
+        """Return the value: exact (a `Fraction`, which may be irrational) unless a float is involved.
 
         Raises
         ------
@@ -318,7 +319,7 @@ class Expression:
             if isinstance(item, Fraction):
                 return item
             if item == "pi":
-                return math.pi
+                return pi()
             if item not in env:
                 raise OutOfRangeError(f"no parameter '{item}'{did_you_mean(item, env)}")
             return as_number(env[item])

@@ -8,6 +8,8 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import Any, Literal
 
+from dynid.arithmetic.irrational import Irrational, decided, irrational
+
 MAX_BITS = 20_000
 
 #: The largest number of what is computed in floating point: its square, and the sum of 1e8 such, is finite.
@@ -36,6 +38,8 @@ def to_fraction(value: float | Fraction, reading: Literal["decimal", "binary"] =
         When it is not a finite number.
     """
     checked = as_number(value)
+    if isinstance(checked, Irrational) and reading == "binary":
+        return Fraction(float(checked))
     if isinstance(checked, Fraction):
         return checked
     return Fraction(repr(checked)) if reading == "decimal" else Fraction(checked)
@@ -47,21 +51,44 @@ def as_number(value: object) -> Number:
         raise OutOfRangeError(
             f"{str(value).lower() if isinstance(value, bool) else repr(value)} is not a number"
         )
+    if isinstance(value, Irrational):
+        return value
     return _checked(float(value) if isinstance(value, float) else Fraction(value))
 
 
 def apply(operation: str, operands: list[Number]) -> Number:
     """Return the result of an operation or function of expressions on numbers.
 
+    It is exact where all operands are: a fraction, or an irrational number that keeps its meaning.
+
     Raises
     ------
     OutOfRangeError
-        When there is no finite real result, or it is too large.
+        When there is no finite real result, it is too large, or it cannot be decided whether it is zero.
     """
+    rounded = operands
+    if any(isinstance(operand, Irrational) for operand in operands):
+        if operation in ("pos", "min", "max"):
+            return as_number(_OPERATIONS[operation](*operands))
+        if operation == "**":
+            operands = _exact_power(*operands)
+        rounded = [float(each) if isinstance(each, Irrational) else each for each in operands]
     try:
-        return _checked(_OPERATIONS[operation](*operands))
+        result = _checked(_OPERATIONS[operation](*rounded))
     except OverflowError:
         raise OutOfRangeError("the result is too large for double precision") from None
+    if isinstance(result, float) and all(isinstance(operand, Fraction) for operand in operands):
+        if operation == "abs":
+            return abs(operands[0])
+        return irrational(operation, operands, result)  # type: ignore[arg-type]
+    return result
+
+
+def _exact_power(base: Number, exponent: Number) -> list[Number]:
+    """Return the operands of a power; an exponent that is an integer by its exact meaning is one."""
+    if isinstance(exponent, Irrational) and abs(float(exponent) - round(float(exponent))) < 1e-6:
+        exponent = decided(exponent.term)
+    return [base, exponent]
 
 
 def _checked(value: Number) -> Number:

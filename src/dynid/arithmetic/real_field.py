@@ -1,0 +1,644 @@
+"""The field of the irrational numbers of a scene: what is exactly zero, and enclosures of what is not.
+
+A field is known by two homomorphisms. Real enclosures (Arb) prove that a number is not zero. Residues modulo a
+large prime show what is: a number of the field that is not zero is divisible by the prime with a probability
+of about one in 2^250. Together they make a *coded* number, a fraction that is as close to the real number as
+wanted and has its residue, so that sums and products of coded numbers are coded numbers again, and zero is
+recognised after any number of them.
+
+The prime P is -1 modulo the square-free parts of all radicands. So these are squares modulo P, -1 is none, and
+"is a square" behaves like "is positive": each positive number has one root of each degree that is a square,
+and roots of products are products of roots. A root of a sum that lies in the field of the other roots, as
+sqrt(3 + 2 sqrt(2)) = 1 + sqrt(2), is found as an integer relation (LLL). Angles are points on the circle
+x^2 + y^2 = 1 modulo P, a group of P + 1 elements, which holds those of rational multiples of pi.
+Exponentials, logarithms and angles that no rational relation ties are random residues: they are
+algebraically independent if Schanuel's conjecture holds.
+
+References
+----------
+A. S. Besicovitch, "On the linear independence of fractional powers of integers", J. London Math. Soc. 15 (1940)
+3-6. D. Richardson, "How to recognize zero", J. Symbolic Computation 24 (1997) 627-645.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from flint import arb, ctx, fmpq, fmpz, fmpz_mat, fmpz_mod_ctx, fmpz_mod_poly_ctx
+
+from dynid.arithmetic.irrational import Irrational, Term, in_order, operand_of, undecided
+from dynid.arithmetic.numbers import OutOfRangeError
+
+#: Least bits of the prime, and of a random cofactor in it.
+_PRIME_BITS, _COFACTOR_BITS = 256, 64
+#: Bits of the prime up to which radicands are put into it; more of them are squares by trial.
+_MAX_MODULUS_BITS = 1024
+#: Relative accuracy of coded numbers, bits, and that of the fractions which they are rounded to in the end.
+CODED_BITS, ROUNDED_BITS = 1536, 320
+#: First and last precision at which a sum that is not zero is told from zero, bits.
+_PRECISION, _MAX_PRECISION = 256, 1 << 14
+#: Bits of numerator and denominator together up to which a residue is recognised as rational: with the prime's
+#: 256 bits, one in 2^56 others looks like one.
+_RATIONAL_BITS = 200
+#: Precision in which integer relations are sought, bits a term and in all, and most terms.
+_RELATION_BITS, _BASE_BITS, _MAX_TERMS = 40, 240, 48
+#: Largest numerator and denominator in a relation of exponents.
+_MAX_MULTIPLE = 10_000
+#: Primes tried, each a square root of a sum exists modulo about half of them.
+_MAX_TRIALS = 4096
+#: Bits of a number that is factored wholly; of the factors that are sought in longer ones.
+_FACTORED_BITS, _SMOOTH_BITS = 80, 20
+#: Circles have points of this order from the start: angles in whole degrees, halved twice.
+_ORDER = 1440
+#: Multiples of an angle by fractions with such a denominator are its multiples.
+_DIVISOR = 5040
+
+
+class _Extend(Exception):  # noqa: N818
+    """The prime has to be -1 modulo one more number, the order of an angle or another."""
+
+    def __init__(self, modulus: int, order: int = 1) -> None:
+        self.modulus, self.order = modulus, order
+
+
+class _NoRootError(Exception):
+    """A square root does not exist modulo this prime."""
+
+
+@dataclass(frozen=True)
+class _Exponential:
+    """A number X with its logarithm: residues, and enclosure of the logarithm."""
+
+    number: int
+    logarithm: int
+    real: Callable[[], Any]
+
+
+@dataclass(frozen=True)
+class _Angle:
+    """A point on the circle whose `_DIVISOR`-th multiple belongs to an angle: residues, and enclosure."""
+
+    point: tuple[int, int]
+    angle: int
+    real: Callable[[], Any]
+
+
+@dataclass(frozen=True)
+class _Generator:
+    """A number that others may be polynomials in: its term, residue and enclosure, and its degree."""
+
+    term: int
+    image: int
+    real: Callable[[], Any]
+    degree: int
+
+
+class RealField:
+    """The field that terms lie in.
+
+    Parameters
+    ----------
+    terms
+        The terms.
+    bits
+        Relative accuracy of coded numbers.
+
+    Raises
+    ------
+    OutOfRangeError
+        Where no prime is found.
+
+    Attributes
+    ----------
+    prime
+        The prime.
+    polynomials
+        Polynomials modulo the prime (flint `fmpz_mod_poly_ctx`).
+    """
+
+    def __init__(self, terms: Iterable[Term], bits: int = CODED_BITS) -> None:
+        self.bits = bits
+        self._terms = list(in_order(terms))
+        self._balls: dict[tuple[int, int], Any] = {}
+        modulus, trial, self._order = _ORDER, 0, _ORDER
+        for _ in range(_MAX_TRIALS):
+            self.prime = _prime(modulus, trial)
+            try:
+                self._assign()
+            except _Extend as wanted:
+                self._order = math.lcm(self._order, wanted.order)
+                modulus = math.lcm(modulus, wanted.modulus, self._order)
+            except _NoRootError:
+                trial += 1
+            else:
+                break
+        else:
+            raise OutOfRangeError("too many different roots; write fewer, or round some to decimals")
+        context = fmpz_mod_ctx(self.prime)
+        self.residues = context
+        self.polynomials = fmpz_mod_poly_ctx(context)
+
+    @classmethod
+    def of(cls, values: Iterable[object], bits: int = CODED_BITS) -> RealField | None:
+        """Return the field of numbers; None where all are rational."""
+        terms = [value.term for value in values if isinstance(value, Irrational)]
+        return cls(terms, bits) if terms else None
+
+    # --- residues ------------------------------------------------------------------------------
+
+    def _assign(self) -> None:
+        """Give every term its residue."""
+        self._random = random.Random(0x5EED)
+        self._images: dict[int, int] = {}
+        self._radicals: dict[int, int] = {}  # by base the degree of its root
+        self._generators: list[_Generator] = []
+        self._exponentials: list[_Exponential] = []
+        self._angles: list[_Angle] = []
+        self._unit: tuple[int, int] | None = None
+        self._pi = pow(self._random.randrange(2, self.prime), 2, self.prime)
+        for term in self._terms:  # roots of fractions first: sums may have their roots among them
+            if _radical(term):
+                self._images[id(term)] = self._image(term)
+        for term in self._terms:
+            if id(term) not in self._images:
+                self._current = term
+                self._images[id(term)] = self._image(term)
+
+    def residue(self, number: Term | Fraction) -> int:
+        """Return the residue of a number of the field."""
+        if isinstance(number, Term):
+            return self._images[id(number)]
+        return number.numerator * pow(number.denominator, -1, self.prime) % self.prime
+
+    def _image(self, term: Term) -> int:
+        """Return the residue of a term whose operands have theirs."""
+        p, operation = self.prime, term.operation
+        images = [self.residue(operand) for operand in term.operands]
+        match operation:
+            case "pi":
+                return self._pi
+            case "+":
+                return sum(images) % p
+            case "-":
+                return (images[0] - images[1]) % p
+            case "neg":
+                return -images[0] % p
+            case "*":
+                return images[0] * images[1] % p
+            case "/":
+                return self._quotient(images[0], images[1])
+            case "sqrt":
+                return self._root(term.operands[0], images[0], 2, self._real(term))
+            case "**":
+                return self._power(term, images)
+            case "exp":
+                return self._exponential(images[0], self._real(term.operands[0]))
+            case "log":
+                return self._logarithm(images[0], self._real(term))
+        cosine, sine = self._circle(images[0], self._real(term.operands[0]))
+        return {"sin": sine, "cos": cosine}[operation] if operation != "tan" else self._quotient(sine, cosine)
+
+    def _quotient(self, above: int, below: int) -> int:
+        if not below:
+            raise OutOfRangeError("division by zero")
+        return above * pow(below, -1, self.prime) % self.prime
+
+    def _real(self, number: Term | Fraction) -> Callable[[], Any]:
+        return lambda: self.enclosure(number)
+
+    def _power(self, term: Term, images: Sequence[int]) -> int:
+        base, exponent = term.operands
+        if isinstance(exponent, Fraction):
+            if not images[0]:
+                return 0
+            if exponent.denominator == 1:
+                return pow(images[0], int(exponent), self.prime)
+            degree = exponent.denominator
+            root = self._root(base, images[0], degree, lambda: _root(self.enclosure(base), degree))
+            return pow(root, exponent.numerator, self.prime)
+        logarithm = self._logarithm(images[0], lambda: self.enclosure(base).log())
+        return self._exponential(
+            images[1] * logarithm % self.prime, lambda: self.enclosure(exponent) * self.enclosure(base).log()
+        )
+
+    def _root_of_fraction(self, radicand: Fraction, degree: int) -> int:
+        """Return the root of a positive fraction, made of roots of the factors of its numbers."""
+        self._check_degree(degree)
+        parts = []
+        for number in (radicand.numerator, radicand.denominator):
+            part = 1
+            for base, power in _factors(number):
+                whole, rest = divmod(power, degree)
+                part = part * pow(base, whole, self.prime) % self.prime
+                if rest:
+                    self._add_radical(base, degree // math.gcd(rest, degree))
+                    part = part * pow(self._canonical(base % self.prime, degree), rest, self.prime) % self.prime
+            parts.append(part)
+        return self._quotient(*parts)
+
+    def _add_radical(self, base: int, degree: int) -> None:
+        odd = base // (base & -base)
+        if self.prime.bit_length() < _MAX_MODULUS_BITS and (self.prime + 1) % odd:
+            raise _Extend(odd)
+        self._radicals[base] = math.lcm(degree, self._radicals.get(base, 1))
+
+    def _check_degree(self, degree: int) -> None:
+        odd = degree // (degree & -degree)
+        if (self.prime + 1) % odd:
+            raise _Extend(odd)
+
+    def _is_square(self, image: int) -> bool:
+        return fmpz(image).jacobi(self.prime) >= 0
+
+    def _canonical(self, image: int, degree: int) -> int:
+        """Return the root that is a square, or of a number that is none, where the degree is odd, minus that."""
+        if not self._is_square(image):
+            if degree % 2 == 0:
+                raise _NoRootError
+            return -self._canonical(-image % self.prime, degree) % self.prime
+        return pow(image, pow(degree, -1, (self.prime - 1) // 2), self.prime) if image else 0
+
+    def _root(self, base: Term | Fraction, image: int, degree: int, real: Callable[[], Any]) -> int:
+        """Return the root of a number; roots of even degree of sums are sought in the field."""
+        if isinstance(base, Fraction):
+            return self._root_of_fraction(base, degree)
+        self._check_degree(degree)
+        root = self._canonical(image, degree)
+        if degree % 2 or not _sum_inside(base):
+            return root
+        twos = degree & -degree
+        if twos > 2:  # as roots of roots
+            half = self._root(base, image, degree // 2, lambda: real() ** 2)
+            return self._square_root(base, half, self._canonical(half, 2), real)
+        return self._square_root(base, pow(root, 2, self.prime), root, real)
+
+    def _square_root(self, base: Term, square: int, root: int, real: Callable[[], Any]) -> int:
+        """Return the square root with the sign that belongs to the positive one."""
+        basis = self._basis(base)
+        relation = _relation(real, [other for _, other in basis])
+        if relation is not None:
+            combined = sum(self.residue(c) * part for c, (part, _) in zip(relation, basis, strict=True))
+            if pow(combined, 2, self.prime) == square:
+                return combined % self.prime
+        self._generate(root, real)
+        return root
+
+    def _generate(self, image: int, real: Callable[[], Any], degree: int = 2) -> None:
+        """Note a number that others may be sums of, with the powers of it below a degree."""
+        self._generators.append(_Generator(id(self._current), image, real, degree))
+
+    def _basis(self, base: Term) -> list[tuple[int, Callable[[], Any]]]:
+        """Return products of powers of generators: those of a term first, as many as relations are sought in."""
+        inside = list(in_order([base]))
+        own = {id(term) for term in inside}
+        bases = {
+            factor
+            for term in inside
+            if _radical(term)
+            for number in term.operands[0].as_integer_ratio()  # type: ignore[union-attr]
+            for factor, _ in _factors(number)
+        }
+        radicals = [
+            (number not in bases, self._canonical(number % self.prime, degree), _radical_ball(number, degree), degree)
+            for number, degree in self._radicals.items()
+        ]
+        others = [(each.term not in own, each.image, each.real, each.degree) for each in self._generators]
+        basis: list[tuple[int, Callable[[], Any]]] = [(1, lambda: arb(1))]
+        for _, image, real, degree in sorted([*radicals, *reversed(others)], key=lambda each: each[0]):
+            if len(basis) * degree <= _MAX_TERMS:
+                basis = [
+                    (part * pow(image, k, self.prime) % self.prime, _product(other, real, k))
+                    for part, other in basis
+                    for k in range(degree)
+                ]
+        return basis
+
+    def _exponential(self, image: int, real: Callable[[], Any]) -> int:
+        """Return exp of a number."""
+        p, entries = self.prime, self._exponentials
+        if not image:
+            return 1
+        relation = _relation(real, [entry.real for entry in entries], _MAX_MULTIPLE)
+        if relation is not None:
+            parts = list(zip(relation, entries, strict=True))
+            if (image - sum(self.residue(multiple) * entry.logarithm for multiple, entry in parts)) % p == 0:
+                result = 1
+                for multiple, entry in parts:
+                    self._check_degree(multiple.denominator)
+                    root = self._canonical(entry.number, multiple.denominator)
+                    result = result * pow(root, multiple.numerator, p) % p
+                return result
+        number = pow(self._random.randrange(2, p), 2, p)
+        entries.append(_Exponential(number, image, real))
+        self._generate(number, lambda: real().exp())
+        return number
+
+    def _logarithm(self, image: int, real: Callable[[], Any]) -> int:
+        """Return the logarithm of a number, of which `real` encloses it."""
+        p, entries = self.prime, self._exponentials
+        if image == 1:
+            return 0
+        relation = _relation(real, [entry.real for entry in entries], _MAX_MULTIPLE)
+        if relation is not None:
+            common = math.lcm(*(multiple.denominator for multiple in relation))
+            product = 1
+            for multiple, entry in zip(relation, entries, strict=True):
+                product = product * pow(entry.number, int(common * multiple), p) % p
+            if product == pow(image, common, p):
+                parts = zip(relation, entries, strict=True)
+                return sum(self.residue(multiple) * entry.logarithm for multiple, entry in parts) % p
+        logarithm = pow(self._random.randrange(2, p), 2, p)
+        if real() < 0:
+            logarithm = -logarithm % p
+        entries.append(_Exponential(image, logarithm, real))
+        self._generate(logarithm, real)
+        return logarithm
+
+    def _circle(self, image: int, real: Callable[[], Any]) -> tuple[int, int]:
+        """Return cosine and sine of an angle."""
+        p, entries = self.prime, self._angles
+        if not image:
+            return 1, 0
+        basis = [arb.pi, *(entry.real for entry in entries)]
+        relation = _relation(real, basis, _MAX_MULTIPLE)
+        if relation is not None:
+            residues = [self._pi, *(entry.angle for entry in entries)]
+            parts = zip(relation, residues, strict=True)
+            if (image - sum(self.residue(multiple) * each for multiple, each in parts)) % p == 0 and all(
+                _DIVISOR % multiple.denominator == 0 for multiple in relation[1:]
+            ):
+                point = self._part_of_pi(relation[0])
+                for multiple, entry in zip(relation[1:], entries, strict=True):
+                    point = self._turned(point, self._times(entry.point, int(multiple * _DIVISOR)))
+                return point
+        t = self._random.randrange(2, p)
+        scale = pow(1 + t * t, -1, p)
+        entry = _Angle(((1 - t * t) * scale % p, 2 * t * scale % p), image, real)
+        entries.append(entry)
+        point = self._times(entry.point, _DIVISOR)
+        self._generate(point[0], lambda: real().cos())
+        self._generate(point[1], lambda: real().sin())
+        return point
+
+    def _part_of_pi(self, multiple: Fraction) -> tuple[int, int]:
+        """Return the point at a rational multiple of pi."""
+        order = 2 * multiple.denominator
+        if self._order % order:
+            raise _Extend(1, order)
+        if self._unit is None:
+            self._unit = self._first_unit()
+        point = self._times(self._unit, multiple.numerator * (self._order // order))
+        if multiple.denominator > 3:
+            turn = float(multiple) * math.pi
+            degree = max(2, _totient(order) // 2)
+            for image, function in zip(point, (math.cos, math.sin), strict=True):
+                if abs(function(turn)) > 1e-9:
+                    name = "cos" if function is math.cos else "sin"
+                    self._generate(image, _trigonometric(name, multiple), degree)
+        return point
+
+    def _first_unit(self) -> tuple[int, int]:
+        """Return the point at 2 pi / order, one at which the roots of primes have their signs."""
+        p, order = self.prime, self._order
+        while True:
+            t = self._random.randrange(2, p)
+            scale = pow(1 + t * t, -1, p)
+            point = self._times(((1 - t * t) * scale % p, 2 * t * scale % p), (p + 1) // order)
+            primes = [base for base, _ in _factors(order)]
+            if any(self._times(point, order // base) == (1, 0) for base in primes):
+                continue
+            if all(self._is_square(self._root_by_sines(point, base)) for base in primes):
+                return point
+
+    def _root_by_sines(self, unit: tuple[int, int], base: int) -> int:
+        """Return sqrt(q) as the product of 2 sin(k pi / q), k < q/2; sqrt(2) as 2 cos(pi/4)."""
+        p, order = self.prime, self._order
+        if base == 2:
+            return 2 * self._times(unit, order // 8)[0] % p
+        step = self._times(unit, order // (2 * base))
+        point, product = step, 1
+        for _ in range((base - 1) // 2):
+            product = product * 2 * point[1] % p
+            point = self._turned(point, step)
+        return product
+
+    def _turned(self, a: tuple[int, int], b: tuple[int, int]) -> tuple[int, int]:
+        p = self.prime
+        return (a[0] * b[0] - a[1] * b[1]) % p, (a[0] * b[1] + a[1] * b[0]) % p
+
+    def _times(self, point: tuple[int, int], count: int) -> tuple[int, int]:
+        """Return a multiple of an angle."""
+        result = (1, 0)
+        if count < 0:
+            point, count = (point[0], -point[1] % self.prime), -count
+        while count:
+            if count & 1:
+                result = self._turned(result, point)
+            point, count = self._turned(point, point), count >> 1
+        return result
+
+    # --- enclosures ----------------------------------------------------------------------------
+
+    def enclosure(self, number: Term | Fraction) -> Any:
+        """Return an enclosure of a number at the working precision (flint `arb`)."""
+        if isinstance(number, Fraction):
+            return arb(fmpq(number.numerator, number.denominator))
+        key = ctx.prec
+        if (key, id(number)) not in self._balls:
+            for term in in_order([number]):
+                if (key, id(term)) not in self._balls:
+                    self._balls[key, id(term)] = self._ball(term)
+        return self._balls[key, id(number)]
+
+    def _ball(self, term: Term) -> Any:
+        balls = [
+            self._balls[ctx.prec, id(operand)] if isinstance(operand, Term) else self.enclosure(operand)
+            for operand in term.operands
+        ]
+        match term.operation:
+            case "pi":
+                return arb.pi()
+            case "+":
+                return balls[0] + balls[1]
+            case "-":
+                return balls[0] - balls[1]
+            case "*":
+                return balls[0] * balls[1]
+            case "/":
+                return balls[0] / balls[1]
+            case "neg":
+                return -balls[0]
+            case "**":
+                exponent = term.operands[1]
+                if isinstance(exponent, Term):
+                    return (balls[1] * balls[0].log()).exp()
+                if exponent.denominator == 1:
+                    return balls[0] ** fmpz(int(exponent))
+                return _root(balls[0], exponent.denominator) ** fmpz(exponent.numerator)
+        return getattr(balls[0], term.operation)()
+
+    # --- numbers -------------------------------------------------------------------------------
+
+    def simplified(self, term: Term) -> Fraction:
+        """Return the value of a term: a plain fraction where it is rational, else correctly rounded.
+
+        Raises
+        ------
+        OutOfRangeError
+            Where its enclosures hold zero at every precision although its residue is not zero.
+        """
+        image = self._images[id(term)]
+        if image == 0:
+            return Fraction(0)
+        precision = _PRECISION
+        while True:
+            with ctx.workprec(precision):
+                ball = self.enclosure(term)
+                if ball.rel_accuracy_bits() > 64:
+                    exact = self.rational(image, ball)
+                    return Irrational(term, float(ball.mid())) if exact is None else exact
+            precision *= 2
+            if precision > _MAX_PRECISION:
+                undecided(term, int(_MAX_PRECISION * math.log10(2)) // 2)
+
+    def rational(self, image: int, ball: Any) -> Fraction | None:
+        """Return the fraction with a residue and an enclosure, where it is a short one."""
+        last, following, above, below = self.prime, image, 0, 1
+        while following.bit_length() > _RATIONAL_BITS // 2:  # the Euclidean algorithm, halfway
+            quotient = last // following
+            last, following, above, below = following, last - quotient * following, below, above - quotient * below
+        if not below or below.bit_length() > _RATIONAL_BITS // 2:
+            return None
+        exact = Fraction(following, below)
+        return exact if bool(ball.contains(fmpq(exact.numerator, exact.denominator))) else None
+
+    def coded(self, number: Fraction) -> Fraction:
+        """Return a number of the field as a coded one: a fraction close to it that has its residue."""
+        term = operand_of(number)
+        if not isinstance(term, Term):
+            return number
+        simple = self.simplified(term)
+        if not isinstance(simple, Irrational):
+            return simple
+        precision = self.bits + 64
+        while True:
+            with ctx.workprec(precision):
+                ball = self.enclosure(term)
+                if ball.rel_accuracy_bits() >= self.bits:
+                    mantissa, exponent = ball.mid().man_exp()
+                    close = Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
+                    return Irrational(term, float(simple), self.near(close, self._images[id(term)], self.bits))
+            precision *= 2
+
+    def near(self, close: Fraction, image: int, bits: int) -> Fraction:
+        """Return a fraction with a residue that agrees with another number to a relative 2^-bits."""
+        size = close.numerator.bit_length() - close.denominator.bit_length()
+        shift = bits + self.prime.bit_length() - size
+        scale = Fraction(2) ** shift
+        target = round(close * scale)
+        wanted = image * pow(2, shift, self.prime)
+        return (target + (wanted - target + self.prime // 2) % self.prime - self.prime // 2) / scale
+
+
+# --- terms ----------------------------------------------------------------------------------------
+
+
+def _radical(term: Term) -> bool:
+    """Test whether a term is the root of a fraction."""
+    if term.operation == "sqrt":
+        return isinstance(term.operands[0], Fraction)
+    return (
+        term.operation == "**"
+        and all(isinstance(operand, Fraction) for operand in term.operands)
+        and term.operands[1].denominator > 1  # type: ignore[union-attr]
+    )
+
+
+def _sum_inside(base: Term) -> bool:
+    """Test whether a term holds a sum: products of roots have theirs by their residues."""
+    return any(term.operation in ("+", "-", "sin", "cos", "tan") for term in in_order([base]))
+
+
+# --- numbers --------------------------------------------------------------------------------------
+
+
+def _root(ball: Any, degree: int) -> Any:
+    return ball.sqrt() if degree == 2 else ball.root(degree)
+
+
+def _radical_ball(base: int, degree: int) -> Callable[[], Any]:
+    return lambda: _root(arb(base), degree)
+
+
+def _product(one: Callable[[], Any], other: Callable[[], Any], power: int) -> Callable[[], Any]:
+    return lambda: one() * other() ** power
+
+
+def _trigonometric(name: str, multiple: Fraction) -> Callable[[], Any]:
+    turn = fmpq(multiple.numerator, multiple.denominator)
+    return lambda: getattr(arb, f"{name}_pi_fmpq")(turn)
+
+
+def _factors(number: int) -> list[tuple[int, int]]:
+    """Return the factors of a positive number, and their powers; what has no small factor is left whole."""
+    small = number.bit_length() <= _FACTORED_BITS
+    found = fmpz(number).factor() if small else fmpz(number).factor_smooth(_SMOOTH_BITS)
+    return [(int(base), int(power)) for base, power in found]
+
+
+def _totient(number: int) -> int:
+    return int(fmpz(number).euler_phi())
+
+
+def _prime(modulus: int, trial: int) -> int:
+    """Return a prime that is -1 modulo a number: one of a fixed sequence."""
+    bits = max(_COFACTOR_BITS, _PRIME_BITS - modulus.bit_length())
+    factor = random.Random(0xD1F1D + trial).getrandbits(bits) | 1 << bits
+    while not fmpz(candidate := modulus * factor - 1).is_probable_prime():
+        factor += 1
+    return candidate
+
+
+def _relation(
+    real: Callable[[], Any], basis: Sequence[Callable[[], Any]], largest: int = 0
+) -> list[Fraction] | None:
+    """Return the rational coefficients by which a number seems to be a sum of others; None where it is none.
+
+    Parameters
+    ----------
+    real, basis
+        Enclosures at the working precision.
+    largest
+        Most that numerators and denominators may be; 0: no limit.
+    """
+    if not basis:
+        return None
+    precision = _BASE_BITS + _RELATION_BITS * (len(basis) + 1)
+    with ctx.workprec(2 * precision):
+        balls = [real(), *(each() for each in basis)]
+    entries = []
+    for ball in balls:
+        with ctx.workprec(4 * precision):
+            entry = (ball * (fmpz(1) << precision)).mid().floor().unique_fmpz()
+        if entry is None:
+            return None
+        entries.append(entry)
+    rest = list(range(len(balls)))
+    while rest:  # what others are sums of is left out
+        rows = [[*(int(j == k) for j in rest), entries[k]] for k in rest]
+        short = [int(each) for each in fmpz_mat(rows).lll().tolist()[0]]
+        if max(map(abs, short)).bit_length() > _RELATION_BITS:
+            return None
+        if short[0]:
+            break
+        rest.pop(max(j for j, each in enumerate(short[:-1]) if each))
+    found = dict(zip(rest, (Fraction(-each, short[0]) for each in short[:-1]), strict=True))
+    multiples = [found.get(k, Fraction(0)) for k in range(1, len(balls))]
+    if largest and any(max(abs(f.numerator), f.denominator) > largest for f in multiples):
+        return None
+    return multiples
