@@ -40,6 +40,8 @@ _PRIME_BITS, _COFACTOR_BITS = 256, 64
 _MAX_MODULUS_BITS = 1024
 #: Relative accuracy of coded numbers, bits, and that of the fractions which they are rounded to in the end.
 CODED_BITS, ROUNDED_BITS = 1536, 320
+#: What more of it a graph has for every storage element.
+_BITS_PER_ORDER = 64
 #: First and last precision at which a sum that is not zero is told from zero, bits.
 _PRECISION, _MAX_PRECISION = 256, 1 << 14
 #: Bits of numerator and denominator together up to which a residue is recognised as rational: with the prime's
@@ -148,6 +150,11 @@ class RealField:
         """Return the field of numbers; None where all are rational."""
         terms = [value.term for value in values if isinstance(value, Irrational)]
         return cls(terms, bits) if terms else None
+
+    @staticmethod
+    def bits_for(order: int) -> int:
+        """Return the accuracy of coded numbers of a system: common factors of its polynomials lose some."""
+        return CODED_BITS + _BITS_PER_ORDER * order
 
     # --- residues ------------------------------------------------------------------------------
 

@@ -17,6 +17,7 @@ import heapq
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Self
 
 from dynid.bondgraph.graph import SOURCES, Port, bond_sign
@@ -53,8 +54,14 @@ class NumberField:
 
     @classmethod
     def rational(cls, graph: BondGraph) -> Self:
-        """Return the field of the rationals, with the values of a graph."""
+        """Return the field of the rationals, with the values of a graph; that of its irrational values."""
         from flint import fmpq
+
+        if graph.field is not None:
+            from dynid.arithmetic.field_polynomials import FieldNumber
+
+            number = partial(FieldNumber, graph.field)
+            return cls(lambda name: number(fmpq(*graph.value(name).as_integer_ratio())), number(fmpq(1)))
 
         def value(name: str) -> Any:
             exact = graph.value(name)

@@ -34,7 +34,8 @@ class TransferFunction(TransferProperties):
     Parameters
     ----------
     numerator, denominator
-        Integer polynomials without a common factor (flint `fmpz_poly`).
+        Integer polynomials without a common factor (flint `fmpz_poly`), or polynomials over the field of a
+        graph's irrational values (`FieldPolynomial`).
     starts
         Gives approximate zeros (asked for `zeros`) or poles (`poles`), where there is a quick way to them.
     """
@@ -45,8 +46,30 @@ class TransferFunction(TransferProperties):
 
     @classmethod
     def of(cls, ratio: RationalFunction) -> TransferFunction:
-        """Bring a rational function into lowest terms."""
-        return cls(*ratio.lowest_terms())
+        """Bring a rational function into lowest terms; one over a field is rounded, with its structure."""
+        return cls.rounded(*ratio.lowest_terms())
+
+    @classmethod
+    def over_field(cls, ratio: RationalFunction) -> TransferFunction:
+        """Bring a rational function into lowest terms; one over a field stays one."""
+        numerator, denominator = ratio.lowest_terms()
+        if hasattr(denominator, "field"):
+            lead = denominator.leading_coefficient()
+            return cls(numerator.over(lead), denominator.over(lead))
+        return cls(numerator, denominator)
+
+    @classmethod
+    def rounded(cls, numerator: Any, denominator: Any) -> TransferFunction:
+        """Return polynomials without a common factor over the integers: those over a field are rounded."""
+        from flint import fmpz_poly
+
+        if isinstance(numerator, fmpz_poly):
+            return cls(numerator, denominator)
+        gain = numerator.settled_ratio(denominator)
+        above, below = gain * numerator.rounded(), denominator.rounded()
+        common = above.denom() * below.denom()
+        above, below = (above * common).numer(), (below * common).numer()
+        return cls(*(part // math.gcd(above.content(), below.content()) for part in (above, below)))
 
     @classmethod
     def of_roots(
@@ -74,11 +97,11 @@ class TransferFunction(TransferProperties):
 
     def coefficients(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return numerator and denominator in descending powers, denominator monic, correctly rounded."""
-        lead = int(self.denominator.leading_coefficient())
+        lead = as_fraction(self.denominator.leading_coefficient())
 
         def rounded(polynomial: Any) -> NDArray[np.float64]:
-            descending = reversed([int(c) for c in polynomial.coeffs()] or [0])
-            return np.array([_as_float(Fraction(c, lead)) for c in descending])
+            descending = reversed([as_fraction(c) for c in polynomial.coeffs()] or [0])
+            return np.array([_as_float(c / lead) for c in descending])
 
         return rounded(self.numerator), rounded(self.denominator)
 
@@ -112,7 +135,7 @@ class TransferFunction(TransferProperties):
         """The limit of T(s) as s grows through positive values; may be infinite."""
         size = max(self.numerator.length(), self.denominator.length())
         pad = [
-            [0] * (size - p.length()) + [int(c) for c in p.coeffs()][::-1]
+            [0] * (size - p.length()) + p.coeffs()[::-1]
             for p in (self.numerator, self.denominator)
         ]
         return _limit(*pad)
@@ -124,10 +147,15 @@ def _limit(numerator: list[Any], denominator: list[Any]) -> float:
     if n is None:
         return 0.0
     d = next(k for k, c in enumerate(denominator) if c)
-    quotient = Fraction(int(numerator[n]), int(denominator[d]))
+    quotient = as_fraction(numerator[n]) / as_fraction(denominator[d])
     if n == d:
         return _as_float(quotient)
     return 0.0 if n > d else math.inf if quotient > 0 else -math.inf
+
+
+def as_fraction(number: Any) -> Fraction:
+    """Return an integer or a rational number of flint as a fraction."""
+    return Fraction(int(number.p), int(number.q)) if hasattr(number, "q") else Fraction(int(number))
 
 
 def _as_float(value: Fraction) -> float:
@@ -160,9 +188,11 @@ class ExactEngine:
         self.reduced = reduced
         channels = reduced.channels()
         ratios = reduced.rational(channels.values())
+        lowest = {channel: ratios[register].lowest_terms() for channel, register in channels.items()}
+        self._denominators = {channel: below for channel, (_, below) in lowest.items()}
         self._transfers = {
-            channel: replace(TransferFunction.of(ratios[register]), starts=partial(self._starts, channel))
-            for channel, register in channels.items()
+            channel: replace(TransferFunction.rounded(*parts), starts=partial(self._starts, channel))
+            for channel, parts in lowest.items()
         }
         self._modes: dict[frozenset[str], list[complex] | None] = {}
 
@@ -181,7 +211,7 @@ class ExactEngine:
         """Return the polynomial whose roots are the natural modes that cancel in a channel."""
         from flint import fmpz_poly
 
-        port, shown = channel[0], self._transfers[channel].denominator
+        port, shown = channel[0], self._denominators[channel]
         if self.reduced.graph.integrates(port) and shown[0] == 0:  # the output's own integrator is no mode
             shown = shown // fmpz_poly([0, 1])
         natural = self._natural[port]

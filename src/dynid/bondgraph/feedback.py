@@ -13,7 +13,7 @@ from dataclasses import replace
 from fractions import Fraction
 from itertools import combinations
 from math import lcm
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +27,23 @@ from dynid.errors import Singular, Undecided
 from dynid.lti.certified_roots import certified_roots
 from dynid.lti.quasi_polynomials import QuasiPolynomial, common_factor, roots_right_of
 
+if TYPE_CHECKING:
+    from dynid.arithmetic.real_field import RealField
+
 Complex = NDArray[np.complex128]
 #: Condition of I + L above which a pole lies on the axis.
 _SINGULAR = 1e12
+
+
+def polynomial_over(field: RealField | None, coefficients: list[Any]) -> Any:
+    """Return a polynomial over the integers (flint `fmpz_poly`), or over a field, coefficients ascending."""
+    from flint import fmpz_poly
+
+    if field is None:
+        return fmpz_poly(coefficients)
+    from dynid.arithmetic.field_polynomials import polynomial
+
+    return polynomial(field, coefficients)
 
 
 class CutLoops:
@@ -49,16 +63,16 @@ class CutLoops:
     """
 
     def __init__(self, opened: BondGraph, loops: Sequence[Loop]) -> None:
-        from flint import fmpz_poly
-
         self.loops = tuple(loops)
         sources = list(dict.fromkeys(loop.source for loop in loops))
         measured = list(dict.fromkeys(loop.measured for loop in loops))
+        parts = [part for loop in loops for part in (*loop.numerator, *loop.denominator)]
+        opened = opened.over(map(reference, parts))
         reduced = ReducedGraph(opened, sources, measured, traced=False)
         channels = reduced.channels()
         ratios = reduced.rational(channels.values())
         plant = {channel: ratios[register].lowest_terms() for channel, register in channels.items()}
-        common = fmpz_poly([1])
+        common = polynomial_over(opened.field, [1])
         for _, below in plant.values():
             common = common * (below // common.gcd(below))
         self._common = common
@@ -66,7 +80,7 @@ class CutLoops:
             [_scaled(plant[row.measured, column.source], common) for column in loops] for row in loops
         ]
         self._natural = list(characteristic_polynomials(reduced).values())
-        self._controllers = [controller(loop) for loop in loops]
+        self._controllers = [controller(loop, opened.field) for loop in loops]
         self._delays = [Fraction(reference(loop.delay)) for loop in loops]
 
     def function(self, kept: Sequence[int]) -> QuasiPolynomial:
@@ -144,10 +158,10 @@ class CutLoops:
         """Return whether the Padé approximants of delays have as many poles to the right as the loops."""
         closed = self.closed()
         try:
-            count = roots_right_of(closed)
+            count = roots_right_of(*rounded([closed]))
         except Undecided:
             return False
-        (polynomial,) = rational([closed], PADE_ORDER)
+        (polynomial,) = rational(rounded([closed]), PADE_ORDER)
         return count == sum(root.multiplicity for root in certified_roots(polynomial) if root.side >= 0)
 
     def _minor(self, kept: Sequence[int]) -> Any:
@@ -167,11 +181,24 @@ class CutLoops:
         return found
 
 
-def controller(loop: Loop) -> tuple[Any, Any]:
-    """Return numerator and denominator of a controller without its delay (flint `fmpz_poly`)."""
-    from flint import fmpz_poly
+def rounded(functions: Sequence[QuasiPolynomial]) -> list[QuasiPolynomial]:
+    """Return quasi-polynomials with integer polynomials, all times the same number."""
+    from dynid.arithmetic.field_polynomials import integers
 
-    parts = [[Fraction(reference(c)) for c in part] for part in (loop.numerator, loop.denominator)]
+    every = [polynomial for function in functions for polynomial in function.terms.values()]
+    plain = iter(integers(*every, rounded=True))
+    return [QuasiPolynomial({delay: next(plain) for delay in function.terms}) for function in functions]
+
+
+def controller(loop: Loop, field: RealField | None = None) -> tuple[Any, Any]:
+    """Return numerator and denominator of a controller without its delay, over the integers or a field."""
+    from flint import fmpq, fmpz_poly
+
+    parts = [[reference(c) for c in part] for part in (loop.numerator, loop.denominator)]
+    if field is not None:
+        coded = [[field.coded(c) for c in reversed(part)] for part in parts]
+        top, bottom = (polynomial_over(field, [fmpq(c.numerator, c.denominator) for c in p]) for p in coded)
+        return top, bottom
     factor = lcm(*(c.denominator for part in parts for c in part))
     top, bottom = (fmpz_poly([int(c * factor) for c in reversed(part)]) for part in parts)
     return top, bottom

@@ -21,11 +21,13 @@ from itertools import chain
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, get_args
 
+from dynid.arithmetic.irrational import Irrational
 from dynid.errors import UsageError
 from dynid.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from dynid.arithmetic.dependent import Dependent
+    from dynid.arithmetic.real_field import RealField
 
 NodeType = Literal["Se", "Sf", "I", "C", "R", "TF", "GY", "0", "1", "A"]
 Quantity = Literal["e", "f", "q", "p"]
@@ -199,6 +201,8 @@ class GraphFault:
 class BondGraph:
     """A well-formed linear bond graph.
 
+    Irrational values keep their exact meaning: they are coded as fractions (`RealField`).
+
     Parameters
     ----------
     nodes
@@ -232,6 +236,34 @@ class BondGraph:
         ]
         if faults:
             raise UsageError("; ".join(fault.message for fault in faults))
+        self.field = self._code()
+
+    def over(self, numbers: Iterable[Fraction]) -> BondGraph:
+        """Return the graph over a field that holds other numbers, too."""
+        irrational = [number for number in numbers if isinstance(number, Irrational)]
+        if not irrational:
+            return self
+        other = copy(self)
+        other.nodes = dict(self.nodes)
+        other.field = other._code(irrational)
+        return other
+
+    def _code(self, others: Sequence[Irrational] = ()) -> RealField | None:
+        """Code values that are irrational (`RealField`); return their field, None where all are rational."""
+        irrational = {
+            name: node.value for name, node in self.nodes.items() if isinstance(node.value, Irrational)
+        }
+        if not irrational and not others:
+            return None
+        from dynid.arithmetic.real_field import RealField
+
+        storages = sum(node.type in STORAGES for node in self.nodes.values())
+        field = RealField.of([*irrational.values(), *others], RealField.bits_for(storages))
+        assert field is not None
+        for name, value in irrational.items():
+            self.nodes[name] = replace(self.nodes[name], value=field.coded(value))
+        every = [*(self.nodes[name].value for name in irrational), *map(field.coded, others)]
+        return field if any(isinstance(value, Irrational) for value in every) else None
 
     def _sound(self) -> bool:
         """Test whether `graph_faults` would find nothing, by arrays; False for bonds to other names, too."""
@@ -295,6 +327,7 @@ class BondGraph:
             name: replace(node, value=values[name], dependent=None) if name in values else node
             for name, node in self.nodes.items()
         }
+        other.field = other._code()
         return other
 
     def rounded(self) -> BondGraph:

@@ -73,10 +73,11 @@ def hidden_modes(reduced: ReducedGraph, channel: Channel, polynomial: Any) -> It
         The polynomial whose roots they are (flint `fmpz_poly`).
     """
     storages = [name for name in reduced.storages if name in reduced.reductions[channel[0]].modelled]
-    _, factors = polynomial.factor()
-    for factor, multiplicity in factors:
-        deficits = _rank_deficits(reduced, channel, factor)
+    rational = reduced.field is None
+    for factor, multiplicity in polynomial.factor()[1] if rational else polynomial.factors():
+        exact = _rank_deficits(reduced, channel, factor) if rational else None
         for root in certified_roots(factor):
+            deficits = exact or _deficits_in_balls(reduced, channel, factor, root.value)
             yield HiddenMode(
                 root=replace(root, multiplicity=int(multiplicity)),
                 uncontrollable=deficits.input > 0,
@@ -100,6 +101,66 @@ def _rank_deficits(reduced: ReducedGraph, channel: Channel, factor: Any) -> _Def
     a, b, c = matrices.a, matrices.b, matrices.c
     driven = [[*row, entry] for row, entry in zip(a, b, strict=True)]
     return _Deficits(matrices.deficit(a), matrices.deficit(driven), matrices.deficit([*a, c]))
+
+
+#: Working precision of the state equations of irrational values; relative size, 2^-n, of an entry that is zero
+#: but for the rounding of the root's polynomial (`ROUNDED_BITS`); steps that refine a double to it.
+_BALL_BITS, _ZERO_BITS, _NEWTON_STEPS = 768, 128, 6
+
+
+def _deficits_in_balls(
+    reduced: ReducedGraph, channel: Channel, factor: Any, value: complex
+) -> _Deficits:
+    """Return the rank deficits at a simple root of a polynomial, from many digits of the root.
+
+    Over irrational numbers no prime stands for one root; what is below 2^-128 of its row is zero.
+    """
+    from flint import acb, ctx, fmpq
+
+    _, rates, (output,) = _equations(
+        reduced, channel, NumberField.rational(reduced.graph), [_rated(reduced, channel)]
+    )
+    states: list[FormSymbol] = [("w", name) for name in rates]
+    with ctx.workprec(_BALL_BITS):
+        root, slope = acb(value), factor.derivative()
+        for _ in range(_NEWTON_STEPS):
+            root = (root - factor(root) / slope(root)).mid()
+
+        def number(coefficient: Any) -> Any:
+            return acb(fmpq(coefficient.p, coefficient.q)) if coefficient else acb(0)
+
+        a = [
+            [number(form.get(s, 0)) - root * (s == own) for s in states]
+            for own, form in zip(states, rates.values(), strict=True)
+        ]
+        b = [number(form.get(("u", channel[1], 0), 0)) for form in rates.values()]
+        c = [number(output.get(s, 0)) for s in states]
+        driven = [[*row, entry] for row, entry in zip(a, b, strict=True)]
+        size = len(states)
+        return _Deficits(*(size - _rank(rows) for rows in (a, driven, [*a, c])))
+
+
+def _rank(rows: list[list[Any]]) -> int:
+    """Return the rank of a matrix of balls, by elimination with complete pivoting of its scaled rows."""
+    sizes = [max(abs(entry).mid() for entry in row) for row in rows]
+    left = [[entry / size for entry in row] for row, size in zip(rows, sizes, strict=True) if size > 0]
+    rank = 0
+    while left and left[0]:
+        places = [(i, j) for i, row in enumerate(left) for j in range(len(row))]
+        i, j = max(places, key=lambda place: abs(left[place[0]][place[1]]).mid())
+        pivot = left.pop(i)
+        if abs(pivot[j]).mid() < 2.0**-_ZERO_BITS:
+            break
+        rank += 1
+        left = [
+            [
+                (entry - row[j] / pivot[j] * pivot[k]).mid()
+                for k, entry in enumerate(row)
+                if k != j
+            ]
+            for row in left
+        ]
+    return rank
 
 
 def conserved(reduced: ReducedGraph, channel: Channel, names: Collection[str]) -> list[str]:
@@ -132,25 +193,31 @@ class _Modular:
 
     def deficit(self, rows: list[list[Any]]) -> int:
         """Return by how much the rank of rows is less than the number of states."""
-        from flint import nmod_mat
+        from flint import fmpz_mod_ctx, fmpz_mod_mat, nmod_mat
 
-        entries = [int(entry) % self.prime for row in rows for entry in row]
-        return len(self.states) - int(nmod_mat(len(rows), len(rows[0]), entries, self.prime).rank())
+        shape, entries = (len(rows), len(rows[0])), [int(entry) % self.prime for row in rows for entry in row]
+        if self.prime.bit_length() > 64:
+            matrix = fmpz_mod_mat(*shape, entries, fmpz_mod_ctx(self.prime))
+        else:
+            matrix = nmod_mat(*shape, entries, self.prime)
+        return len(self.states) - int(matrix.rank())
 
 
 def _modular(reduced: ReducedGraph, channel: Channel, factor: Any) -> _Modular:
     """Return the state equations at a root of an irreducible polynomial, modulo a prime."""
     from flint import nmod
 
-    prime, root = _root_modulo(factor, reduced)
+    if (field := reduced.field) is not None:  # only 0 is known to be a root modulo its prime
+        prime, root, one = field.prime, 0, field.residues(1)
+    else:
+        prime, root = _root_modulo(factor, reduced)
+        one = nmod(1, prime)
 
     def value(name: str) -> Any:
         exact = reduced.graph.value(name)
-        return nmod(exact.numerator, prime) / nmod(exact.denominator, prime)
+        return one * exact.numerator / (one * exact.denominator)
 
-    _, rates, (output,) = _equations(
-        reduced, channel, NumberField(value, nmod(1, prime)), [_rated(reduced, channel)]
-    )
+    _, rates, (output,) = _equations(reduced, channel, NumberField(value, one), [_rated(reduced, channel)])
     states: list[FormSymbol] = [("w", name) for name in rates]
     a = [
         [form.get(s, 0) - root * (s == own) for s in states]

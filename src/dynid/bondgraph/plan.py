@@ -6,11 +6,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from fractions import Fraction
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, GraphUnits, Port, no_collection
-from dynid.bondgraph.program.factored import axis_point, numeric_point, prime_for, random_point
+from dynid.bondgraph.program.factored import (
+    axis_point,
+    field_point,
+    numeric_point,
+    prime_for,
+    random_point,
+)
 from dynid.bondgraph.program.program import ModularPoint, Program
 from dynid.bondgraph.reduction.junctions import JunctionStructure, ring_text
 from dynid.bondgraph.reduction.network import STORED
@@ -20,6 +26,7 @@ from dynid.defaults import LARGE_GRAPHS
 from dynid.errors import Singular
 
 if TYPE_CHECKING:
+    from dynid.arithmetic.real_field import RealField
     from dynid.bondgraph.program.factored import RationalFunction
     from dynid.bondgraph.reduction.compiled import PlanResidues
 
@@ -57,6 +64,11 @@ class ProgramPlan(ABC):
     def _prime(self) -> int:
         return prime_for(self._values.values())
 
+    @property
+    def field(self) -> RealField | None:
+        """The field of the irrational values; None where all are rational."""
+        return self.graph.field
+
     @cached_property
     def valued(self) -> list[str]:
         """The nodes that have a value."""
@@ -74,6 +86,8 @@ class ProgramPlan(ABC):
 
     def modulo(self) -> ModularPoint:
         """Return these values, and a random s, modulo a large prime."""
+        if self.field is not None:
+            return field_point(self._values, self.field)
         return numeric_point(self._values, self._prime)
 
     @cached_property
@@ -83,7 +97,7 @@ class ProgramPlan(ABC):
 
     def _plan(self, at: PlanningPoint) -> None:
         if isinstance(at, Fraction):
-            point = axis_point(self._values, at)
+            point = axis_point(self._values, at, self.field)
         else:
             point = random_point(self.valued, self._prime) if at == "random" else self.modulo()
         self.program = Program(point)
@@ -97,7 +111,7 @@ class ProgramPlan(ABC):
         """Return the plan with other values of some elements, for which it is known to hold."""
         other = copy(self)
         other.graph = self.graph.with_values(values)
-        other._values = {**self._values, **values}
+        other._values = {name: other.graph.value(name) for name in self._values}
         other._prime = prime_for(other._values.values())
         return other
 
@@ -142,24 +156,33 @@ class ProgramPlan(ABC):
 
     def rational(self, registers: Iterable[int]) -> dict[int, RationalFunction]:
         """Run the program on exact rational functions of s (factored, not yet in lowest terms)."""
-        from flint import fmpz_poly
+        from dynid.bondgraph.program.factored import (
+            PolynomialFactor,
+            RationalFunction,
+            rational_functions_over,
+        )
 
-        from dynid.bondgraph.program.factored import PolynomialFactor, RationalFunction
+        field, ratio = self.field, RationalFunction
+        if field is None:
+            from flint import fmpz_poly as polynomial
+        else:
+            from dynid.arithmetic.field_polynomials import polynomial as over_field
 
+            polynomial, ratio = partial(over_field, field), rational_functions_over(field)
         bits = {name: 1 << index for index, name in enumerate(self.storages)}
 
         @cache
         def integer(number: int) -> PolynomialFactor:  # equal numbers are one factor, and cancel
-            return PolynomialFactor(fmpz_poly([number]))
+            return PolynomialFactor(polynomial([number]))
 
         def constant(value: Fraction, storages: int = 0) -> RationalFunction:
             if not value:
-                return RationalFunction(None, 1, storages)
+                return ratio(None, 1, storages)
             given = ((value.numerator, 1), (value.denominator, -1))
-            return RationalFunction({integer(part): power for part, power in given if part != 1}, 1, storages)
+            return ratio({integer(part): power for part, power in given if part != 1}, 1, storages)
 
         values = {name: constant(self.graph.value(name), bits.get(name, 0)) for name in self.valued}
-        s = RationalFunction.of(fmpz_poly([0, 1]), fmpz_poly([1]))
+        s = ratio.of(polynomial([0, 1]), polynomial([1]))
         return self.run(registers, values, s, constant(Fraction(1)))
 
 
@@ -226,6 +249,8 @@ class ReducedGraph(ProgramPlan):
     def _plan_by_library(self, at: PlanningPoint) -> bool:
         """Plan by the library; False where the graph is small, or it refuses."""
         if not self._by_library or len(self.graph.bonds) < LARGE_GRAPHS.value or isinstance(at, Fraction):
+            return False
+        if self.field is not None and at == "values":  # its prime is longer than a word
             return False
         from dynid.native import compiled
 

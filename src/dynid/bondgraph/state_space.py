@@ -74,7 +74,7 @@ def rational_matrices(
     without_input_rates(rates, outputs)
 
     def filled(forms: Collection[LinearForm], symbols: Sequence[FormSymbol]) -> Any:
-        entries = [form.get(symbol, fmpq(0)) for form in forms for symbol in symbols]
+        entries = [_rational(form.get(symbol, 0)) for form in forms for symbol in symbols]
         return fmpq_mat(len(forms), len(symbols), entries)
 
     return RationalMatrices(*_matrices(rates, outputs, inputs, filled))
@@ -200,7 +200,9 @@ def zero_parts(reduced: ReducedGraph, port: Port, source: str) -> tuple[ZeroPart
     Singular
         Where the input does not reach the output.
     """
-    from flint import fmpq, fmpq_mat
+    from flint import fmpq_mat
+
+    from dynid.arithmetic.field_polynomials import FieldPolynomial
 
     system, equations = constrained(reduced, port, source, NumberField.rational(reduced.graph))
     with _unreached(port, source):
@@ -211,11 +213,20 @@ def zero_parts(reduced: ReducedGraph, port: Port, source: str) -> tuple[ZeroPart
             continue
         polynomial = None
         if len(rates) <= _MOST_STATES:  # det(s - A), times a positive integer
-            rows = [[form.get(("w", name), fmpq(0)) for name in rates] for form in rates.values()]
-            polynomial = fmpq_mat(rows).charpoly().numer()
+            rows = [[_rational(form.get(("w", name), 0)) for name in rates] for form in rates.values()]
+            polynomial = fmpq_mat(rows).charpoly()
+            field = reduced.graph.field
+            polynomial = polynomial.numer() if field is None else FieldPolynomial(field, polynomial).numer()
         carriers = tuple(system.carriers(block.rows, block.unknowns))
         parts.append(ZeroPart(carriers, tuple(system.name(name) for name in rates), polynomial))
     return tuple(parts)
+
+
+def _rational(number: Any) -> Any:
+    """Return a coefficient as a rational number (flint `fmpq`), one of a field as it is coded."""
+    from flint import fmpq
+
+    return fmpq(number.p, number.q) if number else fmpq(0)
 
 
 @contextmanager

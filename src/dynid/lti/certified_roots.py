@@ -67,7 +67,8 @@ def certified_roots(polynomial: Any, starts: Sequence[complex] | None = None) ->
     Parameters
     ----------
     polynomial
-        The polynomial.
+        The polynomial; one over a field of irrational numbers (`FieldPolynomial`) is rounded to 320 bits, its
+        multiplicities and its roots on the imaginary axis kept.
     starts
         Approximate roots, such as the eigenvalues of state equations; they save time, and do not change the
         result.
@@ -79,6 +80,10 @@ def certified_roots(polynomial: Any, starts: Sequence[complex] | None = None) ->
     ValueError
         For the zero polynomial, of which every number is a root.
     """
+    from flint import fmpz_poly
+
+    if not isinstance(polynomial, fmpz_poly):
+        polynomial = polynomial.numer()
     if polynomial == 0:
         raise ValueError("every number is a root of the zero polynomial")
     if _gcd(polynomial, polynomial.derivative()).degree() == 0:

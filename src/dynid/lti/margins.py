@@ -182,6 +182,9 @@ def _limit(top: Any, bottom: Any) -> Fraction:
     """Return a rational function at infinity; 0 where it is not finite."""
     if top.degree() != bottom.degree():
         return Fraction(0)
+    from dynid.arithmetic.field_polynomials import integers
+
+    top, bottom = integers(top, bottom)
     return Fraction(int(top.leading_coefficient()), int(bottom.leading_coefficient()))
 
 
@@ -189,8 +192,11 @@ def _ratio(top: Any, bottom: Any, omega: float) -> complex:
     """Return a rational function at s = jω."""
     from flint import acb, acb_poly, ctx
 
+    from dynid.arithmetic.field_polynomials import integers
+
     with ctx.workprec(_PRECISION):
         s = acb(0, omega)
+        top, bottom = integers(top, bottom)
         value = acb_poly(top)(s) / acb_poly(bottom)(s)
         return complex(float(value.real.mid()), float(value.imag.mid()))
 
@@ -204,13 +210,13 @@ def _without(polynomial: Any, other: Any) -> Any:
 
 def _on_axis(polynomial: Any) -> tuple[Any, Any]:
     """Return real and imaginary part on s = jω, as polynomials in ω."""
-    from flint import fmpz_poly
+    from dynid.arithmetic.field_polynomials import like
 
-    coefficients = [int(c) for c in polynomial.coeffs()]
+    coefficients = polynomial.coeffs()
     signs = (1, 1, -1, -1)
     real = [c * signs[k % 4] if k % 2 == 0 else 0 for k, c in enumerate(coefficients)]
     imaginary = [c * signs[k % 4] if k % 2 else 0 for k, c in enumerate(coefficients)]
-    return fmpz_poly(real), fmpz_poly(imaginary)
+    return like(polynomial, real), like(polynomial, imaginary)
 
 
 def _squared(parts: tuple[Any, Any]) -> Any:

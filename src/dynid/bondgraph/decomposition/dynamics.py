@@ -121,14 +121,17 @@ class PrototypeDynamics:
         """
         from flint import ctx
 
+        from dynid.arithmetic.field_polynomials import integers
+
         # powers that A and B take for a unit of the common variable, times their denominators
         a, given = self.systems
         turned = not self.prototype.fixed and not given.vanishes  # back from Y_B to Z_B, or from Z_B to Y_B
         b = TransferFunction(given.denominator, given.numerator) if turned else given
-        from_a, from_b = a.numerator * b.denominator, b.numerator * a.denominator
+        from_a, from_b = integers(a.numerator * b.denominator, b.numerator * a.denominator)
         simple = self.natural // self.natural.gcd(self.natural.derivative())
         hidden = _without(simple, self.shown)
         seen = simple // hidden
+        simple, hidden, seen = (integers(each)[0] for each in (simple, hidden, seen))
         powers = []
         with ctx.workprec(_DIGITS + 16 * int(self.natural.degree())):
             for mode in modes:
@@ -184,7 +187,7 @@ def prototype_dynamics(planned: ProgramPlan, prototype: Prototype) -> PrototypeD
     assert prototype.released is not None
     registers, characteristic = [register for _, register in prototype.systems], prototype.released()
     ratios = planned.rational([*registers, characteristic])
-    a, b = (TransferFunction.of(ratios[register]) for register in registers)
+    a, b = (TransferFunction.over_field(ratios[register]) for register in registers)
     natural = ratios[characteristic].lowest_terms()[0]
     both, crossed = a.numerator * b.numerator, a.denominator * b.denominator
     driving: TransferFunction | None

@@ -14,14 +14,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from functools import cache, reduce
+from functools import cache, lru_cache, reduce
 from itertools import count
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid.bondgraph.program.program import ModularPoint
+
+if TYPE_CHECKING:
+    from dynid.arithmetic.real_field import RealField
 
 # --- points ---------------------------------------------------------------------------------------
 
@@ -69,10 +72,28 @@ def numeric_point(values: Mapping[str, Fraction], prime: int) -> ModularPoint:
     return ModularPoint(prime, images, laplace)
 
 
-def axis_point(values: Mapping[str, Fraction], omega: Fraction) -> ModularPoint:
+def field_point(values: Mapping[str, Fraction], field: RealField, omega: Fraction | None = None) -> ModularPoint:
+    """Return the point at values of a field, modulo its prime, and at a fixed random s or at j omega."""
+    from flint import fq_default_ctx
+
+    if omega is None:
+        one, laplace = field.residues(1), field.residues(random.Random(0xD1F1D).randrange(1, field.prime))
+    else:  # -1 has no root modulo the prime, but in the field of its square
+        squared = fq_default_ctx(field.prime, 2)
+        one = squared(1)
+        laplace = (-one).sqrt() * field.residue(omega)
+    images = {name: one * field.residue(value) for name, value in values.items()}
+    return ModularPoint(field.prime, images, laplace, one=one)
+
+
+def axis_point(
+    values: Mapping[str, Fraction], omega: Fraction, field: RealField | None = None
+) -> ModularPoint:
     """Return the point at these values and s = j omega, modulo a prime that has a square root of -1."""
     from flint import nmod
 
+    if field is not None:
+        return field_point(values, field, omega)
     prime = next(prime for prime in primes_for([*values.values(), omega]) if prime % 4 == 1)
     roots = (pow(base, (prime - 1) // 4, prime) for base in count(2))
     j = next(root for root in roots if root * root % prime == prime - 1)
@@ -327,7 +348,27 @@ class RationalFunction(FactoredQuotient):
         return fmpz_poly()
 
 
-# --- modulo a prime -------------------------------------------------------------------------------
+# --- over a field, and modulo a prime --------------------------------------------------------------
+
+
+@lru_cache(maxsize=8)
+def rational_functions_over(field: RealField) -> type[RationalFunction]:
+    """Return the type of rational functions of s over the field of irrational numbers."""
+    from dynid.arithmetic.field_polynomials import polynomial as over_field
+
+    class RatioOverField(RationalFunction):
+        """A rational function of s over the field."""
+
+        __slots__ = ()
+
+        def _zero(self) -> Any:
+            return over_field(field, [])
+
+        def lowest_terms(self) -> tuple[Any, Any]:
+            numerator, denominator = super().lowest_terms()
+            return numerator.shortened(), denominator.shortened()
+
+    return RatioOverField
 
 
 @cache

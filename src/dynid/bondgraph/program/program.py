@@ -60,19 +60,21 @@ _COMPARED = 20_000
 class ModularPoint:
     """A point modulo a prime: residues (flint `nmod`, whose inverses are cheap) of the parameters and s.
 
-    `general`: it is random, and what holds there holds for all values.
+    `general`: it is random, and what holds there holds for all values. `one`: the number 1 of its residues,
+    where they are not `nmod`.
     """
 
     prime: int
     values: Mapping[str, Any]
     laplace: Any
     general: bool = False
+    one: Any = None
 
     def residue(self, value: int) -> Any:
         """Return an integer modulo the prime."""
         from flint import nmod
 
-        return nmod(value, self.prime)
+        return nmod(value, self.prime) if self.one is None else self.one * value
 
 
 class Program:

@@ -215,7 +215,9 @@ def undetermined(
     names = [name for name in every if structure.junctions[name].fixing is None]
     if not names:
         return [], None
-    for prime in islice(primes_for(node.value for node in structure.graph.nodes.values() if node.value), 2):
+    field = structure.graph.field
+    values = (node.value for node in structure.graph.nodes.values() if node.value)
+    for prime in islice(primes_for(values), 2) if field is None else (field.prime,):
         form = ModularNodalForm(structure, prime, names)
         elimination = _SparseElimination(form.rows, prime)
         if not elimination.free:

@@ -240,6 +240,9 @@ def note_measuring_integrals(result: Result, reduced: ReducedGraph, analysis: An
 
 def roots_of(polynomial: Any) -> tuple[CertifiedRoot, ...]:
     """Return certified roots, cached: at a port those of one polynomial are requested repeatedly."""
+    from flint import fmpz_poly
+
+    polynomial = polynomial if isinstance(polynomial, fmpz_poly) else polynomial.numer()
     return _roots(tuple(int(c) for c in (polynomial // polynomial.content()).coeffs()))
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dynid.bondgraph.control import PADE_ORDER, close_loops
 from dynid.bondgraph.exact_engine import TransferFunction
-from dynid.bondgraph.feedback import CutLoops, rational
+from dynid.bondgraph.feedback import CutLoops, rational, rounded
 from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.request import Analysis
 from dynid.lti.certified_roots import certified_roots, repeated
@@ -51,6 +51,7 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
     names = [f"{loop.measured} -> {loop.source}" for loop in cut.loops]
     functions = [cut.loop(place) for place in range(len(names))]
     found = [_with_hidden(_margins(*each), cut.hidden()) for each in functions]
+    functions = [(above, below) for above, below in map(rounded, functions)]
     result.add_axis(f"{MARGINS}/loop", names)
     for name in (field.name for field in fields(Margins)):
         unit = _UNITS.get(name, "rad/s" if name.endswith(("crossover", "_at")) else "")
@@ -63,7 +64,7 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
         ("crossing_gain_above", [one.gain for one in found]),
     ):
         result.add(f"{MARGINS}/{name}", np.array(values), ("loop",))
-    closed = cut.closed()
+    (closed,) = rounded([cut.closed()])
     if not closed.is_rational:
         _add_roots(result, closed)
         result.annotate(MARGINS, approximants_agree=cut.approximants_agree())
@@ -77,7 +78,7 @@ def _margins(above: QuasiPolynomial, below: QuasiPolynomial) -> Margins:
     if above.is_rational and below.is_rational:
         (bottom,) = below.terms.values()
         return margins(above.terms.get(Fraction(0), 0 * bottom), bottom)
-    return delay_margins(above, below)
+    return delay_margins(*rounded([above, below]))
 
 
 def _with_hidden(found: Margins, hidden: Any) -> Margins:

@@ -11,7 +11,7 @@ import numpy as np
 
 from dynid.bondgraph.decomposition.dynamics import prototype_dynamics
 from dynid.bondgraph.decomposition.equivalents import Decomposition, OnePortEquivalent
-from dynid.bondgraph.exact_engine import TransferFunction
+from dynid.bondgraph.exact_engine import TransferFunction, as_fraction
 from dynid.bondgraph.formulas.printers import LATEX, TEXT
 from dynid.bondgraph.formulas.transfer import readable_registers
 from dynid.bondgraph.graph import unit_quotient
@@ -61,7 +61,7 @@ def add_port(result: Result, parts: Decomposition, initial: Mapping[str, float |
                 wanted |= {f"{group}/{source}/{name}": drive for name, drive in given.items()}
     ratios, texts = parts.rational(wanted.values()), readable_registers(parts, wanted.values())
     for path, register in wanted.items():
-        ratio, stored = TransferFunction.of(ratios[register]), path.partition(f"/{STORED}")[2]
+        ratio, stored = TransferFunction.over_field(ratios[register]), path.partition(f"/{STORED}")[2]
         if stored:  # what the energy given at t = 0 makes of it
             ratio = ratio.times(Fraction(initial[stored]))
         add_ratio(result, path, ratio, None if stored else texts.get(register))
@@ -250,11 +250,11 @@ def _line(parts: Decomposition, side: OnePortEquivalent, name: str, outward: int
     assert immittance is not None
     registers = [immittance, given.get(name, parts.program.zero)]
     ratios = parts.rational(registers)
-    own, drive = (TransferFunction.of(ratios[register]) for register in registers)
+    own, drive = (TransferFunction.over_field(ratios[register]) for register in registers)
     common = own.denominator * drive.denominator // own.denominator.gcd(drive.denominator)
     multiples = own.numerator * (common // own.denominator), drive.numerator * (common // drive.denominator)
     # at s = 0, without a common power of s
-    rows = [[int(c) for c in polynomial.coeffs()] for polynomial in (common, *multiples)]
+    rows = [[as_fraction(c) for c in polynomial.coeffs()] for polynomial in (common, *multiples)]
     lowest = min(next(k for k, c in enumerate(row) if c) for row in rows if row)
     one, part, right = (Fraction(row[lowest] if lowest < len(row) else 0) for row in rows)
     if one == part == 0:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dynid.bondgraph.decomposition.dynamics import PrototypeDynamics, prototype_dynamics
-from dynid.bondgraph.exact_engine import TransferFunction
+from dynid.bondgraph.exact_engine import TransferFunction, as_fraction
 from dynid.bondgraph.formulas.expressions import length, print_register, print_sum
 from dynid.bondgraph.formulas.printers import ATOM, LATEX, PRODUCT, SUM, TEXT, FormulaPrinter, Printed
 from dynid.bondgraph.plan import ProgramPlan, ReducedGraph
@@ -17,6 +17,9 @@ from dynid.bondgraph.reduction.reducer import Reduction
 from dynid.bondgraph.request import Engine, modelled_storages
 from dynid.bondgraph.results.channels import add_roots, roots_of
 from dynid.result import Result
+
+#: Bits of the denominator of a coefficient that is written as a fraction.
+_PRINTED = 64
 
 # --- steps and prototypes -------------------------------------------------------------------------
 
@@ -184,10 +187,16 @@ def polynomial_text(polynomial: Any) -> str:
         if coefficient == 0:
             continue
         variable = {0: "", 1: "s"}.get(power, f"s**{power}")
-        size = "" if abs(coefficient) == 1 and variable else str(abs(coefficient))
+        size = "" if abs(coefficient) == 1 and variable else _coefficient_text(abs(coefficient))
         sign = (" - " if coefficient < 0 else " + ") if text else "-" * (coefficient < 0)
         text += f"{sign}{'*'.join(part for part in (size, variable) if part)}"
     return text or "0"
+
+
+def _coefficient_text(coefficient: Any) -> str:
+    """Write a positive integer, or a number of a field, whose decimals are those of a double."""
+    exact = as_fraction(coefficient)
+    return str(exact) if exact.denominator.bit_length() < _PRINTED else repr(float(exact))
 
 
 def _add_condition(result: Result, group: str, prefix: str, polynomial: Any) -> None:

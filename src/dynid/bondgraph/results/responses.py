@@ -248,19 +248,22 @@ def zero_input_outputs(
     """
     from flint import fmpq, fmpq_poly
 
+    lifted = fmpq_poly if reduced.field is None else lambda polynomial: polynomial
     stored, natural = reduced.stored(initial), characteristic_polynomials(reduced)
     ratios = reduced.rational(stored.values())
     outputs = {}
     for port in reduced.outputs:
-        answers = {name: TransferFunction.of(ratios[stored[port, name]]) for name in initial}
-        below = fmpq_poly(natural[port])
-        remainders = [below % fmpq_poly(answer.denominator) for answer in answers.values()]
+        answers = {name: TransferFunction.over_field(ratios[stored[port, name]]) for name in initial}
+        below = lifted(natural[port])
+        remainders = [below % lifted(answer.denominator) for answer in answers.values()]
         if any(remainder.degree() >= 0 for remainder in remainders):
-            below *= fmpq_poly([0, 1])  # an answer integrates it
-        above = fmpq_poly(0)
+            below = below * fmpq_poly([0, 1])  # an answer integrates it
+        above = 0 * below
         for name, answer in answers.items():
             value = Fraction(initial[name])
-            share = fmpq_poly(answer.numerator) * (below // fmpq_poly(answer.denominator))
+            share = lifted(answer.numerator) * (below // lifted(answer.denominator))
             above += fmpq(value.numerator, value.denominator) * share
-        outputs[port] = TransferFunction(above.numer(), below.numer() * above.denom())
+        if reduced.field is None:
+            above, below = above.numer(), below.numer() * above.denom()
+        outputs[port] = TransferFunction(above, below)
     return outputs

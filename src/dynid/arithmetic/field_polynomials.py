@@ -1,0 +1,388 @@
+"""Numbers and polynomials over the field of a scene's irrational numbers, with the interface of flint's.
+
+Coefficients are coded numbers (`real_field`): rational arithmetic on them is exact up to their coding, and what
+is zero modulo the field's prime is zero. A greatest common divisor has the degree that it has modulo the
+prime. For what is done by rational polynomials alone (isolating roots, verdicts), `rounded` gives one of the
+same structure: its multiplicities, its roots at 0 and on the imaginary axis, and its zero coefficients.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from fractions import Fraction
+from typing import Any, Self
+
+from flint import fmpq, fmpq_poly, fmpz_poly
+
+from dynid.arithmetic.real_field import CODED_BITS, ROUNDED_BITS, RealField
+from dynid.errors import NumericalError
+
+#: Length of coefficients, in bits, beyond which they are coded anew.
+_LONG = 16 * CODED_BITS
+
+
+class FieldNumber:
+    """A number of the field.
+
+    Parameters
+    ----------
+    field
+        The field.
+    value
+        The coded number (flint `fmpq`).
+    """
+
+    __slots__ = ("field", "value")
+
+    def __init__(self, field: RealField, value: Any) -> None:
+        self.field = field
+        self.value = value if value.p % field.prime else fmpq(0)
+
+    def _made(self, value: Any) -> Self:
+        if value.p.bit_length() > _LONG and value.p % self.field.prime:
+            value = _coded_anew(self.field, value)
+        return type(self)(self.field, value)
+
+    def _value(self, other: Any) -> Any:
+        return other.value if isinstance(other, FieldNumber) else other
+
+    def __bool__(self) -> bool:
+        return self.value != 0
+
+    def __add__(self, other: Any) -> Self:
+        return self._made(self.value + self._value(other))
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Self:
+        return self._made(self.value - self._value(other))
+
+    def __rsub__(self, other: Any) -> Self:
+        return self._made(self._value(other) - self.value)
+
+    def __mul__(self, other: Any) -> Self:
+        return self._made(self.value * self._value(other))
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Any) -> Self:
+        return self._made(self.value / self._value(other))
+
+    def __rtruediv__(self, other: Any) -> Self:
+        return self._made(self._value(other) / self.value)
+
+    def __neg__(self) -> Self:
+        return type(self)(self.field, -self.value)
+
+    @property
+    def p(self) -> Any:
+        """The numerator."""
+        return self.value.p
+
+    @property
+    def q(self) -> Any:
+        """The denominator."""
+        return self.value.q
+
+
+def _fraction(value: Any) -> Fraction:
+    return Fraction(int(value.p), int(value.q))
+
+
+def _fmpq(value: Fraction) -> Any:
+    return fmpq(value.numerator, value.denominator)
+
+
+def _residue(field: RealField, value: Any) -> int:
+    return int(value.p % field.prime) * pow(int(value.q), -1, field.prime) % field.prime
+
+
+def _coded_anew(field: RealField, value: Any) -> Any:
+    """Return a coded number with short numerator and denominator: a fraction that it equals, else one near."""
+    image = _residue(field, value)
+    exact = field.rational(image, _interval(value))
+    return _fmpq(field.near(_fraction(value), image, field.bits) if exact is None else exact)
+
+
+def _interval(value: Any) -> Any:
+    """Return a number with the uncertainty that its coding may have grown to (flint `arb`)."""
+    from flint import arb, ctx
+
+    with ctx.workprec(ROUNDED_BITS):
+        return arb(value) * arb(1, 2.0**-200)
+
+
+def settled(field: RealField, value: Any) -> Any:
+    """Return the number that a coded one is rounded to in the end: equal numbers to equal ones."""
+    if value.p % field.prime == 0:
+        return fmpq(0)
+    exact = field.rational(_residue(field, value), _interval(value))
+    if exact is not None:
+        return _fmpq(exact)
+    shift = ROUNDED_BITS - value.p.bit_length() + value.q.bit_length()
+    scale = fmpq(2) ** shift
+    target = value * scale
+    return fmpq(int((2 * target.p + target.q) // (2 * target.q))) / scale
+
+
+class FieldPolynomial:
+    """A polynomial over the field.
+
+    Parameters
+    ----------
+    field
+        The field.
+    value
+        Its coded coefficients (flint `fmpq_poly` or `fmpz_poly`).
+    """
+
+    __slots__ = ("field", "value")
+
+    def __init__(self, field: RealField, value: Any) -> None:
+        value = fmpq_poly(value)
+        numerator = value.numer()
+        coefficients = numerator.coeffs()
+        if any(c and c % field.prime == 0 for c in coefficients):
+            below = value.denom()
+            value = fmpq_poly([c if c % field.prime else 0 for c in coefficients]) / below
+        self.field, self.value = field, value
+
+    def _made(self, value: Any) -> Self:
+        made = type(self)(self.field, value)
+        return made.shortened() if made.value.numer().height_bits() > _LONG else made
+
+    def _value(self, other: Any) -> Any:
+        return other.value if isinstance(other, FieldPolynomial) else fmpq_poly(other) if isinstance(
+            other, fmpz_poly
+        ) else other
+
+    @property
+    def image(self) -> Any:
+        """The polynomial modulo the prime."""
+        prime = self.field.prime
+        numerator, below = self.value.numer(), pow(int(self.value.denom()), -1, prime)
+        return self.field.polynomials([int(c % prime) * below % prime for c in numerator.coeffs()])
+
+    def shortened(self) -> Self:
+        """Return the same polynomial with coefficients of usual length."""
+        short = fmpq_poly([_coded_anew(self.field, c) if c else c for c in self.value.coeffs()])
+        return type(self)(self.field, short)
+
+    def over(self, number: Any) -> Self:
+        """Return the polynomial over a number of the field (flint `fmpq`)."""
+        return self._made(self.value / number).shortened()
+
+    def monic(self) -> Self:
+        """Return the polynomial over its leading coefficient."""
+        return self.over(self.leading_coefficient())
+
+    # --- as flint's ----------------------------------------------------------------------------
+
+    def coeffs(self) -> list[Any]:
+        """Return the coefficients, ascending."""
+        return list(self.value.coeffs())
+
+    def degree(self) -> int:
+        """Return the degree."""
+        return int(self.value.degree())
+
+    def length(self) -> int:
+        """Return the number of coefficients."""
+        return int(self.value.length())
+
+    def __len__(self) -> int:
+        return self.length()
+
+    def leading_coefficient(self) -> Any:
+        """Return the leading coefficient."""
+        return self.value.leading_coefficient()
+
+    def derivative(self) -> Self:
+        """Return the derivative."""
+        return self._made(self.value.derivative())
+
+    def content(self) -> int:
+        """Return 1: the content of a polynomial over a field."""
+        return 1
+
+    def __getitem__(self, power: int) -> Any:
+        return self.value[power]
+
+    def __bool__(self) -> bool:
+        return bool(self.value != 0)
+
+    def __eq__(self, other: object) -> bool:
+        return (self - other).value == 0
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __add__(self, other: Any) -> Self:
+        return self._made(self.value + self._value(other))
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Any) -> Self:
+        return self._made(self.value - self._value(other))
+
+    def __rsub__(self, other: Any) -> Self:
+        return self._made(self._value(other) - self.value)
+
+    def __mul__(self, other: Any) -> Self:
+        return self._made(self.value * self._value(other))
+
+    __rmul__ = __mul__
+
+    def __pow__(self, exponent: int) -> Self:
+        return self._made(self.value**exponent)
+
+    def __neg__(self) -> Self:
+        return self._made(-self.value)
+
+    def __floordiv__(self, other: Any) -> Self:
+        return divided(self, self._made(self._value(other)))[0]
+
+    def __mod__(self, other: Any) -> Self:
+        return divided(self, self._made(self._value(other)))[1]
+
+    def gcd(self, other: Any) -> Self:
+        """Return the monic greatest common divisor.
+
+        Raises
+        ------
+        NumericalError
+            Where coded numbers lose their accuracy on the way.
+        """
+        a, b = self, self._made(self._value(other))
+        if not a or not b:
+            return (a or b).monic() if a or b else a
+        degree = a.image.gcd(b.image).degree()
+        if degree == 0:
+            return self._made(fmpq_poly([1]))
+        if a.degree() < b.degree():
+            a, b = b, a
+        while b:
+            a, b = b.monic(), a % b.monic()
+        a = a.monic()
+        if a.degree() != degree:
+            raise _inaccurate()
+        return a
+
+    def factor_squarefree(self) -> tuple[Any, list[tuple[Self, int]]]:
+        """Return the leading coefficient and the monic square-free factors with their multiplicities (Yun)."""
+        factors: list[tuple[Self, int]] = []
+        common = self.gcd(self.derivative())
+        rest, slope = self // common, self.derivative() // common
+        power = 0
+        while rest.degree() > 0:
+            power += 1
+            slope = slope - rest.derivative()
+            factor = rest.gcd(slope)
+            if factor.degree() > 0:
+                factors.append((factor.monic(), power))
+            rest, slope = rest // factor, slope // factor
+        return self.leading_coefficient(), factors
+
+    # --- structure -----------------------------------------------------------------------------
+
+    def settled_ratio(self, other: Self) -> Any:
+        """Return the quotient of two leading coefficients, rounded (flint `fmpq`)."""
+        if not self:
+            return fmpq(0)
+        return settled(self.field, self.leading_coefficient() / other.leading_coefficient())
+
+    def rounded(self) -> Any:
+        """Return a monic rational polynomial (flint `fmpq_poly`) of the same structure, close to this monic."""
+        result = fmpq_poly([1])
+        if not self:
+            return fmpq_poly([])
+        for factor, power in self.factor_squarefree()[1]:
+            for part in _parts(factor):
+                monic = part.monic()
+                result *= fmpq_poly([settled(self.field, c) for c in monic.coeffs()]) ** power
+        return result
+
+    def factors(self) -> list[tuple[Any, int]]:
+        """Return rational polynomials with the roots of the square-free factors, and their multiplicities."""
+        return [
+            (fmpq_poly([settled(self.field, c) for c in part.monic().coeffs()]).numer(), power)
+            for factor, power in self.factor_squarefree()[1]
+            for part in _parts(factor)
+        ]
+
+    def complex_roots(self) -> list[tuple[Any, int]]:
+        """Return enclosures of the roots with their multiplicities, as flint's polynomials do."""
+        return list(self.numer().complex_roots())
+
+    def numer(self) -> Any:
+        """Return an integer polynomial (flint `fmpz_poly`) of the same structure, close to a multiple."""
+        return self.rounded().numer()
+
+
+def _parts(factor: FieldPolynomial) -> Iterable[FieldPolynomial]:
+    """Yield a square-free polynomial in parts: s, its pairs of roots s and -s, and the rest."""
+    field = factor.field
+    if factor[0] == 0:
+        yield FieldPolynomial(field, fmpq_poly([0, 1]))
+        factor = FieldPolynomial(field, fmpq_poly(factor.coeffs()[1:]))
+    coefficients = factor.coeffs()
+    even, odd = (FieldPolynomial(field, fmpq_poly(coefficients[k::2])) for k in (0, 1))
+    shared = even.gcd(odd)
+    if shared.degree() > 0:
+        pairs = FieldPolynomial(field, fmpq_poly([c for w in shared.coeffs() for c in (w, 0)]))
+        yield pairs
+        factor = factor // pairs
+    if factor.degree() > 0:
+        yield factor
+
+
+def divided(above: FieldPolynomial, below: FieldPolynomial) -> tuple[Any, Any]:
+    """Return quotient and remainder."""
+    if above.degree() < below.degree():
+        return FieldPolynomial(above.field, fmpq_poly([])), above
+    quotient, remainder = divmod(above.value, below.value)
+    return (
+        FieldPolynomial(above.field, quotient).shortened(),
+        FieldPolynomial(above.field, remainder).shortened(),
+    )
+
+
+def _inaccurate() -> NumericalError:
+    return NumericalError(
+        f"common factors of polynomials with irrational coefficients need more than {CODED_BITS:,} bits",
+        remedy="Write values as decimals, or give the graph fewer storage elements.",
+    )
+
+
+def polynomial(field: RealField | None, coefficients: Iterable[Any]) -> Any:
+    """Return a polynomial over the integers, or over a field."""
+    return fmpz_poly(list(coefficients)) if field is None else FieldPolynomial(field, fmpq_poly(list(coefficients)))
+
+
+def like(polynomial: Any, coefficients: Sequence[Any]) -> Any:
+    """Return a polynomial of the kind of another one."""
+    if isinstance(polynomial, FieldPolynomial):
+        return FieldPolynomial(polynomial.field, fmpq_poly(coefficients))
+    return type(polynomial)(coefficients)
+
+
+def integers(*polynomials: Any, rounded: bool = False) -> list[Any]:
+    """Return polynomials as integer polynomials (flint `fmpz_poly`), all times the same number.
+
+    Parameters
+    ----------
+    polynomials
+        Over the integers, which stay, or over a field.
+    rounded
+        Whether coefficients are rounded in the end (`settled`), not as they are coded.
+    """
+    if not any(isinstance(each, FieldPolynomial) for each in polynomials):
+        return list(polynomials)
+    values = []
+    for each in polynomials:
+        value = each.value if isinstance(each, FieldPolynomial) else fmpq_poly(each)
+        if rounded and isinstance(each, FieldPolynomial):
+            value = fmpq_poly([settled(each.field, c) for c in value.coeffs()])
+        values.append(value)
+    common = math.lcm(*(int(value.denom()) for value in values))
+    return [(value * common).numer() for value in values]
