@@ -71,7 +71,7 @@ LIBRARIES = {
     "pydantic": {"scene"},
     "pydantic_core": {"scene"},
     "sympy": {"bondgraph", "bench"},  # formulas
-    "flint": {"lti", "bondgraph", "bench"},  # exact numbers
+    "flint": {"arithmetic", "lti", "bondgraph", "bench"},  # exact numbers
     "filelock": {"study"},  # one writer of a file
     "control": {"result", "bench"},  # state equations for users; a peer
     "xarray": {"result"},

@@ -18,8 +18,7 @@ from fractions import Fraction
 from functools import cached_property, lru_cache
 from typing import Any, TypeVar
 
-from dynid.arithmetic.irrational import pi
-from dynid.arithmetic.numbers import Number, OutOfRangeError, apply, as_number, to_fraction
+from dynid.arithmetic.numbers import Number, OutOfRangeError, apply, as_number, pi, to_fraction
 from dynid.errors import UsageError
 from dynid.suggestions import did_you_mean, without_decimal_comma
 

@@ -1,7 +1,7 @@
 """Numbers and polynomials over the field of a scene's irrational numbers, with the interface of flint's.
 
-Coefficients are coded numbers (`real_field`): rational arithmetic on them is exact up to their coding, and what
-is zero modulo the field's prime is zero. A greatest common divisor has the degree that it has modulo the
+Coefficients are coded numbers (`real_field`): rational arithmetic on them is exact up to their coding, and
+what is zero modulo the field's prime is zero. A greatest common divisor has the degree that it has modulo the
 prime. For what is done by rational polynomials alone (isolating roots, verdicts), `rounded` gives one of the
 same structure: its multiplicities, its roots at 0 and on the imaginary axis, and its zero coefficients.
 """
@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 from flint import fmpq, fmpq_poly, fmpz_poly
 
@@ -99,7 +99,7 @@ def _residue(field: RealField, value: Any) -> int:
 
 
 def _coded_anew(field: RealField, value: Any) -> Any:
-    """Return a coded number with short numerator and denominator: a fraction that it equals, else one near."""
+    """Return a coded number with short parts: the fraction that it equals, else one near it."""
     image = _residue(field, value)
     exact = field.rational(image, _interval(value))
     return _fmpq(field.near(_fraction(value), image, field.bits) if exact is None else exact)
@@ -124,6 +124,9 @@ def settled(field: RealField, value: Any) -> Any:
     scale = fmpq(2) ** shift
     target = value * scale
     return fmpq(int((2 * target.p + target.q) // (2 * target.q))) / scale
+
+
+P = TypeVar("P", bound="FieldPolynomial")
 
 
 class FieldPolynomial:
@@ -153,9 +156,13 @@ class FieldPolynomial:
         return made.shortened() if made.value.numer().height_bits() > _LONG else made
 
     def _value(self, other: Any) -> Any:
-        return other.value if isinstance(other, FieldPolynomial) else fmpq_poly(other) if isinstance(
-            other, fmpz_poly
-        ) else other
+        return (
+            other.value
+            if isinstance(other, FieldPolynomial)
+            else fmpq_poly(other)
+            if isinstance(other, fmpz_poly)
+            else other
+        )
 
     @property
     def image(self) -> Any:
@@ -213,7 +220,7 @@ class FieldPolynomial:
         return bool(self.value != 0)
 
     def __eq__(self, other: object) -> bool:
-        return (self - other).value == 0
+        return bool((self - other).value == 0)
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -240,10 +247,10 @@ class FieldPolynomial:
         return self._made(-self.value)
 
     def __floordiv__(self, other: Any) -> Self:
-        return divided(self, self._made(self._value(other)))[0]
+        return _divided(self, self._made(self._value(other)))[0]
 
     def __mod__(self, other: Any) -> Self:
-        return divided(self, self._made(self._value(other)))[1]
+        return _divided(self, self._made(self._value(other)))[1]
 
     def gcd(self, other: Any) -> Self:
         """Return the monic greatest common divisor.
@@ -269,7 +276,7 @@ class FieldPolynomial:
         return a
 
     def factor_squarefree(self) -> tuple[Any, list[tuple[Self, int]]]:
-        """Return the leading coefficient and the monic square-free factors with their multiplicities (Yun)."""
+        """Return the leading coefficient, and the monic square-free factors with their powers (Yun)."""
         factors: list[tuple[Self, int]] = []
         common = self.gcd(self.derivative())
         rest, slope = self // common, self.derivative() // common
@@ -292,7 +299,7 @@ class FieldPolynomial:
         return settled(self.field, self.leading_coefficient() / other.leading_coefficient())
 
     def rounded(self) -> Any:
-        """Return a monic rational polynomial (flint `fmpq_poly`) of the same structure, close to this monic."""
+        """Return a monic rational polynomial (flint `fmpq_poly`) of the same structure, close to it."""
         result = fmpq_poly([1])
         if not self:
             return fmpq_poly([])
@@ -336,15 +343,13 @@ def _parts(factor: FieldPolynomial) -> Iterable[FieldPolynomial]:
         yield factor
 
 
-def divided(above: FieldPolynomial, below: FieldPolynomial) -> tuple[Any, Any]:
+def _divided(above: P, below: P) -> tuple[P, P]:
     """Return quotient and remainder."""
+    kind = type(above)
     if above.degree() < below.degree():
-        return FieldPolynomial(above.field, fmpq_poly([])), above
+        return kind(above.field, fmpq_poly([])), above
     quotient, remainder = divmod(above.value, below.value)
-    return (
-        FieldPolynomial(above.field, quotient).shortened(),
-        FieldPolynomial(above.field, remainder).shortened(),
-    )
+    return kind(above.field, quotient).shortened(), kind(above.field, remainder).shortened()
 
 
 def _inaccurate() -> NumericalError:
@@ -356,7 +361,11 @@ def _inaccurate() -> NumericalError:
 
 def polynomial(field: RealField | None, coefficients: Iterable[Any]) -> Any:
     """Return a polynomial over the integers, or over a field."""
-    return fmpz_poly(list(coefficients)) if field is None else FieldPolynomial(field, fmpq_poly(list(coefficients)))
+    return (
+        fmpz_poly(list(coefficients))
+        if field is None
+        else FieldPolynomial(field, fmpq_poly(list(coefficients)))
+    )
 
 
 def like(polynomial: Any, coefficients: Sequence[Any]) -> Any:

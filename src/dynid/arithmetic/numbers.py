@@ -1,25 +1,46 @@
-"""Real arithmetic on fractions and floats: exact where the operation is, and of bounded size."""
+"""Real arithmetic: exact on fractions and irrational numbers, rounded on floats, and of bounded size.
+
+An irrational number is a double and the term that it rounds. Computing with it is computing with doubles;
+where a sum nearly cancels, it is decided exactly whether it is zero (`dynid.arithmetic.real_field`).
+"""
 
 from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from fractions import Fraction
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
-from dynid.arithmetic.irrational import Irrational, decided, irrational
+from dynid.arithmetic.terms import OutOfRangeError, Term
+
+if TYPE_CHECKING:
+    from dynid.arithmetic.real_field import RealField
+
+__all__ = [
+    "Irrational",
+    "Number",
+    "OutOfRangeError",
+    "apply",
+    "as_number",
+    "coded",
+    "decided",
+    "field_of",
+    "pi",
+    "to_fraction",
+]
 
 MAX_BITS = 20_000
+#: A sum, or a comparison, is decided exactly where this part of its terms or less is left of it: beyond it
+#: the rounding errors of some 10^9 operations on doubles cannot reach.
+CANCELLATION = 1e-6
+#: Operations that may be zero although no operand is.
+_VANISHING = frozenset({"+", "-", "sin", "cos", "tan", "log"})
 
 #: The largest number of what is computed in floating point: its square, and the sum of 1e8 such, is finite.
 LARGEST = 1e150
 
 Number = Fraction | float
-
-
-class OutOfRangeError(ArithmeticError):
-    """An operation has no finite real value of reasonable size; the message is one sentence."""
 
 
 def to_fraction(value: float | Fraction, reading: Literal["decimal", "binary"] = "decimal") -> Fraction:
@@ -79,7 +100,7 @@ def apply(operation: str, operands: list[Number]) -> Number:
         raise OutOfRangeError("the result is too large for double precision") from None
     if isinstance(result, float) and all(isinstance(operand, Fraction) for operand in operands):
         if operation == "abs":
-            return abs(operands[0])
+            return as_number(abs(operands[0]))
         return irrational(operation, operands, result)  # type: ignore[arg-type]
     return result
 
@@ -183,3 +204,197 @@ _OPERATIONS: dict[str, Callable[..., Number]] = {
     "min": min,
     "max": max,
 }
+
+
+# --- irrational numbers ---------------------------------------------------------------------------
+
+
+class Irrational(Fraction):
+    """A number that is the value of a term.
+
+    As a `Fraction` it is the shortest decimal that prints the double, or what the term was coded as
+    (`RealField.coded`); its operations go on with the term.
+    """
+
+    __slots__ = ("_coded", "_double", "term")
+
+    _coded: tuple[int, int] | None
+    _double: float
+    term: Term
+
+    def __new__(cls, term: Term, double: float, coded: Fraction | None = None) -> Self:
+        """Return the value of a term, which rounds to a double."""
+        self = object.__new__(cls)
+        self.term, self._double = term, double
+        self._coded = None if coded is None else (coded.numerator, coded.denominator)
+        return self
+
+    @property
+    def _ratio(self) -> tuple[int, int]:
+        if self._coded is None:
+            decimal = Fraction(repr(self._double))
+            self._coded = decimal.numerator, decimal.denominator
+        return self._coded
+
+    @property
+    def _numerator(self) -> int:  # in place of the slot of `Fraction`
+        return self._ratio[0]
+
+    @property
+    def _denominator(self) -> int:
+        return self._ratio[1]
+
+    def __reduce__(self) -> Any:
+        return type(self), (self.term, self._double, None if self._coded is None else Fraction(*self._coded))
+
+    def __copy__(self) -> Self:
+        return self
+
+    def __deepcopy__(self, memo: Any) -> Self:
+        return self
+
+    def __float__(self) -> float:
+        return self._double
+
+    def __hash__(self) -> int:  # type: ignore[override]  # of `complex`
+        return hash(self._double)
+
+    def __bool__(self) -> bool:
+        return True
+
+    def __eq__(self, other: object) -> bool:
+        return _number(other) and _sign(self, other) == 0
+
+    def __lt__(self, other: Any) -> bool:
+        return _sign(self, other) < 0
+
+    def __le__(self, other: Any) -> bool:
+        return _sign(self, other) <= 0
+
+    def __gt__(self, other: Any) -> bool:
+        return _sign(self, other) > 0
+
+    def __ge__(self, other: Any) -> bool:
+        return _sign(self, other) >= 0
+
+    def __add__(self, other: Any) -> Any:
+        return _applied("+", self, other)
+
+    def __radd__(self, other: Any) -> Any:
+        return _applied("+", other, self)
+
+    def __sub__(self, other: Any) -> Any:
+        return _applied("-", self, other)
+
+    def __rsub__(self, other: Any) -> Any:
+        return _applied("-", other, self)
+
+    def __mul__(self, other: Any) -> Any:
+        return _applied("*", self, other)
+
+    def __rmul__(self, other: Any) -> Any:
+        return _applied("*", other, self)
+
+    def __truediv__(self, other: Any) -> Any:
+        return _applied("/", self, other)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return _applied("/", other, self)
+
+    def __pow__(self, other: Any, _modulus: None = None) -> Any:
+        return _applied("**", self, other)
+
+    def __rpow__(self, other: Any, _modulus: None = None) -> Any:
+        return _applied("**", other, self)
+
+    def __neg__(self) -> Any:
+        return _applied("neg", self)
+
+    def __pos__(self) -> Self:
+        return self
+
+    def __abs__(self) -> Any:
+        return -self if self._double < 0 else self
+
+
+def _number(value: object) -> bool:
+    return isinstance(value, int | float | Fraction)
+
+
+def _applied(operation: str, *operands: Any) -> Any:
+    """Return the result of an operator, of which an operand is irrational."""
+    if not all(map(_number, operands)):
+        return NotImplemented
+    return apply(operation, [Fraction(each) if isinstance(each, int) else each for each in operands])
+
+
+def pi() -> Irrational:
+    """Return pi."""
+    return Irrational(_PI, math.pi)
+
+
+_PI = Term("pi")
+
+
+def operand_of(value: Fraction) -> Term | Fraction:
+    """Return a number as an operand of terms."""
+    return value.term if isinstance(value, Irrational) else value
+
+
+def irrational(operation: str, operands: Iterable[Fraction], double: float) -> Fraction:
+    """Return the value of an operation on exact numbers of which a double is known.
+
+    Raises
+    ------
+    OutOfRangeError
+        Where it cannot be decided whether a sum is zero, or whether its value can be rounded.
+    """
+    given = tuple(operands)
+    term = Term(operation, tuple(map(operand_of, given)))
+    scale = max(abs(float(each)) for each in given) if operation in ("+", "-") else 1.0
+    if operation in _VANISHING and abs(double) <= CANCELLATION * scale:
+        return decided(term)
+    if operation == "tan" and abs(double) >= 1 / CANCELLATION:
+        return decided(term)
+    return Irrational(term, double) if double else Fraction(0)
+
+
+def decided(term: Term) -> Fraction:
+    """Return the value of a term: a plain fraction where it is rational, else correctly rounded."""
+    from dynid.arithmetic.real_field import RealField
+
+    return _rounded(term, RealField([term]).simplified(term))
+
+
+def _rounded(term: Term, value: Fraction | float) -> Fraction:
+    return Irrational(term, value) if isinstance(value, float) else value
+
+
+def field_of(numbers: Iterable[object], order: int = 0) -> RealField | None:
+    """Return the field of numbers, for a system of some order; None where all are rational."""
+    terms = [number.term for number in numbers if isinstance(number, Irrational)]
+    if not terms:
+        return None
+    from dynid.arithmetic.real_field import RealField
+
+    return RealField(terms, order)
+
+
+def coded(number: Fraction, field: RealField) -> Fraction:
+    """Return a number of a field, coded: a plain fraction where it is rational."""
+    if not isinstance(number, Irrational):
+        return number
+    value = field.simplified(number.term)
+    return Irrational(number.term, value, field.coded(number.term)) if isinstance(value, float) else value
+
+
+def _sign(one: Fraction, other: Any) -> int:
+    """Return the sign of the difference of two numbers."""
+    try:
+        a, b = float(one), float(other)
+    except OverflowError:  # of a fraction or an integer
+        return -1 if other > 0 else 1
+    if abs(a - b) > CANCELLATION * max(abs(a), abs(b)) or isinstance(other, float):
+        return (a > b) - (a < b)
+    difference = one - (Fraction(other) if isinstance(other, int) else other)
+    return (difference > 0) - (difference < 0)

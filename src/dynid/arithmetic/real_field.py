@@ -1,12 +1,12 @@
 """The field of the irrational numbers of a scene: what is exactly zero, and enclosures of what is not.
 
-A field is known by two homomorphisms. Real enclosures (Arb) prove that a number is not zero. Residues modulo a
-large prime show what is: a number of the field that is not zero is divisible by the prime with a probability
-of about one in 2^250. Together they make a *coded* number, a fraction that is as close to the real number as
+A field is known by two homomorphisms. Real enclosures (Arb) prove that a number is not zero. Residues modulo
+a large prime show what is: a number of the field that is not zero is divisible by it with a probability of
+about one in 2^250. Together they make a *coded* number, a fraction that is as close to the real number as
 wanted and has its residue, so that sums and products of coded numbers are coded numbers again, and zero is
 recognised after any number of them.
 
-The prime P is -1 modulo the square-free parts of all radicands. So these are squares modulo P, -1 is none, and
+The prime P is -1 modulo the factors of all radicands. So these are squares modulo P, -1 is none, and
 "is a square" behaves like "is positive": each positive number has one root of each degree that is a square,
 and roots of products are products of roots. A root of a sum that lies in the field of the other roots, as
 sqrt(3 + 2 sqrt(2)) = 1 + sqrt(2), is found as an integer relation (LLL). Angles are points on the circle
@@ -16,8 +16,8 @@ algebraically independent if Schanuel's conjecture holds.
 
 References
 ----------
-A. S. Besicovitch, "On the linear independence of fractional powers of integers", J. London Math. Soc. 15 (1940)
-3-6. D. Richardson, "How to recognize zero", J. Symbolic Computation 24 (1997) 627-645.
+A. S. Besicovitch, "On the linear independence of fractional powers of integers", J. London Math. Soc. 15
+(1940) 3-6. D. Richardson, "How to recognize zero", J. Symbolic Computation 24 (1997) 627-645.
 """
 
 from __future__ import annotations
@@ -31,8 +31,7 @@ from typing import Any
 
 from flint import arb, ctx, fmpq, fmpz, fmpz_mat, fmpz_mod_ctx, fmpz_mod_poly_ctx
 
-from dynid.arithmetic.irrational import Irrational, Term, in_order, operand_of, undecided
-from dynid.arithmetic.numbers import OutOfRangeError
+from dynid.arithmetic.terms import OutOfRangeError, Term, in_order
 
 #: Least bits of the prime, and of a random cofactor in it.
 _PRIME_BITS, _COFACTOR_BITS = 256, 64
@@ -40,12 +39,14 @@ _PRIME_BITS, _COFACTOR_BITS = 256, 64
 _MAX_MODULUS_BITS = 1024
 #: Relative accuracy of coded numbers, bits, and that of the fractions which they are rounded to in the end.
 CODED_BITS, ROUNDED_BITS = 1536, 320
+#: Bits of a value that is rounded to the nearest double.
+_DOUBLE_BITS = 64
 #: What more of it a graph has for every storage element.
 _BITS_PER_ORDER = 64
 #: First and last precision at which a sum that is not zero is told from zero, bits.
 _PRECISION, _MAX_PRECISION = 256, 1 << 14
-#: Bits of numerator and denominator together up to which a residue is recognised as rational: with the prime's
-#: 256 bits, one in 2^56 others looks like one.
+#: Bits of numerator and denominator together up to which a residue is recognised as rational: with the
+#: prime's 256 bits, one in 2^56 others looks like one.
 _RATIONAL_BITS = 200
 #: Precision in which integer relations are sought, bits a term and in all, and most terms.
 _RELATION_BITS, _BASE_BITS, _MAX_TERMS = 40, 240, 48
@@ -61,7 +62,7 @@ _ORDER = 1440
 _DIVISOR = 5040
 
 
-class _Extend(Exception):  # noqa: N818
+class _Extend(Exception):
     """The prime has to be -1 modulo one more number, the order of an angle or another."""
 
     def __init__(self, modulus: int, order: int = 1) -> None:
@@ -107,8 +108,8 @@ class RealField:
     ----------
     terms
         The terms.
-    bits
-        Relative accuracy of coded numbers.
+    order
+        Of the system that is computed with coded numbers: common factors of its polynomials lose accuracy.
 
     Raises
     ------
@@ -123,8 +124,8 @@ class RealField:
         Polynomials modulo the prime (flint `fmpz_mod_poly_ctx`).
     """
 
-    def __init__(self, terms: Iterable[Term], bits: int = CODED_BITS) -> None:
-        self.bits = bits
+    def __init__(self, terms: Iterable[Term], order: int = 0) -> None:
+        self.bits = CODED_BITS + _BITS_PER_ORDER * order
         self._terms = list(in_order(terms))
         self._balls: dict[tuple[int, int], Any] = {}
         modulus, trial, self._order = _ORDER, 0, _ORDER
@@ -144,17 +145,6 @@ class RealField:
         context = fmpz_mod_ctx(self.prime)
         self.residues = context
         self.polynomials = fmpz_mod_poly_ctx(context)
-
-    @classmethod
-    def of(cls, values: Iterable[object], bits: int = CODED_BITS) -> RealField | None:
-        """Return the field of numbers; None where all are rational."""
-        terms = [value.term for value in values if isinstance(value, Irrational)]
-        return cls(terms, bits) if terms else None
-
-    @staticmethod
-    def bits_for(order: int) -> int:
-        """Return the accuracy of coded numbers of a system: common factors of its polynomials lose some."""
-        return CODED_BITS + _BITS_PER_ORDER * order
 
     # --- residues ------------------------------------------------------------------------------
 
@@ -244,7 +234,9 @@ class RealField:
                 part = part * pow(base, whole, self.prime) % self.prime
                 if rest:
                     self._add_radical(base, degree // math.gcd(rest, degree))
-                    part = part * pow(self._canonical(base % self.prime, degree), rest, self.prime) % self.prime
+                    part = (
+                        part * pow(self._canonical(base % self.prime, degree), rest, self.prime) % self.prime
+                    )
             parts.append(part)
         return self._quotient(*parts)
 
@@ -263,7 +255,7 @@ class RealField:
         return fmpz(image).jacobi(self.prime) >= 0
 
     def _canonical(self, image: int, degree: int) -> int:
-        """Return the root that is a square, or of a number that is none, where the degree is odd, minus that."""
+        """Return the root that is a square; of a number that is none, for odd degrees, the other one."""
         if not self._is_square(image):
             if degree % 2 == 0:
                 raise _NoRootError
@@ -300,7 +292,7 @@ class RealField:
         self._generators.append(_Generator(id(self._current), image, real, degree))
 
     def _basis(self, base: Term) -> list[tuple[int, Callable[[], Any]]]:
-        """Return products of powers of generators: those of a term first, as many as relations are sought in."""
+        """Return products of powers of generators: those of a term first, as far as there is room."""
         inside = list(in_order([base]))
         own = {id(term) for term in inside}
         bases = {
@@ -311,7 +303,12 @@ class RealField:
             for factor, _ in _factors(number)
         }
         radicals = [
-            (number not in bases, self._canonical(number % self.prime, degree), _radical_ball(number, degree), degree)
+            (
+                number not in bases,
+                self._canonical(number % self.prime, degree),
+                _radical_ball(number, degree),
+                degree,
+            )
             for number, degree in self._radicals.items()
         ]
         others = [(each.term not in own, each.image, each.real, each.degree) for each in self._generators]
@@ -491,8 +488,8 @@ class RealField:
 
     # --- numbers -------------------------------------------------------------------------------
 
-    def simplified(self, term: Term) -> Fraction:
-        """Return the value of a term: a plain fraction where it is rational, else correctly rounded.
+    def simplified(self, term: Term) -> Fraction | float:
+        """Return the value of a term: a fraction where it is rational, else rounded to the nearest double.
 
         Raises
         ------
@@ -506,40 +503,39 @@ class RealField:
         while True:
             with ctx.workprec(precision):
                 ball = self.enclosure(term)
-                if ball.rel_accuracy_bits() > 64:
+                if ball.rel_accuracy_bits() > _DOUBLE_BITS:
                     exact = self.rational(image, ball)
-                    return Irrational(term, float(ball.mid())) if exact is None else exact
+                    return float(ball.mid()) if exact is None else exact
             precision *= 2
             if precision > _MAX_PRECISION:
-                undecided(term, int(_MAX_PRECISION * math.log10(2)) // 2)
+                raise _undecided(term)
 
     def rational(self, image: int, ball: Any) -> Fraction | None:
         """Return the fraction with a residue and an enclosure, where it is a short one."""
         last, following, above, below = self.prime, image, 0, 1
         while following.bit_length() > _RATIONAL_BITS // 2:  # the Euclidean algorithm, halfway
             quotient = last // following
-            last, following, above, below = following, last - quotient * following, below, above - quotient * below
+            last, following, above, below = (
+                following,
+                last - quotient * following,
+                below,
+                above - quotient * below,
+            )
         if not below or below.bit_length() > _RATIONAL_BITS // 2:
             return None
         exact = Fraction(following, below)
         return exact if bool(ball.contains(fmpq(exact.numerator, exact.denominator))) else None
 
-    def coded(self, number: Fraction) -> Fraction:
-        """Return a number of the field as a coded one: a fraction close to it that has its residue."""
-        term = operand_of(number)
-        if not isinstance(term, Term):
-            return number
-        simple = self.simplified(term)
-        if not isinstance(simple, Irrational):
-            return simple
-        precision = self.bits + 64
+    def coded(self, term: Term) -> Fraction:
+        """Return a term of the field as a coded number: a fraction close to it that has its residue."""
+        precision = self.bits + _PRECISION
         while True:
             with ctx.workprec(precision):
                 ball = self.enclosure(term)
                 if ball.rel_accuracy_bits() >= self.bits:
                     mantissa, exponent = ball.mid().man_exp()
                     close = Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
-                    return Irrational(term, float(simple), self.near(close, self._images[id(term)], self.bits))
+                    return self.near(close, self._images[id(term)], self.bits)
             precision *= 2
 
     def near(self, close: Fraction, image: int, bits: int) -> Fraction:
@@ -569,6 +565,15 @@ def _radical(term: Term) -> bool:
 def _sum_inside(base: Term) -> bool:
     """Test whether a term holds a sum: products of roots have theirs by their residues."""
     return any(term.operation in ("+", "-", "sin", "cos", "tan") for term in in_order([base]))
+
+
+def _undecided(term: Term) -> OutOfRangeError:
+    """Return the error for two terms of which it cannot be decided whether they are equal."""
+    digits = f"{int(_MAX_PRECISION * math.log10(2)):,} digits"
+    what = f"'{term}' is 0 to {digits}"
+    if term.operation == "-":
+        what = f"'{term.operands[0]}' and '{term.operands[1]}' agree to {digits}"
+    return OutOfRangeError(f"{what}, and it cannot be decided whether exactly; simplify one of the terms")
 
 
 # --- numbers --------------------------------------------------------------------------------------

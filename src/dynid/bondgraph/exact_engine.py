@@ -100,7 +100,7 @@ class TransferFunction(TransferProperties):
         lead = as_fraction(self.denominator.leading_coefficient())
 
         def rounded(polynomial: Any) -> NDArray[np.float64]:
-            descending = reversed([as_fraction(c) for c in polynomial.coeffs()] or [0])
+            descending = reversed([as_fraction(c) for c in polynomial.coeffs()] or [Fraction(0)])
             return np.array([_as_float(c / lead) for c in descending])
 
         return rounded(self.numerator), rounded(self.denominator)
@@ -134,10 +134,7 @@ class TransferFunction(TransferProperties):
     def high_frequency_gain(self) -> float:
         """The limit of T(s) as s grows through positive values; may be infinite."""
         size = max(self.numerator.length(), self.denominator.length())
-        pad = [
-            [0] * (size - p.length()) + p.coeffs()[::-1]
-            for p in (self.numerator, self.denominator)
-        ]
+        pad = [[0] * (size - p.length()) + p.coeffs()[::-1] for p in (self.numerator, self.denominator)]
         return _limit(*pad)
 
 

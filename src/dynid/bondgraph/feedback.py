@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arithmetic.ldl import reference
+from dynid.arithmetic.numbers import coded
 from dynid.bondgraph.control import PADE_ORDER, Loop, close_loops, pade
 from dynid.bondgraph.frequency_response import frequency_response
 from dynid.bondgraph.graph import BondGraph, Port
@@ -158,7 +159,7 @@ class CutLoops:
         """Return whether the Padé approximants of delays have as many poles to the right as the loops."""
         closed = self.closed()
         try:
-            count = roots_right_of(*rounded([closed]))
+            count = roots_right_of(rounded([closed])[0])
         except Undecided:
             return False
         (polynomial,) = rational(rounded([closed]), PADE_ORDER)
@@ -196,8 +197,8 @@ def controller(loop: Loop, field: RealField | None = None) -> tuple[Any, Any]:
 
     parts = [[reference(c) for c in part] for part in (loop.numerator, loop.denominator)]
     if field is not None:
-        coded = [[field.coded(c) for c in reversed(part)] for part in parts]
-        top, bottom = (polynomial_over(field, [fmpq(c.numerator, c.denominator) for c in p]) for p in coded)
+        exact = [[coded(c, field) for c in reversed(part)] for part in parts]
+        top, bottom = (polynomial_over(field, [fmpq(c.numerator, c.denominator) for c in p]) for p in exact)
         return top, bottom
     factor = lcm(*(c.denominator for part in parts for c in part))
     top, bottom = (fmpz_poly([int(c * factor) for c in reversed(part)]) for part in parts)

@@ -21,7 +21,7 @@ from itertools import chain
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, get_args
 
-from dynid.arithmetic.irrational import Irrational
+from dynid.arithmetic.numbers import Irrational, coded, field_of
 from dynid.errors import UsageError
 from dynid.suggestions import did_you_mean
 
@@ -255,14 +255,15 @@ class BondGraph:
         }
         if not irrational and not others:
             return None
-        from dynid.arithmetic.real_field import RealField
-
         storages = sum(node.type in STORAGES for node in self.nodes.values())
-        field = RealField.of([*irrational.values(), *others], RealField.bits_for(storages))
+        field = field_of([*irrational.values(), *others], storages)
         assert field is not None
         for name, value in irrational.items():
-            self.nodes[name] = replace(self.nodes[name], value=field.coded(value))
-        every = [*(self.nodes[name].value for name in irrational), *map(field.coded, others)]
+            self.nodes[name] = replace(self.nodes[name], value=coded(value, field))
+        every = [
+            *(self.nodes[name].value for name in irrational),
+            *(coded(number, field) for number in others),
+        ]
         return field if any(isinstance(value, Irrational) for value in every) else None
 
     def _sound(self) -> bool:

@@ -103,14 +103,12 @@ def _rank_deficits(reduced: ReducedGraph, channel: Channel, factor: Any) -> _Def
     return _Deficits(matrices.deficit(a), matrices.deficit(driven), matrices.deficit([*a, c]))
 
 
-#: Working precision of the state equations of irrational values; relative size, 2^-n, of an entry that is zero
-#: but for the rounding of the root's polynomial (`ROUNDED_BITS`); steps that refine a double to it.
+#: Working precision of the state equations of irrational values; relative size, 2^-n, of an entry that is
+#: zero but for the rounding of the root's polynomial (`ROUNDED_BITS`); steps that refine a double to it.
 _BALL_BITS, _ZERO_BITS, _NEWTON_STEPS = 768, 128, 6
 
 
-def _deficits_in_balls(
-    reduced: ReducedGraph, channel: Channel, factor: Any, value: complex
-) -> _Deficits:
+def _deficits_in_balls(reduced: ReducedGraph, channel: Channel, factor: Any, value: complex) -> _Deficits:
     """Return the rank deficits at a simple root of a polynomial, from many digits of the root.
 
     Over irrational numbers no prime stands for one root; what is below 2^-128 of its row is zero.
@@ -153,11 +151,7 @@ def _rank(rows: list[list[Any]]) -> int:
             break
         rank += 1
         left = [
-            [
-                (entry - row[j] / pivot[j] * pivot[k]).mid()
-                for k, entry in enumerate(row)
-                if k != j
-            ]
+            [(entry - row[j] / pivot[j] * pivot[k]).mid() for k, entry in enumerate(row) if k != j]
             for row in left
         ]
     return rank
@@ -197,16 +191,17 @@ class _Modular:
 
         shape, entries = (len(rows), len(rows[0])), [int(entry) % self.prime for row in rows for entry in row]
         if self.prime.bit_length() > 64:
-            matrix = fmpz_mod_mat(*shape, entries, fmpz_mod_ctx(self.prime))
+            rank = fmpz_mod_mat(*shape, entries, fmpz_mod_ctx(self.prime)).rank()
         else:
-            matrix = nmod_mat(*shape, entries, self.prime)
-        return len(self.states) - int(matrix.rank())
+            rank = nmod_mat(*shape, entries, self.prime).rank()
+        return len(self.states) - int(rank)
 
 
 def _modular(reduced: ReducedGraph, channel: Channel, factor: Any) -> _Modular:
     """Return the state equations at a root of an irreducible polynomial, modulo a prime."""
     from flint import nmod
 
+    one: Any
     if (field := reduced.field) is not None:  # only 0 is known to be a root modulo its prime
         prime, root, one = field.prime, 0, field.residues(1)
     else:

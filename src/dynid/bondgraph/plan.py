@@ -156,6 +156,8 @@ class ProgramPlan(ABC):
 
     def rational(self, registers: Iterable[int]) -> dict[int, RationalFunction]:
         """Run the program on exact rational functions of s (factored, not yet in lowest terms)."""
+        from flint import fmpz_poly
+
         from dynid.bondgraph.program.factored import (
             PolynomialFactor,
             RationalFunction,
@@ -163,9 +165,8 @@ class ProgramPlan(ABC):
         )
 
         field, ratio = self.field, RationalFunction
-        if field is None:
-            from flint import fmpz_poly as polynomial
-        else:
+        polynomial: Any = fmpz_poly
+        if field is not None:
             from dynid.arithmetic.field_polynomials import polynomial as over_field
 
             polynomial, ratio = partial(over_field, field), rational_functions_over(field)

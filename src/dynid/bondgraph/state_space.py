@@ -66,7 +66,7 @@ def rational_matrices(
     reduced: ReducedGraph, initial: Sequence[str], inputs: Sequence[str]
 ) -> RationalMatrices:
     """Return the matrices of `state_space` before they are rounded, with a column for each input named."""
-    from flint import fmpq, fmpq_mat
+    from flint import fmpq_mat
 
     from dynid.lti.refined_response import RationalMatrices
 
@@ -214,9 +214,8 @@ def zero_parts(reduced: ReducedGraph, port: Port, source: str) -> tuple[ZeroPart
         polynomial = None
         if len(rates) <= _MOST_STATES:  # det(s - A), times a positive integer
             rows = [[_rational(form.get(("w", name), 0)) for name in rates] for form in rates.values()]
-            polynomial = fmpq_mat(rows).charpoly()
-            field = reduced.graph.field
-            polynomial = polynomial.numer() if field is None else FieldPolynomial(field, polynomial).numer()
+            whole, field = fmpq_mat(rows).charpoly(), reduced.graph.field
+            polynomial = whole.numer() if field is None else FieldPolynomial(field, whole).numer()
         carriers = tuple(system.carriers(block.rows, block.unknowns))
         parts.append(ZeroPart(carriers, tuple(system.name(name) for name in rates), polynomial))
     return tuple(parts)

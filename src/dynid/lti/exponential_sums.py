@@ -58,12 +58,13 @@ class ExponentialSum:
     def __init__(self, numerator: Any, denominator: Any) -> None:
         from flint import arb, ctx
 
+        vanishing = _vanishing(numerator, denominator)
         for self.precision in _PRECISIONS:
             with ctx.workprec(self.precision):
-                terms = _residues(numerator, denominator)
+                terms = _residues(numerator, denominator, vanishing)
                 fastest = max(float(abs(pole).mid()) for pole, _ in terms)
                 self.size = max((abs(c).mid() for _, parts in terms for c in parts), key=float)
-                if all(c.rel_accuracy_bits() > 100 for _, parts in terms for c in parts):
+                if all(c.is_zero() or c.rel_accuracy_bits() > 100 for _, parts in terms for c in parts):
                     break
         else:
             raise NumericalError(
@@ -281,7 +282,54 @@ def _taylor_row(pole: Any, parts: list[Any], power: int) -> list[Any]:
     return row
 
 
-def _residues(numerator: Any, denominator: Any) -> list[tuple[Any, list[Any]]]:
+def _vanishing(numerator: Any, denominator: Any) -> list[tuple[Any, list[int]]]:
+    """Return which coefficients of the series at multiple poles of T(s)/s are exactly zero.
+
+    At a root x of an irreducible factor f of multiplicity m these coefficients, of
+    T(x + h)/(x + h) h^m = a(h)/b(h), are polynomials in x modulo f.
+
+    Returns
+    -------
+    list
+        Factors (flint `fmpz_poly`), and by factor the powers of h.
+    """
+    from flint import fmpq_poly
+
+    s, found = fmpq_poly([0, 1]), []
+    for factor, multiplicity in denominator.factor()[1]:
+        if multiplicity == 1:  # T is in lowest terms: its residue is not zero
+            continue
+        count, modulus = int(multiplicity), fmpq_poly(factor)
+        above = _series_modulo(fmpq_poly(numerator), modulus, count)
+        below = _series_modulo(s * fmpq_poly(denominator // factor**count), modulus, count)
+        slope = _series_modulo(modulus, modulus, count + 1)[1:]  # f(x + h) / h
+        for _ in range(count):
+            below = [
+                sum((below[i] * slope[k - i] for i in range(k + 1)), fmpq_poly(0)) % modulus
+                for k in range(count)
+            ]
+        scaled: list[Any] = []  # the coefficients times powers of b(0), so that nothing is divided
+        for k in range(count):
+            rest = above[k] * below[0] ** k % modulus
+            for i in range(1, k + 1):
+                rest -= below[i] * below[0] ** (i - 1) % modulus * scaled[k - i]
+            scaled.append(rest % modulus)
+        found.append((factor, [k for k, coefficient in enumerate(scaled) if coefficient == 0]))
+    return found
+
+
+def _series_modulo(polynomial: Any, modulus: Any, count: int) -> list[Any]:
+    """Return the first coefficients of p(x + h) in powers of h, modulo a polynomial in x."""
+    series = []
+    for k in range(count):
+        series.append(polynomial % modulus)
+        polynomial = polynomial.derivative() / (k + 1)
+    return series
+
+
+def _residues(
+    numerator: Any, denominator: Any, vanishing: list[tuple[Any, list[int]]]
+) -> list[tuple[Any, list[Any]]]:
     """Return the poles of T(s)/s other than 0, one of each pair, and c_k of Σ c_k t^k/k! exp(p t)."""
     from flint import acb, acb_series, ctx
 
@@ -302,7 +350,9 @@ def _residues(numerator: Any, denominator: Any) -> list[tuple[Any, list[Any]]]:
                 if other != place:
                     below = below * acb_series([pole - value, 1]) ** times
             series = above / below  # times (s - p)^-count: its coefficient k belongs to t^(count-1-k)
-            terms.append((pole, [series[count - 1 - k] for k in range(count)]))
+            zero = next((powers for f, powers in vanishing if count > 1 and f(pole).contains(0)), [])
+            parts = [acb(0) if k in zero else series[k] for k in range(count)]
+            terms.append((pole, parts[::-1]))
     return terms
 
 

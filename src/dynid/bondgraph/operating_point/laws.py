@@ -14,7 +14,7 @@ from fractions import Fraction
 from typing import Any, Literal
 
 from dynid.arithmetic.expression import Expression
-from dynid.arithmetic.numbers import Number, OutOfRangeError, apply
+from dynid.arithmetic.numbers import Irrational, Number, OutOfRangeError, apply
 from dynid.bondgraph.graph import BondGraph, Port
 
 
@@ -71,7 +71,9 @@ class Gradient:
             known = [exact[k] for k in operands if k in exact]
             if len(known) == len(operands):
                 place, value = constant(apply(name, known)), exact[len(self._given) + self._count - 1]
-                if not isinstance(value, Fraction):  # rounded: take it at the precision of the numbers
+                if not isinstance(value, Fraction) or isinstance(
+                    value, Irrational
+                ):  # rounded: take it at the precision of the numbers
                     self._given[-1] = self._functions[name](*(self._given[k - self._count] for k in operands))
                 return place
             self._given.append(None)

@@ -72,10 +72,13 @@ def numeric_point(values: Mapping[str, Fraction], prime: int) -> ModularPoint:
     return ModularPoint(prime, images, laplace)
 
 
-def field_point(values: Mapping[str, Fraction], field: RealField, omega: Fraction | None = None) -> ModularPoint:
+def field_point(
+    values: Mapping[str, Fraction], field: RealField, omega: Fraction | None = None
+) -> ModularPoint:
     """Return the point at values of a field, modulo its prime, and at a fixed random s or at j omega."""
     from flint import fq_default_ctx
 
+    one: Any
     if omega is None:
         one, laplace = field.residues(1), field.residues(random.Random(0xD1F1D).randrange(1, field.prime))
     else:  # -1 has no root modulo the prime, but in the field of its square

@@ -7,7 +7,7 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from itertools import chain
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -248,7 +248,7 @@ def zero_input_outputs(
     """
     from flint import fmpq, fmpq_poly
 
-    lifted = fmpq_poly if reduced.field is None else lambda polynomial: polynomial
+    lifted: Any = fmpq_poly if reduced.field is None else lambda polynomial: polynomial
     stored, natural = reduced.stored(initial), characteristic_polynomials(reduced)
     ratios = reduced.rational(stored.values())
     outputs = {}

@@ -1,0 +1,69 @@
+"""Terms: numbers that are kept as the operations that they are the value of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from fractions import Fraction
+
+#: Characters of a term in a message.
+_SHOWN = 60
+_INFIX = {"+": " + ", "-": " - ", "*": "*", "/": "/", "**": "**"}
+
+
+class OutOfRangeError(ArithmeticError):
+    """An operation has no finite real value of reasonable size; the message is one sentence."""
+
+
+class Term:
+    """An operation on numbers that are kept as written.
+
+    Parameters
+    ----------
+    operation
+        Named as in `numbers.apply`; `pi` has no operands.
+    operands
+        Fractions and terms.
+    """
+
+    __slots__ = ("operands", "operation")
+
+    def __init__(self, operation: str, operands: tuple[Term | Fraction, ...] = ()) -> None:
+        self.operation, self.operands = operation, operands
+
+    def __str__(self) -> str:
+        text = self._text(_SHOWN)
+        return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
+
+    def _text(self, room: int) -> str:
+        """Return the term as text, the innermost parts left out."""
+        if self.operation == "pi" or room <= 0:
+            return "pi" if self.operation == "pi" else "…"
+        parts = []
+        for operand in self.operands:
+            if isinstance(operand, Term):
+                part = operand._text((room - 2) // len(self.operands))
+                parts.append(f"({part})" if operand.operation in ("+", "-", "neg") else part)
+            else:
+                decimal = repr(float(operand)).removesuffix(".0")
+                parts.append(decimal if Fraction(decimal) == operand else str(operand))
+        if self.operation == "neg":
+            return f"-{parts[0]}"
+        if len(parts) == 2:
+            return _INFIX[self.operation].join(parts)
+        return f"{self.operation}({parts[0].removeprefix('(').removesuffix(')')})"
+
+
+def in_order(terms: Iterable[Term]) -> Iterator[Term]:
+    """Yield terms and those they are made of, operands first and each once; without recursion."""
+    done: set[int] = set()
+    stack = [(term, False) for term in terms]
+    while stack:
+        term, ready = stack.pop()
+        if id(term) in done:
+            continue
+        if ready:
+            done.add(id(term))
+            yield term
+        else:
+            stack.append((term, True))
+            stack += [(operand, False) for operand in term.operands if isinstance(operand, Term)]
