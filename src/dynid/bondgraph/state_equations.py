@@ -12,7 +12,7 @@ from dynid.bondgraph.formulas.printers import TEXT, Printed
 from dynid.bondgraph.formulas.transfer import symbol_names, symbol_value
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.plan import ReducedGraph
-from dynid.bondgraph.program.factored import numeric_point, prime_for, random_point
+from dynid.bondgraph.program.factored import prime_for, random_point
 from dynid.bondgraph.program.program import ModularPoint, Program, Register
 from dynid.errors import UsageError
 
@@ -125,9 +125,8 @@ def zero_dynamics_equations(
 
 
 def _written(reduced: ReducedGraph, states: Sequence[str], held: tuple[Port, str] | None) -> StateEquations:
-    values = {name: reduced.graph.value(name) for name in reduced.valued}
-    prime = prime_for(values.values())
-    own = numeric_point(values, prime)
+    own = reduced.modulo()
+    prime = prime_for(reduced.exact.values())
     general = _Solved(reduced, random_point(reduced.valued, prime), held)
     if general.states == tuple(states) and not general.program.vanishing(general.registers, (), own):
         return general.written()

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.program.factored import (
     RationalFunction,
-    numeric_point,
     polynomial,
     rational_functions_modulo,
 )
@@ -37,7 +36,7 @@ class RootCounts:
     Parameters
     ----------
     polynomial
-        The polynomial modulo a prime (flint `nmod_poly`).
+        The polynomial modulo a prime (flint `nmod_poly`, or `fmpz_mod_poly` of a long one).
     """
 
     polynomial: Any
@@ -92,8 +91,8 @@ def modular_ratios(
     ZeroDivisionError
         Where a pivot vanishes with the graph's values.
     """
-    registers, prime = list(registers), reduced.program.prime
-    point = numeric_point({name: reduced.graph.value(name) for name in reduced.valued}, prime)
+    registers, point = list(registers), reduced.modulo()
+    prime = point.prime
     bits = {name: 1 << index for index, name in enumerate(reduced.storages)}
     residue, unity = rational_functions_modulo(prime), polynomial([1], prime)
 

@@ -175,9 +175,9 @@ def _common_factors(
     On a random line through the space of s and the parameters polynomials become polynomials in one variable,
     modulo a prime, which have a common factor only if there is one in the large.
     """
-    from dynid.bondgraph.program.factored import ModularQuotient, PolynomialFactor, polynomial
+    from dynid.bondgraph.program.factored import ModularQuotient, PolynomialFactor, polynomial, primes
 
-    registers, prime = list(registers), reduced.program.prime
+    registers, prime = list(registers), min(reduced.program.prime, next(primes()))
     source = random.Random(0x11AE)
     lines = [polynomial([source.randrange(prime), source.randrange(1, prime)], prime) for _ in s.ring.names()]
 

@@ -422,4 +422,13 @@ def polynomial(coefficients: list[int], prime: int) -> Any:
     """Return a polynomial modulo a prime, coefficients ascending."""
     from flint import nmod_poly
 
+    if prime > _LARGEST:
+        return _long_polynomials(prime)(coefficients)
     return nmod_poly(coefficients, prime)
+
+
+@lru_cache(maxsize=8)
+def _long_polynomials(prime: int) -> Any:
+    from flint import fmpz_mod_ctx, fmpz_mod_poly_ctx
+
+    return fmpz_mod_poly_ctx(fmpz_mod_ctx(prime))
