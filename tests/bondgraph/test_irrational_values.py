@@ -1,10 +1,10 @@
 """Irrational values: the same graph in other units has the same zeros, poles and cancellations.
 
-Efforts and flows of every part of a random graph of rational values are measured in irrational units: efforts
-times λ, flows times c/λ, times τ for time. The values change by powers of these, which are written as
+Efforts and flows of every part of a random graph of rational values are measured in irrational units:
+efforts times λ, flows times c/λ, times τ for time. The values change by powers of these, which are written as
 expressions, differently each time (√6 as sqrt(2)*sqrt(3)). Nothing else changes, so that the rational graph
-says what is right: T(s) becomes λ_out/λ_in T(τ s), with the same degrees. The rational function comes from the
-tableau of all equations.
+says what is right: T(s) becomes λ_out/λ_in T(τ s), with the same degrees. The rational function comes from
+the tableau of all equations.
 
 `python -m tests.bondgraph.test_irrational_values [COUNT] [SEED]` tries as many from any seed on.
 """
@@ -16,14 +16,12 @@ from collections import Counter
 from fractions import Fraction
 from math import inf, isclose
 
-import numpy as np
 import pytest
 from flint import ctx, fmpq, fmpq_poly
 
 from dynid.arithmetic.expression import parse
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.fields import expand_field
-from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
+from dynid.bondgraph.graph import Bond, BondGraph, Node
 from dynid.bondgraph.request import Analysis
 from dynid.errors import Singular
 from tests.bondgraph.graphs import port
@@ -264,7 +262,7 @@ if __name__ == "__main__":
         start = time.process_time()
         try:
             tally[judged(seed, functions=seed % 5 == 0)] += 1
-        except Exception as error:  # noqa: BLE001 - counted, and told
+        except Exception as error:
             failures += 1
             print(seed, type(error).__name__, str(error)[:600], flush=True)
         slowest = max(slowest, time.process_time() - start)

@@ -218,6 +218,53 @@ def test_nearly_equal_poles_whose_residues_cancel_are_searched_in_balls():
     assert found.overshoot == 0
 
 
+@pytest.mark.parametrize(
+    ("order", "rate"), [(2, "7/3"), (2, "0.013"), (3, "4"), (4, "11/2"), (6, "1/9"), (9, "2")]
+)
+def test_multiple_poles_whose_residues_vanish_have_the_peak_of_the_closed_form(order, rate):
+    """T(s)/s = 1/(s + a)^n is t^(n-1) exp(-a t)/(n-1)!: all residues but one are exactly zero."""
+    a = Fraction(rate)
+    denominator = fmpz_poly([a.numerator, a.denominator]) ** order
+    found = step_info(fmpz_poly([0, a.denominator**order]), denominator)
+    time = (order - 1) / float(a)
+    assert found.final_value == 0
+    assert found.peak_time == pytest.approx(time, rel=1e-13)
+    peak = time ** (order - 1) * math.exp(1 - order) / math.factorial(order - 1)
+    assert found.peak == pytest.approx(peak, rel=1e-13)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_multiple_poles_with_some_residues_zero_respond_as_their_sum(seed):
+    """Σ c t^l exp(p t)/l! with random c, many of them zero, of real poles and of pairs."""
+    rng = random.Random(seed)
+    above, below = fmpz_poly([0]), fmpz_poly([1])
+    terms = []
+    for rate in rng.sample(range(1, 6), 2):
+        order = rng.randint(2, 4)
+        parts = [rng.choice([0, 0, 1, -2]) for _ in range(order - 1)] + [rng.choice([1, 3])]
+        factor = fmpz_poly([rate, 1])
+        own = sum((c * factor ** (order - 1 - k) for k, c in enumerate(parts)), fmpz_poly([0]))
+        above, below = above * factor**order + own * below, below * factor**order
+        terms += [(c, k, rate) for k, c in enumerate(parts)]
+    found = step_info(above * fmpz_poly([0, 1]), below)
+    times = np.linspace(0, 60, 600_001)[1:]
+    values = sum(c * times**k * np.exp(-rate * times) / math.factorial(k) for c, k, rate in terms)
+    assert found.status.startswith("partly defined")
+    largest = max(abs(values).max(), abs(found.initial_value))
+    assert abs(found.peak) == pytest.approx(largest, rel=1e-6)
+
+
+def test_double_pairs_whose_residues_vanish_at_one_pair_only():
+    """A reducible denominator: of (s^2 + 2 s + 5)^2 and (s^2 + 1/2 s + 3)^2 the second has simple residues."""
+    one, other, s = fmpz_poly([5, 2, 1]), fmpz_poly([6, 1, 2]), fmpz_poly([0, 1])
+    # T/s = 8 (s + 1)/(s^2 + 2 s + 5)^2 + 2/(2 s^2 + s + 6): t exp(-t) sin 2t 2 + exp(-t/4) sin(w t)/w
+    found = step_info(s * (8 * fmpz_poly([1, 1]) * other + 2 * one * one), one * one * other)
+    times = np.linspace(0, 30, 3_000_001)
+    w = math.sqrt(3 - 1 / 16)
+    values = 2 * times * np.exp(-times) * np.sin(2 * times) + np.exp(-times / 4) * np.sin(w * times) / w
+    assert found.peak == pytest.approx(values[np.argmax(abs(values))], rel=1e-9)
+
+
 def test_what_takes_too_many_spans_is_left_out_with_the_reason(monkeypatch):
     monkeypatch.setattr("dynid.lti.exponential_sums._SPANS", 0)
     assert of([1], [1, 1, 1]).status.startswith(

@@ -111,7 +111,8 @@ _BALL_BITS, _ZERO_BITS, _NEWTON_STEPS = 768, 128, 6
 def _deficits_in_balls(reduced: ReducedGraph, channel: Channel, factor: Any, value: complex) -> _Deficits:
     """Return the rank deficits at a simple root of a polynomial, from many digits of the root.
 
-    Over irrational numbers no prime stands for one root; what is below 2^-128 of its row is zero.
+    Over irrational numbers no prime stands for one root; what is below 2^-128 of the terms of its row
+    is zero.
     """
     from flint import acb, ctx, fmpq
 
@@ -127,22 +128,20 @@ def _deficits_in_balls(reduced: ReducedGraph, channel: Channel, factor: Any, val
         def number(coefficient: Any) -> Any:
             return acb(fmpq(coefficient.p, coefficient.q)) if coefficient else acb(0)
 
-        a = [
-            [number(form.get(s, 0)) - root * (s == own) for s in states]
-            for own, form in zip(states, rates.values(), strict=True)
-        ]
-        b = [number(form.get(("u", channel[1], 0), 0)) for form in rates.values()]
-        c = [number(output.get(s, 0)) for s in states]
-        driven = [[*row, entry] for row, entry in zip(a, b, strict=True)]
-        size = len(states)
-        return _Deficits(*(size - _rank(rows) for rows in (a, driven, [*a, c])))
+        rows = [[number(form.get(s, 0)) for s in [*states, ("u", channel[1], 0)]] for form in rates.values()]
+        for k, row in enumerate(rows):  # each relative to its terms, before the root cancels them
+            scale = max(abs(entry).mid() for entry in (*row, root)) or acb(1)
+            row[k] -= root
+            rows[k] = [entry / scale for entry in row]
+        a, c = [row[:-1] for row in rows], [number(output.get(s, 0)) for s in states]
+        size, largest = len(states), max(abs(entry).mid() for entry in c) or acb(1)
+        shown = [*a, [entry / largest for entry in c]]
+        return _Deficits(*(size - _rank(matrix) for matrix in (a, rows, shown)))
 
 
 def _rank(rows: list[list[Any]]) -> int:
-    """Return the rank of a matrix of balls, by elimination with complete pivoting of its scaled rows."""
-    sizes = [max(abs(entry).mid() for entry in row) for row in rows]
-    left = [[entry / size for entry in row] for row, size in zip(rows, sizes, strict=True) if size > 0]
-    rank = 0
+    """Return the rank of a matrix of balls with entries up to 1, by elimination with complete pivoting."""
+    left, rank = rows, 0
     while left and left[0]:
         places = [(i, j) for i, row in enumerate(left) for j in range(len(row))]
         i, j = max(places, key=lambda place: abs(left[place[0]][place[1]]).mid())

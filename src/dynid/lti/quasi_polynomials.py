@@ -35,6 +35,7 @@ class QuasiPolynomial:
     ----------
     terms
         Integer polynomials (flint `fmpz_poly`) by delay, s, not negative; those that are zero are left out.
+        For the algebra of this class they may be over a field (`FieldPolynomial`).
     """
 
     def __init__(self, terms: Mapping[Fraction, Any]) -> None:
@@ -89,11 +90,13 @@ def common_factor(parts: Iterable[QuasiPolynomial]) -> Any:
     """Return the greatest common divisor of all polynomials of some quasi-polynomials."""
     from flint import fmpz_poly
 
-    found = fmpz_poly(0)
-    for part in parts:
-        for polynomial in part.terms.values():
-            found = found.gcd(polynomial)
-    return found if found.degree() >= 0 else fmpz_poly([1])
+    polynomials = [polynomial for part in parts for polynomial in part.terms.values()]
+    if not polynomials:
+        return fmpz_poly([1])
+    found = 0 * polynomials[0]
+    for polynomial in polynomials:
+        found = found.gcd(polynomial)
+    return found
 
 
 @dataclass(frozen=True)
