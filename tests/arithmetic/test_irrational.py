@@ -5,6 +5,7 @@ import math
 import pickle
 import random
 from fractions import Fraction
+from itertools import pairwise
 
 import mpmath
 import pytest
@@ -97,7 +98,7 @@ def test_what_only_nearly_cancels_is_rounded_correctly(text):
             numbers = numbers.replace(f"({decimal})", f"(mpf('{decimal}'))")
         known = {name: getattr(mpmath, name) for name in names} | {"pi": mpmath.pi, "mpf": mpmath.mpf}
         known["sqrt"] = lambda x: mpmath.sqrt(mpmath.mpf(x))
-        expected = float(eval(numbers, known))  # noqa: S307 - the texts above
+        expected = float(eval(numbers, known))
     assert float(found) == pytest.approx(expected, rel=4e-16)
 
 
@@ -126,7 +127,7 @@ def test_an_irrational_number_computes_as_a_fraction_with_its_double():
     assert -abs(-root) == -root
     assert hash(root) == hash(value("sqrt(2)"))
     assert Fraction(root) == Fraction(repr(math.sqrt(2)))
-    for again in (copy.deepcopy(root), pickle.loads(pickle.dumps(root))):  # noqa: S301 - written here
+    for again in (copy.deepcopy(root), pickle.loads(pickle.dumps(root))):
         assert again - root == 0
     assert root * 0.5 == 0.5 * math.sqrt(2)
     assert type(apply("*", [root, 0.5])) is float
@@ -146,7 +147,7 @@ def test_coded_numbers_add_and_multiply_as_the_numbers_they_stand_for(seed):
     rng = random.Random(seed)
     primes = rng.sample([2, 3, 5, 7, 11, 13], 4)
     roots = [value(f"sqrt({p})") for p in primes]
-    mixed = [value(f"sqrt({p * q})") for p, q in zip(primes, primes[1:], strict=False)]
+    mixed = [value(f"sqrt({p * q})") for p, q in pairwise(primes)]
     field = field_of([*roots, *mixed])
     a, b = ([Fraction(*coded(x, field).as_integer_ratio()) for x in xs] for xs in (roots, mixed))
     for k, product in enumerate(b):

@@ -255,7 +255,7 @@ def test_multiple_poles_with_some_residues_zero_respond_as_their_sum(seed):
 
 
 def test_double_pairs_whose_residues_vanish_at_one_pair_only():
-    """A reducible denominator: of (s^2 + 2 s + 5)^2 and (s^2 + 1/2 s + 3)^2 the second has simple residues."""
+    """A reducible denominator: (s^2 + 2 s + 5)^2 has residues that vanish, 2 s^2 + s + 6 none."""
     one, other, s = fmpz_poly([5, 2, 1]), fmpz_poly([6, 1, 2]), fmpz_poly([0, 1])
     # T/s = 8 (s + 1)/(s^2 + 2 s + 5)^2 + 2/(2 s^2 + s + 6): t exp(-t) sin 2t 2 + exp(-t/4) sin(w t)/w
     found = step_info(s * (8 * fmpz_poly([1, 1]) * other + 2 * one * one), one * one * other)

@@ -1,4 +1,4 @@
-"""Scenes whose values cancel by design: constant resistances, perfect coupling, bridges in balance, lattices."""
+"""Scenes whose values cancel by design: constant resistances, perfect coupling, bridges in balance."""
 
 import math
 
@@ -58,7 +58,7 @@ analysis:
 def test_a_constant_resistance_has_order_zero(answer, L, C, R):
     result = answer(ZOBEL.format(L=L, C=C, R=R))
     names = {"pi": math.pi, "cos": math.cos, "exp": math.exp, "sqrt": math.sqrt}
-    inertia, compliance = (eval(text, names) for text in (L, C))  # noqa: S307 - the texts above
+    inertia, compliance = (eval(text, names) for text in (L, C))
     resistance = math.sqrt(inertia / compliance)
     found = properties(result, "u.f/u")
     assert (found["order"], found["relative_degree"], found["stable"]) == (0, 0, True)
@@ -104,7 +104,7 @@ def test_perfectly_coupled_coils_are_of_order_one(answer, L1, L2, M):
     """Z = [[3 + s L1, s M], [s M, 11 + s L2]] with L1 L2 = M^2: det Z = 33 + s (3 L2 + 11 L1)."""
     result = answer(COILS.format(L1=L1, L2=L2, M=M))
     names = {"pi": math.pi, "sqrt": math.sqrt}
-    one, two = (eval(text, names) for text in (L1, L2))  # noqa: S307 - the texts above
+    one, two = (eval(text, names) for text in (L1, L2))
     slope = 3 * two + 11 * one
     for channel in ("r2.e/u", "r1.f/u"):
         found = properties(result, channel)
@@ -146,11 +146,11 @@ analysis:
 @pytest.mark.parametrize("values", [("sqrt(2)", "sqrt(3)", "sqrt(6)"), ("2**(1/3)", "pi", "sqrt(7)/3")])
 @pytest.mark.parametrize("kind", ["I", "R"])
 def test_a_field_of_rank_one(answer, kind, values):
-    """v v^T s^j + diag(2, 3, 5) s^k: one mode at the value of the secular equation, none else that is seen."""
+    """v v^T s^j + diag(2, 3, 5) s^k: one mode, at the value of the secular equation, none else is seen."""
     other = "R" if kind == "I" else "I"
     result = answer(FIELD.format(kind=kind, other=other, **dict(zip("abc", values, strict=True))))
     names = {"pi": math.pi, "sqrt": math.sqrt}
-    v = [eval(text, names) for text in values]  # noqa: S307 - the texts above
+    v = [eval(text, names) for text in values]
     secular = sum(each**2 / weight for each, weight in zip(v, (2, 3, 5), strict=True))
     pole = -1 / secular if kind == "I" else -secular
     for channel in ("mx.f/u", "my.f/u"):
@@ -225,7 +225,7 @@ analysis:
 def test_critical_damping_is_a_double_pole(answer, m, k, b):
     result = answer(OSCILLATOR.format(m=m, k=k, b=b))
     names = {"pi": math.pi, "sqrt": math.sqrt}
-    mass, stiffness = (eval(text, names) for text in (m, k))  # noqa: S307 - the texts above
+    mass, stiffness = (eval(text, names) for text in (m, k))
     rate = math.sqrt(stiffness / mass)
     poles = result["bond_graph/transfer_function/m.f/F/poles"].data
     assert poles[0] == poles[1]
