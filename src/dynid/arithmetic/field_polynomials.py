@@ -292,12 +292,6 @@ class FieldPolynomial:
 
     # --- structure -----------------------------------------------------------------------------
 
-    def settled_ratio(self, other: Self) -> Any:
-        """Return the quotient of two leading coefficients, rounded (flint `fmpq`)."""
-        if not self:
-            return fmpq(0)
-        return settled(self.field, self.leading_coefficient() / other.leading_coefficient())
-
     def rounded(self) -> Any:
         """Return a monic rational polynomial (flint `fmpq_poly`) of the same structure, close to it."""
         result = fmpq_poly([1])
@@ -373,6 +367,15 @@ def like(polynomial: Any, coefficients: Sequence[Any]) -> Any:
     if isinstance(polynomial, FieldPolynomial):
         return FieldPolynomial(polynomial.field, fmpq_poly(coefficients))
     return type(polynomial)(coefficients)
+
+
+def leading_ratio(above: Any, below: Any) -> Fraction:
+    """Return the quotient of two leading coefficients; over a field rounded, as equal numbers are alike."""
+    if isinstance(above, FieldPolynomial) and isinstance(below, FieldPolynomial):
+        if not above:
+            return Fraction(0)
+        return _fraction(settled(above.field, above.leading_coefficient() / below.leading_coefficient()))
+    return Fraction(int(above.leading_coefficient()), int(below.leading_coefficient()))
 
 
 def integers(*polynomials: Any, rounded: bool = False) -> list[Any]:

@@ -61,11 +61,13 @@ class TransferFunction(TransferProperties):
     @classmethod
     def rounded(cls, numerator: Any, denominator: Any) -> TransferFunction:
         """Return polynomials without a common factor over the integers: those over a field are rounded."""
-        from flint import fmpz_poly
+        from flint import fmpq, fmpz_poly
 
         if isinstance(numerator, fmpz_poly):
             return cls(numerator, denominator)
-        gain = numerator.settled_ratio(denominator)
+        from dynid.arithmetic.field_polynomials import leading_ratio
+
+        gain = fmpq(*leading_ratio(numerator, denominator).as_integer_ratio())
         above, below = gain * numerator.rounded(), denominator.rounded()
         common = above.denom() * below.denom()
         above, below = (above * common).numer(), (below * common).numer()

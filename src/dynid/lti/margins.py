@@ -182,10 +182,9 @@ def _limit(top: Any, bottom: Any) -> Fraction:
     """Return a rational function at infinity; 0 where it is not finite."""
     if top.degree() != bottom.degree():
         return Fraction(0)
-    from dynid.arithmetic.field_polynomials import integers
+    from dynid.arithmetic.field_polynomials import leading_ratio
 
-    top, bottom = integers(top, bottom)
-    return Fraction(int(top.leading_coefficient()), int(bottom.leading_coefficient()))
+    return leading_ratio(top, bottom)
 
 
 def _ratio(top: Any, bottom: Any, omega: float) -> complex:
