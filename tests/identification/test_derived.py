@@ -305,3 +305,31 @@ def test_a_clean_record_has_zeros_of_one_shape_with_and_without_the_library(monk
         {path: result[path].data.shape for path in result if "/derived/" in path} for result in (one, other)
     ]
     assert shapes[0] == shapes[1]
+
+
+def test_repeated_roots_of_equal_branches_stay_on_the_axis():
+    """Three equal branches on a mass have two modes of their own at sqrt(k/m), also zeros of the mass."""
+    links = [{"dofs": [1, branch], "k": 400} for branch in (2, 3, 4)]
+    data = {
+        "kind": "identification",
+        "structure": {"lumped": {"masses": [2, 1, 1, 1], "links": links}},
+        "joints": {"ground": {"dofs": [1], "k": {"start": 300, "true": 500}}},
+        "derived": ["poles", "zeros"],
+        "excitation": [{"dof": 1, "kind": "multisine", "amplitude": [1, 1, 1], "frequency": [5, 13, 31]}],
+        "measurement": {
+            "step": 0.01,
+            "samples": 200,
+            "channels": [{"dof": 1, "quantity": "displacement"}, {"dof": 2, "quantity": "velocity"}],
+            "simulate": {"noise_ratio": 0.01, "seed": 1},
+        },
+    }
+    result = dynid.run(dynid.scene_from(data))
+    for group, repeated in (("poles", 2), ("zeros/1.displacement/1", 3), ("zeros/2.velocity/1", 2)):
+        value, on_axis, multiplicity = (
+            result[f"{DERIVED}/{group}/{name}"].data for name in ("value", "on_axis", "multiplicity")
+        )
+        np.testing.assert_allclose(value[multiplicity > 1], 20j, rtol=1e-12)
+        assert multiplicity[multiplicity > 1].tolist() == [repeated] * repeated
+        assert on_axis.all()
+        assert not value.real.any()
+    assert result[f"{DERIVED}/verdicts/always"].data.all()

@@ -239,7 +239,12 @@ def values(scene, *names):
     return [nodes[name].value for name in names]
 
 
-COPIES = ["graph.nodes.line.2.C=3", "graph.nodes.line.copies.2.C=3", "graph.nodes.line.copies={'2': {C: 3}}"]
+COPIES = [
+    "graph.nodes.line.2.C=3",
+    "graph.nodes.line.2={C: 3}",
+    "graph.nodes.line.copies.2.C=3",
+    "graph.nodes.line.copies={'2': {C: 3}}",
+]
 
 
 @pytest.mark.parametrize("override", COPIES)

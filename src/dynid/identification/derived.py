@@ -233,11 +233,13 @@ class RootFamily:
     def on_axis(self) -> NDArray[np.bool_]:
         """Mask of roots on the imaginary axis for all values of the parameters (m).
 
-        Their real parts and those of their derivatives vanish to rounding at the mean, and as many roots are
-        on the axis at random values.
+        Their real parts and those of their derivatives, where a root has any, vanish to rounding at the mean,
+        and as many roots are on the axis at random values.
         """
         values, slopes = self.reference.values, self.reference.slopes
         smooth = np.isfinite(slopes).all(axis=1)
+        for cluster in self.reference.clusters:
+            smooth[cluster.places] = True
         change = np.where(np.isfinite(slopes), slopes, 0.0)
         still = (np.abs(change.real) <= _ON_AXIS * (np.abs(values)[:, None] + np.abs(change))).all(axis=1)
         found = smooth & still & (np.abs(values.real) <= _ON_AXIS * np.abs(values))

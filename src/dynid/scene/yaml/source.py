@@ -278,7 +278,7 @@ def _next_key(holder: Any, parts: list[str], path: Path, origin: str) -> tuple[K
             if key in holder:
                 return key, parts[length:]
     key = _as_key(parts[0])
-    if type(key) is int and len(parts) > 1 and {"model", "repeat"} <= holder.keys():
+    if type(key) is int and {"model", "repeat"} <= holder.keys():
         return "copies", parts  # line.2.C: the copies of an instance are named by their numbers
     return key, parts[1:]
 
