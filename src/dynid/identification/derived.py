@@ -237,7 +237,7 @@ class RootFamily:
         and as many roots are on the axis at random values.
         """
         values, slopes = self.reference.values, self.reference.slopes
-        smooth = np.isfinite(slopes).all(axis=1)
+        smooth = np.asarray(np.isfinite(slopes).all(axis=1))
         for cluster in self.reference.clusters:
             smooth[cluster.places] = True
         change = np.where(np.isfinite(slopes), slopes, 0.0)
