@@ -50,10 +50,11 @@ def read_columns(
         A `.csv`, `.txt` or `.dat` file with one row a line (semicolons, tabs, bars, commas or spaces; where
         commas do not separate, they may be decimal; lines that start with # are passed over; a first line of
         names is a header, in which a unit may stand, `acc 12+Z [g]`, or in a line below; lines above the
-        names are skipped where it is certain which line has the names), an HDF5 file
-        (`.h5`, `.hdf5`), a MATLAB file (`.mat`) or a Universal File of data sets 58 (`.uff`, `.unv`). In text
-        a missing sample is an empty field, `nan`, `NA` or `n/a`; in a file of one column an empty line is a
-        missing sample too; in one of several columns it is refused. Empty lines at the end are dropped.
+        names are skipped where it is certain which line has the names; times may be dates and times of day),
+        an HDF5 file (`.h5`, `.hdf5`), a MATLAB file (`.mat`) or a Universal File of data sets 58 (`.uff`,
+        `.unv`). In text a missing sample is an empty field, `nan`, `NA` or `n/a`; in a file of one column an
+        empty line is a missing sample too; in one of several columns it is refused. Empty lines at the end
+        are dropped.
     columns
         Names, with or without the unit, or numbers from 1: columns of a table, datasets of an HDF5 file,
         variables of a MATLAB file, functions of a Universal File. Absent: all columns of a table but that of

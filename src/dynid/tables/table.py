@@ -88,7 +88,8 @@ class DataTable:
 
     `timed` is the column of the times, from 0; absent: it is found by its name. `units` are those of the
     columns in a row of their own; empty: they stand in the names, if anywhere. `doubts` say for which a
-    file contradicts itself; `note` says what was skipped.
+    file contradicts itself; `note` says what was skipped; `stamped` are columns of dates and times of day,
+    which hold no data.
     """
 
     file: DataFile
@@ -101,6 +102,7 @@ class DataTable:
     units: Sequence[str] = ()
     doubts: Sequence[str] = ()
     note: str = ""
+    stamped: tuple[int, ...] = ()
 
     def heading(self, column: int) -> Heading:
         """Return name and unit of a column, empty where the file has none."""
@@ -112,7 +114,7 @@ class DataTable:
     def data(self) -> list[int]:
         """The columns that are not the time, from 0."""
         timed = time_column(self.names) if self.timed is None else self.timed
-        return [k for k in range(self.values.shape[1]) if k != timed]
+        return [k for k in range(self.values.shape[1]) if k != timed and k not in self.stamped]
 
     def timed_by(self, column: int, resolution: NDArray[np.float64] | None = None) -> DataTable:
         """Return the table with a column of times, in s or in the unit that its heading has.
@@ -178,7 +180,11 @@ class DataTable:
         Dropped samples are missing (NaN), duplicated ones left out. With `resample` the columns are
         interpolated at even times.
         """
-        chosen = self.values[:, list(columns)]
+        columns = list(columns)
+        if dates := [k for k in columns if k in self.stamped]:
+            name = self.names[dates[0]] if self.names else f"column {dates[0] + 1}"
+            self.file.refuse(f"has dates or times of day in '{name}', no samples", key="columns")
+        chosen = self.values[:, columns]
         infinite = np.argwhere(np.isinf(chosen))
         if len(infinite):
             self.refuse_row(int(infinite[0, 0]), "the value is infinite", "Leave a saturated sample empty.")

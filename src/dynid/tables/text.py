@@ -5,10 +5,12 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from dynid.tables.date_times import DateTimeError, is_stamp, kind_of, read_stamps
 from dynid.tables.stamps import printed_resolution
 from dynid.tables.table import DataFile, DataTable, time_column
 from dynid.units import is_units_row, unit_of_field
@@ -16,6 +18,12 @@ from dynid.units import is_units_row, unit_of_field
 _MISSING = ("", "nan", "na", "n/a")
 _NO_TEXT = re.compile("[\x00-\x08\x0e-\x1f\u0900-\uffff]")
 _DECIMAL = r"[-+]?(\d+[.,]\d*|\d*[.,]\d+)([eE][-+]?\d+)?"
+#: A line that separates others above a table, perhaps with a title in it; --- may stand for a missing sample.
+_RULE = re.compile(
+    r"[\s|+]*(?:[-=_*~]{3,}[\s|+:]*)+|[\s;,]*(?:[-=_*~]{4,}[\s;,]*)+|\s*[-=_*~]{3,}.*[A-Za-z].*[-=_*~]{3,}\s*"
+)
+#: The start of a line that may be a row of numbers.
+_ROW = re.compile(r"\s*[\"']?[-+]?[.,]?\d")
 ACCEPTED = "A missing sample is an empty field, nan, NA or n/a."
 
 
@@ -53,6 +61,7 @@ def read_text(
     if dialect.comma:
         fields = [[dialect.number(field) for field in row] for row in fields]
     lines = [number for number, _ in body]
+    stamps = {} if number else _taken_stamps(fields)
     values = np.array(
         [_numbers(file, at, row, number or _number, late) for at, row in zip(lines, fields, strict=True)],
         dtype=float if number is None else complex,
@@ -61,13 +70,67 @@ def read_text(
     above = f"the first {start - 1} lines of {file.path.name}" if start > 2 else f"line 1 of {file.path.name}"
     note = f"{above}, above the column names, {'are' if start > 2 else 'is'} skipped" if skipped else ""
     table = DataTable(file, names, values, lines, units=units[: len(first)], note=note)
-    timed = time_column(names) if time is None else table.find(time, "time")
-    if timed is None or number is not None:
+    return table if number is not None else _timed(table, fields, stamps, time)
+
+
+def _timed(
+    table: DataTable, fields: list[list[str]], stamps: dict[int, list[str]], time: str | int | None
+) -> DataTable:
+    """Return a table with the times of a column of numbers, or of stamps."""
+    timed = time_column(table.names) if time is None else table.find(time, "time")
+    table = replace(table, stamped=tuple(stamps))
+    if stamps and (timed is None or timed in stamps):
+        return _timed_by_stamps(table, stamps, timed)
+    if timed is None:
         return table
-    written = [
-        row[timed] if np.isfinite(t) else "nan" for row, t in zip(fields, values[:, timed], strict=True)
-    ]
+    times = table.values[:, timed]
+    written = [row[timed] if np.isfinite(t) else "nan" for row, t in zip(fields, times, strict=True)]
     return table.timed_by(timed, printed_resolution(written))
+
+
+def _taken_stamps(fields: list[list[str]]) -> dict[int, list[str]]:
+    """Return the columns of dates and times of day, and leave them empty; a date without a time is none."""
+    found = {}
+    for column in range(len(fields[0])):
+        first = next((row[column] for row in fields if row[column].strip().lower() not in _MISSING), "")
+        if is_stamp(first.strip()):
+            texts = [row[column].strip() for row in fields]
+            found[column] = ["" if text.lower() in _MISSING else text for text in texts]
+    if all(kind_of(next(filter(None, texts))) == "date" for texts in found.values()):
+        return {}
+    for row in fields:
+        for column in found:
+            row[column] = ""
+    return found
+
+
+def _timed_by_stamps(table: DataTable, stamped: dict[int, list[str]], timed: int | None) -> DataTable:
+    """Return a table with the times of its stamps, s from the first one on."""
+    kinds = {column: kind_of(next(filter(None, texts))) for column, texts in stamped.items()}
+    if timed is None or kinds[timed] != "date and time":
+        by_kind = {
+            kind: [k for k in stamped if kinds[k] == kind] for kind in ("date and time", "date", "time")
+        }
+        if timed is None and len(by_kind["date and time"]) == 1:
+            (timed,) = by_kind["date and time"]
+        else:
+            times = [timed] if timed is not None and kinds[timed] == "time" else by_kind["time"]
+            if len(times) != 1 or len(by_kind["date"]) > 1:
+                return table
+            (timed,) = times
+    texts = stamped[timed]
+    if kinds[timed] == "time" and (dates := [k for k in stamped if kinds[k] == "date"]):
+        texts = [
+            f"{day} {time}" if day and time else ""
+            for day, time in zip(stamped[dates[0]], texts, strict=True)
+        ]
+    try:
+        stamps = read_stamps(texts)
+    except DateTimeError as error:
+        remedy = "Write times in seconds, or as 2024-12-11 17:41:40.002."
+        table.file.refuse(str(error), remedy, line=table.lines[error.row or 0] if table.lines else None)
+    resolution = np.full(len(texts), stamps.resolution)
+    return replace(table, times=stamps.seconds, resolution=resolution, timed=timed)
 
 
 def _are_names(fields: list[str]) -> bool:
@@ -86,6 +149,8 @@ def _are_names(fields: list[str]) -> bool:
 def _rows(file: DataFile, lines: list[str]) -> list[tuple[int, str]]:
     """Return the lines from the first row to the last that is not empty, with their numbers."""
     rows = [(number, line) for number, line in enumerate(lines, 1) if not line.lstrip().startswith("#")]
+    top = next((k for k, (_, line) in enumerate(rows) if _ROW.match(line)), 0)
+    rows = [row for k, row in enumerate(rows) if k >= top or not _RULE.fullmatch(row[1])]
     filled = [k for k, (_, line) in enumerate(rows) if line.strip(" \t")]
     if not filled:
         file.refuse("holds no data")
@@ -104,10 +169,17 @@ def _above_names(rows: Lines, number: Callable[[str], float | complex]) -> tuple
     two rows of numbers or more, a row of names with as many fields, perhaps one of units; what stands above
     has no numbers alone, and other numbers of fields, or an empty line below it. Else nothing is skipped.
     """
-    for separator in (";", "\t", "|", ",", None):
+    for separator, joined in (
+        (";", False),
+        ("\t", False),
+        ("|", False),
+        (",", False),
+        (None, False),
+        (None, True),
+    ):
         if separator is not None and separator not in rows[-1][1]:
             continue
-        dialects = [Dialect(separator, comma) for comma in (False, True)]
+        dialects = [Dialect(separator, comma, joined) for comma in (False, True)]
         split = dialects[0].split
 
         def is_row(line: str, dialects: list[Dialect] = dialects) -> bool:
@@ -124,6 +196,8 @@ def _above_names(rows: Lines, number: Callable[[str], float | complex]) -> tuple
             names -= 1
         below = [line for _, line in rows[names : first + 2]]
         certain = names > 0 and count > 1 and all(len(split(line)) == count for line in below)
+        if not certain and separator is None and not joined:
+            continue
         if not (certain and is_row(below[-1]) and _are_names([one.strip() for one in split(below[0])])):
             return 0, late
         width = _filled(split(below[0]))
@@ -142,7 +216,7 @@ def _all_read(number: Callable[[str], float | complex], dialect: Dialect, line: 
     """Return True if a line has numbers in all of its fields, one of them at least not missing."""
     fields = [dialect.number(field.strip()) for field in dialect.split(line)]
     return any(field.lower() not in _MISSING for field in fields) and all(
-        _reads(number, field) for field in fields
+        _reads(number, field) or is_stamp(field) for field in fields
     )
 
 
@@ -237,10 +311,14 @@ _PLAIN = re.compile(rf"[-+]?\d+{_EXPONENT}|nan|na|n/a|", re.IGNORECASE)
 
 
 class Dialect(NamedTuple):
-    """`separator` of the fields (None: spaces), and whether decimals take a `comma`."""
+    """`separator` of the fields (None: spaces), whether decimals take a `comma`.
+
+    `joined`: a date and the time of day behind it are one field, although a space separates them.
+    """
 
     separator: str | None
     comma: bool = False
+    joined: bool = False
 
     def split(self, line: str) -> list[str]:
         """Return the fields of a line."""
@@ -248,11 +326,24 @@ class Dialect(NamedTuple):
             found = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True))
             return [field.strip() for field in found]
         fields = line.split(self.separator)
+        if self.joined:
+            fields = _joined(fields)
         return [field.strip().strip('"') for field in fields] if '"' in line else fields
 
     def number(self, field: str) -> str:
         """Return a field with a decimal point, whatever the table has."""
         return field.replace(",", ".") if self.comma and _WITH_COMMA.fullmatch(field.strip()) else field
+
+
+def _joined(fields: list[str]) -> list[str]:
+    """Return fields with a date and the time of day behind it as one, and AM or PM with its time."""
+    found: list[str] = []
+    for field in fields:
+        if found and kind_of(found[-1]) and kind_of(f"{found[-1]} {field}"):
+            found[-1] = f"{found[-1]} {field}"
+        else:
+            found.append(field)
+    return found
 
 
 def find_dialect(file: DataFile, rows: Lines) -> Dialect:
@@ -263,6 +354,15 @@ def find_dialect(file: DataFile, rows: Lines) -> Dialect:
     FileError
         Where commas could be read in two ways.
     """
+    found = _separated(file, rows)
+    if found.separator is not None or len(rows) < 2:
+        return found
+    joined = found._replace(joined=True)
+    names, last = len(found.split(rows[0][1])), rows[-1][1]
+    return joined if len(found.split(last)) != names == len(joined.split(last)) else found
+
+
+def _separated(file: DataFile, rows: Lines) -> Dialect:
     first = rows[0][1]
     separator = next((mark for mark in ";\t" if mark in first), None)
     if separator is None and "|" in first and all("|" in line for _, line in rows if line.strip()):
@@ -338,8 +438,9 @@ def _with_commas(file: DataFile, rows: Lines) -> Dialect:
 
 
 def _is_numeric(dialect: Dialect, line: str) -> bool:
-    """Return True if all fields of a line are numbers, or missing."""
+    """Return True if all fields of a line are numbers or stamps, or missing."""
     numeric = (_WITH_COMMA,) if dialect.comma else (_WITH_POINT,)
     return all(
-        any(form.fullmatch(field.strip()) for form in (*numeric, _PLAIN)) for field in dialect.split(line)
+        any(form.fullmatch(field.strip()) for form in (*numeric, _PLAIN)) or is_stamp(field.strip())
+        for field in dialect.split(line)
     )
