@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -102,10 +101,8 @@ def run(
     if not quiet and not as_json:
         from dynid.cli.summary import summary
 
-        # Who sees both streams reads each warning once.
-        both = sys.stdout.isatty() and sys.stderr.isatty()
-        shown = without_warnings(result) if both else result
-        click.echo(summary(shown, f"{time.perf_counter() - started:.2g} s", trace=verbose))
+        # Each warning is printed once, on standard error.
+        click.echo(summary(without_warnings(result), f"{time.perf_counter() - started:.2g} s", trace=verbose))
         more = report or f"see it: dynid report {target}"
         click.echo(f"\n  wrote {target}{', ' if report else ' · '}{more}")
     said = warnings(result)
@@ -113,7 +110,6 @@ def run(
         from dynid.store.export import answer_json
 
         click.echo(answer_json(result, [*doubts, *said]))
-    # Scripts that do not read the screen find the warnings on standard error.
     for warning in said:
         click.echo(f"{scene}: warning: {warning}", err=True)
     if rejection:
