@@ -140,8 +140,6 @@ class Analysis:
         Times of the time response, s, starting at 0.
     signals
         Signals of the time response: pairs of an input and a signal; those of one input add up.
-    apart
-        True: there is one signal for each input, and the responses to them are apart, not added.
     initial
         Stored energy at t = 0: the flow of an I, the effort of a C.
     parameters
@@ -161,6 +159,8 @@ class Analysis:
         Of a graph with feedback: the graph without it, and the loops, for their margins.
     linearisation, law_outputs
         Of a graph with laws: its linearisation, and the outputs as the graph with laws has them.
+    apart
+        True: there is one signal for each input, and the responses to them are apart, not added.
     """
 
     inputs: tuple[str, ...]
@@ -169,7 +169,6 @@ class Analysis:
     omega: NDArray[np.float64] | None = None
     times: NDArray[np.float64] | None = None
     signals: tuple[tuple[str, Signal], ...] = ()
-    apart: bool = False
     initial: Mapping[str, float | Fraction] = field(default_factory=dict)
     parameters: tuple[SensitivityParameter, ...] | None = None
     engine: Engine = "auto"
@@ -181,6 +180,7 @@ class Analysis:
     loops: tuple[Loop, ...] = ()
     linearisation: Linearisation | None = None
     law_outputs: tuple[Port, ...] = ()
+    apart: bool = False
 
 
 # --- choice of the engine --------------------------------------------------------------------------

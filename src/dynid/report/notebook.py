@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,9 @@ from dynid.report.figure import figures
 from dynid.report.plot.chart import Subplot, declared
 from dynid.report.plot.heatmap import Heatmap
 from dynid.report.plot.layers import Annotation, BandLayer, Bars, Curve, Layer, Markers, ReferenceLine
+from dynid.report.scenes import frequency_unit
+from dynid.scene.schema.raw import HERTZ, RADIANS
+from dynid.store.frequencies import in_unit
 from dynid.suggestions import did_you_mean, did_you_mean_path, shortened
 
 if TYPE_CHECKING:
@@ -263,8 +267,9 @@ def frame(result: Result, name: str) -> pandas.DataFrame:
         columns, units = _samples(result)
         index = pandas.Index(columns.pop("sample"), name="sample")
     else:
-        path = _path_of(result, name)
+        path, unit = _path_of(result, name), frequency_unit(result)
         axis, arrays = _table_at(result, path)
+        arrays = {key: in_unit(key, variable, unit) for key, variable in arrays.items()}
         if not axis:  # numbers, with different units
             rows = {_last(path): (variable.data.item(), variable.units) for path, variable in arrays.items()}
             table = pandas.DataFrame.from_dict(rows, "index", columns=["value", "unit"])
@@ -272,9 +277,14 @@ def frame(result: Result, name: str) -> pandas.DataFrame:
             return table.rename_axis("quantity")
         own, first = next(iter(arrays.items()))
         labels = axis_of(result, own, axis, first.shape[0])
-        index = pandas.Index(labels.labels, name=f"{axis} [{labels.units}]" if labels.units else axis)
+        if labels.units == RADIANS.name and unit.factor != 1:
+            labels = replace(labels, labels=labels.labels * unit.factor, units=unit.name)
+        heading = _heading(axis, labels.units)
+        index = pandas.Index(labels.labels, name=f"{heading} [{labels.units}]" if labels.units else axis)
         columns, units = _columns(result, arrays)
-        single = _single_numbers(result, path)
+        single = {
+            key: in_unit(f"{path}/{key}", one, unit) for key, one in _single_numbers(result, path).items()
+        }
         numbers = {key: variable.data.item() for key, variable in single.items()}
         units |= {key: variable.units for key, variable in single.items() if variable.units}
         late = _approximate({**arrays, **single})
@@ -318,6 +328,11 @@ def _samples(result: Result) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
             values = values.astype(types[column.kind])
         columns[column.name] = values
     return columns, {column.name: column.units for column in table.fields if column.units}
+
+
+def _heading(name: str, units: str) -> str:
+    """Return the name of a column or an axis: omega is an angular frequency."""
+    return "frequency" if (name, units) == ("omega", HERTZ.name) else name
 
 
 def _last(path: str) -> str:
@@ -399,7 +414,8 @@ def _columns(
         for place in np.ndindex(data.shape[1:]):
             labels = [axis.labels[k] for axis, k in zip(axes, place, strict=True)]
             texts = (label if isinstance(label, str) else word(label) for label in labels)
-            entry = f"{name}[{','.join(texts)}]" if axes else name
+            heading = _heading(name, variable.units)
+            entry = f"{heading}[{','.join(texts)}]" if axes else heading
             columns[entry] = data[(slice(None), *place)]
             if variable.units:
                 units[entry] = variable.units

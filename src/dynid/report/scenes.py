@@ -139,7 +139,9 @@ def listed(value: Any) -> list[Any]:
 
 
 def in_hertz(result: Result) -> bool:
-    """Return True if the scene of a result is written in Hz."""
+    """Return True if the scene of a result, or the scene that a study varies, is written in Hz."""
+    if result.kind == "study" and "study/scene" in result:
+        return _in_hertz(str(result.value("study/scene")))
     return _in_hertz(str(result.attrs.get("scene", "")))
 
 

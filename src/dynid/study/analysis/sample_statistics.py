@@ -105,7 +105,7 @@ def declare(result: Result) -> None:
 
     Statistics of complex numbers are those of the magnitude; they have the attribute `of`.
     """
-    table = StudyTable(result)
+    table = StudyTable(result, stored=True)
     for path in filter(table.is_number, table.paths):
         variable = table.variable(path)
         dims, shape = variable.dims[1:], variable.shape[1:]
@@ -127,7 +127,7 @@ def declare(result: Result) -> None:
 
 def computed(result: Result) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yield path and values of all statistics of a study, from as many values at a time as memory allows."""
-    table = StudyTable(result)
+    table = StudyTable(result, stored=True)
     for path in filter(table.is_number, table.paths):
         variable = table.variable(path)
         samples, *entries = variable.shape

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from functools import cached_property
 from typing import Any
@@ -20,7 +20,9 @@ from dynid.checks.comparison import word
 from dynid.checks.expectations import LabelledAxis, axis_of
 from dynid.errors import DynidError, UsageError
 from dynid.result import Result, Variable
+from dynid.scene.schema.raw import RADIANS, FrequencyUnit, unit_of_frequencies
 from dynid.scene.yaml.source import parse_source
+from dynid.store.frequencies import in_unit
 from dynid.store.tables import ColumnKind, ExportTable, TableColumn, kind_of, split
 from dynid.suggestions import did_you_mean, did_you_mean_path
 
@@ -56,6 +58,8 @@ class StudyTable:
     ----------
     result
         The result of a study, in memory or stored.
+    stored
+        True: frequencies are in rad/s, as in the file; else in the unit of the scene.
 
     Raises
     ------
@@ -63,7 +67,8 @@ class StudyTable:
         If the result is of another kind.
     """
 
-    def __init__(self, result: Result) -> None:
+    def __init__(self, result: Result, *, stored: bool = False) -> None:
+        self._stored = stored
         if result.kind != "study" or "study/exit_code" not in result:
             raise UsageError(f"this is a result of kind {result.kind}, not of a study")
         self.result = result
@@ -130,9 +135,18 @@ class StudyTable:
         whole = isinstance(data, dict) and isinstance(data.get("derive") or {}, dict)
         return data if whole and isinstance(data.get("collect") or [], list) else {}
 
+    @cached_property
+    def _frequency_unit(self) -> FrequencyUnit:
+        """The unit of frequencies in the scene that the study varies."""
+        base = None if self._stored else self.result.get("study/scene")
+        try:
+            return RADIANS if base is None else unit_of_frequencies(parse_source(str(base.data)).data)
+        except DynidError:  # of a file that others wrote
+            return RADIANS
+
     def variable(self, path: str) -> Variable:
         """Return the output at a path; its first axis is the samples."""
-        return self.result[f"{RESULTS}/{path}"]
+        return in_unit(path, self.result[f"{RESULTS}/{path}"], self._frequency_unit)
 
     def is_number(self, path: str) -> bool:
         """Return whether the output at a path is numeric."""
@@ -145,9 +159,16 @@ class StudyTable:
     def axes(self, path: str) -> list[LabelledAxis]:
         """Return the axes of one sample at a path."""
         variable = self.variable(path)
-        return [
+        axes = [
             axis_of(self.result, f"{RESULTS}/{path}", dim, length)
             for dim, length in zip(variable.dims[1:], variable.shape[1:], strict=True)
+        ]
+        unit = self._frequency_unit
+        return [
+            replace(axis, labels=in_decimals(axis.labels * unit.factor), units=unit.name)
+            if axis.units == RADIANS.name and unit.factor != 1
+            else axis
+            for axis in axes
         ]
 
     def columns(self, path: str) -> Iterator[StudyColumn]:
@@ -191,6 +212,11 @@ class StudyTable:
         return path, tuple(
             _place(axis, label.strip(), path) for axis, label in zip(axes, labels, strict=True)
         )
+
+
+def in_decimals(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return numbers as a scene has them, without the last two digits, which converted units change."""
+    return np.array([float(f"{value:.14g}") for value in values])
 
 
 def _covers(wanted: str, path: str) -> bool:
