@@ -1,5 +1,7 @@
 """Scenes that name an engine, a reading or formulas, and what is refused of them."""
 
+import math
+
 import pytest
 
 import dynid
@@ -142,3 +144,16 @@ def test_the_dynamics_of_a_large_prototype_are_left_out_and_it_says_so(tmp_path)
     assert result.value("bond_graph/reduction/prototype") in ("c", "d")
     note = result.group_attrs["bond_graph/reduction"]["dynamics"]
     assert note.startswith("not formed: 160 storage elements")
+
+
+@pytest.mark.parametrize(("m", "c"), [("2", "1/3"), ("0.3", "0.7"), ("5", "7e-12"), ("0.001", "13")])
+def test_critical_damping_by_an_irrational_resistance_is_a_double_pole_of_the_float_engine(m, c):
+    nodes = {"u": "Se", "j": 1, "m": {"type": "I", "value": m}, "c": {"type": "C", "value": c}}
+    nodes["b"] = {"type": "R", "value": f"2*sqrt({m}/({c}))"}
+    graph = {"nodes": nodes, "bonds": ["u -> j", "j -> m", "j -> c", "j -> b"]}
+    analysis = {"outputs": ["c.e"], "engine": "float", "results": ["poles", "properties"]}
+    result = dynid.run(dynid.scene_from({"kind": "bond-graph", "graph": graph, "analysis": analysis}))
+    poles = result["bond_graph/transfer_function/c.e/u/poles"].data
+    assert poles.tolist() == [poles[0]] * 2
+    assert poles[0] == pytest.approx(-math.sqrt(1 / (eval(m) * eval(c))), rel=1e-14)
+    assert result.value("bond_graph/properties/c.e/u/stable") is True

@@ -74,17 +74,21 @@ def _certified(block: list[LinearForm]) -> RootDiscs | None:
     """Return the roots of a block from its characteristic polynomial; None where it has too many states."""
     from flint import fmpq_mat
 
+    from dynid.arithmetic.field_polynomials import FieldPolynomial
     from dynid.lti.certified_roots import certified_roots
 
     rates = solve(block, [])[0] if len(block) > 1 else {}
     if not 1 < len(rates) <= _MOST_CERTIFIED:
         return None
     matrix = fmpq_mat(len(rates), len(rates))
-    place = {name: k for k, name in enumerate(rates)}
+    place, field = {name: k for k, name in enumerate(rates)}, None
     for name, form in rates.items():
         for symbol, value in form.items():
-            matrix[place[name], place[symbol[1]]] = value
-    roots = [root for root in certified_roots(matrix.charpoly().numer()) for _ in range(root.multiplicity)]
+            field = getattr(value, "field", None)  # all are irrational, or none
+            matrix[place[name], place[symbol[1]]] = value if field is None else value.value
+    polynomial = matrix.charpoly()
+    polynomial = polynomial.numer() if field is None else FieldPolynomial(field, polynomial)
+    roots = [root for root in certified_roots(polynomial) for _ in range(root.multiplicity)]
     values, radii = (np.array([getattr(root, name) for root in roots]) for name in ("value", "radius"))
     return RootDiscs(values.astype(np.complex128), radii, np.zeros(len(roots)))
 
