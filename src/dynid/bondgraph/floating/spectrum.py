@@ -86,8 +86,8 @@ def _certified(block: list[LinearForm]) -> RootDiscs | None:
         for symbol, value in form.items():
             field = getattr(value, "field", None)  # all are irrational, or none
             matrix[place[name], place[symbol[1]]] = value if field is None else value.value
-    polynomial = matrix.charpoly()
-    polynomial = polynomial.numer() if field is None else FieldPolynomial(field, polynomial)
+    monic = matrix.charpoly()
+    polynomial = monic.numer() if field is None else FieldPolynomial(field, monic)
     roots = [root for root in certified_roots(polynomial) for _ in range(root.multiplicity)]
     values, radii = (np.array([getattr(root, name) for root in roots]) for name in ("value", "radius"))
     return RootDiscs(values.astype(np.complex128), radii, np.zeros(len(roots)))
