@@ -1,6 +1,8 @@
 """HDF5 files that claim much, or lead elsewhere: refused before anything is read."""
 
 import resource
+import subprocess
+import sys
 import time
 
 import h5py
@@ -147,3 +149,68 @@ def test_a_result_whose_arrays_are_elsewhere_is_refused(tmp_path):
         file.create_dataset("extra", (50,), "f8", external=[(str(tmp_path / "raw.bin"), 0, 400)])
     with pytest.raises(FileError, match="the values of 'extra' are in another file"):
         read_result(tmp_path / "s.h5")
+
+
+def filtered(path, number, *, mask=0, name=b"measured"):
+    """Write a dataset through a filter that is not there; with a mask its chunk was stored without it."""
+    rows = np.arange(30.0).reshape(10, 3)
+    with h5py.File(path, "w") as file:
+        properties = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        properties.set_chunk((10, 3))
+        properties.set_filter(number, h5py.h5z.FLAG_OPTIONAL, (1,))
+        made = h5py.h5d.create(
+            file.id, name, h5py.h5t.NATIVE_DOUBLE, h5py.h5s.create_simple((10, 3)), properties
+        )
+        made.write_direct_chunk((0, 0), rows.tobytes(), mask)
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("number", "said"), [(32015, "Zstandard \\(32015\\)"), (32001, "Blosc"), (300, "number 300")]
+)
+def test_a_filter_that_is_missing_is_named(tmp_path, number, said):
+    filtered(tmp_path / "r.h5", number)
+    for call in (
+        lambda: read_columns(tmp_path / "r.h5", None),
+        lambda: read_columns(tmp_path / "r.h5", ["measured"], step=0.1),
+    ):
+        refused(call, f"'measured' is stored through the filter {said}.*HDF5_PLUGIN_PATH")
+    filtered(tmp_path / "k.h5", number, name=b"K")
+    refused(
+        lambda: read_matrix(matrix_file(tmp_path, "k.h5", "K"), "stiffness"), f"through the filter {said}"
+    )
+
+
+def test_a_chunk_that_was_stored_without_its_filter_is_read(tmp_path):
+    rows = filtered(tmp_path / "r.h5", 32015, mask=1)
+    np.testing.assert_array_equal(read_columns(tmp_path / "r.h5", None), rows)
+
+
+WRITER = """
+import sys, h5py, numpy
+file = h5py.File(sys.argv[1], "w", libver="latest")
+file.create_dataset("measured", data=numpy.eye(4), maxshape=(None, 4), chunks=(2, 4))
+file["K"] = numpy.eye(4)
+file.swmr_mode = True
+file.flush()
+print("written", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_a_file_that_another_program_writes_is_left_to_it(tmp_path):
+    path = tmp_path / "r.h5"
+    with subprocess.Popen(
+        [sys.executable, "-c", WRITER, path], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as writer:
+        assert writer.stdout.readline()
+        for call in (
+            lambda: read_columns(path, None),
+            lambda: read_signal(path, "measured"),
+            lambda: read_matrix(matrix_file(tmp_path, "r.h5", "K"), "stiffness"),
+        ):
+            with pytest.raises(FileError, match="another program is still writing it") as raised:
+                call()
+            assert "h5clear" not in str(raised.value)
+        writer.communicate()
+    np.testing.assert_array_equal(read_columns(path, None), np.eye(4))

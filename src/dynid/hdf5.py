@@ -64,7 +64,16 @@ def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
             raise OSError("it is damaged, so that the HDF5 library does not survive reading it")
         _survived.add(key)
     # Files are replaced and never changed in place, so that nothing needs a lock.
-    return h5py.File(name, "r", locking=False)
+    try:
+        return h5py.File(name, "r", locking=False)
+    except OSError as error:
+        if "already open for write" not in str(error):
+            raise
+        # The library advises to clear the mark, which damages a file that is being written.
+        raise OSError(
+            "another program is still writing it, or ended without closing it: close it there, or read a "
+            "copy that is closed"
+        ) from None
 
 
 def checksum(blocks: Iterable[bytes]) -> bytes:
@@ -132,6 +141,11 @@ def check_stored(dataset: Any) -> None:
     name = str(dataset.name).lstrip("/")
     if dataset.shape is None:
         raise Refused(f"'{name}' has no values")
+    if missing := _missing_filter(dataset):
+        raise Refused(
+            f"'{name}' is stored through the filter {missing}, which this HDF5 library has not; write it "
+            "without, or name the folder of its plugin in HDF5_PLUGIN_PATH"
+        )
     if dataset.is_virtual:
         raise Refused(f"'{name}' is put together from other files; name these files instead")
     if dataset.external:
@@ -145,6 +159,30 @@ def check_stored(dataset: Any) -> None:
         raise Refused(f"'{name}' is stored in chunks of {chunk:,} bytes, but has {stored:,} in the file")
     if claimed > _MOST_GROWTH * stored:
         raise Refused(f"'{name}' claims {claimed:,} bytes of values, but has {stored:,} bytes in the file")
+
+
+#: Filters by their registered numbers (The HDF Group, "Registered Filter Plugins").
+_FILTERS = {
+    4: "SZIP", 305: "LZO", 307: "bzip2", 32000: "LZF", 32001: "Blosc", 32004: "LZ4", 32008: "bitshuffle",
+    32013: "ZFP", 32015: "Zstandard", 32017: "SZ", 32019: "JPEG-XR", 32024: "SZ3", 32026: "Blosc2",
+}  # fmt: skip
+
+
+def _missing_filter(dataset: Any) -> str:
+    """Return name and number of a filter of a dataset that the library has not; empty where it has all."""
+    import h5py
+
+    properties = dataset.id.get_create_plist()
+    for place in range(properties.get_nfilters()):
+        number, _, _, named = properties.get_filter(place)
+        if h5py.h5z.filter_avail(number):
+            continue
+        chunks = dataset.id.get_num_chunks() if dataset.chunks else 0
+        if chunks and dataset.id.get_chunk_info(0).filter_mask & (1 << place):
+            continue  # an optional one that was left out
+        name = _FILTERS.get(number) or named.partition(b"\0")[0].decode(errors="replace")
+        return f"{name} ({number})" if name else f"number {number}"
+    return ""
 
 
 def check_all_stored(file: Any) -> None:
@@ -168,11 +206,10 @@ def check_all_stored(file: Any) -> None:
                 item = group[name]
                 if isinstance(item, h5py.Group):
                     groups.append(item)
-                elif isinstance(item, h5py.Dataset) and item.size and not item.is_virtual:
-                    # Of an array that was never written nothing is stored; its values are a fill value.
-                    if item.external or item.id.get_storage_size():
-                        check_stored(item)
-                elif isinstance(item, h5py.Dataset) and item.is_virtual:
+                # Of an array that was never written nothing is stored; its values are a fill value.
+                elif isinstance(item, h5py.Dataset) and (
+                    item.is_virtual or item.external or (item.size and item.id.get_storage_size())
+                ):
                     check_stored(item)
 
 

@@ -271,6 +271,31 @@ def test_the_deviation_of_a_coherence_is_that_of_the_estimate(tmp_path):
     assert deviation == pytest.approx(np.abs(accelerances()) * np.sqrt(0.1 / 0.9 / 20))
 
 
+@pytest.mark.parametrize("unit", ["", ", unit: Hz"])
+def test_an_impossible_coherence_counts_only_in_the_band(tmp_path, unit):
+    gamma = np.full((91, 2), 0.9)
+    gamma[[2, 7], 1], gamma[88, 0], gamma[89, 0] = (1.04, 1.2), 0.0, -0.1
+    hdf5(tmp_path, gamma=gamma)
+    omega = HERTZ if unit else 2 * np.pi * HERTZ
+    if unit:
+        with h5py.File(tmp_path / "h.h5", "a") as store:
+            store["omega"][...] = HERTZ
+    low, high = omega[10], omega[80]
+    frf = f"{{file: {{path: h.h5, coherence: [gamma], averages: 20}}, band: [{low}, {high}]{unit}}}"
+    text = HEAD + MEASUREMENT + f"  frf: {frf}\n"
+    result = run(tmp_path, text)
+    warnings = result["identification/diagnostics/warnings"].data
+    said = [str(warning) for warning in warnings if "coherence" in str(warning)]
+    name = unit.rpartition(" ")[2] or "rad/s"
+    assert said == [
+        "outside the band h.h5 has a coherence that is not above 0 and at most 1: "
+        f"1.04 at {omega[2]:.6g} {name}, 1.2 at {omega[7]:.6g} {name}, 0 at {omega[88]:.6g} {name}, "
+        f"-0.1 at {omega[89]:.6g} {name}; these lines are not used"
+    ]
+    said = refusal(tmp_path, frf.replace(f"band: [{low}", f"band: [{omega[6]}"))
+    assert f"at most 1: 1.2 at {omega[7]:.6g} {name}. Leave these lines out" in said
+
+
 @pytest.mark.parametrize(
     ("frf", "said"),
     [

@@ -100,6 +100,11 @@ class DofNames:
         self._own = {*labels, *motions}
         self._numbered = any(isinstance(label, int) for label in labels)
 
+    def _as_number(self, name: Label) -> Label:
+        """Return the number that a text is, as JSON writes keys, unless it is a label."""
+        number = isinstance(name, str) and name not in self._own and re.fullmatch(r"[1-9][0-9]{0,17}", name)
+        return int(name) if number else name
+
     def find(self, name: Label) -> Label:
         """Return the own label of a DOF, or the name of a motion.
 
@@ -108,6 +113,7 @@ class DofNames:
         UsageError
             If there is no such DOF, two have this node and direction, or the name has a sign.
         """
+        name = self._as_number(name)
         if name in self._own:
             return name
         if isinstance(name, int):
@@ -128,6 +134,7 @@ class DofNames:
         UsageError
             As `find`.
         """
+        name = self._as_number(name)
         bare = unsigned(name)
         if name in self._own or bare == name:
             return 1.0, self.find(name)
@@ -143,6 +150,7 @@ class DofNames:
         UsageError
             As `find`.
         """
+        name = self._as_number(name)
         sign, label = self.find_signed(name)
         if isinstance(name, int) or sign > 0:
             return name if isinstance(name, int) else label
@@ -151,6 +159,7 @@ class DofNames:
 
     def has(self, name: Label, *, signed: bool = False) -> bool:
         """Return True if a name is that of a DOF or motion; `signed`: where it may have a sign."""
+        name = self._as_number(name)
         if name in self._own:
             return True
         if isinstance(name, int):
@@ -168,6 +177,7 @@ class DofNames:
         signed
             True where a sign is allowed.
         """
+        name = self._as_number(name)
         if isinstance(name, int):
             return None
         bare = str(unsigned(name))

@@ -50,7 +50,7 @@ class MeasuredResponses(NamedTuple):
 
     `omega` (L) as in the file, `values` (L x columns), `deviation` and `coherence` (alike) if requested;
     what `quantities` the file says they are (empty: it does not), and whether its frequencies are in Hz; the
-    `headings` of the columns, and that of the frequencies.
+    `headings` of the columns, and that of the frequencies; `note` is a warning.
     """
 
     omega: Array
@@ -61,6 +61,7 @@ class MeasuredResponses(NamedTuple):
     in_hertz: bool = False
     headings: Sequence[Heading] = ()
     of_lines: Heading = Heading("", "")
+    note: str = ""
 
     @property
     def columns(self) -> dict[str, NDArray[Any]]:
@@ -121,8 +122,6 @@ def read_responses(path: Path, given: ResponseLayout, place: str) -> MeasuredRes
         file.refuse(f"line {line + 1}: the response is infinite", "Leave a line out, or write nan.")
     if any(len(part) != len(found.omega) for part in found.columns.values()):
         file.refuse("has columns of different lengths", key="columns")
-    if found.coherence is not None and np.any((found.coherence <= 0) | (found.coherence > 1)):
-        file.refuse("has a coherence that is not above 0 and at most 1", key="coherence")
     return found
 
 

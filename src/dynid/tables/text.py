@@ -18,10 +18,9 @@ from dynid.units import is_units_row, unit_of_field
 _MISSING = ("", "nan", "na", "n/a")
 _NO_TEXT = re.compile("[\x00-\x08\x0e-\x1f\u0900-\uffff]")
 _DECIMAL = r"[-+]?(\d+[.,]\d*|\d*[.,]\d+)([eE][-+]?\d+)?"
-#: A line that separates others above a table, perhaps with a title in it; --- may stand for a missing sample.
-_RULE = re.compile(
-    r"[\s|+]*(?:[-=_*~]{3,}[\s|+:]*)+|[\s;,]*(?:[-=_*~]{4,}[\s;,]*)+|\s*[-=_*~]{3,}.*[A-Za-z].*[-=_*~]{3,}\s*"
-)
+#: A line that separates others above a table; --- between commas may stand for a missing sample.
+_RULE = re.compile(r"[\s|+]*+(?:[-=_*~]{3,}+[\s|+:]*+)++|[\s;,]*+(?:[-=_*~]{4,}+[\s;,]*+)++")
+_MARKS = "-=_*~"
 #: The start of a line that may be a row of numbers.
 _ROW = re.compile(r"\s*[\"']?[-+]?[.,]?\d")
 ACCEPTED = "A missing sample is an empty field, nan, NA or n/a."
@@ -150,11 +149,18 @@ def _rows(file: DataFile, lines: list[str]) -> list[tuple[int, str]]:
     """Return the lines from the first row to the last that is not empty, with their numbers."""
     rows = [(number, line) for number, line in enumerate(lines, 1) if not line.lstrip().startswith("#")]
     top = next((k for k, (_, line) in enumerate(rows) if _ROW.match(line)), 0)
-    rows = [row for k, row in enumerate(rows) if k >= top or not _RULE.fullmatch(row[1])]
+    rows = [row for k, row in enumerate(rows) if k >= top or not _is_rule(row[1])]
     filled = [k for k, (_, line) in enumerate(rows) if line.strip(" \t")]
     if not filled:
         file.refuse("holds no data")
     return rows[filled[0] : filled[-1] + 1]
+
+
+def _is_rule(line: str) -> bool:
+    """Return True of a line of dashes, also around a title."""
+    text = line.strip()
+    titled = len(text) - len(text.lstrip(_MARKS)) > 2 and len(text) - len(text.rstrip(_MARKS)) > 2
+    return _RULE.fullmatch(line) is not None or (titled and re.search("[A-Za-z]", text) is not None)
 
 
 #: Lines among which the first row of numbers is looked for.

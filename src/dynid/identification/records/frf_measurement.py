@@ -87,6 +87,8 @@ class FrfMeasurement:
         True if the deviation of the noise at each line is a ratio of the response there, which is `noise`, or
         estimated. The weights are first those of the measured values, then of the model's at the estimate:
         those of measured values favour lines where the noise is against the response.
+    notes
+        Warnings of how they were read.
     """
 
     omega: Array
@@ -96,6 +98,7 @@ class FrfMeasurement:
     deviation: Array | None = None
     relative: bool = False
     proportional: bool = False
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         omega = np.atleast_1d(np.array(self.omega, dtype=float))

@@ -81,6 +81,11 @@ class FrfRecord(RecordLikelihood):
         return "response"
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """Warnings of how they were read."""
+        return self.measurement.notes
+
+    @property
     def channels(self) -> Sequence[Frf]:
         """The responses."""
         return self.measurement.channels

@@ -19,10 +19,12 @@ from dynid.scene.kinds.signals import (
 from dynid.scene.kinds.structures import number
 from dynid.scene.schema.signals import FileSignal
 from dynid.structure.response import Channel, Load
+from dynid.suggestions import shortened
 from dynid.units import angular_factor
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -372,7 +374,10 @@ def frf_measurement(
         relative = averages is None
         spread = np.sqrt((1 - found.coherence) / found.coherence / (averages or 1))
         deviation = np.abs(found.values) * spread
-    return FrfMeasurement(found.omega, channels, found.values, noise, deviation, relative, proportional)
+    notes = (found.note,) if found.note else ()
+    return FrfMeasurement(
+        found.omega, channels, found.values, noise, deviation, relative, proportional, notes
+    )
 
 
 def _read(scene: Scene, given: FrfModel, channels: tuple[Frf, ...]) -> MeasuredResponses:
@@ -403,6 +408,7 @@ def _read(scene: Scene, given: FrfModel, channels: tuple[Frf, ...]) -> MeasuredR
             )
     found = found._replace(omega=found.omega * _in_radians(found, given))
     if given.band is None:
+        _check_coherence(path, found, given, np.ones(len(found.omega), dtype=bool))
         return found
     factor = angular_factor(given.unit)
     low, high = (factor * float(edge) for edge in given.band)
@@ -413,7 +419,36 @@ def _read(scene: Scene, given: FrfModel, channels: tuple[Frf, ...]) -> MeasuredR
             f"{found.omega[-1] / factor:.6g} {given.unit or 'rad/s'}",
             names=("measurement.frf.band",),
         )
-    return found.at(here)
+    note = _check_coherence(path, found, given, here)
+    return found.at(here)._replace(note=note)
+
+
+def _check_coherence(path: Path, found: MeasuredResponses, given: FrfModel, used: NDArray[np.bool_]) -> str:
+    """Return a warning of impossible coherences at lines that are not used.
+
+    Raises
+    ------
+    FileError
+        If a coherence at a line that is used is not above 0 and at most 1.
+    """
+    if found.coherence is None:
+        return ""
+    wrong = (found.coherence <= 0) | (found.coherence > 1)
+    at = np.flatnonzero(wrong.any(axis=1))
+    unit = given.unit or ("Hz" if found.in_hertz else "rad/s")
+    factor = angular_factor(unit)
+    shown = [
+        f"{found.coherence[line][wrong[line]][0]:.6g} at {found.omega[line] / factor:.6g} {unit}"
+        for line in (at[used[at]] if used[at].any() else at)
+    ]
+    listed = f"a coherence that is not above 0 and at most 1: {shortened(shown, 6)}"
+    if used[at].any():
+        raise FileError(
+            f"{path} has {listed}",
+            remedy="Leave these lines out (band), or name the right columns.",
+            names=(f"{_PLACE}.coherence", f"{_PLACE}.path"),
+        )
+    return f"outside the band {path.name} has {listed}; these lines are not used" if shown else ""
 
 
 def _in_radians(found: MeasuredResponses, given: FrfModel) -> float:
