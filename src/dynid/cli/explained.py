@@ -70,11 +70,13 @@ def explained(scene: Scene, overrides: tuple[str, ...]) -> Explained:
     DynidError
         Where a file of the scene cannot be read.
     """
+    from dynid.cli.summary.common import columns
     from dynid.scene.explanations.explanation import LIMIT
     from dynid.trial import limits_processor_time, messages
 
     seconds = LIMIT * (_PATIENCE if limits_processor_time() else 1)
-    stream = messages("dynid.cli.explained:explain_file", scene.source.file, *overrides, seconds=seconds)
+    arguments = (str(columns()), scene.source.file, *overrides)
+    stream = messages("dynid.cli.explained:explain_file", *arguments, seconds=seconds)
     if stream is not None:
         return _received(stream)
     heard: list[dict[str, Any]] = []  # no process can be started here
@@ -108,12 +110,14 @@ def _received(stream: Iterable[dict[str, Any]]) -> Explained:
     return replace(answer, cut_off=work)
 
 
-def explain_file(send: Send, path: str, *overrides: str) -> None:
-    """Explain the scene of a file: what the separate process does."""
+def explain_file(send: Send, width: str, path: str, *overrides: str) -> None:
+    """Explain the scene of a file for a screen of some width: what the separate process does."""
+    from dynid.cli.summary.common import screen_elsewhere
     from dynid.scene.explanations.explanation import LIMIT
     from dynid.scene.load import load_scene
     from dynid.trial import limit_processor_time
 
+    screen_elsewhere.set(int(width))
     scene = load_scene(path, overrides)
     limit_processor_time(LIMIT + _SLACK)
     try:

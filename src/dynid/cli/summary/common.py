@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Collection, Iterable, Sequence
+from contextvars import ContextVar
 from shutil import get_terminal_size
 from textwrap import wrap
 from typing import Any
@@ -50,8 +51,14 @@ def response_lines(result: Result, group: str) -> Iterable[str]:
             yield f"    … {counted(len(courses) - _MOST, 'more response')} in the file"
 
 
+#: The width of the screen of another process, for which this one writes; None: its own.
+screen_elsewhere: ContextVar[int | None] = ContextVar("screen_elsewhere", default=None)
+
+
 def columns() -> int:
     """Return the width of the screen, characters: of a terminal, at most 120; 120 for pipes and files."""
+    if (width := screen_elsewhere.get()) is not None:
+        return width
     if not sys.stdout.isatty():
         return _WIDEST
     return max(_NARROWEST, min(_WIDEST, get_terminal_size().columns))
