@@ -5,6 +5,7 @@
 runs the seeds FIRST … LAST - 1 and prints a line each and a summary. At the optimum: −2 log L, the noise of
 each channel estimated, is within 0.01 of the least that any method finds (dynid; SciPy from where dynid
 ended, from the truth and from random starts). Falsely converged: it is more than 10 above, and `converged`.
+Refused: as a whole, or a parameter is marked as not identifiable.
 """
 
 import math
@@ -156,6 +157,10 @@ def judged(seed):
         return Judgement(seed, status, math.nan, seconds, f"{type(error).__name__}: {error.problem}")
     seconds = time.process_time() - begun
     group = "identification/parameters"
+    if lost := np.flatnonzero(~result.value(f"{group}/identifiable")).tolist():
+        order = [names.index(name) for name in np.array(result.value(f"{group}/name"))[lost]]
+        words = str(result.value("identification/diagnostics/verdict"))
+        return Judgement(seed, RIGHTLY if _indistinct(this, order) else WRONGLY, math.nan, seconds, words)
     found = dict(zip(result.value(f"{group}/name"), result.value(f"{group}/estimate"), strict=True))
     eta = np.log([found[name] for name in names])
     reached, noise = record.deviance(eta)

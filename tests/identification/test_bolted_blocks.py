@@ -31,8 +31,8 @@ def small(blocks):
 
 def test_the_components_that_nothing_excites_are_named(blocks, small):
     out_of_plane = [f"bolt.{letter}.{along}" for along in ("y", "rx", "rz") for letter in "kc"]
-    said = blocks.refusal(small)
-    assert said == f"{', '.join(out_of_plane)} cannot be identified from this record: the sensitivity is zero"
+    said = blocks.undetermined(small)
+    assert said.startswith(f"{', '.join(out_of_plane)} are not identifiable from this record")
 
 
 def test_the_reduced_parts_have_the_modes_of_the_meshes(small):

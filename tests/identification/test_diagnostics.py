@@ -206,6 +206,10 @@ def posterior(measured=MEASURED, residual=NOISE, **changed):
         "consistency": None,
         "relative_errors": information["deviations"],
         "indistinguishable_from_zero": np.zeros(2, dtype=bool),
+        "identifiable": np.ones(2, dtype=bool),
+        "optima": None,
+        "ambiguous": False,
+        "undetermined": (),
     }
     return SimpleNamespace(
         likelihood=SimpleNamespace(names=("a.k", "b.k"), records=[record]),

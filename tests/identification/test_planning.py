@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import NotIdentifiable
-from dynid.identification.identifiability import coordinate_bounds, expected_time_records, identifiability
+from dynid.identification.identifiability import expected_time_records, identifiability
 from dynid.identification.information import collinear_groups
 from dynid.identification.planning.excitation import candidate_sines, exact_bounds, grid
 from dynid.identification.planning.plan import PlanRequest, candidate_sensors, every_channel, plan
@@ -84,14 +84,14 @@ def test_a_sine_in_a_single_mass_has_the_information_of_the_closed_form():
         np.testing.assert_allclose(root.T @ root, exact, rtol=1e-9, atol=1e-12 * exact.max())
     # The record's own: the state costs a few of 4000 samples, and 17 rad/s is no whole number of periods.
     exact = np.sqrt(np.diag(np.linalg.inv(closed_form(17.0, 4000, 5.0, sigma))))
-    np.testing.assert_allclose(coordinate_bounds(expected.information()), exact, rtol=5e-3)
+    np.testing.assert_allclose(expected.information().bounds(), exact, rtol=5e-3)
 
 
 def test_bounds_of_settled_sines_are_those_of_a_record_that_has_settled():
     model, experiment = single()
     expected = expected_time_records(model, [experiment])
     direct = exact_bounds(model, experiment, expected, [Load(1, Multisine([5.0], [17.0]))])
-    np.testing.assert_allclose(direct, coordinate_bounds(expected.information()), rtol=1e-9)
+    np.testing.assert_allclose(direct, expected.information().bounds(), rtol=1e-9)
 
 
 def test_what_sensors_tell_is_the_information_of_records_with_them():
@@ -104,7 +104,7 @@ def test_what_sensors_tell_is_the_information_of_records_with_them():
     ):
         direct = expected_time_records(suspension(), [Experiment(LOADS, simulated(0.05, channels=names))])
         np.testing.assert_allclose(
-            found.candidates.bounds(found.places(names)), coordinate_bounds(direct.information()), rtol=1e-6
+            found.candidates.bounds(found.places(names)), direct.information().bounds(), rtol=1e-6
         )
 
 
@@ -313,7 +313,7 @@ def test_the_best_lines_keep_what_they_promise(planned):
     ]
     noise = planned.value(f"{GROUP}/noise/deviation")
     expected = expected_time_records(suspension(), [Experiment(loads, simulated(0.05, settle=58.0))])
-    bounds = coordinate_bounds(expected.likelihood.information(expected.fit, [noise]))
+    bounds = expected.likelihood.information(expected.fit, [noise]).bounds()
     np.testing.assert_allclose(bounds, planned.value(f"{group}/best_bound"), rtol=1e-6)
     assert np.all(bounds < planned.value(f"{group}/present_bound"))
     assert planned.value(f"{group}/efficiency") < 1

@@ -38,8 +38,6 @@ NOMINAL_NOISE = 0.01
 # Singular values of the scaled sensitivities, over the largest, below which parameters are ill conditioned,
 # and below which they are not identifiable.
 _BADLY, _NOT = 1e-3**0.5, 1e-8
-# Share of a blind direction that leaves a parameter without a bound.
-_SHARE = 1e-3
 # Poles below this part of the largest are at zero; left and right vectors this near to orthogonal are those
 # of a multiple pole.
 _AT_REST, _DEFECTIVE = 1e-9, 1e-7
@@ -165,23 +163,6 @@ def _expectation(likelihood: Likelihood) -> tuple[Fit, list[Array], str, bool]:
     return fit, noise, "true" if at_truth else "start", assumed
 
 
-def coordinate_bounds(information: Information) -> Array:
-    """Return the bounds on the standard errors of the coordinates (p), infinite where not identifiable."""
-    size = np.linalg.norm(information.projected, axis=0)
-    # Sensitivities that are round-off beside the initial state or the signal are no information.
-    sensitive = size > _NOT * np.maximum(information.total, _NOT * information.signal)
-    bounds = np.full(len(size), np.inf)
-    if not sensitive.any():
-        return bounds
-    _, s, Vt = thin_svd(information.projected[:, sensitive] / size[sensitive])
-    s = np.concatenate([s, np.zeros(len(Vt) - len(s))])
-    resolved = s > _NOT * s[0]
-    blind = np.sqrt(np.sum(Vt[~resolved] ** 2, axis=0)) > _SHARE
-    deviation = np.sqrt(np.sum((Vt[resolved] / s[resolved, None]) ** 2, axis=0)) / size[sensitive]
-    bounds[sensitive] = np.where(blind, np.inf, deviation)
-    return bounds
-
-
 def identifiability(
     model: Model,
     experiments: Sequence[Experiment],
@@ -258,7 +239,7 @@ def channels_of_likelihood(likelihood: Likelihood) -> list[tuple[str, str]]:
 
 def add_expected_slopes(result: Result, expected: ExpectedRecords) -> None:
     """Add ``considered/``: expected slopes by the calibration; NaN of parameters not identifiable."""
-    unbounded = ~np.isfinite(coordinate_bounds(expected.information()))
+    unbounded = ~np.isfinite(expected.information().bounds())
     likelihood, free = expected.likelihood, np.zeros(len(unbounded), dtype=bool)
     each = zip(likelihood.records, expected.fit.parts, expected.noise, strict=True)
     derivatives = [record.calibration(part, level) for record, part, level in each]
@@ -300,7 +281,7 @@ def identifiability_result(
     information = expected.information()
     unit = common_unit(unknown.unit for unknown in unknowns)
     eta = expected.fit.eta
-    value, bounds = values(unknowns, eta), rates(unknowns, eta) * coordinate_bounds(information)
+    value, bounds = values(unknowns, eta), rates(unknowns, eta) * information.bounds()
     result.annotate(group, at=expected.place, noise="assumed" if expected.assumed else "known")
     result.add_axis(f"{group}/parameter", [unknown.name for unknown in unknowns])
     result.add(f"{group}/unit", [unknown.unit for unknown in unknowns], dims)
@@ -315,7 +296,7 @@ def identifiability_result(
     count = sum(int(record.data.counts.sum()) for record in records)
     total = np.linalg.norm(full, axis=0)
     known = replace(information, projected=full, total=total, freedom=count)
-    own = rates(unknowns, eta) * coordinate_bounds(known)
+    own = rates(unknowns, eta) * known.bounds()
     result.add(f"{group}/relative_bound_known_state", own / relative, dims)
     size = np.linalg.norm(information.projected, axis=0)
     _, s, _ = thin_svd(information.projected / np.where(size > 0, size, 1.0))

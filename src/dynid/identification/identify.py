@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import count
 from typing import Any
 
@@ -17,13 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Diverged, DynidError, NotIdentifiable, UsageError
-from dynid.identification.estimators.auto import Auto, FrfAuto
-from dynid.identification.estimators.estimate import Estimate, Estimator, Sweep
+from dynid.identification.equivalent_optima import DECIDED, OptimaSearch, deciding_sensors
+from dynid.identification.estimators.auto import Auto, FrfAuto, drawn_starts
+from dynid.identification.estimators.estimate import Estimate, EstimationStage, Estimator, Sweep
 from dynid.identification.estimators.filter import ASTRAY
 from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
 from dynid.identification.goodness_of_fit.instrument_mistakes import instrument_mistakes
 from dynid.identification.goodness_of_fit.proportional_noise import growing_residuals
 from dynid.identification.likelihood import Likelihood
+from dynid.identification.origin import Origin, identifiable_origin
 from dynid.identification.posterior import Posterior
 from dynid.identification.records.frf_measurement import FrfMeasurement, frf_data
 from dynid.identification.records.frf_record import FrfLikelihood, frf_likelihood
@@ -40,17 +43,18 @@ from dynid.identification.records.simulation import Simulation
 from dynid.identification.records.time_record import TimeLikelihood, TimeRecord
 from dynid.identification.results.write_rejected import raise_rejected
 from dynid.identification.results.write_result import Further, add_identification
+from dynid.identification.symmetry import like_parameters
 from dynid.identification.systems.instruments import Instruments, with_spreads
 from dynid.identification.systems.parametric_model import (
     Model,
     ParametricModel,
     parametric_model,
     unknowns_of,
+    with_fixed,
 )
 from dynid.lti.floating import guarded
 from dynid.number_format import sentence
-from dynid.parameters import named, rates, starts
-from dynid.parameters import values as values_at
+from dynid.parameters import Parameter, named, starts
 from dynid.result import Result
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
@@ -60,6 +64,9 @@ Array = NDArray[np.float64]
 Rebuild = Callable[[Mapping[str, float]], StructuralModel]
 """Returns the model for parameters by name."""
 
+# Starts around an estimate from which other optima are looked for where a parameter is not identifiable, and
+# the factor within which they lie.
+_SEARCHED, _REACH = 8, 6.0
 # A basis that follows the parameters is rebuilt until the estimates change by less than this many standard
 # errors, or this part of themselves; and so often at the most.
 _SETTLED, _LEAST = 0.01, 1e-6
@@ -106,7 +113,7 @@ class SharedRecords:
             each = zip(experiments, clean, strict=True)
             values = [data(truth, *experiment, record).without_noise() for experiment, record in each]
             ideal = _likelihood(models, experiments, values)
-            check_identifiable(ideal)
+            identifiable_origin(ideal)
             return cls(clean, models, ideal)
 
 
@@ -189,7 +196,6 @@ def identify_all(
             likelihood = _likelihood(common.models, experiments, values, common.ideal)
         else:
             likelihood = _likelihood(models_of_records(model, experiments), experiments, values)
-            check_identifiable(likelihood.ideal)
         dofs: list[Label] = []
         if isinstance(model, StructuralModel):
             dofs += [load.dof for loads, _ in experiments for load in loads if load.dof is not None]
@@ -198,6 +204,7 @@ def identify_all(
             model,
             truth or model,
             likelihood,
+            identifiable_origin(likelihood.ideal),
             estimator or Auto(),
             rebuild,
             lambda other, values: _likelihood(models_of_records(other, experiments), experiments, values),
@@ -259,11 +266,11 @@ def identify_frf(
         likelihood = frf_likelihood(model, measurement, frf_data(truth or model, measurement))
         record = likelihood.records[0].first_weighted()
         likelihood, measurement = FrfLikelihood((record,)), record.measurement
-        check_identifiable(likelihood)
         posterior, _ = posterior_of(
             model,
             truth or model,
             likelihood,
+            identifiable_origin(likelihood),
             estimator or FrfAuto(),
             rebuild,
             lambda other, values: frf_likelihood(other, measurement, values[0]),
@@ -280,6 +287,7 @@ def posterior_of(
     model: Model,
     truth: Model,
     likelihood: Likelihood,
+    origin: Origin,
     estimator: Any,
     rebuild: Rebuild | None,
     likelihood_of: Callable[[Any, Sequence[RecordData]], Likelihood],
@@ -289,11 +297,7 @@ def posterior_of(
 ) -> tuple[Posterior, Model]:
     """Return the posterior of the parameters, and the model at the end.
 
-    With `rebuild`, estimate and reduced basis are computed in turn until the estimate settles. A search from
-    several starts is made once. Of records of time it comes first: it finds the neighbourhood of the optimum,
-    which the later models share. Of frequency responses it comes last, if the residuals still require it:
-    those of a basis that does not follow the parameters yet need not be white, and a better basis may make
-    the search needless. The samples at which every input is known follow delays as they are estimated.
+    Parameters that the records do not determine are fixed, one after the other, and the others estimated.
 
     Parameters
     ----------
@@ -301,6 +305,8 @@ def posterior_of(
         The structure the estimator works with at first, and that of simulated records.
     likelihood
         The likelihood of the records with `model`.
+    origin
+        Where the estimation begins.
     estimator
         An estimator for it.
     rebuild
@@ -313,7 +319,56 @@ def posterior_of(
         Whether mistakes of instruments are sought that explain a lack of fit.
     """
     values = [record.whole for record in likelihood.records]
-    eta = starts(model.unknowns)
+    eta, unknowns = origin.eta, model.unknowns
+    fixed = {one.name: _guess(one) for one in unknowns if one.name in origin.undetermined}
+    astray: Posterior | None = None
+    for _ in range(1 + len(unknowns)):
+        if fixed:
+            model = with_fixed(model, fixed)
+            likelihood = likelihood_of(model, values).continuing(likelihood)
+        refit = None if rebuild is None else partial(_rebuilt, rebuild, dict(fixed))
+        posterior, model = _settled(model, likelihood, eta, estimator, refit, likelihood_of, suggest=suggest)
+        posterior = replace(posterior, undetermined=tuple(fixed))
+        lost = _undetermined(posterior)
+        if not lost:
+            break
+        fixed |= lost
+        if posterior.estimate.disputed:  # the search begins again, without what may have led it astray
+            astray = astray or posterior
+        else:
+            eta, estimator = posterior.fit.eta, _with(estimator, multi_start=False)
+            likelihood = posterior.likelihood
+    if astray is not None and posterior.estimate.disputed:
+        return _checked(astray, starts(unknowns), suggest), model
+    if posterior.optimal or posterior.estimate.disputed:
+        posterior, model = _with_optima(posterior, model, refit, likelihood_of)
+    posterior = _checked(posterior, starts(model.unknowns), suggest)
+    full = isinstance(truth, StructuralModel) and truth.basis is None
+    full = full and posterior.rejection is None
+    if full and isinstance(model, StructuralModel) and model.basis is not None:
+        posterior = _with_model_error(posterior, model, likelihood_of, list(dict.fromkeys(dofs)))
+    return posterior, model
+
+
+def _settled(
+    model: Model,
+    likelihood: Likelihood,
+    eta: Array,
+    estimator: Any,
+    rebuild: Rebuild | None,
+    likelihood_of: Callable[[Any, Sequence[RecordData]], Likelihood],
+    *,
+    suggest: bool,
+) -> tuple[Posterior, Model]:
+    """Return the posterior of an estimate from coordinates (p), and the model at the end.
+
+    With `rebuild`, estimate and reduced basis are computed in turn until the estimate settles. A search from
+    several starts is made once. Of records of time it comes first: it finds the neighbourhood of the optimum,
+    which the later models share. Of frequency responses it comes last, if the residuals still require it:
+    those of a basis that does not follow the parameters yet need not be white, and a better basis may make
+    the search needless. The samples at which every input is known follow delays as they are estimated.
+    """
+    values = [record.whole for record in likelihood.records]
     search_last = isinstance(likelihood, FrfLikelihood)
     here, most_rounds = estimator, _MOST_ROUNDS
     if search_last and rebuild is not None:
@@ -347,12 +402,69 @@ def posterior_of(
         if number == most_rounds:
             break
         likelihood = likelihood_of(model, values).continuing(posterior.likelihood).continuing(covering)
-    posterior = _checked(posterior, starts(model.unknowns), suggest)
-    full = isinstance(truth, StructuralModel) and truth.basis is None
-    full = full and posterior.rejection is None
-    if full and isinstance(model, StructuralModel) and model.basis is not None:
-        posterior = _with_model_error(posterior, model, likelihood_of, list(dict.fromkeys(dofs)))
     return posterior, model
+
+
+def _guess(unknown: Parameter) -> float:
+    """Return the mean of the prior of a parameter, or its start where it has none."""
+    return unknown.start if unknown.prior is None else unknown.prior.value
+
+
+def _rebuilt(rebuild: Rebuild, fixed: Mapping[str, float], values: Mapping[str, float]) -> Any:
+    """Return a rebuilt model with parameters fixed."""
+    model = rebuild(values)
+    return with_fixed(model, fixed) if fixed else model
+
+
+def _undetermined(posterior: Posterior) -> dict[str, float]:
+    """Return the parameter that the records determine least, if that is not at all, with a value for it.
+
+    None where the records have no response, or where no other parameter would be left.
+    """
+    unknown, likelihood = posterior.unknown, posterior.likelihood
+    left = ~(unknown | likelihood.priors.fixed)
+    if not (unknown.any() and left.any() and posterior.comparison.has_signal):
+        return {}
+    k = int(np.argmax(np.where(unknown, posterior.information.deviations(), -np.inf)))
+    return {likelihood.names[k]: likelihood.unknowns[k].value(posterior.admitted(k))}
+
+
+def _with_optima(
+    posterior: Posterior,
+    model: Model,
+    rebuild: Rebuild | None,
+    likelihood_of: Callable[[Any, Sequence[RecordData]], Likelihood],
+) -> tuple[Posterior, Model]:
+    """Return a posterior at the optimum of greatest posterior, with the equivalent ones; and its model."""
+    likelihood, estimate, lost = posterior.likelihood, posterior.estimate, posterior.undetermined
+    values = [record.whole for record in likelihood.records]
+
+    def likelihood_at(eta: Array) -> Likelihood:
+        assert rebuild is not None
+        other = likelihood_of(rebuild(named(model.unknowns, eta)), values)
+        return other.with_noise_of(likelihood)
+
+    ends = [
+        stage.eta for stage in estimate.stages if stage.misfit < likelihood.misfit(posterior.fit) + DECIDED
+    ]
+    searched = _SEARCHED if lost else 3
+    if lost:  # what is fixed may make a valley of several optima
+        ends += list(drawn_starts(likelihood.priors, posterior.fit.eta, 2 * searched, _REACH, 0))
+    at = likelihood_at if rebuild else None
+    search = OptimaSearch(likelihood, like_parameters(model), at, ends, searched)
+    optima, better = search.run(posterior.fit, posterior.information.deviations())
+    if len(optima) > 1:
+        optima = replace(optima, sensors=deciding_sensors(model, likelihood, optima))
+    if better is None:
+        return replace(posterior, optima=optima), model
+    likelihood, fit = better
+    stage = EstimationStage.at("an equivalent optimum", likelihood, fit)
+    estimate = replace(
+        estimate, fit=fit, stages=[*estimate.stages, stage], likelihood=likelihood, comparison=None
+    )
+    if rebuild is not None:
+        model = rebuild(named(model.unknowns, fit.eta))
+    return Posterior(likelihood, posterior.method, estimate, optima=optima, undetermined=lost), model
 
 
 def _with_model_error(
@@ -453,15 +565,6 @@ def _likelihood(
     each = zip(models, values, experiments, strict=True)
     records = tuple(TimeRecord.of(model, own, experiment, len(values)) for model, own, experiment in each)
     return TimeLikelihood(records, noiseless=noiseless)
-
-
-def check_identifiable(likelihood: Likelihood) -> None:
-    """Refuse records from which the parameters are not identifiable at their start values."""
-    eta = starts(likelihood.unknowns)
-    rms = [record.data.rms for record in likelihood.records]
-    found = likelihood.information(likelihood.fit(eta), rms)
-    unknowns = likelihood.unknowns
-    replace(found, values=values_at(unknowns, eta), rates=rates(unknowns, eta)).check()
 
 
 def _continued(before: Posterior, likelihood: Likelihood, now: Estimate) -> Estimate:

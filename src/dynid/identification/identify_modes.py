@@ -12,11 +12,11 @@ from dynid.identification.estimators.modal_search import ModalSearch
 from dynid.identification.form_error import needed_form_error
 from dynid.identification.identify import (
     Rebuild,
-    check_identifiable,
     models_of_records,
     posterior_of,
 )
 from dynid.identification.likelihood import Likelihood
+from dynid.identification.origin import identifiable_origin
 from dynid.identification.records.frf_measurement import FrfMeasurement, frf_data
 from dynid.identification.records.frf_record import frf_likelihood
 from dynid.identification.records.measurement import Experiment, RecordData, data
@@ -155,11 +155,11 @@ def identify_modes(
     names = [unknown.name for unknown in unknowns_of(model)]
     with guarded(f"the identification of {', '.join(names)}", names=names):
         problem = ModalProblem.of(model, modal, experiments, responses, truth=truth, rebuild=rebuild)
-        check_identifiable(problem.likelihood)
         posterior, _ = posterior_of(
             problem.model,
             problem.model,
             problem.likelihood,
+            identifiable_origin(problem.likelihood),
             estimator or ModalSearch(),
             problem.rebuild,
             problem.likelihood_of,

@@ -225,6 +225,37 @@ class Information:
                 "Fix some of them at a value, or add channels, samples or excitation frequencies.",
             )
 
+    def bounds(self) -> Array:
+        """Return bounds on the standard errors of the coordinates (p), infinite where not identifiable."""
+        size = np.linalg.norm(self.projected, axis=0)
+        # Sensitivities that are round-off beside the initial state or the signal are no information.
+        sensitive = size > _IDENTIFIABLE * np.maximum(self.total, _IDENTIFIABLE * self.signal)
+        bounds = np.full(len(size), np.inf)
+        if not sensitive.any():
+            return bounds
+        _, s, Vt = thin_svd(self.projected[:, sensitive] / size[sensitive])
+        s = np.concatenate([s, np.zeros(len(Vt) - len(s))])
+        resolved = s > _IDENTIFIABLE * s[0]
+        blind = np.sqrt(np.sum(Vt[~resolved] ** 2, axis=0)) > _SHARE
+        deviation = np.sqrt(np.sum((Vt[resolved] / s[resolved, None]) ** 2, axis=0)) / size[sensitive]
+        bounds[sensitive] = np.where(blind, np.inf, deviation)
+        return bounds
+
+    def dependent(self) -> list[int]:
+        """Return places of parameters without which the others are identifiable; as few as there can be.
+
+        Those to which the record is least sensitive come first.
+        """
+        size = np.linalg.norm(self.projected, axis=0)
+        sensitive = size > _IDENTIFIABLE * np.maximum(self.total, _IDENTIFIABLE * self.signal)
+        kept: list[int] = []
+        for k in np.argsort(-size, kind="stable").tolist():
+            if sensitive[k] and len(kept) < self.freedom:
+                columns = self.projected[:, [*kept, k]] / size[[*kept, k]]
+                if np.linalg.svd(columns, compute_uv=False)[-1] > _IDENTIFIABLE:
+                    kept.append(k)
+        return sorted(set(range(len(size))) - set(kept))
+
     def groups(self, level: float = _IDENTIFIABLE) -> list[CollinearGroup]:
         """Return the groups of parameters that cannot be distinguished, as `collinear_groups` does."""
         values = np.ones(len(self.names)) if self.values is None else self.values

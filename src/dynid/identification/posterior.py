@@ -32,13 +32,14 @@ from dynid.identification.goodness_of_fit.residual_tests import (
     whiteness,
 )
 from dynid.identification.goodness_of_fit.statistics import root_mean_square
-from dynid.identification.information import Information, below_noise, vanished
+from dynid.identification.information import Information, below_noise, joint_information, vanished
 from dynid.identification.likelihood import Fit, Likelihood
 from dynid.identification.records.record_likelihood import RecordLikelihood
 from dynid.identification.systems.instruments import CalibrationSlopes, calibration_slopes
 from dynid.parameters import logarithmic, rates, truths, values
 
 if TYPE_CHECKING:
+    from dynid.identification.equivalent_optima import EquivalentOptima
     from dynid.identification.goodness_of_fit.proportional_noise import GrowingResiduals
     from dynid.identification.model_error import ModelError
 
@@ -59,6 +60,9 @@ _RATIO = 1.92
 # Distance of the logarithm at which a value counts as 0, a factor of a thousand, and the Gauss–Newton steps
 # with which the other parameters follow there.
 _FAR, _FOLLOWING = float(np.log(1e3)), 4
+# Misfit within which a value of an undetermined parameter leaves the others as they are, to one standard
+# error; and the parts of the way to its start that are tried.
+_ADMITTED, _TOWARDS_START = 0.5, (1.0, 0.75, 0.5, 0.25)
 # Errors of coordinates below this are round-off, for which the bound of clean data has no meaning.
 _LEAST_BOUND = 1e-9
 
@@ -105,6 +109,10 @@ class Posterior:
         Residuals that grow with the response, where these are not explained by mistakes.
     rejection
         Error that rejects the fit; None where it is accepted.
+    optima
+        Optima that explain the records as well; None where they were not sought.
+    undetermined
+        Parameters that the records do not determine: fixed at the values that the likelihood has.
     """
 
     likelihood: Likelihood
@@ -114,6 +122,8 @@ class Posterior:
     mistakes: tuple[str, ...] = ()
     growing: GrowingResiduals | None = None
     rejection: DynidError | None = None
+    optima: EquivalentOptima | None = None
+    undetermined: tuple[str, ...] = ()
 
     @property
     def fit(self) -> Fit:
@@ -198,7 +208,9 @@ class Posterior:
     @property
     def values(self) -> Array:
         """The estimates (p)."""
-        return values(self.likelihood.unknowns, self.fit.eta)
+        unknowns = self.likelihood.unknowns
+        fixed = self.likelihood.priors.fixed  # theirs without the round-off of a logarithm
+        return np.where(fixed, [one.start for one in unknowns], values(unknowns, self.fit.eta))
 
     @property
     def rates(self) -> Array:
@@ -272,10 +284,51 @@ class Posterior:
         return is_optimal(self.step, self.information.deviations()) and not self.estimate.disputed
 
     @property
+    def ambiguous(self) -> bool:
+        """True if another optimum explains the records as well, and neither priors nor limits decide."""
+        return self.optima is not None and self.optima.ambiguous
+
+    @property
     def converged(self) -> bool:
-        """True if the estimate is at the optimum, and the model explains records that could contradict it."""
+        """True if the estimate is at the one optimum, and the model explains what could contradict it."""
         explained = self.rejection is None and self.comparison.explained
-        return self.optimal and explained and self.comparison.redundancy > 0
+        unique = not (self.ambiguous or self.undetermined)
+        return self.optimal and explained and self.comparison.redundancy > 0 and unique
+
+    @cached_property
+    def free_information(self) -> Information:
+        """The Fisher information as if no undetermined parameter were fixed."""
+        each = zip(self.likelihood.records, self.fit.parts, self.noise, strict=True)
+        found = joint_information([record.information(part, level) for record, part, level in each])
+        return found.beside(self.likelihood.priors.rows(fixed=False))
+
+    @cached_property
+    def identifiable(self) -> NDArray[np.bool_]:
+        """Mask of parameters that the records and priors determine by themselves (p)."""
+        names = self.likelihood.names
+        if not self.undetermined:
+            return np.ones(len(names), dtype=bool)
+        bounds, log = self.free_information.bounds(), logarithmic(self.likelihood.unknowns)
+        held = np.array([name in self.undetermined for name in names])
+        return np.asarray(np.isfinite(bounds) & ~held & ~(log & (bounds > _UNKNOWN)))
+
+    @property
+    def unknown(self) -> NDArray[np.bool_]:
+        """Mask of parameters of which not even the order of magnitude is known (p)."""
+        log = logarithmic(self.likelihood.unknowns)
+        return np.asarray(log & (self.information.deviations() > _UNKNOWN))
+
+    def admitted(self, k: int) -> float:
+        """Return the coordinate nearest to the start (or prior) of a parameter that the records admit.
+
+        The others follow. If that is not the start, it lies between the start and the estimate.
+        """
+        unknown, eta = self.likelihood.unknowns[k], float(self.fit.eta[k])
+        wanted = unknown.coordinate(unknown.start)
+        for part in _TOWARDS_START:
+            if self._accepted(k, coordinate := eta + part * (wanted - eta), _ADMITTED):
+                return coordinate
+        return eta
 
     def check(self) -> None:
         """Refuse estimates whose prediction does not explain the records.
@@ -291,9 +344,7 @@ class Posterior:
         NotIdentifiable
             Naming those whose order of magnitude the records do not determine.
         """
-        unexplained = self._unexplained()
-        log = logarithmic(self.likelihood.unknowns)
-        unknown = log & (self.information.deviations() > _UNKNOWN)
+        unexplained, unknown = self._unexplained(), self.unknown
         # Of a record that is noise alone there is no estimate to refuse; the verdict states that.
         if (unexplained or unknown.any()) and not self.comparison.has_signal:
             return
@@ -307,7 +358,9 @@ class Posterior:
                 names=names,
             )
         if unknown.any():
-            lost = [name for name, yes in zip(names, unknown, strict=True) if yes]
+            lost = [
+                name for name, yes in zip(names, unknown, strict=True) if yes or name in self.undetermined
+            ]
             if self.estimate.disputed:
                 raise Diverged(
                     f"{self.estimate.counts['starts']} starts ended at different optima, none of which "
@@ -337,10 +390,13 @@ class Posterior:
             found[k] = self._accepted(k, eta[k] - _FAR) and not self._accepted(k, large)
         return found
 
-    def _accepted(self, k: int, coordinate: float) -> bool:
-        """Return True if a coordinate of a parameter is in its 95 % interval by likelihood ratio."""
+    def _accepted(self, k: int, coordinate: float, ratio: float = _RATIO) -> bool:
+        """Return True if a coordinate of a parameter raises the misfit by no more than `ratio`.
+
+        By default that of its 95 % interval by likelihood ratio.
+        """
         fixed = np.arange(len(self.fit.eta)) == k
-        most = self.likelihood.misfit(self.fit) + _RATIO
+        most = self.likelihood.misfit(self.fit) + ratio
         eta = np.where(fixed, coordinate, self.fit.eta)
         try:
             for _ in range(_FOLLOWING):

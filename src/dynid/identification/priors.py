@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 # Information of the records on a parameter, relative to that of its prior, below which the two are not
 # compared.
 _INFORMATIVE = 1e-6
+# Deviation of a parameter that is fixed, in units: its part in the errors of others is round-off.
+_FIXED = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +64,18 @@ class Priors:
             for one, prior in priors
         ]
         units = [one.first_spread / 2 for one in unknowns]
-        return cls(*map(np.array, (low, high, means, deviations, units)))
+        found = cls(*(np.array(part, dtype=float) for part in (low, high, means, deviations, units)))
+        # Where the limits are one value, a prior that is as narrow keeps the information regular.
+        return replace(
+            found,
+            means=np.where(found.fixed, found.low, found.means),
+            deviations=np.where(found.fixed, _FIXED * found.units, found.deviations),
+        )
+
+    @property
+    def fixed(self) -> NDArray[np.bool_]:
+        """Mask of parameters whose limits are one value (p)."""
+        return np.asarray(self.low == self.high)
 
     @property
     def given(self) -> NDArray[np.bool_]:
@@ -81,9 +94,12 @@ class Priors:
         """Return the mask of coordinates that a limit keeps from moving in this direction (p)."""
         return ((eta <= self.low) & (direction < 0)) | ((eta >= self.high) & (direction > 0))
 
-    def rows(self) -> Array:
-        """Return the sensitivities of the priors' pseudo-observations over their deviations (count x p)."""
-        return np.asarray(np.diag(1 / self.deviations)[self.given])
+    def rows(self, *, fixed: bool = True) -> Array:
+        """Return the sensitivities of the priors' pseudo-observations over their deviations (count x p).
+
+        Without `fixed`, those of fixed parameters are left out.
+        """
+        return np.asarray(np.diag(1 / self.deviations)[self.given & (fixed | ~self.fixed)])
 
     def residual(self, eta: Array) -> Array:
         """Return the residuals of the pseudo-observations over their deviations (count)."""

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid.defaults import HEAVY_TAILS, OFFSET
+from dynid.identification.equivalent_optima import DECIDED
 from dynid.identification.goodness_of_fit.residual_tests import ResidualShape, is_coloured, whiteness
 from dynid.identification.posterior import UNCERTAIN, ChannelOfRecord, Posterior
-from dynid.number_format import frequency_text, p_text, share_text
+from dynid.identification.symmetry import interchangeable
+from dynid.number_format import frequency_text, p_text, quantity, share_text
+from dynid.parameters import Parameter, coordinates
+
+Array = NDArray[np.float64]
 
 # Levels of the warnings: a correlation, an error in standard errors, a part of the samples that are missing
 # or stand at the channel's extreme.
@@ -30,6 +38,26 @@ _NAMED = 3
 _DOMINANT = 0.5
 
 
+def _optimum_text(posterior: Posterior) -> str:
+    """Return how the estimate stands to the optima of the likelihood."""
+    names, distance = posterior.likelihood.names, posterior.distance_to_optimum
+    k = int(np.argmax(distance))
+    if posterior.estimate.disputed and posterior.estimate.cut_off:
+        return "the search was cut off, this may be a local optimum (start nearer to the true values)"
+    if posterior.estimate.disputed:
+        return "the starts end at different optima, this may be a local one (start nearer to the true values)"
+    if not posterior.optimal:
+        return f"{distance[k]:.2g} standard errors of {names[k]} from the optimum"
+    if posterior.undetermined:
+        lost = [name for name, yes in zip(names, posterior.identifiable, strict=True) if not yes]
+        return f"{', '.join(lost)} {'are' if len(lost) > 1 else 'is'} not identifiable"
+    if posterior.ambiguous:
+        assert posterior.optima is not None
+        count = int(np.count_nonzero(posterior.optima.undecided))
+        return f"{count} optima explain the {posterior.noun} equally well, this is one of them"
+    return "optimum found"
+
+
 def verdict(posterior: Posterior) -> str:
     """Return the verdict in one line: convergence of the estimate, and fit of the model.
 
@@ -37,22 +65,7 @@ def verdict(posterior: Posterior) -> str:
     """
     if posterior.rejection is not None:
         return f"rejected: {posterior.rejection.problem}"
-    names, distance, compared = (
-        posterior.likelihood.names,
-        posterior.distance_to_optimum,
-        posterior.comparison,
-    )
-    k, noun = int(np.argmax(distance)), posterior.noun
-    if posterior.estimate.disputed and posterior.estimate.cut_off:
-        found = "the search was cut off, this may be a local optimum (start nearer to the true values)"
-    elif posterior.estimate.disputed:
-        found = (
-            "the starts end at different optima, this may be a local one (start nearer to the true values)"
-        )
-    elif posterior.optimal:
-        found = "optimum found"
-    else:
-        found = f"{distance[k]:.2g} standard errors of {names[k]} from the optimum"
+    found, compared, noun = _optimum_text(posterior), posterior.comparison, posterior.noun
     if not compared.has_signal:
         fit = f"the {noun} shows no response, only noise ({p_text(compared.signal_p)})"
     elif not compared.explained:
@@ -69,19 +82,40 @@ def verdict(posterior: Posterior) -> str:
                 f"the model lacks fit ({p_text(compared.lack_of_fit_p, 1)}): it explains "
                 f"{share_text(compared.signal_explained)} of the signal"
             )
-            if posterior.optimal:
+            if posterior.optimal and not (posterior.ambiguous or posterior.undetermined):
                 return f"{found}, but {fit}, and the intervals are nominal, as a rule too narrow"
-        if posterior.optimal:
-            return f"converged: {found}, {fit}"
+        if posterior.converged:
+            return f"converged: {found}{_excluded(posterior)}, {fit}"
     return f"NOT converged: {found}; {fit}"
+
+
+def _excluded(posterior: Posterior) -> str:
+    """Return how many equivalent optima priors and limits exclude, as a part of a sentence."""
+    optima = posterior.optima
+    if optima is None or len(optima) == 1:
+        return ""
+    return f" (of {len(optima)} that explain the {posterior.noun} equally well, priors and limits leave it)"
 
 
 def warnings(posterior: Posterior) -> list[str]:
     """Return the warnings in words; none where all is well."""
-    found = [*_estimate_warnings(posterior), *_record_warnings(posterior), *_noise_warnings(posterior)]
+    found = [
+        *_unique_warnings(posterior),
+        *_estimate_warnings(posterior),
+        *_record_warnings(posterior),
+        *_noise_warnings(posterior),
+    ]
     if posterior.model_error is not None and posterior.model_error.warning:
         found.append(posterior.model_error.warning)
     return found
+
+
+def _unique_warnings(posterior: Posterior) -> Iterator[str]:
+    """Warn of parameters that the records do not determine, or not uniquely."""
+    if posterior.undetermined:
+        yield from _undetermined(posterior)
+    if posterior.ambiguous:
+        yield _equivalent_optima(posterior)
 
 
 def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
@@ -110,8 +144,9 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
                 "apart): correct its value, or give it a larger relative_deviation"
             )
     correlation, relative = posterior.information.correlation(), posterior.relative_errors
+    true_elsewhere = _true_optimum(posterior) > 0
     for k, name in enumerate(names):
-        if errors[k] > _OFF:
+        if errors[k] > _OFF and posterior.identifiable[k] and not true_elsewhere:
             yield f"error of {name}: {errors[k]:.2g} × Cramér–Rao bound"
         if relative[k] > UNCERTAIN and posterior.indistinguishable_from_zero[k]:
             yield (
@@ -122,12 +157,104 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
             yield f"{name} is poorly known: its standard error is {100 * relative[k]:.0f} % of it"
         for other in range(k):
             rho = correlation[k, other]
-            if abs(rho) > _CORRELATED:
+            if abs(rho) > _CORRELATED and posterior.identifiable[[k, other]].all():
                 combination = "ratio" if rho > 0 else "product"
                 yield (
                     f"{names[other]} and {name} are hardly distinguishable (correlation {rho:.3f}): "
                     f"the {posterior.noun} determines their {combination} better than either"
                 )
+
+
+def _undetermined(posterior: Posterior) -> Iterator[str]:
+    """Warn of parameters that the records do not determine, with the combinations that they do."""
+    likelihood, noun = posterior.likelihood, posterior.noun
+    grouped: set[str] = set()
+    values = dict(zip(likelihood.names, posterior.values.tolist(), strict=True))
+    information = replace(posterior.free_information, values=posterior.values, rates=posterior.rates)
+    for group in information.groups():
+        members = [likelihood.names[place] for place in group.places]
+        held = [name for name in members if name in posterior.undetermined]
+        only = f": the {noun} shows only {group.identifiable}" if group.identifiable else ""
+        fixed = ", ".join(f"{name} is held at {quantity(values[name])}" for name in held)
+        grouped.update(members)
+        yield (
+            f"{', '.join(members)} cannot be distinguished{only}; {fixed}, and the error bars of the others "
+            "are conditional on that; fix some of them, or add channels, samples or excitation frequencies"
+        )
+    left = [name for name in posterior.undetermined if name not in grouped]
+    if left:
+        several, at = len(left) > 1, ", ".join(quantity(values[name]) for name in left)
+        yield (
+            f"{', '.join(left)} {'are' if several else 'is'} not identifiable from this {noun}: held at "
+            f"{at}, and the error bars of the others are conditional on that; excite or measure where "
+            f"{'they act, or give priors' if several else 'it acts, or give a prior'}"
+        )
+
+
+def _true_optimum(posterior: Posterior) -> int:
+    """Return which of the equivalent optima is next to the true values; 0, the estimate, if none is known."""
+    optima = posterior.optima
+    if optima is None or np.isnan(true := posterior.true).any():
+        return 0
+    away = (optima.eta - coordinates(posterior.likelihood.unknowns, true)) / posterior.likelihood.priors.units
+    return int(np.argmin(np.linalg.norm(away, axis=1)))
+
+
+def _equivalent_optima(posterior: Posterior) -> str:
+    """Return which parameters are interchangeable, and what would decide between the optima."""
+    optima, unknowns = posterior.optima, posterior.likelihood.unknowns
+    assert optima is not None
+    undecided = optima.eta[optima.undecided]
+    count, names = len(undecided), posterior.likelihood.names
+    moved = np.flatnonzero(np.ptp(undecided, axis=0) > 0)
+    alike = "; ".join(map(interchange_text, interchangeable(names, optima.permutations)))
+    if not alike:
+        are = "is" if len(moved) == 1 else "are"
+        alike = f"{', '.join(names[k] for k in moved)} {are} not determined uniquely"
+    true = _true_optimum(posterior)
+    at = f"; the true values are those of optimum {true + 1}" if true else ""
+    remedy = deciding_text(unknowns, undecided, optima.sensors)
+    return (
+        f"{alike}: {count} optima explain the {posterior.noun} equally well "
+        f"(identification/equivalent_optima{at}). To decide: {remedy}"
+    )
+
+
+def interchange_text(groups: Sequence[Sequence[str]]) -> str:
+    """Return that groups of parameters are interchangeable, as a clause."""
+    written = [group[0] if len(group) == 1 else f"({', '.join(group)})" for group in groups]
+    return f"{', '.join(written[:-1])} and {written[-1]} are interchangeable"
+
+
+def deciding_text(unknowns: Sequence[Parameter], eta: Array, sensors: Sequence[str]) -> str:
+    """Return which sensor, prior or limit would decide between optima.
+
+    Parameters
+    ----------
+    unknowns
+        The parameters (p).
+    eta
+        Coordinates of the optima (optima x p).
+    sensors
+        Sensors at which they differ.
+    """
+    parts = []
+    if sensors:
+        listed = sensors[0] if len(sensors) == 1 else f"{', '.join(sensors[:-1])} or {sensors[-1]}"
+        parts.append(f"measure {listed}, too" if sensors[0].split()[0] != "DOF" else f"a sensor at {listed}")
+    gaps = np.abs(eta[1:] - eta[0]).max(axis=0) / [one.first_spread / 2 for one in unknowns]
+    k = int(np.argmax(gaps))
+    name, log = unknowns[k].name, unknowns[k].logarithmic
+    column = np.unique(eta[:, k])
+    lower, upper = float(column[-2]), float(column[-1])
+    # A prior at one of two values excludes the other by gap^2 / (2 sigma^2) in the logarithm.
+    sigma = (upper - lower) / math.sqrt(2 * DECIDED)
+    width = f"relative_deviation: {math.sqrt(math.expm1(sigma**2)):.2g}" if log else f"deviation: {sigma:.2g}"
+    some = "a prior of {} ({} or less)" if len(eta) == 2 else "priors such as of {} ({} or less)"
+    parts.append(some.format(name, width))
+    low, high = (unknowns[k].value(x) for x in (lower, upper))
+    parts.append(f"min or max of {name} between {quantity(low)} and {quantity(high)}")
+    return f"{', '.join(parts[:-1])}, or {parts[-1]}"
 
 
 def _record_warnings(posterior: Posterior) -> Iterator[str]:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Singular, UsageError
-from dynid.identification.identifiability import ExpectedTimeRecords, coordinate_bounds
+from dynid.identification.identifiability import ExpectedTimeRecords
 from dynid.identification.information import information
 from dynid.identification.planning.selection import Candidates, select
 from dynid.identification.records.measurement import Experiment
@@ -221,7 +221,7 @@ def exact_bounds(
     by_state = (predicted.by_state @ root * weight).reshape(len(by_parameter), -1)
     signal = float(np.linalg.norm(predicted.outputs / expected.noise[0]))
     names = tuple(expected.likelihood.names)
-    return coordinate_bounds(information(names, by_parameter, by_state, signal, predicted.outputs.size))
+    return information(names, by_parameter, by_state, signal, predicted.outputs.size).bounds()
 
 
 def add_excitation(
@@ -259,7 +259,7 @@ def add_excitation(
     result.annotate(group, driven="source" if found.of_graph else "force")
     result.add(f"{group}/gain", every.steps(chosen), ("choice",))
     best = exact_bounds(model, experiment, expected, found.loads(chosen))
-    present = coordinate_bounds(expected.information())
+    present = expected.information().bounds()
     result.add(f"{group}/best_bound", best, ("parameter",))
     result.add(f"{group}/present_bound", present, ("parameter",))
     both = np.isfinite(best).all() and np.isfinite(present).all()

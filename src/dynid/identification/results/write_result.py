@@ -7,6 +7,9 @@ Everything is below ``identification/``:
   `cramer_rao_without_prior` (of the records alone, infinite where a parameter is not identifiable);
   `at_bound` (such estimates have nominal standard errors); `start`, `true` and the unsigned `error_percent`,
   NaN where no true value is known. The attribute `error_bars` states where error bars are nominal.
+  `identifiable`: False of parameters that the records do not determine. These are fixed at their starts,
+  where the records admit that, and have an infinite `standard_error`; the errors of the others are
+  conditional.
 - `considered`: slopes of the estimates by the calibration of the instruments; see `calibration`.
 - `stages`: the attempts of the estimator.
 - `measurement`: `measured` (NaN where a sample is missing) and `predicted`, the noise-free response at the
@@ -22,6 +25,9 @@ Everything is below ``identification/``:
 - `model_error`, of a reduced model: the error of the estimates by the reduction.
 - `posterior`: check of the Gaussian posterior by importance sampling; see `importance`.
 - `derived`: poles, zeros, modes, gains and frequency responses with 95 % bands; see `write_derived`.
+- `equivalent_optima`, where several explain the records equally well: `estimate` of each (the first is that
+  of `parameters`), with `log_likelihood` and `log_posterior` less those of the first; `undecided` where
+  neither priors nor limits exclude it.
 - `diagnostics`, with a `verdict` and `warnings` in words:
 
   - `optimum`, also called `settled`: `distance_to_optimum`, the Gauss–Newton step left in standard errors, is
@@ -31,7 +37,9 @@ Everything is below ``identification/``:
     explains at least 95 % of the signal (`signal_explained`); see `lack_of_fit`.
   - `lacks_fit`: `lack_of_fit_p` is small: the residuals contradict the model, also where it is `explained`;
     the standard errors are nominal.
-  - `converged`: `optimum` and `explained`, and a `redundancy` above 0: the record could contradict the model.
+  - `equivalent_optima`: number of optima with equal likelihood, to 5 in its logarithm; 1 where there is one.
+  - `converged`: `optimum` and `explained`, a `redundancy` above 0 (the record could contradict the model),
+    and no other of the equivalent optima that priors and limits leave.
   - `log_likelihood` at the estimate, `bic`, and the numbers of `observations` and `free_parameters` (unknown
     parameters, resolved initial states, estimated deviations of the noise) that belong to it.
   - `prior_conflict`: distance of priors and records in deviations of that distance, 0 without a prior.
@@ -166,6 +174,7 @@ def add_identification(
     check = posterior_check(posterior) if further.check else None
     if check is not None:
         _add_check(result, posterior, check)
+    _add_optima(result, posterior)
     add_diagnostics(result, posterior, [] if check is None else check.warnings)
     if posterior.model_error is not None:
         posterior.model_error.add_to(result, [place.name for place in posterior.channels])
@@ -181,6 +190,9 @@ def _add_parameters(result: Result, posterior: Posterior) -> None:
     unit, estimate, rate, true = common_unit_of(posterior), posterior.values, posterior.rates, posterior.true
     add_names(result, group, posterior)
     result.add(f"{group}/estimate", estimate, dims, unit)
+    identifiable = posterior.identifiable
+    rate = np.where(identifiable, rate, np.inf)
+    result.add(f"{group}/identifiable", identifiable, dims)
     result.add(f"{group}/standard_error", rate * posterior.information.deviations(), dims, unit)
     if result.wants(f"{group}/standard_error_scaled") and posterior.noise_is_given:
         result.add(f"{group}/standard_error_scaled", rate * posterior.scaled_deviations, dims, unit)
@@ -190,9 +202,10 @@ def _add_parameters(result: Result, posterior: Posterior) -> None:
     ):
         result.add(f"{group}/standard_error_total", rate * total, dims, unit)
     if result.wants(f"{group}/cramer_rao"):
-        result.add(f"{group}/cramer_rao", posterior.bound, dims, unit)
-    result.add(f"{group}/at_bound", priors.at_bound(posterior.fit.eta), dims)
-    if priors.given.any():
+        bound = np.where(identifiable, posterior.bound, np.inf)
+        result.add(f"{group}/cramer_rao", bound, dims, unit)
+    result.add(f"{group}/at_bound", priors.at_bound(posterior.fit.eta) & ~priors.fixed, dims)
+    if (priors.given & ~priors.fixed).any():
         result.add(f"{group}/cramer_rao_without_prior", posterior.bound_with(prior=False), dims, unit)
     nonzero = np.where(true == 0, np.nan, true)
     result.add(f"{group}/error_percent", 100 * np.abs(estimate / nonzero - 1), dims, "%")
@@ -219,19 +232,37 @@ def common_unit_of(posterior: Posterior) -> str:
     return common_unit(unknown.unit for unknown in posterior.likelihood.unknowns)
 
 
+def _add_optima(result: Result, posterior: Posterior) -> None:
+    """Add ``equivalent_optima/`` where several optima have equal likelihood."""
+    optima = posterior.optima
+    if optima is None or len(optima) == 1:
+        return
+    group, dims = "identification/equivalent_optima", ("optimum",)
+    result.add_axis(f"{group}/optimum", np.arange(1, len(optima) + 1))
+    result.add_axis(f"{group}/parameter", posterior.likelihood.names)
+    estimates = values(posterior.likelihood.unknowns, optima.eta)
+    estimates[0] = posterior.values
+    result.add(f"{group}/estimate", estimates, ("optimum", "parameter"), common_unit_of(posterior))
+    result.add(f"{group}/log_likelihood", optima.log_likelihood, dims)
+    result.add(f"{group}/log_posterior", optima.log_posterior, dims)
+    result.add(f"{group}/undecided", optima.undecided, dims)
+
+
 # Diagnostics.
 
 
 def add_diagnostics(result: Result, posterior: Posterior, more: Sequence[str] = ()) -> None:
     """Add ``diagnostics/``: convergence, comparison of models, tests of the residuals, verdict."""
     group = _DIAGNOSTICS
+    result.add(f"{group}/equivalent_optima", 1 if posterior.optima is None else len(posterior.optima))
     for name in ("optimum", "settled"):
         result.add(f"{group}/{name}", posterior.optimal)
     if any(result.wants(f"{group}/{name}") for name in _COMPARED):
         _add_comparison(result, posterior)
     result.add_axis(f"{group}/parameter", posterior.likelihood.names)
     result.add(f"{group}/distance_to_optimum", posterior.distance_to_optimum, ("parameter",))
-    if posterior.likelihood.priors.given.any():
+    priors = posterior.likelihood.priors
+    if (priors.given & ~priors.fixed).any():
         conflict = posterior.prior_conflict
         result.add(f"{group}/prior_conflict", conflict, ("parameter",))
         result.add(f"{group}/prior_contradicted", conflict > CONTRADICTED, ("parameter",))
@@ -273,8 +304,13 @@ def _add_comparison(result: Result, posterior: Posterior) -> None:
     result.add(f"{group}/channel_lack_of_fit_p", compared.channel_lack_of_fit_p, ("channel",))
     if posterior.rejection is not None:
         return
-    if not posterior.converged:
+    if not (posterior.optimal and compared.explained and compared.redundancy > 0):
         result.annotate(_PARAMETERS, error_bars="nominal: the result is rejected")
+    elif posterior.undetermined:
+        held = ", ".join(posterior.undetermined)
+        result.annotate(_PARAMETERS, error_bars=f"conditional on the values of {held}")
+    elif posterior.ambiguous:
+        result.annotate(_PARAMETERS, error_bars="of this optimum alone")
     elif compared.lacks_fit or is_coloured(posterior.whiteness_p):
         result.annotate(_PARAMETERS, error_bars="nominal: the residuals are not noise")
 

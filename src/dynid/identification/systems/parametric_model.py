@@ -450,6 +450,28 @@ def unknowns_of(model: Model) -> tuple[Parameter, ...]:
     return model.unknowns
 
 
+def with_fixed(model: Model, fixed: Mapping[str, float]) -> Model:
+    """Return a model in which unknown parameters are fixed at values, by name: both limits are the value."""
+    parameters = [
+        replace(one, start=fixed[one.name], low=fixed[one.name], high=fixed[one.name], prior=None)
+        if one.name in fixed
+        else one
+        for one in model.parameters
+    ]
+    changed = model.with_parameters(parameters)
+    if not isinstance(changed, StructuralModel):
+        return changed
+    joints = []
+    for joint in changed.joints:
+        values = {term.letter: fixed[term.name] for term in joint.terms if term.name in fixed}
+        parts = {
+            letter: replace(getattr(joint, letter), start=value, low=value, high=value, prior=None)
+            for letter, value in values.items()
+        }
+        joints.append(replace(joint, **parts) if parts else joint)
+    return changed.joined(joints)
+
+
 def _scaled(found: Matrices, d: Array) -> Matrices:
     """Return matrices for states that are divided by d (n)."""
     return Matrices(

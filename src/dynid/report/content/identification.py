@@ -69,7 +69,7 @@ def method(result: Result) -> str:
 def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the content of an identification, or of the responses of a structure."""
     if has_estimates(result):
-        good = not is_rejected(result)
+        good = not (is_rejected(result) or is_open(result))
         sound = good and bool(result.value(f"{_DIAGNOSTICS}/white")) and not lacks_fit(result)
         answer, quality = list[Statement](), list[Statement]()
         for place, said in enumerate(verdict_sentences(result)):
@@ -184,7 +184,9 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
         estimate, true = (float(get[part][k]) for part in ("estimate", "true"))
         error = float(get["standard_error"][k]) if barred else math.nan
         shown: tuple[str, ...] = (quantity(estimate, abs(estimate) * 1e-4 if exact else None),)
-        if barred:
+        if barred and not math.isfinite(error):
+            shown = (quantity(estimate), "not identifiable")
+        elif barred:
             low, high = interval(estimate, error, linear[k])
             shown = (with_error(estimate, error), f"{quantity(low, error)} … {quantity(high, error)}")
         off = percent(get["error_percent"][k]) if true else "-"
@@ -196,12 +198,16 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
                 headed(name, get["unit"][k]),
                 quantity(get["start"][k]),
                 *shown,
-                *(() if scaled is None else (with_error(estimate, float(scaled[k])),)),
+                *(() if scaled is None else (_scaled_text(estimate, float(scaled[k])),)),
                 *truth,
                 *bound,
             )
         )
     return ("", "start", "estimate", *bars, *truths), rows
+
+
+def _scaled_text(estimate: float, error: float) -> str:
+    return with_error(estimate, error) if math.isfinite(error) else "-"
 
 
 def record_summary(result: Result) -> str:
@@ -248,7 +254,21 @@ def preparation(result: Result) -> Iterator[str]:
 def is_rejected(result: Result) -> bool:
     """Return True if an estimate is not converged and rejected, so that its standard errors are invalid."""
     converged = result.get(f"{_DIAGNOSTICS}/converged")
-    return converged is not None and not bool(converged.data)
+    return converged is not None and not bool(converged.data) and not is_open(result)
+
+
+def is_open(result: Result) -> bool:
+    """Return True if an estimate lacks no more than parameters that the records leave undetermined.
+
+    Those are not identifiable, or interchangeable; the standard errors of the others are valid beside them.
+    """
+    found = [
+        result.get(f"{_DIAGNOSTICS}/{name}") for name in ("converged", "optimum", "explained", "redundancy")
+    ]
+    if result.rejected or any(variable is None for variable in found):
+        return False
+    converged, optimum, explained, redundancy = (variable.data for variable in found if variable is not None)
+    return bool(not converged and optimum and explained and redundancy > 0)
 
 
 def lacks_fit(result: Result) -> bool:
@@ -278,10 +298,16 @@ def cautions(result: Result) -> Iterator[str]:
             remedy = "add channels or excitation frequencies, or fix a parameter"
         else:
             remedy = "use method auto, or more passes"
-        reason = str(result.value(f"{_DIAGNOSTICS}/verdict")).removeprefix("NOT converged: ")
         if not result.rejected:  # else the error of the run says it
-            yield f"not converged: {reason}: {remedy}"
+            yield f"not converged: {_reason(result)}: {remedy}"
+    elif is_open(result):  # the warnings have the remedies
+        yield f"not converged: {_reason(result)}"
     yield from (str(warning) for warning in result[f"{_DIAGNOSTICS}/warnings"].data)
+
+
+def _reason(result: Result) -> str:
+    """Return why an estimate is not converged."""
+    return str(result.value(f"{_DIAGNOSTICS}/verdict")).removeprefix("NOT converged: ")
 
 
 def contradicted_priors(result: Result) -> list[str]:
@@ -323,6 +349,28 @@ def _rejected_bars(result: Result) -> str:
     return "error bars are not printed: the result is rejected (those in the file are nominal)"
 
 
+def _error_bar_sentences(result: Result, *, sound: bool) -> Iterator[str]:
+    """Yield what is to be known of the error bars; `sound`: the residuals give no reason to."""
+    if is_open(result):
+        if bars := result.group_attrs.get(_PARAMETERS, {}).get("error_bars"):
+            yield f"error bars are {bars}"
+    elif is_rejected(result):
+        yield _rejected_bars(result)
+    elif not sound:  # else the verdict says it
+        yield "error bars are nominal: the residuals are not white noise"
+
+
+def _largest_error(result: Result) -> Iterator[str]:
+    """Yield the largest relative standard error that is finite."""
+    size = np.abs(result[f"{_PARAMETERS}/estimate"].data)
+    error = result[f"{_PARAMETERS}/standard_error"].data
+    relative = np.where(linear_parameters(result) | ~np.isfinite(error), 0.0, error)
+    relative = relative / np.where(size > 0, size, 1.0)
+    if relative.any():
+        name = result[f"{_PARAMETERS}/name"].data[int(np.argmax(relative))]
+        yield f"largest relative standard error: {percent(100 * relative.max())} ({name})"
+
+
 def verdict_sentences(result: Result) -> Iterator[str]:
     """Yield the verdict on an estimate: residuals, limits, conditioning, worst parameter, warnings."""
     p, white = result.value(f"{_DIAGNOSTICS}/whiteness_p"), bool(result.value(f"{_DIAGNOSTICS}/white"))
@@ -344,17 +392,13 @@ def verdict_sentences(result: Result) -> Iterator[str]:
     if not has_modes(result) or f"{_DIAGNOSTICS}/autocorrelation" in result:  # modes alone have no order
         yield residuals
     yield from noise_sentences(result)
-    rejected = is_rejected(result)
-    if rejected:
-        yield _rejected_bars(result)
-    elif not (white or exact or lacks_fit(result)):  # of which the verdict says it
-        yield "error bars are nominal: the residuals are not white noise"
+    yield from _error_bar_sentences(result, sound=white or exact or lacks_fit(result))
     group = estimates_group(result)
     names, bounds = result[f"{group}/name"].data, f"{group}/at_bound"
     held = ", ".join(names[result[bounds].data]) if bounds in result else ""
     if held:
         yield f"at a limit (min or max): {held}; the likelihood increases beyond it"
-    if len(names) > 1:
+    if len(names) > 1 and not is_open(result):
         condition = result.value(f"{_DIAGNOSTICS}/condition")
         verdict = (
             "badly conditioned; the parameters are hardly distinguishable"
@@ -362,12 +406,7 @@ def verdict_sentences(result: Result) -> Iterator[str]:
             else "well conditioned; the parameters are distinguishable"
         )
         yield f"{verdict} (condition number {condition:.2g})"
-    if not (rejected or exact):
-        size = np.abs(result[f"{_PARAMETERS}/estimate"].data)
-        relative = np.where(linear_parameters(result), 0.0, result[f"{_PARAMETERS}/standard_error"].data)
-        relative = relative / np.where(size > 0, size, 1.0)
-        if relative.any():
-            error = percent(100 * relative.max())
-            yield f"largest relative standard error: {error} ({names[int(np.argmax(relative))]})"
+    if not (is_rejected(result) or exact):
+        yield from _largest_error(result)
     if f"{_DIAGNOSTICS}/warnings" in result:
         yield from (f"warning: {warning}" for warning in result[f"{_DIAGNOSTICS}/warnings"].data)

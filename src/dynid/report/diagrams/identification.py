@@ -93,7 +93,7 @@ def _estimates(result: Result) -> Picture:
     true = result[f"{GROUP}/true"].data if f"{GROUP}/true" in result else np.full(len(names), np.nan)
     reference = np.where(np.isfinite(true), true, estimate)
     scale = np.where(reference == 0, 1.0, np.abs(reference)) / 100
-    off, half = (estimate - reference) / scale, 1.96 * error / scale
+    off, half = (estimate - reference) / scale, 1.96 * np.where(np.isfinite(error), error, np.nan) / scale
     place = np.arange(len(names), dtype=float)[::-1]  # axes go up, the first parameter is at the top
     known = bool(np.isfinite(true).any())
     barred = not is_rejected(result)

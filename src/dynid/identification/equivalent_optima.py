@@ -1,0 +1,366 @@
+"""Optima of the likelihood that explain the records as well as the estimate: interchangeable parameters.
+
+They are images of the estimate by the symmetries of the model (`symmetry`), or ends of further searches from
+exchanged values, where a symmetry holds but for a scale, or the records cannot contradict it. What priors and
+limits decide is judged by the posterior at the optimum next to each image.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.bondgraph.graph import STORAGES, Port
+from dynid.errors import DynidError
+from dynid.identification.estimators.maximum_likelihood import refine
+from dynid.identification.likelihood import Fit, Likelihood
+from dynid.identification.records.frf_record import FrfRecord
+from dynid.identification.records.time_record import TimeRecord
+from dynid.identification.symmetry import (
+    Permutation,
+    centre_of,
+    image,
+    images,
+    nearly_symmetric,
+    symmetries,
+)
+from dynid.identification.systems.graph_system import IdentifiedGraph
+from dynid.identification.systems.parametric_model import Model, system_of
+from dynid.lti.floating import guarded
+from dynid.parameters import named
+from dynid.structure.model import StructuralModel
+from dynid.structure.response import Channel
+
+Array = NDArray[np.float64]
+
+#: Difference of the logarithm of the posterior from which it decides: odds of 150 to 1.
+DECIDED = 5.0
+# Most optima that are listed: the images of seven equal branches.
+_MOST = 5040
+# Most images whose neighbourhood is searched for the optimum of the posterior, and steps of one search.
+_REFINED, _STEPS = 24, 20
+# Gain of the logarithm of the posterior from which another optimum is the estimate, and how often it may be.
+_BETTER, _ROUNDS = 0.01, 4
+# Coordinates are those of one optimum where they differ by less than this many deviations, or units.
+_SAME_DEVIATIONS, _SAME_UNITS = 0.01, 1e-9
+# An optimum that no symmetry relates to the estimate is another one from so many deviations on.
+_APART = 3.0
+# Starts with exchanged values that are ranked, and searched; the first steps of such a search, and the part
+# of the misfit that they must leave at most.
+_RANKED, _SEARCHED, _FIRST, _LEFT = 16, 3, 4, 0.3
+# Most states, and candidate sensors, of models whose deciding sensors are sought; lines at which responses
+# are compared, the relative difference from which they differ, and how many sensors are named.
+_SENSOR_STATES, _SENSORS, _LINES, _DIFFERENT, _NAMED = 120, 60, 5, 1e-3, 3
+# Most multiplications of the evaluations of these starts: some hundredths of a second.
+_WORK = 100_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class EquivalentOptima:
+    """Optima with equal likelihood.
+
+    Attributes
+    ----------
+    eta
+        Their coordinates (optima x p); the first is the estimate.
+    log_likelihood, log_posterior
+        Logarithms less those at the estimate (optima), of the records alone and with priors and limits; minus
+        infinity where there is no optimum of the posterior.
+    permutations
+        The symmetries of the model that relate them.
+    sensors
+        Further sensors at which they differ, by name.
+    """
+
+    eta: Array
+    log_likelihood: Array
+    log_posterior: Array
+    permutations: Sequence[Permutation] = ()
+    sensors: Sequence[str] = ()
+
+    def __len__(self) -> int:
+        return len(self.eta)
+
+    @property
+    def undecided(self) -> NDArray[np.bool_]:
+        """Mask of the optima that priors and limits do not exclude (optima), the estimate among them."""
+        return np.asarray(self.log_posterior > -DECIDED)
+
+    @property
+    def ambiguous(self) -> bool:
+        """True if priors and limits leave more than one optimum."""
+        return bool(np.count_nonzero(self.undecided) > 1)
+
+
+class Optimum(NamedTuple):
+    """An optimum of the posterior, with the likelihood that it maximises."""
+
+    likelihood: Likelihood
+    fit: Fit
+
+    @property
+    def misfit(self) -> float:
+        """Misfit with the priors."""
+        return self.likelihood.misfit(self.fit)
+
+    @property
+    def record_misfit(self) -> float:
+        """Misfit without the priors."""
+        return self.misfit - float(np.sum(self.likelihood.priors.residual(self.fit.eta) ** 2)) / 2
+
+
+@dataclass(frozen=True, eq=False)
+class OptimaSearch:
+    """A search for optima that are equivalent to an estimate.
+
+    Parameters
+    ----------
+    likelihood
+        The likelihood that the estimate maximises.
+    kinds
+        What each parameter is; see `symmetry.like_parameters`.
+    likelihood_at
+        Returns the likelihood with the model for other coordinates (p), where a reduced basis follows the
+        parameters; None where it stays.
+    ends
+        Coordinates at which other searches ended.
+    searched
+        Most starts from which an optimum is searched for.
+    """
+
+    likelihood: Likelihood
+    kinds: Sequence[str]
+    likelihood_at: Callable[[Array], Likelihood] | None = None
+    ends: Sequence[Array] = ()
+    searched: int = _SEARCHED
+
+    def run(self, fit: Fit, deviations: Array) -> tuple[EquivalentOptima, Optimum | None]:
+        """Return the equivalent optima of a fit, and the one of a greater posterior if there is any.
+
+        Parameters
+        ----------
+        fit
+            The fit at the estimate.
+        deviations
+            Standard deviations of its coordinates (p).
+        """
+        best, better = Optimum(self.likelihood, fit), None
+        for _ in range(_ROUNDS):
+            optima, better = self._around(best, deviations)
+            if better is None:
+                break
+            best = better
+        return optima, None if best.fit is fit else best
+
+    def _around(self, best: Optimum, deviations: Array) -> tuple[EquivalentOptima, Optimum | None]:
+        """Return the optima equivalent to the best so far, and one of a greater posterior if there is any."""
+        eta, priors = best.fit.eta, self.likelihood.priors
+        same = np.maximum(_SAME_DEVIATIONS * deviations, _SAME_UNITS * priors.units)
+        permutations = self._symmetries(best)
+        points = images(permutations, eta, same, _MOST)
+        gain = np.zeros(len(points))  # of the logarithm of the posterior
+        bounded = np.isfinite(priors.low) | np.isfinite(priors.high) | priors.given
+        if (bounded & ~priors.fixed).any():
+            for k, point in enumerate(points[1:], 1):
+                if k >= _REFINED:
+                    gain[k] = self._prior_gain(eta, point)
+                    continue
+                optimum = self._beside(point, eta)
+                gain[k] = -math.inf if optimum is None else best.misfit - optimum.misfit
+                if gain[k] > _BETTER and optimum is not None:
+                    return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), optimum
+                if gain[k] > -DECIDED and optimum is not None:
+                    points[k] = optimum.fit.eta
+        likelihoods = np.zeros(len(points))
+        for optimum in self._near(best, points, deviations):
+            if best.misfit - optimum.misfit > _BETTER:
+                return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), optimum
+            for point in images(permutations, optimum.fit.eta, same, _MOST):
+                points.append(point)
+                likelihoods = np.append(likelihoods, best.record_misfit - optimum.record_misfit)
+                gain = np.append(gain, best.misfit - optimum.misfit)
+        return EquivalentOptima(np.array(points), likelihoods, gain, permutations), None
+
+    def _likelihood(self, eta: Array) -> Likelihood:
+        """Return the likelihood at coordinates (p)."""
+        return self.likelihood if self.likelihood_at is None else self.likelihood_at(eta)
+
+    def _symmetries(self, best: Optimum) -> list[Permutation]:
+        """Return the symmetries of the model that leave the likelihood at the optimum as it is."""
+        likelihood, eta = self.likelihood, best.fit.eta
+        if self.likelihood_at is not None:
+            # A basis for the estimate has not the symmetry of the model: one for equal parameters has.
+            centre = centre_of(self.kinds, eta)
+            if not nearly_symmetric(likelihood, self.kinds, eta):
+                return []
+            likelihood = self.likelihood_at(centre)
+        confirmed = []
+        for permutation in symmetries(likelihood, self.kinds, eta):
+            try:
+                with guarded("the prediction"):
+                    moved = image(permutation, eta)
+                    optimum = Optimum(own := self._likelihood(moved), own.fit(moved))
+            except DynidError:
+                continue
+            if abs(optimum.record_misfit - best.record_misfit) <= DECIDED:
+                confirmed.append(permutation)
+        return confirmed
+
+    def _prior_gain(self, eta: Array, point: Array) -> float:
+        """Return the logarithm of the prior at a point over that at coordinates (p)."""
+        priors = self.likelihood.priors
+        if np.any((point < priors.low) | (point > priors.high)):
+            return -math.inf
+        squares = (float(np.sum(priors.residual(each) ** 2)) for each in (eta, point))
+        return (next(squares) - next(squares)) / 2
+
+    def _beside(self, point: Array, eta: Array) -> Optimum | None:
+        """Return the optimum of the posterior beside an image of `eta`; None where there is none."""
+        likelihood = self._likelihood(point)
+        try:
+            with guarded("the prediction"):
+                fit = refine(likelihood, likelihood.priors.clipped(point), _STEPS).fit
+        except DynidError:
+            return None
+        from_image, from_estimate = (
+            np.linalg.norm((fit.eta - each) / likelihood.priors.units) for each in (point, eta)
+        )
+        return Optimum(likelihood, fit) if from_image < from_estimate else None
+
+    # Optima that no exact symmetry relates.
+
+    def _near(self, best: Optimum, known: Sequence[Array], deviations: Array) -> Iterator[Optimum]:
+        """Yield optima to which searches from exchanged values lead, as far as their posterior is no less."""
+        likelihood = self.likelihood
+        if work_of(likelihood) * _RANKED > _WORK or self.likelihood_at is not None:
+            return
+        apart = np.maximum(_APART * deviations, _SAME_UNITS * likelihood.priors.units)
+        seen = list(known)
+        ranked: list[tuple[float, int, Array]] = []
+        for start in map(likelihood.priors.clipped, self._starts(best.fit.eta)):
+            if _is_new(start, seen, apart):
+                seen.append(start)
+                try:
+                    with guarded("the prediction"):
+                        ranked.append((likelihood.misfit_at(start), len(ranked), start))
+                except DynidError:
+                    continue
+                if len(ranked) == _RANKED + self.searched:
+                    break
+        ends = list(known)
+        for misfit, _, start in sorted(ranked)[: self.searched]:
+            optimum = self._searched(best, start, misfit)
+            if optimum is not None and _is_new(optimum.fit.eta, ends, apart):
+                ends.append(optimum.fit.eta)
+                yield optimum
+
+    def _searched(self, best: Optimum, start: Array, misfit: float) -> Optimum | None:
+        """Return the optimum that a search from a start leads to, if it is as good as the best."""
+        likelihood = self.likelihood
+        try:
+            with guarded("the prediction"):
+                fit, steps = refine(likelihood, start, _FIRST)
+                if steps == _FIRST:
+                    left = likelihood.misfit(fit) - best.misfit
+                    if left > max(DECIDED, _LEFT * (misfit - best.misfit)):
+                        return None
+                    fit, steps = refine(likelihood, fit.eta, _STEPS)
+        except DynidError:
+            return None
+        optimum = Optimum(likelihood, fit)
+        return optimum if steps < _STEPS and optimum.misfit - best.misfit < DECIDED else None
+
+    def _starts(self, eta: Array) -> Iterator[Array]:
+        """Yield where other searches ended, and coordinates (p) with like parameters exchanged."""
+        yield from self.ends
+        names, kinds, p = self.likelihood.names, list(self.kinds), len(eta)
+        pairs = [
+            (i, j)
+            for i, j in combinations(range(p), 2)
+            if kinds[i] == kinds[j] and not self.likelihood.priors.fixed[[i, j]].any()
+        ]
+        exchanges = [{i: j, j: i} for i, j in pairs]
+        # What belongs together by its name is exchanged together: left.k and left.c, R1 and C1.
+        together: dict[tuple[str, str], dict[int, int]] = {}
+        for i, j in pairs:
+            label = _labels(names[i], names[j])
+            if label is not None:
+                together.setdefault(label, {}).update({i: j, j: i})
+        exchanges = [one for one in together.values() if len(one) > 2] + exchanges
+        for exchange in exchanges:
+            yield image(tuple(exchange.get(k, k) for k in range(p)), eta)
+
+
+def _labels(first: str, second: str) -> tuple[str, str] | None:
+    """Return in what two names differ, if they have a common rest; None where they differ in all."""
+    parts = [re.findall(r"\d+|[A-Za-z]+|[^A-Za-z\d]+", name) for name in (first, second)]
+    if len(parts[0]) != len(parts[1]):
+        return None
+    different = [(a, b) for a, b in zip(*parts, strict=True) if a != b]
+    return different[0] if len(different) == 1 and len(parts[0]) > 1 else None
+
+
+def _is_new(eta: Array, others: Sequence[Array], apart: Array) -> bool:
+    """Return True if coordinates (p) are apart from all others."""
+    return not any(np.all(np.abs(eta - other) <= apart) for other in others)
+
+
+def deciding_sensors(model: Model, likelihood: Likelihood, optima: EquivalentOptima) -> list[str]:
+    """Return sensors whose responses differ between equivalent optima, those that differ most first.
+
+    They are DOFs of a structure, or variables of a graph; none of measured modes.
+    """
+    record = likelihood.records[0]
+    if isinstance(record, TimeRecord):
+        loads, measured = list(record.taken_under.loads), list(record.channels)
+    elif isinstance(record, FrfRecord):
+        loads = [frf.load for frf in record.measurement.channels]
+        measured = [frf.channel for frf in record.measurement.channels]
+    else:
+        return []
+    if len(record.system_model.states) > _SENSOR_STATES or not loads:
+        return []
+    channels: list[Any] = []
+    if isinstance(model, StructuralModel) and model.basis is None:
+        channels = [Channel(dof, "displacement", kind=model.kind(dof)) for dof in model.dofs]
+    elif isinstance(model, IdentifiedGraph):
+        nodes = model.graph.nodes.items()
+        channels = [model.channel(Port(name, "e")) for name, node in nodes if node.type in STORAGES]
+    names = {_sensor_name(channel) for channel in measured}
+    channels = [channel for channel in channels if _sensor_name(channel) not in names][:_SENSORS]
+    if not channels:
+        return []
+    try:
+        with guarded("the responses of further sensors"):
+            system = system_of(model, loads, channels)
+            each = [named(likelihood.unknowns, eta) for eta in optima.eta[:2]]
+            speeds = np.abs(record.system_model.poles(each[0]))
+            omega = np.geomspace(0.3, 1.1, _LINES) * float(np.max(speeds, initial=1.0))
+            first, second = (np.abs(system.response(values, omega)[0]) for values in each)
+    except (DynidError, np.linalg.LinAlgError):
+        return []
+    size = np.maximum(first, second).max(axis=(0, 2))
+    apart = np.abs(first - second).max(axis=(0, 2)) / np.where(size > 0, size, 1.0)
+    order = np.argsort(-apart, kind="stable")
+    return [str(_sensor_name(channels[k])) for k in order if apart[k] > _DIFFERENT][:_NAMED]
+
+
+def _sensor_name(channel: Any) -> str:
+    return f"DOF {channel.dof}" if isinstance(channel, Channel) else str(channel.name)
+
+
+def work_of(likelihood: Likelihood) -> float:
+    """Return the approximate number of multiplications of one evaluation."""
+    work = 0.0
+    for record in likelihood.records:
+        rows, states = len(record.data.values), len(record.system_model.states)
+        own = getattr(record, "multiplications", None)
+        work += rows * float(states) ** 2 * (1 + len(likelihood.unknowns)) if own is None else own
+    return work
