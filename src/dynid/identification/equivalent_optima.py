@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any, NamedTuple
 
@@ -21,6 +21,7 @@ from dynid.bondgraph.graph import STORAGES, Port
 from dynid.errors import DynidError
 from dynid.identification.estimators.maximum_likelihood import refine
 from dynid.identification.likelihood import Fit, Likelihood
+from dynid.identification.priors import Priors
 from dynid.identification.records.frf_record import FrfRecord
 from dynid.identification.records.time_record import TimeRecord
 from dynid.identification.symmetry import (
@@ -28,6 +29,7 @@ from dynid.identification.symmetry import (
     centre_of,
     image,
     images,
+    like_parameters,
     nearly_symmetric,
     symmetries,
 )
@@ -170,7 +172,7 @@ class OptimaSearch:
         if (bounded & ~priors.fixed).any():
             for k, point in enumerate(points[1:], 1):
                 if k >= _REFINED:
-                    gain[k] = self._prior_gain(eta, point)
+                    gain[k] = prior_gain(priors, eta, point)
                     continue
                 optimum = self._beside(point, eta)
                 gain[k] = -math.inf if optimum is None else best.misfit - optimum.misfit
@@ -212,14 +214,6 @@ class OptimaSearch:
             if abs(optimum.record_misfit - best.record_misfit) <= DECIDED:
                 confirmed.append(permutation)
         return confirmed
-
-    def _prior_gain(self, eta: Array, point: Array) -> float:
-        """Return the logarithm of the prior at a point over that at coordinates (p)."""
-        priors = self.likelihood.priors
-        if np.any((point < priors.low) | (point > priors.high)):
-            return -math.inf
-        squares = (float(np.sum(priors.residual(each) ** 2)) for each in (eta, point))
-        return (next(squares) - next(squares)) / 2
 
     def _beside(self, point: Array, eta: Array) -> Optimum | None:
         """Return the optimum of the posterior beside an image of `eta`; None where there is none."""
@@ -310,6 +304,33 @@ def _labels(first: str, second: str) -> tuple[str, str] | None:
 def _is_new(eta: Array, others: Sequence[Array], apart: Array) -> bool:
     """Return True if coordinates (p) are apart from all others."""
     return not any(np.all(np.abs(eta - other) <= apart) for other in others)
+
+
+def expected_optima(model: Model, likelihood: Likelihood, eta: Array) -> EquivalentOptima | None:
+    """Return the optima that records will have at expected coordinates (p); None where there is but one.
+
+    Those of exact symmetries, the priors and limits judged at the images themselves. Where the expected
+    values are equal, others stand for them.
+    """
+    permutations = symmetries(likelihood, like_parameters(model), eta)
+    if not permutations:
+        return None
+    units = likelihood.priors.units
+    points = images(permutations, eta, _SAME_UNITS * units, _MOST)
+    if len(points) == 1:
+        apart = eta + units * np.linspace(-0.5, 0.5, len(eta))
+        points = images(permutations, apart, _SAME_UNITS * units, _MOST)
+    gain = np.array([prior_gain(likelihood.priors, eta, point) for point in points])
+    optima = EquivalentOptima(np.array(points), np.zeros(len(points)), gain - gain[0], permutations)
+    return replace(optima, sensors=deciding_sensors(model, likelihood, optima))
+
+
+def prior_gain(priors: Priors, eta: Array, point: Array) -> float:
+    """Return the logarithm of the prior at a point (p) over that at coordinates (p)."""
+    if np.any((point < priors.low) | (point > priors.high)):
+        return -math.inf
+    squares = [float(np.sum(priors.residual(each) ** 2)) for each in (eta, point)]
+    return (squares[0] - squares[1]) / 2
 
 
 def deciding_sensors(model: Model, likelihood: Likelihood, optima: EquivalentOptima) -> list[str]:

@@ -9,20 +9,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.errors import NotIdentifiable
+from dynid.identification.equivalent_optima import expected_optima
 from dynid.identification.goodness_of_fit.lack_of_fit import compare_models
 from dynid.identification.identify_modes import ModalProblem
 from dynid.identification.information import Information
 from dynid.identification.least_squares import thin_svd
 from dynid.identification.likelihood import Fit, Likelihood
+from dynid.identification.origin import identifiable_origin
 from dynid.identification.posterior import channels_of_records
 from dynid.identification.records.frf_measurement import FrfMeasurement, frf_data
 from dynid.identification.records.frf_record import frf_likelihood
 from dynid.identification.records.measurement import Experiment, as_estimated, data
 from dynid.identification.records.modal_record import ModalRecord
 from dynid.identification.records.time_record import TimeLikelihood, TimeRecord
+from dynid.identification.symmetry import interchangeable
 from dynid.identification.systems.instruments import add_calibration_slopes, calibration_slopes
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.parametric_model import Model, parametric_model
+from dynid.identification.verdict import deciding_text, interchange_text
 from dynid.lti.exponential import balance, rescaled
 from dynid.lti.floating import guarded
 from dynid.parameters import coordinates, named, rates, starts, truths, values
@@ -154,13 +159,21 @@ def _expectation(likelihood: Likelihood) -> tuple[Fit, list[Array], str, bool]:
     unknowns = likelihood.unknowns
     true = truths(unknowns)
     at_truth = not np.isnan(true).any()
-    fit = likelihood.fit(coordinates(unknowns, true) if at_truth else starts(unknowns), clean=True)
+    fit = likelihood.fit(coordinates(unknowns, true) if at_truth else _beside_starts(likelihood), clean=True)
     noise, assumed = [], False
     for record in likelihood.records:
         level = record.data.noise if record.data.noise is not None else record.given_or(np.zeros(1))
         assumed = assumed or not level.all()
         noise.append(np.where(level > 0, level, NOMINAL_NOISE * record.data.rms))
     return fit, noise, "true" if at_truth else "start", assumed
+
+
+def _beside_starts(likelihood: Likelihood) -> Array:
+    """Return the coordinates at which an estimation begins (p)."""
+    try:
+        return identifiable_origin(likelihood).eta
+    except NotIdentifiable:
+        return starts(likelihood.unknowns)
 
 
 def identifiability(
@@ -188,7 +201,9 @@ def identifiability(
         parameters that are ill conditioned (above 1000) or collinear, their identifiable combination, and
         the relative changes that are not identifiable; `noise/{channel, deviation, bound}`;
         `modal_sensitivity/{mode, omega, zeta, omega_by_parameter, zeta_by_parameter}`: exact derivatives of
-        size and damping ratio of each pole.
+        size and damping ratio of each pole; where unknowns are interchangeable,
+        `interchangeable/{set, optima, undecided}`: which, the number of optima with equal likelihood, and how
+        many of these priors and limits leave (attribute `deciding`: what would decide).
 
     Raises
     ------
@@ -305,6 +320,7 @@ def identifiability_result(
     result.add_axis(f"{group}/direction", np.arange(1, len(s) + 1))
     result.add(f"{group}/condition", (s[0] / s[-1]) ** 2 if s[-1] > _NOT * s[0] else np.inf)
     _add_groups(result, information)
+    _add_interchangeable(result, model, expected)
     # The bound on the deviation of the noise is sigma over the root of twice the number of values.
     names, units = zip(*channels, strict=True)
     unit = common_unit(units)
@@ -337,6 +353,22 @@ def _add_groups(result: Result, information: Information) -> None:
     result.add_axis(f"{group}/blind_direction", np.arange(1, len(rows) + 1))
     result.add(f"{group}/blind", rows, ("blind_direction", "parameter"))
     result.add(f"{group}/of_group", np.array([n for n, _, _ in changes], dtype=int), ("blind_direction",))
+
+
+def _add_interchangeable(result: Result, model: Model, expected: ExpectedRecords) -> None:
+    """Add ``interchangeable/``, where there are such parameters: their number of optima, and what decides."""
+    likelihood = expected.likelihood
+    optima = expected_optima(model, likelihood, expected.fit.eta)
+    if optima is None:
+        return
+    group = "identification/identifiability/interchangeable"
+    sets = interchangeable(likelihood.names, optima.permutations)
+    result.add_axis(f"{group}/set", np.array([interchange_text(groups) for groups in sets], dtype=object))
+    result.add(f"{group}/optima", len(optima))
+    result.add(f"{group}/undecided", int(np.count_nonzero(optima.undecided)))
+    guessed = expected.place != "true"
+    remedy = deciding_text(likelihood.unknowns, optima.eta, optima.sensors, guessed=guessed)
+    result.annotate(group, deciding=remedy)
 
 
 def _system_pole_sensitivities(system: LinearSystem, values: Mapping[str, float]) -> PoleSensitivities:

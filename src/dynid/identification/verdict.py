@@ -226,7 +226,9 @@ def interchange_text(groups: Sequence[Sequence[str]]) -> str:
     return f"{', '.join(written[:-1])} and {written[-1]} are interchangeable"
 
 
-def deciding_text(unknowns: Sequence[Parameter], eta: Array, sensors: Sequence[str]) -> str:
+def deciding_text(
+    unknowns: Sequence[Parameter], eta: Array, sensors: Sequence[str], *, guessed: bool = False
+) -> str:
     """Return which sensor, prior or limit would decide between optima.
 
     Parameters
@@ -237,6 +239,8 @@ def deciding_text(unknowns: Sequence[Parameter], eta: Array, sensors: Sequence[s
         Coordinates of the optima (optima x p).
     sensors
         Sensors at which they differ.
+    guessed
+        True where the coordinates are guesses, from which no numbers follow.
     """
     parts = []
     if sensors:
@@ -245,6 +249,8 @@ def deciding_text(unknowns: Sequence[Parameter], eta: Array, sensors: Sequence[s
     gaps = np.abs(eta[1:] - eta[0]).max(axis=0) / [one.first_spread / 2 for one in unknowns]
     k = int(np.argmax(gaps))
     name, log = unknowns[k].name, unknowns[k].logarithmic
+    if guessed:
+        return f"{''.join(f'{part}, ' for part in parts)}a prior of {name}, or its min or max"
     column = np.unique(eta[:, k])
     lower, upper = float(column[-2]), float(column[-1])
     # A prior at one of two values excludes the other by gap^2 / (2 sigma^2) in the logarithm.

@@ -14,6 +14,7 @@ from dynid.report.content.identifiability import (
     calibration_sentences,
     collinear_groups,
     first_modes,
+    interchangeable,
     modal_heading,
     modal_shifts,
 )
@@ -131,6 +132,7 @@ def identifiability_lines(result: Result, *, planned: bool = False) -> list[str]
         *wrapped(heading, 110, subsequent_indent="    "),
         *aligned([found.heads, *found.rows]),
         *(part for line in collinear_groups(result) for part in paragraph(line, "    ")),
+        *(part for line in interchangeable(result) for part in paragraph(line, "    ")),
     ]
     # An identification has the calibration below its estimates.
     if not has_estimates(result):

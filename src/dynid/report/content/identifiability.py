@@ -43,7 +43,7 @@ def identifiability_sections(result: Result) -> Iterator[ReportSection]:
         return
     found = bound_table(result)
     table = TextTable(found.heads, found.rows, caption=f"Cramér–Rao bound at the {''.join(found.where)}")
-    faults = (Statement(text, "bad") for text in collinear_groups(result))
+    faults = (Statement(text, "bad") for text in (*collinear_groups(result), *interchangeable(result)))
     yield ReportSection("Identifiability", (table, *faults))
     columns, rows = modal_shifts(result)
     heading = modal_heading(result)
@@ -108,6 +108,20 @@ def collinear_groups(result: Result) -> Iterator[str]:
     unseen = [name for name, bound in bounds.items() if not math.isfinite(bound) and name not in grouped]
     if unseen:
         yield f"{', '.join(unseen)} not identifiable: no effect on the record; excite or measure at the joint"
+
+
+def interchangeable(result: Result) -> Iterator[str]:
+    """Yield which parameters are interchangeable, and what would decide between the optima."""
+    group = f"{GROUP}/interchangeable"
+    if f"{group}/set" not in result:
+        return
+    sets = "; ".join(str(text) for text in result[f"{group}/set"].data)
+    optima, left = int(result.value(f"{group}/optima")), int(result.value(f"{group}/undecided"))
+    if left == 1:
+        yield f"{sets}; of {optima} optima with equal likelihood priors and limits leave one"
+        return
+    decide = result.group_attrs[group]["deciding"]
+    yield f"{sets}: {left} optima will explain the record equally well; to decide: {decide}"
 
 
 def modal_heading(result: Result) -> str:

@@ -296,12 +296,12 @@ def _estimated(
     NotIdentifiable
         As a run does before it begins.
     """
+    from dynid.identification.origin import identifiable_origin
     from dynid.identification.systems.kernels import pass_seconds
 
     eta = starts(likelihood.unknowns)
     # Once before timing: loading is no part of the work. A run checks the same before it begins.
-    levels = [record.data.rms for record in likelihood.records]
-    likelihood.information(likelihood.fit(eta), levels).check()
+    identifiable_origin(likelihood)
     began = time.thread_time()
     likelihood.fit(eta)
     fit = time.thread_time() - began
