@@ -10,6 +10,7 @@ import pytest
 
 from dynid.bondgraph.request import RESULTS
 from dynid.cli.explained import _received, seconds_text, size_text
+from dynid.cli.summary.identification import identifiability_lines
 from dynid.errors import Singular
 from dynid.scene.explanations.explanation import explain, peak_megabytes
 from dynid.scene.load import check_source, load_scene
@@ -105,8 +106,15 @@ def test_what_a_record_cannot_see_is_named_and_is_what_the_run_says(dynid, folde
     code, out, err = dynid("check", "--explain", "deaf.yaml")
     assert err == ""
     assert "idle.k not identifiable" in out
+    done, _, said = dynid("run", "deaf.yaml")
+    assert done == code == 0
+    assert "not converged: idle.k is not identifiable" in said
+    (folder / "deafer.yaml").write_text(
+        DEAF.replace("{dof: 1, quantity", "{dof: 2, quantity").replace("idle: {dofs: [2]", "idle: {dofs: [1]")
+    )
+    code, out, _ = dynid("check", "--explain", "deafer.yaml")
     assert "a run will fail (exit code 3)" in out
-    failed, _, said = dynid("run", "deaf.yaml")
+    failed, _, said = dynid("run", "deafer.yaml")
     assert failed == code == 3
     assert said.strip() in out
 
@@ -525,3 +533,36 @@ analysis: {outputs: [b.e], results: [poles]}
     told = explain(scene_of(text))
     assert isinstance(told.obstacle, Singular)
     assert "graph" in facts(told)
+
+
+BRANCHES = """
+dynid: 1
+kind: identification
+parameters:
+  {Ra: {start: 2, true: 1}, La: {start: 0.3, true: 0.5}, Rb: {start: 3, true: 4}, Lb: {start: 0.4, true: 0.2}}
+graph:
+  nodes: {V: Se, u: 0, a: 1, ra: {type: R, value: Ra}, la: {type: I, value: La},
+          b: 1, rb: {type: R, value: Rb}, lb: {type: I, value: Lb}}
+  bonds: [V -> u, u -> a, a -> ra, a -> la, u -> b, b -> rb, b -> lb]
+excitation: [{source: V, kind: random, amplitude: 5, seed: 2}]
+measurement: {step: 0.05, samples: 400, channels: [{output: V.f}], simulate: {noise_ratio: 0.01, seed: 1}}
+"""
+
+
+def test_interchangeable_branches_are_named_before_a_run_and_reported_after_it():
+    scene = scene_of(BRANCHES)
+    group, said = (
+        "identification/identifiability/interchangeable",
+        "(Ra, La) and (Rb, Lb) are interchangeable",
+    )
+    explained = explain(scene).result
+    assert explained.value(f"{group}/set").tolist() == [said]
+    assert explained.value(f"{group}/optima") == 2
+    assert any(said in line for line in identifiability_lines(explained))
+    result = run_scene(scene)
+    assert result.value("identification/diagnostics/equivalent_optima") == 2
+    found = result.value("identification/equivalent_optima/estimate")
+    np.testing.assert_allclose(found[np.argsort(found[:, 0])], [[1, 0.5, 4, 0.2], [4, 0.2, 1, 0.5]], rtol=0.1)
+    warned = [text for text in result.value("identification/diagnostics/warnings") if text.startswith(said)]
+    assert len(warned) == 1
+    assert "la.e" in warned[0] or "lb.e" in warned[0]

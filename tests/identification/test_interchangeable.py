@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from dynid.arithmetic.dependent import Dependent
-from dynid.identification.identifiability import expected_time_records
+from dynid.identification.identifiability import expected_time_records, frf_identifiability
 from dynid.identification.identify import identify, identify_all, identify_frf
 from dynid.identification.identify_modes import identify_modes
+from dynid.identification.planning.plan import plan
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.modal_measurement import ModalMeasurement
@@ -228,3 +229,30 @@ def test_a_parameter_elsewhere_in_the_structure():
     found = optima(result)
     assert len(found) == 2
     np.testing.assert_array_equal(found[1], found[0][[2, 3, 0, 1]])
+
+
+def test_a_plan_says_it_before_the_measurement():
+    """Exact, from the expected values; a prior that excludes the exchanged ones is taken into account."""
+    k, group = [9e3, 24e3], "identification/identifiability/interchangeable"
+    one = [Experiment([Load(1, SINES)], measured())]
+    result = plan(star(k, [2.0, 2.0]), one)
+    assert result.value(f"{group}/set").tolist() == ["arm1.k and arm2.k are interchangeable"]
+    assert result.value(f"{group}/optima") == result.value(f"{group}/undecided") == 2
+    deciding = result.group_attrs[group]["deciding"]
+    assert "a sensor at DOF" in deciding
+    assert "min or max of arm1.k between 9 000 and 24 000" in deciding
+    # A standard deviation of the logarithm of ln(24/9) / sqrt(10) puts the other optimum 5 lower.
+    wide = np.sqrt(np.expm1(np.log(24 / 9) ** 2 / 10))
+    assert f"relative_deviation: {wide:.2g} or less" in deciding
+    priors = [ParameterPrior(k[0], 0.9 * wide), None]
+    assert plan(star(k, [2.0, 2.0], priors=priors), one).value(f"{group}/undecided") == 1
+    apart = plan(star(k, [2.0, 2.0], masses=[1.0, 1.2]), one)
+    assert f"{group}/set" not in apart
+
+
+def test_frequency_responses_are_explained_alike():
+    lines = FrfMeasurement(
+        np.linspace(20, 300, 80), (Frf(Channel(1, "acceleration"), 1),), Simulation(0.02, 1)
+    )
+    result = frf_identifiability(star([9e3, 24e3, 55e3], [2.0] * 3), lines)
+    assert result.value("identification/identifiability/interchangeable/optima") == 6

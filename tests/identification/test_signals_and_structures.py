@@ -116,17 +116,19 @@ def test_parallel_joints_are_not_distinguishable():
         Joint("b", (2, 3), unknown(1e4)),
         Joint("c", (3, 4), unknown(2e4), 20.0),
     ]
-    with pytest.raises(NotIdentifiable, match=r"a\.k, b\.k cannot be distinguished") as caught:
-        run(lumped(MASSES, LINKS, joints))
-    assert caught.value.names == ("a.k", "b.k")
+    result = run(lumped(MASSES, LINKS, joints))
+    assert parameter(result, "identifiable").tolist() == [False, False, True]
+    assert any("shows only a.k + b.k" in text for text in diagnostic(result, "warnings"))
+    assert np.sum(parameter(result, "estimate")[:2]) == pytest.approx(3e4, rel=1e-6)
 
 
 def test_a_joint_without_motion_is_not_identifiable():
     joints = [Joint("near", (1, 2), unknown(1e4)), Joint("far", (3,), unknown(1e4))]
     model = lumped([1, 1, 1], [Link((1,), 1e4, 5), Link((3,), 1e4, 5)], joints)
     measurement = simulated(settle=0.0, channels=(Channel(1, "velocity"), Channel(2, "velocity")))
-    with pytest.raises(NotIdentifiable, match=r"far\.k cannot be identified"):
-        run(model, measurement, loads=(Load(2, Multisine([100], [70])),))
+    result = run(model, measurement, loads=(Load(2, Multisine([100], [70])),))
+    assert parameter(result, "identifiable").tolist() == [True, False]
+    assert diagnostic(result, "verdict").startswith("NOT converged: far.k is not identifiable")
 
 
 @pytest.mark.parametrize("samples", [1, 6])

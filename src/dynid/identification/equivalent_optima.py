@@ -27,6 +27,7 @@ from dynid.identification.records.time_record import TimeRecord
 from dynid.identification.symmetry import (
     Permutation,
     centre_of,
+    distinct_kinds,
     image,
     images,
     like_parameters,
@@ -50,8 +51,9 @@ _MOST = 5040
 _REFINED, _STEPS = 24, 20
 # Gain of the logarithm of the posterior from which another optimum is the estimate, and how often it may be.
 _BETTER, _ROUNDS = 0.01, 4
-# Coordinates are those of one optimum where they differ by less than this many deviations, or units.
-_SAME_DEVIATIONS, _SAME_UNITS = 0.01, 1e-9
+# Coordinates are those of one optimum where they differ by less than this many deviations, or units; from so
+# many units on they are distinct.
+_SAME_DEVIATIONS, _SAME_UNITS, _DISTINCT = 0.01, 1e-9, 1e-4
 # An optimum that no symmetry relates to the estimate is another one from so many deviations on.
 _APART = 3.0
 # Starts with exchanged values that are ranked, and searched; the first steps of such a search, and the part
@@ -115,7 +117,7 @@ class Optimum(NamedTuple):
     @property
     def record_misfit(self) -> float:
         """Misfit without the priors."""
-        return self.misfit - float(np.sum(self.likelihood.priors.residual(self.fit.eta) ** 2)) / 2
+        return self.likelihood.record_misfit(self.fit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +136,7 @@ class OptimaSearch:
     ends
         Coordinates at which other searches ended.
     searched
-        Most starts from which an optimum is searched for.
+        Most starts from which an optimum is searched for; 0: images by symmetries alone are found.
     """
 
     likelihood: Likelihood
@@ -164,14 +166,15 @@ class OptimaSearch:
     def _around(self, best: Optimum, deviations: Array) -> tuple[EquivalentOptima, Optimum | None]:
         """Return the optima equivalent to the best so far, and one of a greater posterior if there is any."""
         eta, priors = best.fit.eta, self.likelihood.priors
-        same = np.maximum(_SAME_DEVIATIONS * deviations, _SAME_UNITS * priors.units)
+        # Near equal values deviations are large, and optima yet distinct.
+        same = np.clip(_SAME_DEVIATIONS * deviations, _SAME_UNITS * priors.units, _DISTINCT * priors.units)
         permutations = self._symmetries(best)
         points = images(permutations, eta, same, _MOST)
         gain = np.zeros(len(points))  # of the logarithm of the posterior
         bounded = np.isfinite(priors.low) | np.isfinite(priors.high) | priors.given
         if (bounded & ~priors.fixed).any():
             for k, point in enumerate(points[1:], 1):
-                if k >= _REFINED:
+                if k >= _REFINED or priors.fixed.any():  # with what is fixed at another place
                     gain[k] = prior_gain(priors, eta, point)
                     continue
                 optimum = self._beside(point, eta)
@@ -233,7 +236,8 @@ class OptimaSearch:
     def _near(self, best: Optimum, known: Sequence[Array], deviations: Array) -> Iterator[Optimum]:
         """Yield optima to which searches from exchanged values lead, as far as their posterior is no less."""
         likelihood = self.likelihood
-        if work_of(likelihood) * _RANKED > _WORK or self.likelihood_at is not None:
+        dear = work_of(likelihood) * _RANKED > _WORK or self.likelihood_at is not None
+        if dear or not self.searched:
             return
         apart = np.maximum(_APART * deviations, _SAME_UNITS * likelihood.priors.units)
         seen = list(known)
@@ -306,13 +310,16 @@ def _is_new(eta: Array, others: Sequence[Array], apart: Array) -> bool:
     return not any(np.all(np.abs(eta - other) <= apart) for other in others)
 
 
-def expected_optima(model: Model, likelihood: Likelihood, eta: Array) -> EquivalentOptima | None:
+def expected_optima(
+    model: Model, likelihood: Likelihood, eta: Array, identifiable: NDArray[np.bool_]
+) -> EquivalentOptima | None:
     """Return the optima that records will have at expected coordinates (p); None where there is but one.
 
-    Those of exact symmetries, the priors and limits judged at the images themselves. Where the expected
-    values are equal, others stand for them.
+    Those of exact symmetries of the `identifiable` parameters (p), the priors and limits judged at the images
+    themselves. Where the expected values are equal, others stand for them.
     """
-    permutations = symmetries(likelihood, like_parameters(model), eta)
+    kinds = distinct_kinds(like_parameters(model), likelihood.names, (~identifiable).tolist())
+    permutations = symmetries(likelihood, kinds, eta)
     if not permutations:
         return None
     units = likelihood.priors.units
@@ -327,10 +334,11 @@ def expected_optima(model: Model, likelihood: Likelihood, eta: Array) -> Equival
 
 def prior_gain(priors: Priors, eta: Array, point: Array) -> float:
     """Return the logarithm of the prior at a point (p) over that at coordinates (p)."""
-    if np.any((point < priors.low) | (point > priors.high)):
+    if np.any(((point < priors.low) | (point > priors.high)) & ~priors.fixed):
         return -math.inf
-    squares = [float(np.sum(priors.residual(each) ** 2)) for each in (eta, point)]
-    return (squares[0] - squares[1]) / 2
+    given = priors.given & ~priors.fixed
+    squares = [np.sum(((priors.means - each) / priors.deviations)[given] ** 2) for each in (eta, point)]
+    return float(squares[0] - squares[1]) / 2
 
 
 def deciding_sensors(model: Model, likelihood: Likelihood, optima: EquivalentOptima) -> list[str]:

@@ -358,7 +358,8 @@ def _add_groups(result: Result, information: Information) -> None:
 def _add_interchangeable(result: Result, model: Model, expected: ExpectedRecords) -> None:
     """Add ``interchangeable/``, where there are such parameters: their number of optima, and what decides."""
     likelihood = expected.likelihood
-    optima = expected_optima(model, likelihood, expected.fit.eta)
+    identifiable = np.isfinite(expected.information().bounds())
+    optima = expected_optima(model, likelihood, expected.fit.eta, identifiable)
     if optima is None:
         return
     group = "identification/identifiability/interchangeable"

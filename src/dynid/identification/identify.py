@@ -43,7 +43,7 @@ from dynid.identification.records.simulation import Simulation
 from dynid.identification.records.time_record import TimeLikelihood, TimeRecord
 from dynid.identification.results.write_rejected import raise_rejected
 from dynid.identification.results.write_result import Further, add_identification
-from dynid.identification.symmetry import like_parameters
+from dynid.identification.symmetry import distinct_kinds, like_parameters
 from dynid.identification.systems.instruments import Instruments, with_spreads
 from dynid.identification.systems.parametric_model import (
     Model,
@@ -331,7 +331,10 @@ def posterior_of(
         posterior = replace(posterior, undetermined=tuple(fixed))
         lost = _undetermined(posterior)
         if not lost:
-            break
+            posterior, model = _with_optima(posterior, model, refit, likelihood_of)
+            lost = _undetermined(posterior)
+            if not lost:
+                break
         fixed |= lost
         if posterior.estimate.disputed:  # the search begins again, without what may have led it astray
             astray = astray or posterior
@@ -340,8 +343,6 @@ def posterior_of(
             likelihood = posterior.likelihood
     if astray is not None and posterior.estimate.disputed:
         return _checked(astray, starts(unknowns), suggest), model
-    if posterior.optimal or posterior.estimate.disputed:
-        posterior, model = _with_optima(posterior, model, refit, likelihood_of)
     posterior = _checked(posterior, starts(model.unknowns), suggest)
     full = isinstance(truth, StructuralModel) and truth.basis is None
     full = full and posterior.rejection is None
@@ -447,11 +448,15 @@ def _with_optima(
     ends = [
         stage.eta for stage in estimate.stages if stage.misfit < likelihood.misfit(posterior.fit) + DECIDED
     ]
-    searched = _SEARCHED if lost else 3
+    searched = _SEARCHED if lost else 3 if posterior.optimal or estimate.disputed else 0
     if lost:  # what is fixed may make a valley of several optima
         ends += list(drawn_starts(likelihood.priors, posterior.fit.eta, 2 * searched, _REACH, 0))
     at = likelihood_at if rebuild else None
-    search = OptimaSearch(likelihood, like_parameters(model), at, ends, searched)
+    kinds = like_parameters(model)
+    if lost:  # what is collinear is not exchanged
+        alone = ~np.isfinite(posterior.free_information.bounds())
+        kinds = distinct_kinds(kinds, likelihood.names, alone.tolist())
+    search = OptimaSearch(likelihood, kinds, at, ends, searched)
     optima, better = search.run(posterior.fit, posterior.information.deviations())
     if len(optima) > 1:
         optima = replace(optima, sensors=deciding_sensors(model, likelihood, optima))

@@ -157,8 +157,15 @@ class Likelihood:
         sizes = [record.size_at(eta) for record in self.records]
         return self._misfit(eta, [record.data.counts for record in self.records], sizes)
 
+    def record_misfit(self, fit: Fit) -> float:
+        """Return the misfit of the records alone, without the priors."""
+        return self._record_misfit([part.counts for part in fit.parts], [part.size for part in fit.parts])
+
     def _misfit(self, eta: Array, counts: Sequence[NDArray[np.int_]], sizes: Sequence[Array]) -> float:
-        total = float(np.sum(self.priors.residual(eta) ** 2)) / 2
+        return float(np.sum(self.priors.residual(eta) ** 2)) / 2 + self._record_misfit(counts, sizes)
+
+    def _record_misfit(self, counts: Sequence[NDArray[np.int_]], sizes: Sequence[Array]) -> float:
+        total = 0.0
         for record, count, size in zip(self.records, counts, sizes, strict=True):
             level = record.above_rounding(size)
             squares = np.where(np.isnan(record.given), 0.0, size / level) ** 2

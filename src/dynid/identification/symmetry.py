@@ -68,6 +68,11 @@ def like_parameters(model: Model) -> list[str]:
     return [f"{one.scale} {' '.join(sorted(roles[one.name])) or one.unit}" for one in model.unknowns]
 
 
+def distinct_kinds(kinds: Sequence[str], names: Sequence[str], alone: Sequence[bool]) -> list[str]:
+    """Return what each parameter is, its name for those that are to be exchanged with no other."""
+    return [name if single else kind for kind, name, single in zip(kinds, names, alone, strict=True)]
+
+
 def image(permutation: Permutation, eta: Array) -> Array:
     """Return the image of coordinates (p) by a permutation."""
     moved = np.empty_like(eta)
@@ -141,9 +146,8 @@ class _Search:
         self.units = self.likelihood.priors.units
         self.levels = [record.data.rms for record in self.likelihood.records]
         self.has_derivatives = isinstance(self.likelihood, FrfLikelihood)
-        fixed = self.likelihood.priors.fixed
-        kinds = [None if held else kind for kind, held in zip(self.kinds, fixed, strict=True)]
-        self.comparable = np.array([kind is not None and kinds.count(kind) > 1 for kind in kinds])
+        kinds = list(self.kinds)
+        self.comparable = np.array([kinds.count(kind) > 1 for kind in kinds])
 
     def permutations(self) -> list[Permutation]:
         """Return the permutations."""

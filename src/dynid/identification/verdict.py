@@ -48,14 +48,15 @@ def _optimum_text(posterior: Posterior) -> str:
         return "the starts end at different optima, this may be a local one (start nearer to the true values)"
     if not posterior.optimal:
         return f"{distance[k]:.2g} standard errors of {names[k]} from the optimum"
+    parts = []
     if posterior.undetermined:
         lost = [name for name, yes in zip(names, posterior.identifiable, strict=True) if not yes]
-        return f"{', '.join(lost)} {'are' if len(lost) > 1 else 'is'} not identifiable"
+        parts.append(f"{', '.join(lost)} {'are' if len(lost) > 1 else 'is'} not identifiable")
     if posterior.ambiguous:
         assert posterior.optima is not None
         count = int(np.count_nonzero(posterior.optima.undecided))
-        return f"{count} optima explain the {posterior.noun} equally well, this is one of them"
-    return "optimum found"
+        parts.append(f"{count} optima explain the {posterior.noun} equally well, this is one of them")
+    return ", and ".join(parts) or "optimum found"
 
 
 def verdict(posterior: Posterior) -> str:
