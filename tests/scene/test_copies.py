@@ -214,6 +214,39 @@ def test_random_nested_graphs_with_chains_are_their_flat_graphs(seed):
     assert not any(pair[0].rpartition(".")[0] == pair[1].rpartition(".")[0] for pair in free)
 
 
+@pytest.mark.parametrize("forward", [True, False])
+@pytest.mark.parametrize("chain", [["right", "t"], ["t", "right"]])
+def test_a_two_port_as_a_port_turns_the_bonds_of_the_chain(forward, chain):
+    """A TF has one bond in and one out: the one outside follows the one within, as at a port that is no node."""
+    bonds = ["t -> a", "a -> right", "a -> r"] if forward else ["a -> t", "right -> a", "a -> r"]
+    nodes = {"t": {"type": "TF", "value": 2}, "a": 1, "r": {"type": "R", "value": 3}}
+    model = {"ports": ["t", "right"], "nodes": nodes, "bonds": bonds}
+    ends = [["u", f"x.{chain[1]}"], [f"x.{chain[0]}", "end"]]
+    along = forward is (chain[0] == "right")
+    data = {
+        "kind": "bond-graph",
+        "models": {"m": model},
+        "graph": {
+            "nodes": {
+                "u": "Se",
+                "x": {"model": "m", "repeat": 3, "chain": chain},
+                "end": {"type": "R", "value": 1},
+            },
+            "bonds": [" -> ".join(pair if along else pair[::-1]) for pair in ends],
+        },
+        "analysis": {"outputs": ["end.e"], "results": ["properties"]},
+    }
+    result = dynid.run(dynid.scene_from(data))
+    n, gain, load = 2 if forward else 1 / 2, 1.0, 1.0  # effort outside the TF over that at a
+    for _ in range(3):
+        if chain[0] == "right":
+            gain, load = gain * load / (load + 3) / n, n**2 * (load + 3)
+        else:
+            behind = load / n**2
+            gain, load = gain * n * behind / (3 + behind), 3 + behind
+    assert abs(result.value("bond_graph/properties/end.e/u/dc_gain")) == pytest.approx(gain, rel=1e-12)
+
+
 LINE = """
 dynid: 1
 kind: bond-graph
