@@ -217,7 +217,7 @@ def test_random_nested_graphs_with_chains_are_their_flat_graphs(seed):
 @pytest.mark.parametrize("forward", [True, False])
 @pytest.mark.parametrize("chain", [["right", "t"], ["t", "right"]])
 def test_a_two_port_as_a_port_turns_the_bonds_of_the_chain(forward, chain):
-    """A TF has one bond in and one out: the one outside follows the one within, as at a port that is no node."""
+    """A TF has one bond in and one out: the one outside follows the one within."""
     bonds = ["t -> a", "a -> right", "a -> r"] if forward else ["a -> t", "right -> a", "a -> r"]
     nodes = {"t": {"type": "TF", "value": 2}, "a": 1, "r": {"type": "R", "value": 3}}
     model = {"ports": ["t", "right"], "nodes": nodes, "bonds": bonds}
