@@ -113,12 +113,68 @@ def test_the_known_margins_are_those_of_a_result():
     )
 
 
-def test_a_property_of_a_result_that_is_not_requested_is_a_warning():
-    [doubt] = scene_doubts(check(expecting(f"{BASE}/m_s.f/v_in/overshoot")))
-    assert (doubt.line, doubt.column) == (31, 12)
-    assert doubt.message.startswith("'overshoot' comes with the result 'step_info', which 'results' does not")
-    requested = expecting(f"{BASE}/m_s.f/v_in/overshoot").replace(RESULTS, ALL)
-    assert scene_doubts(check(requested)) == []
+def test_a_property_of_a_result_that_is_not_requested_is_a_fault():
+    [fault] = impossible_paths(check(expecting(f"{BASE}/m_s.f/v_in/overshoot")))
+    assert (fault.line, fault.column) == (31, 12)
+    assert fault.message.startswith("'overshoot' comes with the result 'step_info', which 'results' does not")
+    requested = check(expecting(f"{BASE}/m_s.f/v_in/overshoot").replace(RESULTS, ALL))
+    assert list(impossible_paths(requested)) == []
+
+
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        ("bond_grap/properties/m_s.f/v_in/stable", "no group 'bond_grap'; did you mean 'bond_graph'?"),
+        ("identification/parameters/estimate", "a result of kind bond-graph has no group 'identification'"),
+        ("bond_graph/propertes/m_s.f/v_in/stable", "no results 'propertes'; did you mean 'properties'?"),
+        ("bond_graph/nothing/x", "a bond graph has no results 'nothing'; there are: causality, "),
+        ("bond_graph/state_space/A", "'state_space' comes with the result 'state_space', which 'results'"),
+        ("bond_graph/energy/poles", "'energy' comes with the result 'energy', which 'results' does not"),
+        ("bond_graph/transfer_function/m_s.f/v_in/pole_s", "there is no 'pole_s' in bond_graph/transfer"),
+    ],
+)
+def test_a_path_of_what_is_not_computed_is_a_fault_at_its_place(path, said):
+    scene = check(expecting(path))
+    [fault] = impossible_paths(scene)
+    assert (fault.line, fault.column) == (31, 12)
+    assert said in fault.message
+    (outcome,) = check_expectations(run_scene(scene), [{"path": path, "value": True}])
+    assert not outcome.passed  # the run has nothing there either
+    assert "is not in the result" in outcome.message
+
+
+def test_a_response_without_its_block_cannot_be_expected():
+    text = expecting("bond_graph/time_response/response").replace(f"results: {RESULTS}", "engine: auto")
+    lines = [line for line in text.splitlines() if not line.lstrip().startswith("time:")]
+    [fault] = impossible_paths(check("\n".join(lines)))
+    assert "'time_response' needs the block 'time' in 'analysis'" in fault.message
+
+
+REDUCED = """dynid: 1
+kind: reduction
+structure:
+  lumped: {masses: [1, 2, 1], links: [{dofs: [1], k: 1}, {dofs: [1, 2], k: 2}, {dofs: [2, 3], k: 1}]}
+reduction: [{method: guyan, masters: [1, 3]}, {method: guyan, masters: [2]}]
+expect:
+  - {path: PATH, min: 0}
+"""
+
+
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        ("reduction/serep/mac", "no reduction is called 'serep'; there are: frf, guyan, guyan_2, need"),
+        ("reduction/guyan_3/mac", "no reduction is called 'guyan_3'; did you mean 'guyan"),
+        ("reduction/guyan/frequencis", "there is no 'frequencis' in reduction; did you mean 'frequencies'?"),
+        ("bond_graph/properties/a/b/stable", "a result of kind reduction has no group 'bond_graph'"),
+    ],
+)
+def test_a_reduction_that_is_not_made_cannot_be_expected(path, said):
+    [fault] = impossible_paths(check(REDUCED.replace("PATH", path)))
+    assert (fault.line, fault.column) == (7, 12)
+    assert said in fault.message
+    for possible in ("reduction/guyan/frequencies", "reduction/guyan_2/mac", "structure/geometry/position"):
+        assert list(impossible_paths(check(REDUCED.replace("PATH", possible)))) == []
 
 
 def test_the_known_properties_are_those_of_the_results():
@@ -140,6 +196,11 @@ GRAPHS = [
     "two_tank",
     "table3",
     "half_car",
+    "table2",
+    "beam_reduction",
+    "beam_frf",
+    "synthesis_impedance",
+    "chain_modes",
 ]
 
 

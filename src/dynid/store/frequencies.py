@@ -17,6 +17,7 @@ _NAMES = frozenset(
 ) | {
     *("frequency_start", "frequency_measured", "frequency_uncertainty", "reference_uncertainty", "counted"),
     *("frequency_standard_error", "bandwidth", "gain_crossover", "phase_crossover"),
+    *("peak_frequency", "half_power_low", "half_power_high"),
 }
 
 

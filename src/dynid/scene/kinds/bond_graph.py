@@ -127,7 +127,7 @@ def unused_grids(model: BondGraphScene | IdentificationScene, wanted: AnalysisMo
 
 
 def doubts(scene: Scene) -> Iterator[Fault]:
-    """Yield negative values, unused blocks of an analysis, and expectations of what is not requested."""
+    """Yield negative values, and unused blocks of an analysis."""
     model = cast("BondGraphScene", scene.model)
     negative = {
         name: (node.type, float(node.value))
@@ -141,10 +141,6 @@ def doubts(scene: Scene) -> Iterator[Fault]:
             ("graph", "nodes", next(iter(negative)), "value"),
             f"not passive: {shown} {has} and can give energy without end",
         )
-    if scene.kind == "bond-graph" and model.expect:
-        from dynid.scene.kinds.expected_paths import unrequested_paths
-
-        yield from unrequested_paths(scene, model)
     for name in unused_grids(model, model.analysis):
         message = (
             f"nothing is computed with the block '{name}': 'results' does not list '{name}_response'; "
