@@ -103,6 +103,9 @@ PEAKS_NEAR_POLES = Limit(
     "resonances between the frequencies of a response are found from its poles up to {value} storage "
     "elements",
 )
+EXACT_IRRATIONAL = Limit(
+    60, "exact zeros and poles of irrational values up to {value} storage elements, floating-point above"
+)
 LOOKING_AHEAD = Limit(800, "causality is assigned looking ahead on loops of up to {value} junctions")
 STRUCTURES_IN_GRAPHS = Limit(200, "structures of up to {value} DOFs enter a bond graph by all of them")
 DENSE_EQUILIBRIUM = Limit(

@@ -15,11 +15,11 @@ from typing import Any, Self, TypeVar
 
 from flint import fmpq, fmpq_poly, fmpz_poly
 
-from dynid.arithmetic.real_field import CODED_BITS, ROUNDED_BITS, RealField
+from dynid.arithmetic.real_field import ROUNDED_BITS, RealField
 from dynid.errors import NumericalError
 
-#: Length of coefficients, in bits, beyond which they are coded anew.
-_LONG = 16 * CODED_BITS
+#: Length of coefficients, in lengths of coded numbers, beyond which they are coded anew.
+_LONG = 16
 
 
 class FieldNumber:
@@ -40,7 +40,7 @@ class FieldNumber:
         self.value = value if value.p % field.prime else fmpq(0)
 
     def _made(self, value: Any) -> Self:
-        if value.p.bit_length() > _LONG and value.p % self.field.prime:
+        if value.p.bit_length() > _LONG * self.field.bits and value.p % self.field.prime:
             value = _coded_anew(self.field, value)
         return type(self)(self.field, value)
 
@@ -99,10 +99,8 @@ def _residue(field: RealField, value: Any) -> int:
 
 
 def _coded_anew(field: RealField, value: Any) -> Any:
-    """Return a coded number with short parts: the fraction that it equals, else one near it."""
-    image = _residue(field, value)
-    exact = field.rational(image, _interval(value))
-    return _fmpq(field.near(_fraction(value), image, field.bits) if exact is None else exact)
+    """Return a coded number with a short numerator and denominator."""
+    return field.near(value, _residue(field, value))
 
 
 def _interval(value: Any) -> Any:
@@ -153,7 +151,7 @@ class FieldPolynomial:
 
     def _made(self, value: Any) -> Self:
         made = type(self)(self.field, value)
-        return made.shortened() if made.value.numer().height_bits() > _LONG else made
+        return made.shortened() if made.value.numer().height_bits() > _LONG * self.field.bits else made
 
     def _value(self, other: Any) -> Any:
         return (
@@ -220,7 +218,7 @@ class FieldPolynomial:
         return bool(self.value != 0)
 
     def __eq__(self, other: object) -> bool:
-        return bool((self - other).value == 0)
+        return not type(self)(self.field, self.value - self._value(other))
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -270,10 +268,10 @@ class FieldPolynomial:
             a, b = b, a
         while b:
             a, b = b.monic(), a % b.monic()
-        a = a.monic()
-        if a.degree() != degree:
-            raise _inaccurate()
-        return a
+        common = a.monic()
+        if common.degree() != degree or not (_divides(common, self) and _divides(common, other)):
+            raise _inaccurate(self.field)
+        return common
 
     def factor_squarefree(self) -> tuple[Any, list[tuple[Self, int]]]:
         """Return the leading coefficient, and the monic square-free factors with their powers (Yun)."""
@@ -346,9 +344,23 @@ def _divided(above: P, below: P) -> tuple[P, P]:
     return kind(above.field, quotient).shortened(), kind(above.field, remainder).shortened()
 
 
-def _inaccurate() -> NumericalError:
+def _divides(factor: FieldPolynomial, polynomial: Any) -> bool:
+    """Test whether what a division leaves is small beside its terms, coefficient by coefficient."""
+    above, below = (
+        fmpq_poly(each.value if isinstance(each, FieldPolynomial) else each) for each in (polynomial, factor)
+    )
+    quotient, remainder = divmod(above, below)
+    terms = _sizes(quotient) * _sizes(below) + _sizes(above)
+    return all(abs(c) * 2**ROUNDED_BITS <= terms[k] for k, c in enumerate(remainder.coeffs()))
+
+
+def _sizes(polynomial: Any) -> Any:
+    return fmpq_poly([abs(c) for c in polynomial.coeffs()])
+
+
+def _inaccurate(field: RealField) -> NumericalError:
     return NumericalError(
-        f"common factors of polynomials with irrational coefficients need more than {CODED_BITS:,} bits",
+        f"common factors of polynomials with irrational coefficients need more than {field.bits:,} bits",
         remedy="Write values as decimals, or give the graph fewer storage elements.",
     )
 

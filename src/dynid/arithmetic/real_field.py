@@ -38,11 +38,11 @@ _PRIME_BITS, _COFACTOR_BITS = 256, 64
 #: Bits of the prime up to which radicands are put into it; more of them are squares by trial.
 _MAX_MODULUS_BITS = 1024
 #: Relative accuracy of coded numbers, bits, and that of the fractions which they are rounded to in the end.
-CODED_BITS, ROUNDED_BITS = 1536, 320
+CODED_BITS, ROUNDED_BITS = 1024, 320
 #: Bits of a value that is rounded to the nearest double.
 _DOUBLE_BITS = 64
-#: What more of it a graph has for every storage element.
-_BITS_PER_ORDER = 64
+#: What more of it a system has for each order: common factors lose some 7 bits a degree.
+_BITS_PER_ORDER = 24
 #: First and last precision at which a sum that is not zero is told from zero, bits.
 _PRECISION, _MAX_PRECISION = 256, 1 << 14
 #: Bits of numerator and denominator together up to which a residue is recognised as rational: with the
@@ -533,19 +533,33 @@ class RealField:
             with ctx.workprec(precision):
                 ball = self.enclosure(term)
                 if ball.rel_accuracy_bits() >= self.bits:
-                    mantissa, exponent = ball.mid().man_exp()
-                    close = Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
-                    return self.near(close, self._images[id(term)], self.bits)
+                    coded = self.near(ball.mid().fmpq(), self._images[id(term)])
+                    return Fraction(int(coded.p), int(coded.q))
             precision *= 2
 
-    def near(self, close: Fraction, image: int, bits: int) -> Fraction:
-        """Return a fraction with a residue that agrees with another number to a relative 2^-bits."""
-        size = close.numerator.bit_length() - close.denominator.bit_length()
-        shift = bits + self.prime.bit_length() - size
-        scale = Fraction(2) ** shift
-        target = round(close * scale)
-        wanted = image * pow(2, shift, self.prime)
-        return (target + (wanted - target + self.prime // 2) % self.prime - self.prime // 2) / scale
+    def near(self, close: Any, image: int) -> Any:
+        """Return a number with a residue that agrees with another one to the accuracy of coded numbers.
+
+        Parameters
+        ----------
+        close
+            The other number (flint `fmpq`), not 0.
+        image
+            The residue.
+
+        Returns
+        -------
+        flint fmpq
+            A fraction whose denominator is a power of 2.
+        """
+        above, below, prime = close.p, close.q, self.prime
+        shift = self.bits + prime.bit_length() + below.bit_length() - above.bit_length()
+        if shift >= 0:
+            target, one = (above << shift) // below, fmpz(1) << shift
+        else:
+            target, one = above // (below << -shift), fmpq(1, fmpz(1) << -shift)
+        wanted = image * pow(2, shift, prime)
+        return (target + (wanted - target + prime // 2) % prime - prime // 2) / fmpq(one)
 
 
 # --- terms ----------------------------------------------------------------------------------------

@@ -260,7 +260,9 @@ def choose_engine(reduced: ReducedGraph, analysis: Analysis) -> EngineChoice:
     structure = reduced.structure
     loops = len(structure.couplings) - len(structure.junctions) + 1
     looped = loops > defaults.MANY_LOOPS.value
-    limit = _LIMIT[looped, roots]
+    limit: defaults.Default[int] | defaults.Limit[int] = _LIMIT[looped, roots]
+    if roots and reduced.field is not None:
+        limit = defaults.EXACT_IRRATIONAL
     where = f" on {loops} loops" if looped else ""
     reason = f"{counted(size, 'storage element')}{where}; chosen by default: {limit}"
     return EngineChoice("exact" if size <= limit.value else "float", reason)
