@@ -16,6 +16,7 @@ from collections import Counter
 from fractions import Fraction
 from math import inf, isclose
 
+import numpy as np
 import pytest
 from flint import ctx, fmpq, fmpq_poly
 
@@ -24,7 +25,7 @@ from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.graph import Bond, BondGraph, Node
 from dynid.bondgraph.request import Analysis
 from dynid.errors import Singular
-from tests.bondgraph.graphs import port
+from tests.bondgraph.graphs import build, port
 from tests.bondgraph.random_graphs import coincident_graph, random_graph
 from tests.bondgraph.tableau import determinant_at, transfer_at
 
@@ -50,6 +51,12 @@ FUNCTIONS = (
     ("sin(1)", "sqrt(1 - cos(1)**2)", "2*sin(0.5)*cos(0.5)", "tan(1)*cos(1)"),
     ("2**pi", "exp(pi*log(2))", "2*2**(pi - 1)"),
 )
+
+
+ASKED = frozenset(
+    {"transfer_function", "zeros", "poles", "properties", "hidden_modes", "frequency_response", "state_space"}
+)
+OMEGA = np.array([0.37, 2.3])
 
 
 class Units:
@@ -209,16 +216,20 @@ def judged(seed, functions=False):
         [Node(name, kind, numbers.get(name)) for name, kind in types.items()], [Bond(*b) for b in bonds]
     )
     out = port(".".join(output))
-    asked = frozenset({"transfer_function", "zeros", "poles", "properties", "hidden_modes"})
+    request = Analysis(tuple(inputs), (out,), results=ASKED, engine="exact", omega=OMEGA)
     try:
-        result = analyse(graph, Analysis(tuple(inputs), (out,), results=asked, engine="exact"))
+        result = analyse(graph, request)
     except Singular:
         assert expected is None, (seed, "refused", texts)
         return "refused"
     if expected is None:
         return "singular beside the output"
-    for name in inputs:
-        compare(result, units, types, output, name, *expected[name], (seed, name, texts))
+    rational = analyse(build(types, values, bonds), request)
+    for k, name in enumerate(inputs):
+        context = (seed, name, texts)
+        compare(result, units, types, output, name, *expected[name], context)
+        compare_response(result, units, types, output, k, name, *expected[name], context)
+        compare_hidden(result, rational, units, f"{out}/{name}", context)
     return "irrational" if graph.field is not None else "rational"
 
 
@@ -242,6 +253,35 @@ def compare(result, units, types, output, name, above, below, context):
         gain = result[f"bond_graph/properties/{group}/{key}"].data
         rational = limit(above, below, at_zero)
         assert isclose(gain, factor * rational, rel_tol=1e-9), (context, key, gain, factor * rational)
+
+
+def compare_response(result, units, types, output, k, name, above, below, context):
+    """Compare frequency response and state equations with the rational function on the axis."""
+    factor = units.factor(*output) / units.factor(name, "e" if types[name] == "Se" else "f")
+    response = result["bond_graph/frequency_response/response"].data[:, 0, k]
+    A, B, C = (result[f"bond_graph/state_space/{part}"].data for part in "ABC")
+    direct = result["bond_graph/state_space/feedthrough"].data[:, 0, k]
+    for omega, value in zip(OMEGA, response, strict=True):
+        s = 1j * omega * units.period
+        expected = factor * evaluated(above, s) / evaluated(below, s)
+        assert abs(value - expected) <= 1e-9 * abs(expected), (context, omega, value, expected)
+        states = np.linalg.solve(1j * omega * np.eye(len(A)) - A, B[:, k])
+        found = C[0] @ states + np.polyval(direct[::-1], 1j * omega)
+        scale = abs(expected) + abs(C[0]) @ abs(states)
+        assert abs(found - expected) <= 1e-9 * scale, (context, omega, found, expected)
+
+
+def evaluated(polynomial, s):
+    return sum(int(c.p) / int(c.q) * s**k for k, c in enumerate(polynomial.coeffs()))
+
+
+def compare_hidden(result, rational, units, channel, context):
+    """Compare hidden modes and their causes with those of the rational graph, but for the unit of time."""
+    group = f"bond_graph/properties/{channel}"
+    modes, others = (list(each[f"{group}/hidden_modes"].data) for each in (result, rational))
+    assert same_roots(modes, [root / units.period for root in others]), (context, modes, others)
+    causes = [sorted(each[f"{group}/hidden_mode_cause"].data) for each in (result, rational)]
+    assert causes[0] == causes[1], (context, causes)
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -345,17 +345,23 @@ def _divided(above: P, below: P) -> tuple[P, P]:
 
 
 def _divides(factor: FieldPolynomial, polynomial: Any) -> bool:
-    """Test whether what a division leaves is small beside its terms, coefficient by coefficient."""
+    """Test whether what a division leaves is small beside the polynomial, both at about |s| of the roots."""
     above, below = (
         fmpq_poly(each.value if isinstance(each, FieldPolynomial) else each) for each in (polynomial, factor)
     )
-    quotient, remainder = divmod(above, below)
-    terms = _sizes(quotient) * _sizes(below) + _sizes(above)
-    return all(abs(c) * 2**ROUNDED_BITS <= terms[k] for k, c in enumerate(remainder.coeffs()))
+    first = next(k for k, c in enumerate(below.coeffs()) if c != 0)
+    spread = _size(below[first]) - _size(below.leading_coefficient())
+    radius = Fraction(spread, max(below.degree() - first, 1))  # log2 of the geometric mean of the roots
+    left, whole = (
+        max((_size(c) + radius * k for k, c in enumerate(each.coeffs()) if c != 0), default=None)
+        for each in (divmod(above, below)[1], above)
+    )
+    return left is None or (whole is not None and left <= whole - ROUNDED_BITS)
 
 
-def _sizes(polynomial: Any) -> Any:
-    return fmpq_poly([abs(c) for c in polynomial.coeffs()])
+def _size(number: Any) -> int:
+    """Return about log2 of the size of a number (flint `fmpq`)."""
+    return int(number.p.bit_length()) - int(number.q.bit_length())
 
 
 def _inaccurate(field: RealField) -> NumericalError:

@@ -130,13 +130,21 @@ def _deficits_in_balls(reduced: ReducedGraph, channel: Channel, factor: Any, val
 
         rows = [[number(form.get(s, 0)) for s in [*states, ("u", channel[1], 0)]] for form in rates.values()]
         for k, row in enumerate(rows):  # each relative to its terms, before the root cancels them
-            scale = max(abs(entry).mid() for entry in (*row, root)) or acb(1)
+            scale = _largest([*row, root])
             row[k] -= root
             rows[k] = [entry / scale for entry in row]
         a, c = [row[:-1] for row in rows], [number(output.get(s, 0)) for s in states]
-        size, largest = len(states), max(abs(entry).mid() for entry in c) or acb(1)
+        size, largest = len(states), _largest(c)
         shown = [*a, [entry / largest for entry in c]]
         return _Deficits(*(size - _rank(matrix) for matrix in (a, rows, shown)))
+
+
+def _largest(entries: list[Any]) -> Any:
+    """Return the largest size of balls; 1 where all are zero."""
+    from flint import arb
+
+    largest = max((abs(entry).mid() for entry in entries), default=arb(0))
+    return largest if largest > 0 else arb(1)
 
 
 def _rank(rows: list[list[Any]]) -> int:

@@ -11,7 +11,7 @@ from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING, Any, Protocol
 
 from dynid.arithmetic.expression import Expression, parse
-from dynid.arithmetic.numbers import Number, OutOfRangeError, apply, to_fraction
+from dynid.arithmetic.numbers import Number, OutOfRangeError, apply, pi, to_fraction
 from dynid.errors import DynidError, SceneError
 from dynid.native import call, compiled
 from dynid.result import Result
@@ -264,7 +264,7 @@ def evaluate(expression: Expression, known: Mapping[str, Number | SampleColumn],
     def leaf(item: Fraction | str) -> Number | SampleColumn:
         if isinstance(item, Fraction):
             return item
-        return math.pi if item == "pi" else known[item]
+        return pi() if item == "pi" else known[item]
 
     def operate(operation: str, operands: list[Number | SampleColumn]) -> Number | SampleColumn:
         if not any(isinstance(operand, list) for operand in operands):

@@ -251,7 +251,7 @@ def orders_on_axis(planned: ProgramPlan, registers: Iterable[int], omega: Fracti
     omega
         The frequency, rad/s.
     """
-    at = axis_point(planned.exact, omega)
+    at = axis_point(planned.exact, omega, planned.field)
     point = _Point(at.residue, at.values, (0, [at.laplace, at.residue(1)]))
     run, _ = _expanded(planned, registers, point, _knows_its_limit)
     return {register: series.start for register, series in run.items()}

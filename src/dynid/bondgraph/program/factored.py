@@ -72,19 +72,53 @@ def numeric_point(values: Mapping[str, Fraction], prime: int) -> ModularPoint:
     return ModularPoint(prime, images, laplace)
 
 
+class ComplexResidue:
+    """A number modulo a prime of which -1 is no square, with a part that multiplies a root of -1.
+
+    Parameters
+    ----------
+    real, imaginary
+        Its parts (flint `fmpz_mod`).
+    """
+
+    __slots__ = ("imaginary", "real")
+
+    def __init__(self, real: Any, imaginary: Any) -> None:
+        self.real, self.imaginary = real, imaginary
+
+    def __bool__(self) -> bool:
+        return bool(self.real) or bool(self.imaginary)
+
+    def __add__(self, other: ComplexResidue) -> ComplexResidue:
+        return ComplexResidue(self.real + other.real, self.imaginary + other.imaginary)
+
+    def __sub__(self, other: ComplexResidue) -> ComplexResidue:
+        return ComplexResidue(self.real - other.real, self.imaginary - other.imaginary)
+
+    def __neg__(self) -> ComplexResidue:
+        return ComplexResidue(-self.real, -self.imaginary)
+
+    def __mul__(self, other: ComplexResidue | int) -> ComplexResidue:
+        if isinstance(other, int):
+            return ComplexResidue(self.real * other, self.imaginary * other)
+        real = self.real * other.real - self.imaginary * other.imaginary
+        return ComplexResidue(real, self.real * other.imaginary + self.imaginary * other.real)
+
+    def __truediv__(self, other: ComplexResidue) -> ComplexResidue:
+        square = other.real * other.real + other.imaginary * other.imaginary
+        return self * ComplexResidue(other.real / square, -other.imaginary / square)
+
+
 def field_point(
     values: Mapping[str, Fraction], field: RealField, omega: Fraction | None = None
 ) -> ModularPoint:
     """Return the point at values of a field, modulo its prime, and at a fixed random s or at j omega."""
-    from flint import fq_default_ctx
-
     one: Any
     if omega is None:
         one, laplace = field.residues(1), field.residues(random.Random(0xD1F1D).randrange(1, field.prime))
     else:  # -1 has no root modulo the prime, but in the field of its square
-        squared = fq_default_ctx(field.prime, 2)
-        one = squared(1)
-        laplace = (-one).sqrt() * field.residue(omega)
+        one = ComplexResidue(field.residues(1), field.residues(0))
+        laplace = ComplexResidue(field.residues(0), field.residues(field.residue(omega)))
     images = {name: one * field.residue(value) for name, value in values.items()}
     return ModularPoint(field.prime, images, laplace, one=one)
 

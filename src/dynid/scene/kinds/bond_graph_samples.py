@@ -1,7 +1,8 @@
 """Samples of a bond graph that differ in numbers, run together.
 
 What they share is read, checked, planned and expanded once. A sample that differs in more (a value of zero,
-a text where the others have numbers, coinciding roots, a fault) is run alone.
+a text where the others have numbers, coinciding roots, a fault) is run alone, and so is one with irrational
+values, whose cancellations are decided exactly.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, cast
 
 from dynid.arithmetic.expression import Expression
-from dynid.arithmetic.numbers import Number, to_fraction
+from dynid.arithmetic.numbers import Irrational, Number, to_fraction
 from dynid.bondgraph.sampling.analysis import SampledAnalysis, shared
 from dynid.errors import DynidError
 from dynid.result import Variable
@@ -71,8 +72,11 @@ def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...]) -
             return f"{path} is no parameter, no value of an element and no stored energy"
     if cast("BondGraphScene", template.model).design is not None:
         return "every sample is designed by itself"
-    family = BatchKey.of(template, paths, collect)
-    return "" if _planned(family) else "what is collected is more than numbers of the channels and responses"
+    if _planned(BatchKey.of(template, paths, collect)):
+        return ""
+    if question(template)[0].field is not None:
+        return "values are irrational: their cancellations are decided for each sample"
+    return "what is collected is more than numbers of the channels and responses"
 
 
 @lru_cache(maxsize=4)
@@ -127,6 +131,8 @@ class _GraphBatch:
     def __init__(self, scene: Scene, places: dict[str, Path], wanted: tuple[str, ...]) -> None:
         model = cast("BondGraphScene", scene.model)
         graph, analysis = question(scene)
+        if graph.field is not None:
+            raise NotShared
         varied = {name for kind, name in places.values() if kind == "parameter"}
         self._expressions = dependent_parameters(scene.source.data.get("parameters") or {}, varied)
         varied |= self._expressions.keys()
@@ -194,7 +200,7 @@ def _slots(quantities: Mapping[str, Quantity | None], varied: Collection[str]) -
 
 
 def _exact(column: SampleColumn, *, binary: bool = False) -> list[Fraction | None]:
-    """Return values as fractions; None for those that double precision would turn into zero or infinity."""
+    """Return values as fractions; None for those that are irrational, or zero or infinite as doubles."""
     exact: list[Fraction | None] = []
     for value in column:
         try:
@@ -202,7 +208,7 @@ def _exact(column: SampleColumn, *, binary: bool = False) -> list[Fraction | Non
         except OverflowError:
             exact.append(None)
             continue
-        if value is None or rounded == 0 != value:
+        if value is None or rounded == 0 != value or (isinstance(value, Irrational) and not binary):
             exact.append(None)
         elif binary:
             exact.append(Fraction(rounded))
