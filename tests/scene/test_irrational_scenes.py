@@ -6,6 +6,10 @@ import numpy as np
 import pytest
 
 import dynid
+from dynid.scene.load import load_scene
+from dynid.study.executors.base import SerialExecutor
+from dynid.study.plan import make_plan
+from dynid.study.run import run_study
 
 PROPERTIES = "bond_graph/properties"
 
@@ -279,3 +283,56 @@ def test_a_value_set_on_the_command_line_cancels_as_well(answer):
     assert properties(answer(text), "u.f/u")["order"] == 2
     changed = answer(text, "parameters.R=sqrt(L/C)", "parameters.C=sqrt(2)*1e-6")
     assert properties(changed, "u.f/u")["order"] == 0
+
+
+def test_samples_of_a_study_cancel_each_by_itself(tmp_path):
+    (tmp_path / "network.yaml").write_text(
+        "dynid: 1\nkind: bond-graph\n" + ZOBEL.format(L="0.0047", C="1.3e-6", R="sqrt(L/C)")
+    )
+    study = tmp_path / "study.yaml"
+    study.write_text(
+        """
+dynid: 1
+kind: study
+scene: network.yaml
+vary:
+  parameters.L: {values: [0.0013, 0.004, 0.0052]}
+  parameters.C: {values: [1.0e-6, 1.3e-6]}
+collect:
+  - bond_graph/properties/u.f/u/order
+  - bond_graph/properties/u.f/u/dc_gain
+"""
+    )
+    run_study(make_plan(load_scene(study)), tmp_path / "study.h5", SerialExecutor())
+    result = dynid.open_result(tmp_path / "study.h5")
+    orders = result["study/results/bond_graph/properties/u.f/u/order"].data
+    assert orders.tolist() == [0] * 6  # a batch and a run alike: the ratios 1300 and 4000 have rational roots
+    gains = result["study/results/bond_graph/properties/u.f/u/dc_gain"].data
+    expected = [math.sqrt(C / L) for L in (0.0013, 0.004, 0.0052) for C in (1e-6, 1.3e-6)]
+    assert sorted(gains) == pytest.approx(sorted(expected), rel=1e-14)
+
+
+UNDAMPED = """
+parameters: {{m: {m}, k: {k}}}
+graph:
+  nodes: {{F: Se, j: 1, m: {{type: I, value: m}}, k: {{type: C, value: 1/k}}}}
+  bonds: [F -> j -> m, j -> k]
+analysis:
+  inputs: [F]
+  outputs: [m.f, k.e]
+  engine: {engine}
+  results: [zeros, poles, properties, frequency_response]
+  frequency: {{start: 1, stop: 3, points: 3, scale: linear}}
+"""
+
+
+@pytest.mark.parametrize("engine", ["exact", "float"])
+@pytest.mark.parametrize(("m", "k"), [("sqrt(3)", "4*sqrt(3)"), ("pi", "pi*4"), ("2**(1/3)", "16**(1/3)*2")])
+def test_a_response_at_an_undamped_mode_is_infinite(answer, m, k, engine):
+    result = answer(UNDAMPED.format(m=m, k=k, engine=engine))
+    response = abs(result["bond_graph/frequency_response/response"].data[:, 0, 0])
+    mass = eval(m, {"pi": math.pi, "sqrt": math.sqrt})
+    assert response == pytest.approx([1 / mass / 3, np.inf, 3 / mass / 5], rel=1e-14)
+    poles = result["bond_graph/transfer_function/m.f/F/poles"].data
+    assert poles.real.tolist() == [0, 0]
+    assert sorted(poles.imag) == [-2, 2]

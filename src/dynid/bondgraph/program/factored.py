@@ -114,6 +114,7 @@ def field_point(
 ) -> ModularPoint:
     """Return the point at values of a field, modulo its prime, and at a fixed random s or at j omega."""
     one: Any
+    laplace: Any
     if omega is None:
         one, laplace = field.residues(1), field.residues(random.Random(0xD1F1D).randrange(1, field.prime))
     else:  # -1 has no root modulo the prime, but in the field of its square
