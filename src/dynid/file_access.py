@@ -5,8 +5,13 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import platform
+import re
 import stat
-from collections.abc import Iterator
+import sys
+import time
+from collections.abc import Iterable, Iterator
+from hashlib import sha256
 from pathlib import Path
 
 from dynid.errors import FileError
@@ -15,6 +20,18 @@ from dynid.errors import FileError
 #: inherited by other programs.
 _BINARY = getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0)
+
+
+#: Names of devices on Windows, which no file can have there, whatever follows a dot.
+_DEVICES = frozenset({"CON", "PRN", "AUX", "NUL"}) | {
+    f"{port}{n}" for port in ("COM", "LPT") for n in range(10)
+}
+#: Bytes of a name, to which an ending and a number are added; file systems take 255.
+_MAX_NAME = 200
+#: Temporary files of `replacing`: host and process that write them, and random digits.
+_PART = re.compile(r"\.dynid-(?:(?P<host>[0-9a-f]{8})-(?P<process>\d+)-)?[0-9a-f]{16}\.part")
+#: Seconds since the last change after which no process writes a temporary file any more.
+_ABANDONED = 600.0
 
 
 def obstacle(path: Path) -> tuple[str, str] | None:
@@ -73,6 +90,68 @@ def dataset_of(path: str) -> tuple[str, str | None]:
     return (bare, inside) if colon and bare.lower().endswith((".h5", ".hdf5")) else (path, None)
 
 
+def file_names(names: Iterable[str]) -> list[str]:
+    """Return names of files on all systems, all different, for names that may hold anything.
+
+    Anything but letters, digits, ``.``, ``+``, ``-`` and ``_`` is replaced; devices of Windows and hidden
+    files get a leading underscore, long names are cut, and equal ones numbered, also where they differ in
+    case alone.
+
+    Examples
+    --------
+    >>> file_names(["m.f-F", "a/b", "A:B", "a_b", "con"])
+    ['m.f-F', 'a_b', 'A_B_2', 'a_b_3', '_con']
+    """
+    taken: set[str] = set()
+    result = []
+    for name in names:
+        plain = re.sub(r"[^\w.+-]", "_", name)
+        if plain[:1] in ("", ".") or plain.partition(".")[0].upper() in _DEVICES:
+            plain = f"_{plain}"
+        plain = plain.encode()[:_MAX_NAME].decode(errors="ignore").rstrip(".")
+        unique, number = plain, 1
+        while unique.casefold() in taken:
+            number += 1
+            unique = f"{plain}_{number}"
+        taken.add(unique.casefold())
+        result.append(unique)
+    return result
+
+
+def remove_parts(folder: str | os.PathLike[str]) -> None:
+    """Remove the temporary files that killed processes left in a folder.
+
+    Those of processes of this host that have ended go at once, others when they have not changed for long.
+    """
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            match = _PART.fullmatch(entry.name)
+            if match is None or not entry.is_file(follow_symlinks=False):
+                continue
+            with contextlib.suppress(OSError):
+                ended = match["host"] == _host() and not _runs(int(match["process"]))
+                if ended or time.time() - entry.stat(follow_symlinks=False).st_mtime > _ABANDONED:
+                    os.unlink(entry.path)  # noqa: PTH108
+
+
+def _host() -> str:
+    """Return eight digits that stand for this host."""
+    return sha256(platform.node().encode()).hexdigest()[:8]
+
+
+def _runs(process: int) -> bool:
+    """Return False for the number of a process that has ended, as far as the system says."""
+    if sys.platform == "win32":  # where a signal 0 would end it
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):  # of another user
+        return True
+    return True
+
+
 def replace_file(path: str | os.PathLike[str], content: bytes) -> None:
     """Replace a file atomically: its name refers to the old content or to the new, never to a part.
 
@@ -106,7 +185,8 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[str]:
         target = os.path.realpath(name)
         _check_target(target, name)
         folder = os.path.dirname(target)  # noqa: PTH120 - bytes of odd names pass through os.path untouched
-        part = os.path.join(folder, f".dynid-{os.urandom(8).hex()}.part")  # noqa: PTH118
+        part = f".dynid-{_host()}-{os.getpid()}-{os.urandom(8).hex()}.part"
+        part = os.path.join(folder, part)  # noqa: PTH118
         try:
             os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
             with contextlib.suppress(FileNotFoundError):

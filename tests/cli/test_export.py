@@ -237,3 +237,15 @@ def test_what_the_format_cannot_hold_leaves_the_old_file(dynid, study, monkeypat
     code, _, err = dynid("export", study, "--parquet")
     assert (code, err) == (4, "s.parquet cannot be written: a column is too long\n")
     assert Path("s.parquet").read_bytes() == before
+
+
+def test_a_group_with_strange_signs_is_a_file_of_the_folder(dynid, folder):
+    result = Result("bond-graph", "x")
+    for group in ("a/..\\..\\up", "a/b:c", "a/b*c"):
+        result.add(f"{group}/value", np.arange(3.0), ("n",))
+    write_result(result, folder / "r.h5")
+    code, out, _ = dynid("export", "r.h5", "--csv", "-o", "tables")
+    assert code == 0
+    names = sorted(path.name for path in (folder / "tables").iterdir())
+    assert names == ["a..._.._up.csv", "a.b_c.csv", "a.b_c_2.csv"]
+    assert all(str(Path("tables") / name) in out for name in names)

@@ -95,7 +95,7 @@ def write_page(result: Result, target: str) -> None:
 def plot(file: str, output: str | None, form: str, names: tuple[str, ...], listing: bool, quiet: bool) -> int:
     """Write the figures of a result, one file each."""
     from dynid.cli.progress import showing
-    from dynid.file_access import replace_file
+    from dynid.file_access import file_names, remove_parts, replace_file
     from dynid.progress import tracked
     from dynid.report import figures
     from dynid.report.figure import as_file
@@ -114,7 +114,9 @@ def plot(file: str, output: str | None, form: str, names: tuple[str, ...], listi
         for name in names:
             refuse_unknown(name, every, "figure", "List them with --list.")
         chosen = [every[name] for name in dict.fromkeys(names)] or list(every.values())
-        targets = [folder / f"{figure.name}.{form}" for figure in chosen]
+        files = file_names([figure.name for figure in chosen])
+        targets = [folder / f"{name}.{form}" for name in files]
+        remove_parts(folder)
         with showing(quiet):
             for figure, target in zip(tracked(chosen, "figure"), targets, strict=True):
                 content = as_file(figure.svg, form)
@@ -249,6 +251,7 @@ def export(
     if form == "scene":
         _export_scene(file, output, realisation)
         return 0
+    from dynid.file_access import file_names, remove_parts
     from dynid.store import open_stored
     from dynid.store.tables import tables_of, write_csv, write_parquet
 
@@ -257,7 +260,7 @@ def export(
     with open_stored(file, partial=True) as result:
         if name is not None:
             table = _table_named(tables_of(result), name)
-            target = output or f"{table.name}.{form}"
+            target = output or f"{file_names([table.name])[0]}.{form}"
         elif result.kind == "study" and not long:
             from dynid.study.analysis.table import StudyTable, flat_table
 
@@ -265,11 +268,15 @@ def export(
             target = output or f"{stem}.{form}"
         else:
             folder = _made(Path(output or stem))
-            for table in tables_of(result):
-                write(table, str(folder / f"{table.name}.{form}"))
-                click.echo(f"wrote {folder / f'{table.name}.{form}'}")
+            remove_parts(folder)
+            tables = tables_of(result)
+            for table, own in zip(tables, file_names([table.name for table in tables]), strict=True):
+                target = str(folder / f"{own}.{form}")
+                write(table, target)
+                click.echo(f"wrote {target}")
             return 0
         _refuse_overwriting(target, file)
+        remove_parts(Path(target).parent)
         write(table, target)
         click.echo(f"wrote {target}")
     return 0
@@ -300,18 +307,24 @@ def _export_scene(file: str, output: str | None, realisation: str | None) -> Non
 
 
 def _export_systems(file: str, form: str, output: str | None) -> None:
-    from dynid.file_access import replace_file
+    from dynid.file_access import file_names, remove_parts, replace_file
     from dynid.store import export, read_result
 
     result, stem = read_result(file), Path(file).stem
     if form == "mtx":
         folder = _made(Path(output or stem))
-        contents = {folder / name: content for name, content in export.matrix_market_files(result).items()}
+        files = export.matrix_market_files(result)
+        names = file_names([name.removesuffix(".mtx") for name in files])
+        contents = {
+            folder / f"{name}.mtx": content for name, content in zip(names, files.values(), strict=True)
+        }
     else:
         target = output or f"{stem}.{form}"
         _refuse_overwriting(target, file)
         write = {"json": export.transfer_functions_json, "mat": export.matlab_file}[form]
         contents = {Path(target): write(result)}
+    for folder in {path.parent for path in contents}:
+        remove_parts(folder)
     for path, content in contents.items():
         replace_file(path, content)
         click.echo(f"wrote {path}")
