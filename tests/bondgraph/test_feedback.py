@@ -15,8 +15,9 @@ from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.results.margins import add_margins
 from dynid.errors import Singular
 from dynid.lti.certified_roots import repeated
+from dynid.lti.delay_stability import roots_right_of
 from dynid.lti.margins import margins
-from dynid.lti.quasi_polynomials import on_axis, roots_right_of
+from dynid.lti.quasi_polynomials import on_axis
 from dynid.result import Result
 from tests.bondgraph.graphs import build, port, transfers
 from tests.sample import sample

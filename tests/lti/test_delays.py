@@ -12,14 +12,8 @@ from scipy.special import lambertw
 
 from dynid.errors import Undecided
 from dynid.lti.delay_margins import delay_margins
-from dynid.lti.quasi_polynomials import (
-    QuasiPolynomial,
-    common_factor,
-    on_axis,
-    refined_root,
-    rightmost_roots,
-    roots_right_of,
-)
+from dynid.lti.delay_stability import rightmost_roots, roots_right_of, stability
+from dynid.lti.quasi_polynomials import Delay, QuasiPolynomial, common_factor, on_axis, refined_root
 from tests.sample import sample
 
 ZERO = Fraction(0)
@@ -252,3 +246,62 @@ def test_starts_below_the_axis_or_of_a_known_root_add_none():
     found, line = rightmost_roots(given, [-1 + 3j, -1.1 + 3j, -1 - 3j, -4.2 + 0j, -4 + 1e-9j], 5)
     assert [one.value for one in found] == pytest.approx([-1 + 3j, -1 - 3j], abs=1e-12)
     assert line == pytest.approx(-2.5)  # between them and the last one, which bounds where none is missing
+
+
+def quasi(terms):
+    return QuasiPolynomial({Fraction(delay): fmpz_poly(part) for delay, part in terms.items()})
+
+
+@pytest.mark.parametrize(
+    ("terms", "kind", "count"),
+    [
+        ({0: [1, 2], "1/2": [0, 0, 3]}, "unstable", math.inf),  # advanced
+        ({0: [1, 2], 1: [0, 3], "3/2": [0, 0, 1]}, "unstable", math.inf),  # advanced by a later term alone
+        ({0: [1, 2], 1: [1, 3]}, "unstable", math.inf),  # neutral, 3 > 2
+        ({0: [1, 2], 1: [1, 2]}, "at the limit", math.nan),  # neutral, 2 = 2
+        (
+            {0: [5, 2], 1: [1, 1], 2: [0, 2]},
+            "at the limit",
+            math.nan,
+        ),  # a zero of D on |q| = 1 at these delays
+        ({0: [6, 5], 1: [1, 4], 2: [1, 4]}, "at the limit", 0),  # 5 + 4 z + 4 z² has |z| = 1.12
+        ({0: [0, 1, 1], 1: [0, 1]}, "marginal", 0),
+        ({0: [2, 1], 1: [-3]}, "unstable", 1),  # s + 2 = 3 e^-s at s > 0
+        ({0: [3, 1], 1: [-2]}, "stable", 0),
+    ],
+)
+def test_verdicts_follow_from_degrees_and_leading_coefficients(terms, kind, count):
+    found = stability(quasi({Fraction(delay): part for delay, part in terms.items()}))
+    assert found.kind == kind
+    assert found.unstable_poles == pytest.approx(count, nan_ok=True)
+    assert found.stable == (kind == "stable")
+
+
+def test_two_loops_that_do_not_act_on_each_other_are_stable_if_both_are():
+    """1 + 0.7 q1, 1 + 0.7 q2: the sizes of D add up to more than 1, but it is a product."""
+    first, second = Delay(Fraction(1), 0), Delay(Fraction(7, 10), 1)
+    sizes = {(): 100, (first,): 70, (second,): 70, (first, second): 49}
+    product = QuasiPolynomial({frozenset(key): fmpz_poly([size, 2 * size]) for key, size in sizes.items()})
+    assert stability(product).kind == "stable"
+    lone = QuasiPolynomial(dict(product.terms))  # without knowing which delays add up
+    assert stability(lone).kind == "at the limit"
+
+
+def test_a_search_that_costs_too_much_is_undecided_with_the_reason():
+    late = quasi({0: [1, 1, 1], 10**7: [0, 3]})
+    found = stability(late)
+    assert (found.kind, math.isnan(found.unstable_poles)) == ("undecided", True)
+    assert "delay times bandwidth" in found.reason
+
+
+def test_a_long_delay_is_counted():
+    """s² + s + 1 + 3 s e^(-1000 s): |3 s| exceeds |s² + s + 1| between 0.38 and 2.6 rad/s."""
+    right = roots_right_of(quasi({0: [1, 1, 1], 1000: [0, 3]}))
+
+    def function(s):
+        return s * s + s + 1 + 3 * s * np.exp(-1000 * s)
+
+    height = np.linspace(0, 4, 400_001) * 1j
+    arc = 4 * np.exp(1j * np.linspace(0, np.pi / 2, 100_001))
+    turned = [np.angle(values[1:] / values[:-1]).sum() for values in (function(arc), function(height))]
+    assert right == pytest.approx((turned[0] - turned[1]) / np.pi, abs=1e-3)

@@ -167,6 +167,11 @@ def _add_dynamics(result: Result, reduced: ReducedGraph, analysis: Analysis) -> 
 
         report_progress("margins")
         add_margins(result, cut, analysis.omega)
+    elif analysis.opened is not None and "properties" in asked:
+        from dynid.bondgraph.results.system import add_system
+        from dynid.lti.stability import NO_OPEN_SOLUTION
+
+        add_system(result, NO_OPEN_SOLUTION)
     _add_engineering(result, reduced, analysis)
     if "sensitivities" in asked:
         report_progress("sensitivities")

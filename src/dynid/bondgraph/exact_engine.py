@@ -194,6 +194,7 @@ class ExactEngine:
             for channel, parts in lowest.items()
         }
         self._modes: dict[frozenset[str], list[complex] | None] = {}
+        self._hidden: dict[Channel, tuple[CertifiedRoot, ...]] = {}
 
     def channel(self, channel: Channel) -> TransferFunction:
         """Return one channel."""
@@ -201,10 +202,11 @@ class ExactEngine:
 
     def hidden_modes(self, channel: Channel) -> tuple[CertifiedRoot, ...]:
         """Return the natural modes that cancel in a channel: uncontrollable, unobservable, or both."""
-        polynomial = self.hidden_polynomial(channel)
-        return certified_roots(
-            polynomial, self._natural_starts(channel[0]) if polynomial.degree() > _LARGE else None
-        )
+        if channel not in self._hidden:
+            polynomial = self.hidden_polynomial(channel)
+            starts = self._natural_starts(channel[0]) if polynomial.degree() > _LARGE else None
+            self._hidden[channel] = certified_roots(polynomial, starts)
+        return self._hidden[channel]
 
     def hidden_polynomial(self, channel: Channel) -> Any:
         """Return the polynomial whose roots are the natural modes that cancel in a channel."""
@@ -213,11 +215,12 @@ class ExactEngine:
         port, shown = channel[0], self._denominators[channel]
         if self.reduced.graph.integrates(port) and shown[0] == 0:  # the output's own integrator is no mode
             shown = shown // fmpz_poly([0, 1])
-        natural = self._natural[port]
+        natural = self.natural[port]
         return natural // natural.gcd(shown)
 
     @cached_property
-    def _natural(self) -> dict[Port, Any]:
+    def natural(self) -> dict[Port, Any]:
+        """The polynomials of all natural modes behind each output."""
         return characteristic_polynomials(self.reduced)
 
     def _starts(self, channel: Channel, what: str) -> Sequence[complex] | None:

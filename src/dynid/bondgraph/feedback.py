@@ -8,9 +8,11 @@ set of loops with delays: exact, whatever the delays are. Loop i, the others clo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from functools import cached_property
 from itertools import combinations
 from math import lcm
 from typing import TYPE_CHECKING, Any
@@ -23,10 +25,19 @@ from dynid.arithmetic.numbers import coded
 from dynid.bondgraph.control import PADE_ORDER, Loop, close_loops, pade
 from dynid.bondgraph.frequency_response import frequency_response
 from dynid.bondgraph.graph import BondGraph, Port
-from dynid.bondgraph.plan import ReducedGraph, characteristic_polynomials
-from dynid.errors import Singular, Undecided
+from dynid.bondgraph.plan import (
+    ReducedGraph,
+    characteristic_polynomials,
+    parts_without_output,
+    separate_parts,
+)
+from dynid.errors import Singular
+from dynid.lti.axis_boxes import Work
 from dynid.lti.certified_roots import certified_roots
-from dynid.lti.quasi_polynomials import QuasiPolynomial, common_factor, roots_right_of
+from dynid.lti.delay_stability import COUNT
+from dynid.lti.delay_stability import stability as delayed_stability
+from dynid.lti.quasi_polynomials import Delay, QuasiPolynomial, common_factor, coprime
+from dynid.lti.stability import NO_SOLUTION, Verdict, combined, verdict
 
 if TYPE_CHECKING:
     from dynid.arithmetic.real_field import RealField
@@ -80,8 +91,16 @@ class CutLoops:
         self._plant = [
             [_scaled(plant[row.measured, column.source], common) for column in loops] for row in loops
         ]
-        self._natural = list(characteristic_polynomials(reduced).values())
+        #: What counts of roots may still cost.
+        self.work = Work(COUNT)
+        self._reduced, self._natural = reduced, characteristic_polynomials(reduced)
         self._controllers = [controller(loop, opened.field) for loop in loops]
+        self._by_source = len(sources) <= len(measured)
+        groups: dict[Any, list[int]] = {}
+        for number, loop in enumerate(loops):
+            groups.setdefault(loop.source if self._by_source else loop.measured, []).append(number)
+        #: The product of the denominators of the loops of each group, and their numerators over it.
+        self._groups = [self._over_one_denominator(group) for group in groups.values()]
         self._delays = [Fraction(reference(loop.delay)) for loop in loops]
 
     def function(self, kept: Sequence[int]) -> QuasiPolynomial:
@@ -93,9 +112,10 @@ class CutLoops:
             for count in range(len(late) + 1)
             for chosen in combinations(late, count)
         }
-        function = QuasiPolynomial({})
+        products = {}
         for chosen in minors:  # what the delays of all of them multiply, by inclusion and exclusion
-            own = sum(
+            loops = frozenset(Delay(self._delays[loop], loop) for loop in chosen)
+            products[loops] = sum(
                 (
                     (-1) ** (len(chosen) - len(part)) * minors[part]
                     for count in range(len(chosen) + 1)
@@ -103,8 +123,7 @@ class CutLoops:
                 ),
                 0 * self._common,
             )
-            function += QuasiPolynomial({sum((self._delays[loop] for loop in chosen), Fraction(0)): own})
-        return function
+        return QuasiPolynomial(products)
 
     def loop(self, place: int) -> tuple[QuasiPolynomial, QuasiPolynomial]:
         """Return L of one loop, the others closed: numerator and denominator without a common factor.
@@ -116,6 +135,8 @@ class CutLoops:
         above = self.function(every) - below
         if not above.terms:
             return above, QuasiPolynomial({Fraction(0): 0 * self._common + 1})
+        if self._reduced.field is None:
+            return coprime(above, below)
         shared = common_factor([above, below])
         return above.over(shared), below.over(shared)
 
@@ -125,12 +146,33 @@ class CutLoops:
         return whole.over(common_factor([whole, self.function([])]))
 
     def hidden(self) -> Any:
-        """Return the polynomial of the natural modes that cancel: no feedback moves them."""
+        """Return the polynomial of the natural modes behind what is measured that no feedback moves."""
+        modes = 0 * self._common + 1
+        for own in self._natural.values():
+            modes = modes * (own // modes.gcd(own))
+        return self._unmoved(modes)
+
+    @cached_property
+    def loop_verdict(self) -> Verdict:
+        """The verdict on the roots that the loops show."""
+        closed = self.closed()
+        if closed.is_rational:
+            return verdict(certified_roots(closed.terms[Fraction(0)]))
+        return delayed_stability(rounded([closed])[0], self.work)
+
+    def verdict(self) -> Verdict:
+        """Return the verdict on the whole system: loops, controllers and every separate part of the graph."""
+        verdicts = [self.loop_verdict]
+        others = parts_without_output(self._reduced)
+        parts = [*separate_parts(self._reduced, self._natural), *(others or ())]
+        hidden = certified_roots(self._unmoved(math.prod(parts, start=0 * self._common + 1)))
+        verdicts += [verdict(hidden)] if hidden else []
+        return combined([*verdicts, *([] if others is not None else [NO_SOLUTION])])
+
+    def _unmoved(self, modes: Any) -> Any:
+        """Return the factor of natural modes, and those of controllers, that no feedback moves."""
         whole, opened = self.function(range(len(self.loops))), self.function([])
         (below,) = opened.over(common_factor([whole, opened])).terms.values()
-        modes = 0 * self._common + 1
-        for own in self._natural:
-            modes = modes * (own // modes.gcd(own))
         for _, own in self._controllers:
             modes *= own
         return modes // modes.gcd(below)
@@ -157,38 +199,46 @@ class CutLoops:
 
     def approximants_agree(self) -> bool:
         """Return whether the Padé approximants of delays have as many poles to the right as the loops."""
-        closed = self.closed()
-        try:
-            count = roots_right_of(rounded([closed])[0])
-        except Undecided:
-            return False
-        (polynomial,) = rational(rounded([closed]), PADE_ORDER)
-        return count == sum(root.multiplicity for root in certified_roots(polynomial) if root.side >= 0)
+        (polynomial,) = rational(rounded([self.closed()]), PADE_ORDER)
+        right = sum(root.multiplicity for root in certified_roots(polynomial) if root.side > 0)
+        return self.loop_verdict.unstable_poles == right
+
+    def _over_one_denominator(self, group: list[int]) -> tuple[Any, list[tuple[int, Any]]]:
+        parts = [(loop, *self._controllers[loop]) for loop in group]
+        whole = math.prod((below for _, _, below in parts), start=0 * self._common + 1)
+        return whole, [(loop, above * (whole // below)) for loop, above, below in parts]
 
     def _minor(self, kept: Sequence[int]) -> Any:
-        """Return det(I + G K) of some loops, times the product of all denominators."""
+        """Return det(I + G K) of some loops, times a denominator that is the same for all sets of loops.
+
+        det(I + G K) = det(I + K G): loops that measure, or drive, the same share a row.
+        """
+        closed = set(kept)
         matrix = [
             [
-                self._plant[i][j] * self._controllers[j][0]
-                + (self._common * self._controllers[j][1] if i == j else 0)
-                for j in kept
+                (self._common * denominator if i == j else 0 * self._common)
+                + sum(
+                    (self._plants(loop, j) * part for loop, part in parts if loop in closed), 0 * self._common
+                )
+                for j in range(len(self._groups))
             ]
-            for i in kept
+            for i, (denominator, parts) in enumerate(self._groups)
         ]
-        found = _determinant(matrix, 0 * self._common + 1)
-        for loop, (_, below) in enumerate(self._controllers):
-            if loop not in kept:
-                found *= below * self._common
-        return found
+        return _determinant(matrix, 0 * self._common + 1)
+
+    def _plants(self, loop: int, group: int) -> Any:
+        """Return what a loop measures of the source of a group, or what a group measures of its source."""
+        other = self._groups[group][1][0][0]
+        return self._plant[loop][other] if self._by_source else self._plant[other][loop]
 
 
 def rounded(functions: Sequence[QuasiPolynomial]) -> list[QuasiPolynomial]:
     """Return quasi-polynomials with integer polynomials, all times the same number."""
     from dynid.arithmetic.field_polynomials import integers
 
-    every = [polynomial for function in functions for polynomial in function.terms.values()]
+    every = [polynomial for function in functions for polynomial in function.products.values()]
     plain = iter(integers(*every, rounded=True))
-    return [QuasiPolynomial({delay: next(plain) for delay in function.terms}) for function in functions]
+    return [QuasiPolynomial({loops: next(plain) for loops in function.products}) for function in functions]
 
 
 def controller(loop: Loop, field: RealField | None = None) -> tuple[Any, Any]:
@@ -206,22 +256,22 @@ def controller(loop: Loop, field: RealField | None = None) -> tuple[Any, Any]:
 
 
 def rational(functions: Sequence[QuasiPolynomial], order: int) -> list[Any]:
-    """Return quasi-polynomials over one polynomial, their delays replaced by Padé approximants."""
+    """Return quasi-polynomials over one polynomial, with a Padé approximant for the delay of each loop."""
     from flint import fmpq, fmpq_poly
 
-    delays = {delay for function in functions for delay in function.terms if delay}
+    loops = {loop for function in functions for product in function.products for loop in product}
     approximants = {}
-    for delay in delays:
-        exact = [[Fraction(reference(c)) for c in reversed(part)] for part in pade(delay, order)]
+    for loop in loops:
+        exact = [[Fraction(reference(c)) for c in reversed(part)] for part in pade(loop.seconds, order)]
         parts = [[fmpq(c.numerator, c.denominator) for c in part] for part in exact]
-        approximants[delay] = [fmpq_poly(part) for part in parts]
+        approximants[loop] = [fmpq_poly(part) for part in parts]
     found = []
     for function in functions:
         total = fmpq_poly(0)
-        for delay, polynomial in function.terms.items():
+        for product, polynomial in function.products.items():
             own = fmpq_poly(polynomial)
-            for other, (top, bottom) in approximants.items():
-                own *= top if other == delay else bottom
+            for loop, (top, bottom) in approximants.items():
+                own *= top if loop in product else bottom
             total += own
         found.append(total)
     common = lcm(*(int(total.denom()) for total in found))

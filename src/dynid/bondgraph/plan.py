@@ -376,6 +376,51 @@ def characteristic_polynomials(reduced: ReducedGraph) -> dict[Port, Any]:
     return {port: ratios[register].lowest_terms()[0] for port, register in registers.items()}
 
 
+def separate_parts(reduced: ReducedGraph, natural: Mapping[Port, Any]) -> list[Any]:
+    """Return the polynomials of the natural modes of the separate parts behind outputs.
+
+    Parameters
+    ----------
+    reduced
+        The graph.
+    natural
+        The polynomials behind its outputs (`characteristic_polynomials`).
+    """
+    parts = list[tuple[set[str], Any]]()
+    for port, modes in natural.items():
+        junctions, polynomial, separate = set(reduced.reductions[port].junctions), modes, []
+        for others, theirs in parts:
+            if junctions.isdisjoint(others):
+                separate.append((others, theirs))
+            else:  # activated bonds let one part act on another one, whose modes then are among its own
+                junctions |= others
+                polynomial = polynomial * (theirs // polynomial.gcd(theirs))
+        parts = [*separate, (junctions, polynomial)]
+    return [polynomial for _, polynomial in parts]
+
+
+def parts_without_output(reduced: ReducedGraph) -> list[Any] | None:
+    """Return the polynomials of the natural modes of the parts on which no output depends.
+
+    Returns
+    -------
+    list or None
+        None where a part has no unique solution.
+    """
+    covered, polynomials = set[str](), list[Any]()
+    for name in [] if reduced._all_solved else reduced.unsolved():
+        if name in covered or name not in reduced.graph.nodes:
+            continue
+        port = Port(name, "e" if reduced.graph.nodes[name].type == "0" else "f")
+        try:
+            other = ReducedGraph(reduced.graph, (), [port], traced=False)
+        except Singular:
+            return None
+        covered |= set(other.reductions[port].junctions)
+        polynomials += characteristic_polynomials(other).values()
+    return polynomials
+
+
 def determinant(planned: ProgramPlan, reduction: Reduction) -> int:
     """Write the determinant of the nodal form, times s for every storage that integrates there."""
     program = planned.program

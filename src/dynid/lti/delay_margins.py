@@ -1,135 +1,143 @@
 """Margins of a loop with delays: L = A/B, a quotient of quasi-polynomials.
 
-Crossings and extremes are found between interval bounds on s = jω: none is missed, however many there are.
+Crossings and extremes are searched in intervals of s = jω with bounds (`lti/axis_boxes.py`): none is missed,
+however many there are, and the results are refined in ball arithmetic. The limit ω → ∞ follows from the
+difference operators of A and B (`lti/difference_operator.py`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from heapq import heappop, heappush
-from itertools import count
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from dynid.errors import Undecided
+from dynid.lti.axis_boxes import Array, AxisFunctions, Expansion, Sum, Work, chunks, grid, halves
+from dynid.lti.delay_stability import COUNT, lower_powers_below, stability
+from dynid.lti.difference_operator import critical_gains, gap, least_separation
 from dynid.lti.margins import LIMIT, Margins, lag, largest_of
-from dynid.lti.quasi_polynomials import PRECISION, QuasiPolynomial, divided, roots_right_of
+from dynid.lti.quasi_polynomials import PRECISION, Balls, QuasiPolynomial
+from dynid.lti.stability import Verdict
 
-#: Gains below this are not followed to higher frequencies.
+#: Terms on intervals of frequencies that the margins of all loops of a system may cost, in half a second.
+SEARCH = 400_000
+#: Gains below this are not followed to higher frequencies, and extremes at infinity are this exact.
 _LEAST_GAIN = 1e-6
+#: Relative excess that ends the search for a maximum at a finite frequency.
+_EXCESS = 1e-10
 #: Relative width of intervals in which a function that touches zero is taken to be there.
-_TOUCH = 2.0**-45
-#: Halvings of an interval down to the rounding of doubles.
-_BISECTIONS = 56
+_TOUCH = 2.0**-40
 #: Frequencies below this part of the highest one count as 0.
 _ORIGIN = 2.0**-60
-#: Relative excess that ends the search for a maximum.
-_EXCESS = 1e-10
+#: Lowest frequency of the first grid, relative to the highest one.
+_LOW = 2.0**-24
+#: Halvings of an interval down to the rounding of doubles.
+_BISECTIONS = 52
+#: Steps of Newton's method in ball arithmetic.
+_STEPS = 6
+#: Relative difference of phases and delays from the smallest up to which they are refined.
+_NEAR = 1e-6
+#: Relative distance of a maximum from a frequency where the size is the same but for `_EXCESS`.
+_NEAR_MAXIMUM = 1e-3
 
 
-def delay_margins(numerator: QuasiPolynomial, denominator: QuasiPolynomial) -> Margins:
-    """Return the margins of a loop with delays.
+def delay_margins(
+    numerator: QuasiPolynomial,
+    denominator: QuasiPolynomial,
+    verdict: Verdict | None = None,
+    search: int = SEARCH,
+) -> Margins:
+    """Return the margins of a loop with delays; those that are undecided are NaN.
 
     Parameters
     ----------
     numerator, denominator
-        The open-loop transfer function L(s) of negative feedback, without common factors. In the
-        denominator the term without delay has the largest degree.
+        The open-loop transfer function L(s) of negative feedback, without common factors.
+    verdict
+        The verdict on the closed loop, where it is known.
+    search
+        What the margins may cost, in terms on intervals of frequencies.
     """
     from flint import ctx
 
-    closed = numerator + denominator
-    at_infinity = limit_gain(numerator, denominator)
-    stable, verdict, right = stability(closed)
-    if at_infinity >= 1:  # however small a further delay, it adds roots to the right of the axis
-        none = math.inf
-        small = 1 / at_infinity
-        return Margins(stable, verdict, right, none, small, 0, 0, 0, none, none, none, none, none, none)
-    loop = _Loop(numerator, denominator)
+    verdict = verdict or stability(numerator + denominator)
+    margins = dict.fromkeys(_SEARCHED, math.nan)
+    loop, reasons = _Loop(numerator, denominator, search // 4), dict[str, None]()
     with ctx.workprec(PRECISION):
-        phases = [(lag(loop(omega)), omega) for omega in loop.gain_crossings()]
-        (gain, above), (reduction, below) = loop.phase_crossings()
-        bound = 1 / (1 - at_infinity)
-        Ms, Ms_at = _Quotient(denominator, closed).largest(bound, loop.beyond, lambda size: 1 - 1 / size)
-        Mt, Mt_at = _Quotient(numerator, closed).largest(
-            bound * at_infinity, loop.beyond, lambda size: 1 / (1 + 1 / size)
-        )
-    phase, gain_crossover = min(phases, default=(math.inf, math.inf))
+        if loop.apart:
+            for add in (loop.gain_crossings, loop.phase_crossings, loop.extremes):
+                try:
+                    add(margins)
+                except Undecided as error:
+                    reasons[error.problem] = None
+        elif loop.critical is not None:  # a change of these gains removes the roots of high frequency
+            below, above = loop.critical
+            margins |= {"gain": above, "gain_reduction": below, "phase_crossover": math.inf, "delay": 0.0}
+    unstable = verdict.unstable_poles
     return Margins(
-        stable=stable,
-        stability=verdict,
-        unstable_poles=right,
-        gain=gain,
-        gain_reduction=reduction,
-        phase=phase,
-        delay=min((math.radians(angle) / omega for angle, omega in phases), default=math.inf),
-        modulus=1 / Ms,
-        gain_crossover=gain_crossover,
-        phase_crossover=above if math.isfinite(gain) else below,
-        modulus_at=Ms_at,
-        Ms=Ms,
-        Mt=Mt,
-        Mt_at=Mt_at,
+        stable=verdict.stable,
+        stability=verdict.text,
+        unstable_poles=math.inf if math.isnan(unstable) else unstable,
+        **margins,
+        undecided="; ".join(reasons) if verdict.stable else "",
     )
 
 
-def stability(closed: QuasiPolynomial) -> tuple[bool, str, float]:
-    """Return whether all roots of a characteristic function lie left of the axis, why, and how many do not.
-
-    Their number is inf where there are infinitely many, or where it is undecided.
-    """
-    if closed.at_origin() == 0:
-        return False, "not stable: a root of the closed loop lies at the origin", math.inf
-    try:
-        right = roots_right_of(closed)
-    except Undecided as error:
-        neutral = neutral_verdict(closed)
-        return False, neutral or f"not stable, or undecided: {error.problem}", math.inf
-    if right:
-        plural = "root lies" if right == 1 else "roots lie"
-        return False, f"unstable: {right} {plural} in the right half-plane (Nyquist count with delays)", right
-    return True, "stable: no root lies in the right half-plane (Nyquist count with delays)", 0
+_SEARCHED = (
+    *("gain", "gain_reduction", "phase", "delay", "modulus", "gain_crossover", "phase_crossover"),
+    *("modulus_at", "Ms", "Mt", "Mt_at"),
+)
 
 
-def neutral_verdict(closed: QuasiPolynomial) -> str:
-    """Return the verdict where delayed terms do not vanish at high frequencies; else ''."""
-    leading = closed.leading(closed.degree)
-    own = abs(leading.get(Fraction(0), Fraction(0)))
-    others = [abs(size) for delay, size in leading.items() if delay and size]
-    if not others or sum(others) < own:
-        return ""
-    if 2 * max(others) > own + sum(others):
-        where = "infinitely many roots lie in the right half-plane"
-        return f"unstable: the loop has a gain above 1 at high frequencies and a delay; {where}"
-    return (
-        "not stable: the loops have a gain of 1 or more at high frequencies and delays; roots come as near "
-        "to the imaginary axis as one likes, or cross it when a delay changes by however little"
-    )
+class _Measure(NamedTuple):
+    """A real function on intervals: value and slope (by ρ) in the middle, bounds on bend and round-off."""
 
-
-def limit_gain(numerator: QuasiPolynomial, denominator: QuasiPolynomial) -> float:
-    """Return a bound on |L(jω)| for ω → ∞, exact where the numerator has one delay."""
-    degree = denominator.degree
-    if numerator.degree < degree:
-        return 0.0
-    if numerator.degree > degree:
-        return math.inf
-    top = sum(map(abs, numerator.leading(degree).values()))
-    bottom = denominator.leading(degree)
-    own = abs(bottom.pop(min(denominator.terms)))
-    left = own - sum(map(abs, bottom.values()))
-    return float(top / left) if left > 0 else math.inf
+    value: Array
+    slope: Array
+    bend: Array
+    error: Array
 
 
 @dataclass(frozen=True)
-class _Quotient:
-    """A quotient of quasi-polynomials on s = jω."""
+class _Loop:
+    """The loop L = A/B."""
 
     top: QuasiPolynomial
     bottom: QuasiPolynomial
+    search: int
+
+    @cached_property
+    def closed(self) -> QuasiPolynomial:
+        return self.top + self.bottom
+
+    @cached_property
+    def functions(self) -> AxisFunctions:
+        """A, B and A + B."""
+        return AxisFunctions([self.top.balls, self.bottom.balls, self.closed.balls])
+
+    @cached_property
+    def degree(self) -> int:
+        return max(self.top.degree, self.bottom.degree)
+
+    @cached_property
+    def operators(self) -> tuple[dict[Any, Fraction], dict[Any, Fraction]]:
+        """The coefficients of the largest power of A and of B."""
+        return self.top.leading(self.degree), self.bottom.leading(self.degree)
+
+    @cached_property
+    def apart(self) -> Fraction | None:
+        """Lower bound on the difference operator of 1 + L; 0 or None where roots come near the axis."""
+        return least_separation(*self.operators, 1, 1)
+
+    @cached_property
+    def critical(self) -> tuple[float, float] | None:
+        """The gains nearest to 1 at which roots of high frequency pass the axis."""
+        return critical_gains(*self.operators)
 
     def __call__(self, omega: float) -> complex:
         from flint import acb
@@ -138,212 +146,362 @@ class _Quotient:
         value = self.top.balls.values(s)[0] / self.bottom.balls.values(s)[0]
         return complex(float(value.real.mid()), float(value.imag.mid()))
 
-    def sizes(self, low: Any, high: Any) -> tuple[float, float]:
-        """Return bounds on the size over an interval of frequencies."""
-        bounds = []
-        for part in (self.top.balls, self.bottom.balls):
-            value = part.on_axis(low, high)
-            own, others = part.sizes(low, high)
-            rest = float(sum(others)) if others else 0.0
-            lower = max(float(value.abs_lower()), float(own.abs_lower()) - rest)
-            bounds.append((lower, min(float(value.abs_upper()), float(own.abs_upper()) + rest)))
-        (t_low, t_high), (b_low, b_high) = bounds
-        return t_low / b_high if b_high else math.inf, t_high / b_low if b_low > 0 else math.inf
+    def beyond(self, apart: Fraction, factor: float = 1.0) -> float:
+        """Return a frequency from which on lower powers of B and of `factor` times A are below a bound."""
+        parts = ((self.top.balls, factor), (self.bottom.balls, 1.0))
+        return lower_powers_below(parts, self.degree, math.log2(apart))
 
-    def largest(
-        self, at_infinity: float, beyond: Callable[[float], float], small_enough: Callable[[float], float]
-    ) -> tuple[float, float]:
-        """Return the supremum of the size over all frequencies, and where it is.
+    # --- |L| = 1 ------------------------------------------------------------------------------------
 
-        Parameters
-        ----------
-        at_infinity
-            Bound on the size at ω → ∞.
-        beyond
-            The frequency from which on the loop's gain is below a given one.
-        small_enough
-            The gain of the loop below which the size is below a given one.
+    def gain_crossings(self, margins: dict[str, float]) -> None:
+        """Add the phase and the delay margin, from the positive frequencies at which |L| = 1.
+
+        Raises
+        ------
+        Undecided
+            Where there are infinitely many, or too many.
         """
-        from flint import arb
+        a, b = self.operators
+        below, above = gap(b, a), gap(a, b)
+        if below == 0:  # |L| does not stay below 1: a delay however small adds roots of high frequency
+            margins["delay"] = 0.0
+        apart = below or above
+        if not apart:
+            raise Undecided("the gain crosses 1 at frequencies as high as one likes, or that is undecided")
+        work = Work(self.search)
+        crossings = _zeros(self.functions, _difference, self.beyond(apart / 2), work)
+        lags = []
+        for omega in crossings:
+            (value,) = self._rounded([omega])
+            angle = lag(value)
+            lags.append((angle, math.radians(angle) / omega, omega))
+        least = [min((entry[k] for entry in lags), default=math.inf) for k in (0, 1)]
+        refined = []
+        for rough, delay, omega in lags:
+            if rough <= least[0] + 360 * _NEAR or delay <= least[1] * (1 + _NEAR):
+                exact = self._refined(omega, self._difference_at)
+                angle = lag(self(exact))
+                refined.append((angle, exact, math.radians(angle) / exact))
+        phase, crossover, _ = min(refined, default=(math.inf, math.inf, math.inf))
+        delay = 0.0 if below == 0 else min((entry[2] for entry in refined), default=math.inf)
+        margins |= {"phase": phase, "gain_crossover": crossover, "delay": delay}
 
-        if self.bottom.at_origin() == 0:
-            return math.inf, 0.0
-        scale = beyond(small_enough(math.inf) / 2)
-        tried = [0.0, *(scale * 1.15**k for k in range(-150, 1))]
-        best = largest_of([*((abs(self(omega)), omega) for omega in tried), (at_infinity, math.inf)])
-        top = arb(beyond(small_enough(best[0])))
-        number = count()  # intervals are not compared
-        intervals = [(-math.inf, next(number), arb(0), top)]
-        while intervals:
-            upper, _, low, high = heappop(intervals)
-            if -upper <= best[0] * (1 + _EXCESS):
-                break
-            slope, bend = self._slope(low, high)
-            ends = [(abs(self(float(end))), float(end)) for end in (low, high)]
-            if not slope.contains(0) or bend > 0:
-                best = largest_of([best, *ends])
-            elif bend < 0 or high - low <= _TOUCH * high:
-                best = largest_of([best, *ends])
-                if not bend < 0 or self._below_tangents(low, high, ends) > best[0] * (1 + _EXCESS):
-                    omega = _zero(lambda at: self._slope(at, at)[0], low, high)
-                    best = largest_of([best, (abs(self(omega)), omega)])
-            else:
-                for part in divided(low, high, top):
-                    heappush(intervals, (-self.sizes(*part)[1], next(number), *part))
-        return best
+    def _rounded(self, omega: list[float]) -> list[complex]:
+        """Return L to single frequencies in doubles."""
+        at = np.array(omega)
+        top, bottom, _ = self.functions.expand(at, at, Work(COUNT))
+        with np.errstate(all="ignore"):
+            return list((top.total.value / bottom.total.value).tolist())
 
-    def _below_tangents(self, low: Any, high: Any, ends: list[tuple[float, float]]) -> float:
-        """Return a bound on the size over an interval where its logarithm is concave."""
-        (at_low, _), (at_high, _) = ends
-        rising, falling = (float(self._slope(end, end)[0].mid()) for end in (low, high))
-        if not (rising > 0 > falling and min(at_low, at_high) > 0):
-            return max(at_low, at_high)
-        first, last = math.log(at_low), math.log(at_high)
-        ahead = (last - first - falling * float((high - low).mid())) / (rising - falling)
-        return math.exp(first + rising * ahead)
-
-    def _slope(self, low: Any, high: Any) -> tuple[Any, Any]:
-        """Return enclosures of the first two derivatives of log |quotient| by ω."""
+    def _difference_at(self, omega: Any) -> tuple[Any, Any]:
         from flint import acb
 
-        s = acb(0, low.union(high))
+        (a, da), (b, db) = (part.balls.values(acb(0, omega), 2) for part in (self.top, self.bottom))
+        size = a.real**2 + a.imag**2 - b.real**2 - b.imag**2
+        # d|A|²/dω = 2 Re(conj(A) j A') = 2 (Im A Re A' - Re A Im A')
+        slope = 2 * (a.imag * da.real - a.real * da.imag - b.imag * db.real + b.real * db.imag)
+        return size, slope
+
+    @staticmethod
+    def _refined(omega: float, function: Callable[[Any], tuple[Any, Any]], near: float = _NEAR) -> float:
+        """Return a zero to all digits by Newton's method; the first value where it does not stay near."""
+        from flint import arb
+
+        at = arb(omega)
+        for _ in range(_STEPS):
+            value, slope = function(at)
+            if slope.contains(0):
+                return omega
+            at = (at - value / slope).mid()
+            if not abs(at - omega) < near * omega:
+                return omega
+        return float(at)
+
+    # --- L real and negative ------------------------------------------------------------------------
+
+    def phase_crossings(self, margins: dict[str, float]) -> None:
+        """Add the gain margins: the factors nearest to 1 that make L = -1, and their frequencies.
+
+        Raises
+        ------
+        Undecided
+            Where it is undecided from which frequency on there is none.
+        """
+        if self.critical is None:
+            raise Undecided("roots of high frequency pass the axis at gains that are undecided")
+        low, high = self.critical
+        below, above = (low, math.inf), (high, math.inf)
+        if self.bottom.at_origin() != 0:
+            value = Fraction(self.top.at_origin(), self.bottom.at_origin())
+            if value < 0:
+                factor = float(-1 / value)
+                above = min(above, (factor, 0.0)) if factor >= 1 - LIMIT else above
+                below = max(below, (factor, 0.0), key=lambda each: each[0]) if factor < 1 - LIMIT else below
+        above = self._nearest(above, high, up=True)
+        below = self._nearest(below, low, up=False)
+        margins |= {
+            "gain": above[0],
+            "gain_reduction": below[0],
+            "phase_crossover": above[1] if math.isfinite(above[0]) else below[1],
+        }
+
+    def _nearest(self, best: tuple[float, float], limit: float, *, up: bool) -> tuple[float, float]:
+        """Return the factor nearest to 1 on one side, over growing ranges of factors and frequencies."""
+        work, reached = Work(self.search), 0.0
+        for share in (0.5, 0.9, 0.99, 1 - 1e-3, 1 - 1e-4, 1 - 1e-5, 1 - _LEAST_GAIN):
+            # factors from 1 to this one
+            if up:
+                end = 1 + share * (limit - 1) if math.isfinite(limit) else 1 / (1 - share)
+            else:
+                end = 1 - share * (1 - limit)
+            apart = least_separation(*self.operators, min(1.0, end), max(1.0, end))
+            if not apart:
+                raise Undecided("it is undecided from which frequency on no root passes the axis")
+            top = self.beyond(apart / 2, max(1.0, end))
+            if top > reached:
+                best = self._nearest_between(best, reached, top, work, up=up)
+                reached = top
+            if best[0] <= end if up else best[0] >= end:
+                break
+        return best
+
+    def _nearest_between(
+        self, best: tuple[float, float], start: float, top: float, work: Work, *, up: bool
+    ) -> tuple[float, float]:
+        factor = min(best[0], 1 / _LEAST_GAIN) if up else max(best[0], _LEAST_GAIN)
+        spare = 0.0 if math.isfinite(best[1]) else _LEAST_GAIN
+
+        def hopeless(a: Sum, b: Sum, measure: _Measure, width: Array) -> Any:
+            negative = (a.total.value * b.total.value.conj()).real - measure.error
+            slope = a.total.slope * b.total.value.conj() + a.total.value * b.total.slope.conj()
+            negative -= np.abs(slope.real) * width + measure.bend * width**2 / 2
+            least, largest = _gains(a, b)
+            if up:
+                return (negative > 0) | (largest < (1 + spare) / factor) | (least > 1)
+            return (negative > 0) | (largest < 1) | (least > (1 - spare) / factor)
+
+        for omega in _zeros(self.functions, _imaginary, top, work, start, hopeless):
+            (value,) = self._rounded([omega])
+            if value.real < 0:
+                rough = -1 / value.real
+                if (rough < factor * (1 + _NEAR)) if up else (rough > factor * (1 - _NEAR)):
+                    exact = self._refined(omega, self._imaginary_at)
+                    refined = -1 / self(exact).real
+                    if up and refined >= 1 - LIMIT:
+                        best = min(best, (refined, exact))
+                    elif not up and refined < 1 - LIMIT:
+                        best = max(best, (refined, exact), key=lambda each: each[0])
+        return best
+
+    def _imaginary_at(self, omega: Any) -> tuple[Any, Any]:
+        from flint import acb
+
+        (a, da), (b, db) = (part.balls.values(acb(0, omega), 2) for part in (self.top, self.bottom))
+        # of A conj(B), whose derivative by ω is j A' conj(B) + A conj(j B')
+        value = a.imag * b.real - a.real * b.imag
+        slope = (da.real * b.real + da.imag * b.imag) - (a.real * db.real + a.imag * db.imag)
+        return value, slope
+
+    # --- extremes of |S| and |T| --------------------------------------------------------------------
+
+    def extremes(self, margins: dict[str, float]) -> None:
+        """Add the largest |S| = |B/(A + B)| and |T| = |A/(A + B)|, and their frequencies."""
+        Ms, Ms_at = self._largest(self.bottom, 1)
+        Mt, Mt_at = self._largest(self.top, 0)
+        modulus = 1 / Ms if Ms else math.inf
+        margins |= {"Ms": Ms, "modulus": modulus, "modulus_at": Ms_at, "Mt": Mt, "Mt_at": Mt_at}
+
+    def _largest(self, part: QuasiPolynomial, number: int) -> tuple[float, float]:
+        if self.closed.at_origin() == 0:
+            return math.inf, 0.0
+        assert self.apart is not None
+        work = Work(self.search)
+        limit = self._limit(number, work)
+        top = self.beyond(self.apart * Fraction(_LEAST_GAIN) / Fraction(2 + 2 * limit))
+        at_rest = float(abs(Fraction(part.at_origin(), self.closed.at_origin())))
+        best = largest_of([(limit, math.inf), (at_rest, 0.0)])
+        best = _search_largest(self.functions, number, best, top, work)
+        if not 0 < best[1] < math.inf:
+            return best
+        exact = self._refined(best[1], lambda at: self._slope(part, at), _NEAR_MAXIMUM)
+        size = abs(complex(part(1j * exact)) / complex(self.closed(1j * exact)))
+        return largest_of([(size, exact), best]) if size >= best[0] * (1 - _EXCESS) else best
+
+    def _limit(self, number: int, work: Work) -> float:
+        """Return the supremum of |S| or |T| at ω → ∞, where s^n D prevails with the delays as they are."""
+        parts = (self.top, self.bottom, self.closed)
+        a, b, _ = (Balls.constant(part.balls, self.degree) for part in parts)
+        if not a.terms or not b.terms:
+            return float(bool(b.terms)) if number else float(bool(a.terms))
+        whole = Balls.constant(self.closed.balls, self.degree)
+        delays = {delay for part in parts for delay in part.terms if delay}
+        functions = AxisFunctions([a, b, whole])
+        if not delays:
+            top = 1.0
+        else:
+            step = Fraction(
+                math.gcd(*(d.numerator for d in delays)), math.lcm(*(d.denominator for d in delays))
+            )
+            top = math.pi / float(step)
+        ends = np.array([0.0, top])
+        sums = functions.expand(ends, ends, work)
+        sizes = np.abs(sums[number].total.value / sums[2].total.value)
+        best = largest_of([(float(size), float(at)) for size, at in zip(sizes, ends, strict=True)])
+        return _search_largest(functions, number, best, top, work)[0]
+
+    def _slope(self, part: QuasiPolynomial, at: Any) -> tuple[Any, Any]:
+        """Return the first two derivatives of log |part/(A + B)| by ω."""
+        from flint import acb
+
         slope, bend = acb(0), acb(0)
-        for part, sign in ((self.top.balls, 1), (self.bottom.balls, -1)):
-            value, first, second = part.values(s, 3)
+        for balls, sign in ((part.balls, 1), (self.closed.balls, -1)):
+            value, first, second = balls.values(acb(0, at), 3)
             slope += sign * first / value
             bend += sign * (second / value - (first / value) ** 2)
         return -slope.imag, -bend.real
 
 
-class _Loop(_Quotient):
-    """The loop L = A/B."""
+def _gains(a: Sum, b: Sum) -> tuple[Array, Array]:
+    """Return bounds on |A/B| over intervals."""
+    with np.errstate(all="ignore"):
+        quotient = a.total.over(b.total)
+        shares, left = _shares(a, b)
+        largest = np.fmin(_finite(_ends(quotient)), _finite(shares / left))
+        least = np.fmax(0.0, np.where(np.isfinite(quotient.rest), quotient.smallest, 0.0))
+        if len(a.terms) == 1:
+            single = a.terms[0].over(b.terms[0]).smallest / (2 - left)
+            least = np.fmax(least, np.where(left > 0, single, 0.0))
+    return least, largest
 
-    @cached_property
-    def at_infinity(self) -> float:
-        """Bound on its gain at high frequencies."""
-        return limit_gain(self.top, self.bottom)
 
-    def beyond(self, gain: float) -> float:
-        """Return a frequency from which on the loop's gain is below a given one, or near its limit."""
-        from flint import arb
+def _shares(part: Sum, whole: Sum) -> tuple[Array, Array]:
+    """Return bounds with any delays, over the prompt term: on a part, and what the whole has at least."""
+    prompt, nothing = whole.terms[0], np.zeros(len(whole.total.width))
+    left = 1 - sum((_ends(term.over(prompt)) for term in whole.terms[1:]), nothing)
+    shares = sum((_ends(term.over(prompt)) for term in part.terms), nothing)
+    return np.asarray(shares), np.where(left > 0, left, np.nan)
 
-        gain = max(gain, self.at_infinity + _LEAST_GAIN * (1 + self.at_infinity))
-        degree = self.bottom.degree
-        lead = self.bottom.balls.terms[0].polynomials[0][degree]
-        omega = arb(2) ** -200
-        while True:
-            sizes = [
-                sum(
-                    abs(term.polynomials[0][k] / lead) * omega ** (k - degree)
-                    for term in part.balls.terms
-                    for k in range(term.polynomials[0].degree() + 1)
-                )
-                for part in (self.top, self.bottom)
-            ]
-            if sizes[1] < 2 and sizes[0] < gain * (2 - sizes[1]):
-                return float(omega.mid())
-            omega = omega * 2
 
-    def gain_crossings(self) -> Iterator[float]:
-        """Yield the positive frequencies at which |L| = 1."""
-        from flint import acb
+def _finite(bound: Array) -> Array:
+    return np.where(np.isfinite(bound), bound, np.inf)
 
-        def difference(low: Any, high: Any) -> tuple[Any, Any]:
-            s = acb(0, low.union(high))
-            (a, da), (b, db) = (part.balls.values(s, 2) for part in (self.top, self.bottom))
-            size = a.real**2 + a.imag**2 - b.real**2 - b.imag**2
-            # d|A|^2/dω = 2 Re(conj(A) j A') = 2 (Im A Re A' - Re A Im A')
-            slope = 2 * (a.imag * da.real - a.real * da.imag - b.imag * db.real + b.real * db.imag)
-            return size, slope
 
-        top = self.beyond((1 + self.at_infinity) / 2)
-        yield from _zeros(difference, top, lambda low, high: False)  # noqa: ARG005
+def _difference(a: Sum, b: Sum) -> _Measure:
+    """Return |A|² - |B|²."""
+    value, slope, bend, error = (np.zeros(len(a.total.width)) for _ in range(4))
+    for part, sign in ((a.total, 1), (b.total, -1)):
+        size = np.abs(part.value)
+        value = value + sign * size**2
+        slope = slope + sign * 2 * (part.value.conj() * part.slope).real
+        bend = bend + 2 * (part.largest_slope**2 + part.largest * part.bend)
+        error = error + 2 * (size + part.error) * part.error + 4 * 2.0**-52 * size**2
+    return _Measure(value, slope, bend, error)
 
-    def phase_crossings(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Return the factor above 1 nearest to it that makes L = -1, its frequency, and the same below 1."""
-        from flint import acb
 
-        def imaginary(low: Any, high: Any) -> tuple[Any, Any]:
-            s = acb(0, low.union(high))
-            (a, da), (b, db) = (part.balls.values(s, 2) for part in (self.top, self.bottom))
-            # of A conj(B), whose derivative by ω is j A' conj(B) + A conj(j B')
-            value = a.imag * b.real - a.real * b.imag
-            slope = (da.real * b.real + da.imag * b.imag) - (a.real * db.real + a.imag * db.imag)
-            return value, slope
-
-        above, below = (math.inf, math.inf), (0.0, math.inf)
-
-        def hopeless(low: Any, high: Any) -> bool:
-            lower, upper = self.sizes(low, high)
-            small = upper < max(1 / above[0], _LEAST_GAIN)
-            return small or (lower > 1 and below[0] > 0 and lower > 1 / below[0])
-
-        def note(omega: float) -> None:
-            nonlocal above, below
-            value = self(omega).real
-            if value < 0:
-                factor = -1 / value
-                if factor >= 1 - LIMIT:
-                    above = min(above, (factor, omega))
-                else:
-                    below = max(below, (factor, omega))
-
-        if self.bottom.at_origin() != 0:
-            note(0.0)
-        if self.at_infinity:
-            above = (1 / self.at_infinity, math.inf)
-        reached, wanted = 0.0, (1 + self.at_infinity) / 2
-        while wanted > max(_LEAST_GAIN, self.at_infinity):
-            top = self.beyond(wanted)
-            for omega in _zeros(imaginary, top, hopeless, reached):
-                note(omega)
-            if 1 / above[0] > wanted:
-                break
-            reached, wanted = top, wanted / 16
-        return above, below
+def _imaginary(a: Sum, b: Sum) -> _Measure:
+    """Return Im(A conj B)."""
+    p, q = a.total, b.total
+    slope = (p.slope * q.value.conj() + p.value * q.slope.conj()).imag
+    bend = p.bend * q.largest + 2 * p.largest_slope * q.largest_slope + p.largest * q.bend
+    sizes = np.abs(p.value), np.abs(q.value)
+    error = p.error * sizes[1] + q.error * sizes[0] + p.error * q.error + 4 * 2.0**-52 * sizes[0] * sizes[1]
+    return _Measure((p.value * q.value.conj()).imag, slope, bend, error)
 
 
 def _zeros(
-    enclose: Callable[[Any, Any], tuple[Any, Any]],
+    functions: AxisFunctions,
+    measure: Callable[[Sum, Sum], _Measure],
     top: float,
-    hopeless: Callable[[Any, Any], bool],
+    work: Work,
     start: float = 0.0,
-) -> Iterator[float]:
-    """Yield the zeros of a function of ω, start < ω <= top, from enclosures of its values and derivatives.
+    hopeless: Callable[[Sum, Sum, _Measure, Array], Any] | None = None,
+) -> list[float]:
+    """Return the zeros of a function of A and B, start < ω <= top.
 
-    Intervals that are `hopeless` are left out. Zeros in which it does not change its sign are found to
-    about half the digits.
+    Intervals that are `hopeless` are left out. Zeros in which it does not change its sign
+    are found to about half the digits.
     """
-    from flint import arb
+    low, high = grid(start or top * _LOW, top)
+    if not start:
+        low, high = np.append(0.0, low), np.append(top * _LOW, high)
+    zeros: list[float] = []
+    brackets: list[tuple[Array, Array]] = []
 
-    whole = arb(top)
-    intervals = [(arb(start), whole)]
-    while intervals:
-        low, high = intervals.pop()
-        value, slope = enclose(low, high)
-        if not value.contains(0) or hopeless(low, high):
-            continue
-        middle = (low + high) / 2
-        near = enclose(middle, middle)[0] + slope * (low.union(high) - middle)
-        if not near.contains(0):
-            continue
-        if not slope.contains(0):
-            ends = enclose(low, low)[0], enclose(high, high)[0]
-            if not ends[0] * ends[1] > 0 and not (low == 0 and ends[0].contains(0)):
-                yield _zero(lambda at: enclose(at, at)[0], low, high)
-        elif high - low <= _TOUCH * high:
-            yield float(middle.mid())
-        elif high > whole * _ORIGIN:  # what is left at ω = 0 is no crossing
-            intervals += divided(low, high, whole)[::-1]
+    def signs(at: Array) -> Array:
+        a, b, *_ = functions.expand(at, at, work)
+        values = measure(a, b)
+        return np.asarray(np.where(np.abs(values.value) <= values.error, 0.0, np.sign(values.value)))
 
-
-def _zero(function: Callable[[Any], Any], low: Any, high: Any) -> float:
-    """Return the zero in an interval at whose ends a function has different signs, by bisection."""
-    rising = function(high) > 0
+    while len(low):
+        rest: list[tuple[Array, Array]] = []
+        for lows, highs in chunks(low, high):
+            a, b, *_ = functions.expand(lows, highs, work)
+            values, width = measure(a, b), a.total.width
+            bound = np.abs(values.slope) * width + values.bend * width**2 / 2 + values.error
+            open_ones = ~(np.abs(values.value) > bound)
+            if hopeless is not None:
+                open_ones &= ~hopeless(a, b, values, width)
+            single = open_ones & (np.abs(values.slope) > values.bend * width)
+            if single.any():
+                before, after = signs(lows[single]), signs(highs[single])
+                crossing = (before * after <= 0) & ~((lows[single] == 0) & (before == 0))
+                brackets.append((lows[single][crossing], highs[single][crossing]))
+            open_ones &= ~single & (highs > top * _ORIGIN)
+            touching = open_ones & (highs - lows <= _TOUCH * highs)
+            zeros += ((lows + highs) / 2)[touching].tolist()
+            open_ones &= ~touching
+            rest.append((lows[open_ones], highs[open_ones]))
+        low, high = halves(*(np.concatenate(part) for part in zip(*rest, strict=True)))
+    if not any(len(lows) for lows, _ in brackets):
+        return zeros
+    low, high = (np.concatenate(part) for part in zip(*brackets, strict=True))
+    rising = signs(high)
     for _ in range(_BISECTIONS):
-        middle = ((low + high) / 2).mid()
-        if (function(middle) > 0) == rising:
-            high = middle
-        else:
-            low = middle
-    return float(((low + high) / 2).mid())
+        middle = (low + high) / 2
+        left = signs(middle) == rising
+        low, high = np.where(left, low, middle), np.where(left, middle, high)
+    return [*zeros, *((low + high) / 2).tolist()]
+
+
+def _search_largest(
+    functions: AxisFunctions, number: int, best: tuple[float, float], top: float, work: Work
+) -> tuple[float, float]:
+    """Return the largest |A/Q| (number 0) or |B/Q| (1) up to a frequency, from a first value."""
+    low, high = grid(top * _LOW, top)
+    low, high = np.append(0.0, low), np.append(top * _LOW, high)
+    while len(low):
+        rest: list[tuple[Array, Array]] = []
+        for lows, highs in chunks(low, high):
+            sums = functions.expand(lows, highs, work)
+            part, whole = sums[number], sums[2]
+            with np.errstate(all="ignore"):
+                sizes = np.abs(part.total.value / whole.total.value)
+            sizes = np.where(whole.total.error < np.abs(whole.total.value), sizes, 0.0)
+            at = int(sizes.argmax())
+            if sizes[at] > best[0] * (1 + 1e-13):
+                best = (float(sizes[at]), float((lows[at] + highs[at]) / 2))
+            excess = _EXCESS if math.isfinite(best[1]) else _LEAST_GAIN
+            above = ~(_upper(part, sums[1 - number], whole) <= best[0] * (1 + excess))
+            above &= highs - lows > _TOUCH * highs
+            above &= highs > top * _ORIGIN
+            rest.append((lows[above], highs[above]))
+        low, high = halves(*(np.concatenate(part) for part in zip(*rest, strict=True)))
+    return best
+
+
+def _upper(part: Sum, other: Sum, whole: Sum) -> Array:
+    """Return an upper bound on |part/whole| over intervals, where part + other = whole."""
+    with np.errstate(all="ignore"):
+        own, rest = part.total.over(whole.total), other.total.over(whole.total)
+        turned = rest.slope * rest.width
+        complement = np.maximum(np.abs(1 - rest.value - turned), np.abs(1 - rest.value + turned)) + rest.rest
+        direct, left = _shares(part, whole)
+        bounds = [_ends(own), complement, direct / left, 1 + _shares(other, whole)[0] / left]
+    return np.asarray(np.minimum.reduce([_finite(bound) for bound in bounds]))
+
+
+def _ends(quotient: Expansion) -> Array:
+    """Return a bound on a size: a linear function of ρ is largest at an end."""
+    turned = quotient.slope * quotient.width
+    size = np.maximum(np.abs(quotient.value + turned), np.abs(quotient.value - turned))
+    return np.asarray(size + quotient.rest)

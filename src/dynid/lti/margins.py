@@ -67,6 +67,8 @@ class Margins:
         The largest |S| = 1/|1 + L|, at `modulus_at`, and the largest |T| = |L/(1 + L)|.
     Mt_at
         Frequency of the largest |T|, rad/s.
+    undecided
+        Why some of these are NaN though the loop is stable; else empty.
     """
 
     stable: bool
@@ -83,6 +85,7 @@ class Margins:
     Ms: float
     Mt: float
     Mt_at: float
+    undecided: str = ""
 
     def where_stable(self) -> Margins:
         """Return them with NaN for the changes that make a stable loop unstable, where it is not stable."""

@@ -1,31 +1,31 @@
 """Quasi-polynomials, sums of polynomials times exp(-s τ): the characteristic functions of loops with delays.
 
-Values on the imaginary axis are enclosed by ball arithmetic, for single frequencies and for intervals. The
-roots right of a line are counted by the argument principle, with a proof that no turn is missed
-(`roots_right_of`); single roots are refined by Newton's method and proved to be isolated (`refined_root`).
+Values are enclosed by ball arithmetic; single roots are refined by Newton's method and proved to be isolated
+(`refined_root`). The roots right of a line are counted in `lti/delay_stability.py`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Any
-
-from dynid.errors import Undecided
+from typing import Any, NamedTuple
 
 #: Working precision, bits.
 PRECISION = 160
-#: Relative width below which an interval of frequencies is not divided further.
-_NARROW = 2.0**-60
-#: Size below which a root beside one at the origin is that root.
-_ORIGIN = 1e-30
+#: Relative size of a step that ends Newton's method.
+_STEP = 2.0**-120
 #: Bits of a value that is exact to double precision.
 _DOUBLE = 60
-#: Doublings of a radius before it is given up.
-_DOUBLINGS = 2000
+
+
+class Delay(NamedTuple):
+    """The delay of a loop."""
+
+    seconds: Fraction
+    loop: int = 0
 
 
 class QuasiPolynomial:
@@ -34,39 +34,62 @@ class QuasiPolynomial:
     Parameters
     ----------
     terms
-        Integer polynomials (flint `fmpz_poly`) by delay, s, not negative; those that are zero are left out.
-        For the algebra of this class they may be over a field (`FieldPolynomial`).
+        Integer polynomials (flint `fmpz_poly`) by delay, s, not negative; or by the set of loops (`Delay`)
+        whose delays add up, which tells how the delays of terms depend on each other. For the algebra of this
+        class they may be over a field (`FieldPolynomial`).
     """
 
-    def __init__(self, terms: Mapping[Fraction, Any]) -> None:
-        self.terms = {delay: terms[delay] for delay in sorted(terms) if terms[delay] != 0}
+    def __init__(self, terms: Mapping[Fraction, Any] | Mapping[frozenset[Delay], Any]) -> None:
+        #: By set of loops.
+        self.products: dict[frozenset[Delay], Any] = {}
+        for key, polynomial in terms.items():
+            loops = key if isinstance(key, frozenset) else frozenset([Delay(key)] if key else [])
+            if polynomial != 0:
+                self.products[loops] = polynomial
+        sums: dict[Fraction, Any] = {}
+        for loops, polynomial in self.products.items():
+            delay = sum((loop.seconds for loop in loops), Fraction(0))
+            sums[delay] = sums[delay] + polynomial if delay in sums else polynomial
+        #: By delay, ascending.
+        self.terms = {delay: sums[delay] for delay in sorted(sums) if sums[delay] != 0}
 
     def __add__(self, other: QuasiPolynomial) -> QuasiPolynomial:
-        terms = dict(self.terms)
-        for delay, polynomial in other.terms.items():
-            terms[delay] = terms[delay] + polynomial if delay in terms else polynomial
-        return QuasiPolynomial(terms)
+        products = dict(self.products)
+        for loops, polynomial in other.products.items():
+            products[loops] = products[loops] + polynomial if loops in products else polynomial
+        return QuasiPolynomial(products)
 
     def __sub__(self, other: QuasiPolynomial) -> QuasiPolynomial:
-        return self + QuasiPolynomial({delay: -polynomial for delay, polynomial in other.terms.items()})
+        return self + QuasiPolynomial({loops: -polynomial for loops, polynomial in other.products.items()})
 
     def over(self, factor: Any) -> QuasiPolynomial:
         """Return it divided by a polynomial that divides every term."""
-        return QuasiPolynomial({delay: polynomial // factor for delay, polynomial in self.terms.items()})
+        return QuasiPolynomial({loops: polynomial // factor for loops, polynomial in self.products.items()})
 
     @property
     def degree(self) -> int:
         """The largest degree of its polynomials; -1 of zero."""
-        return max((int(polynomial.degree()) for polynomial in self.terms.values()), default=-1)
+        return max((int(polynomial.degree()) for polynomial in self.products.values()), default=-1)
 
     @property
     def is_rational(self) -> bool:
         """True if it is a polynomial: no term has a delay."""
         return not any(self.terms)
 
-    def leading(self, degree: int) -> dict[Fraction, Fraction]:
-        """Return the coefficients of s^degree by delay."""
-        return {delay: Fraction(int(polynomial[degree])) for delay, polynomial in self.terms.items()}
+    def leading(self, degree: int) -> dict[frozenset[Delay], Fraction]:
+        """Return the coefficients of s^degree by set of loops: the difference operator D of its degree."""
+        return {loops: Fraction(int(polynomial[degree])) for loops, polynomial in self.products.items()}
+
+    def taylor(self, order: int) -> Fraction:
+        """Return its coefficient of s^order at the origin, exactly."""
+        return sum(
+            (
+                int(polynomial[k]) * (-delay) ** (order - k) / math.factorial(order - k)
+                for delay, polynomial in self.terms.items()
+                for k in range(order + 1)
+            ),
+            Fraction(0),
+        )
 
     def at_origin(self) -> int:
         """Return its value at s = 0, exactly."""
@@ -97,6 +120,41 @@ def common_factor(parts: Iterable[QuasiPolynomial]) -> Any:
     for polynomial in polynomials:
         found = found.gcd(polynomial)
     return found
+
+
+def coprime(one: QuasiPolynomial, other: QuasiPolynomial) -> tuple[QuasiPolynomial, QuasiPolynomial]:
+    """Return two quasi-polynomials without their common factor, delays included.
+
+    They are polynomials in s and in one variable exp(-s τ) for each loop.
+    """
+    from flint import Ordering, fmpz_mpoly_ctx, fmpz_poly
+
+    loops = sorted(set().union(*one.products, *other.products))
+    context = fmpz_mpoly_ctx.get(["s", *(f"q{number}" for number in range(len(loops)))], Ordering.lex)
+    parts = [
+        context.from_dict(
+            {
+                (power, *(int(loop in product) for loop in loops)): coefficient
+                for product, polynomial in part.products.items()
+                for power, coefficient in enumerate(polynomial.coeffs())
+                if coefficient != 0
+            }
+        )
+        for part in (one, other)
+    ]
+    shared = parts[0].gcd(parts[1])
+    results = []
+    for part in parts:
+        powers: dict[frozenset[Delay], dict[int, Any]] = {}
+        for (power, *exponents), coefficient in (part // shared).to_dict().items():
+            product = frozenset(loop for loop, exponent in zip(loops, exponents, strict=True) if exponent)
+            powers.setdefault(product, {})[power] = coefficient
+        products = {
+            product: fmpz_poly([by_power.get(k, 0) for k in range(max(by_power) + 1)])
+            for product, by_power in powers.items()
+        }
+        results.append(QuasiPolynomial(products))
+    return results[0], results[1]
 
 
 @dataclass(frozen=True)
@@ -134,6 +192,19 @@ class Balls:
                 terms.append(_Term(exact, (moved, moved.derivative(), moved.derivative().derivative())))
         return cls(tuple(terms))
 
+    @classmethod
+    def constant(cls, given: Balls, degree: int) -> Balls:
+        """Return the terms with the coefficients of s^degree alone."""
+        from flint import acb_poly
+
+        none = acb_poly([])
+        terms = [
+            _Term(term.delay, (acb_poly([term.polynomials[0][degree]]), none, none))
+            for term in given.terms
+            if term.polynomials[0][degree] != 0
+        ]
+        return cls(tuple(terms))
+
     def values(self, s: Any, orders: int = 1) -> list[Any]:
         """Return enclosures of value and derivatives at a ball (flint `acb`)."""
         from flint import acb
@@ -148,138 +219,6 @@ class Balls:
             if orders > 2:
                 found[2] += (p[2] - 2 * delay * p[1] + delay * delay * p[0]) * factor
         return found
-
-    def on_axis(self, low: Any, high: Any) -> Any:
-        """Return an enclosure of the values at s = jω, low <= ω <= high, by the mean value theorem."""
-        from flint import acb
-
-        middle, whole = (low + high) / 2, low.union(high)
-        slope = self.values(acb(0, whole), 2)[1]
-        return self.values(acb(0, middle))[0] + slope * acb(0, whole - middle)
-
-    def sizes(self, low: Any, high: Any) -> tuple[Any, list[Any]]:
-        """Return an enclosure of the first term at s = jω, and bounds on the sizes of the others there."""
-        from flint import acb
-
-        first, *others = self.terms
-        middle, whole = (low + high) / 2, low.union(high)
-        own = acb(0, whole - middle) * first.polynomials[1](acb(0, whole))
-        own += first.polynomials[0](acb(0, middle))
-        return own, [term.polynomials[0](acb(0, whole)).abs_upper() for term in others]
-
-
-# --- number of roots right of a line ----------------------------------------------------------------
-
-
-def roots_right_of(given: QuasiPolynomial, line: float = 0.0) -> int:
-    """Return the number of roots with real part above `line`, multiple ones counted so.
-
-    The argument of Q along the line is followed over intervals of frequencies on which Q, or the part by
-    which its delayed terms turn the one without delay, provably does not turn by more than half a turn; on
-    the large half circle its leading term prevails (the Nyquist criterion).
-
-    Parameters
-    ----------
-    given
-        The quasi-polynomial; its term without delay has the largest degree, and the leading coefficients of
-        the others sum up to less than its own (on the line).
-    line
-        Real part of the line.
-
-    Raises
-    ------
-    Undecided
-        Where a root lies on the line, or too near to be told from one that does; or where infinitely many
-        roots may lie right of it (a neutral equation).
-    """
-    from flint import acb, ctx
-
-    with ctx.workprec(PRECISION):
-        balls = given.balls if not line else Balls.of(given, line)
-        degree = given.degree
-        radius = _radius(balls, degree)
-        lead = balls.terms[0].polynomials[0][degree]
-        top = acb(0, radius)
-        at_top = balls.values(top)[0] / (lead * top**degree)
-        turned = sum(_turns(balls, radius))
-        count = degree / 2 + (float(at_top.arg().mid()) - turned) / math.pi
-    nearest = round(count)
-    if abs(count - nearest) > 1e-6:
-        raise Undecided(f"the argument of the characteristic function sums up to {count:.3f} roots")
-    return nearest
-
-
-def _radius(balls: Balls, degree: int) -> Any:
-    """Return a radius outside of which the leading term prevails in the right half-plane."""
-    from flint import arb
-
-    lead = abs(balls.terms[0].polynomials[0][degree])
-    if not balls.terms[0].delay == 0 or not lead > 0:
-        raise Undecided("the delayed terms have the largest degree: infinitely many roots lie to the right")
-    sizes = [
-        [abs(term.polynomials[0][k]) / lead for k in range(term.polynomials[0].degree() + 1)]
-        for term in balls.terms
-    ]
-    leading = sum((own[degree] for own in sizes[1:] if len(own) > degree), arb(0))
-    allowed = (1 + leading) / 2
-    if not leading < 1:
-        raise Undecided(
-            "the delayed terms do not vanish at high frequencies: the equation is of neutral type"
-        )
-    radius = arb(2) ** -200
-    for _ in range(_DOUBLINGS):
-        rest = arb(0)
-        for own in sizes:
-            for k, size in enumerate(own[:degree]):
-                rest += size * radius ** (k - degree)
-        if leading + rest < allowed:
-            return radius
-        radius *= 2
-    raise Undecided("the coefficients of the characteristic function are out of range")  # pragma: no cover
-
-
-def _turns(balls: Balls, top: Any) -> Iterator[float]:
-    """Yield the changes of the argument of Q(jω) over intervals from ω = 0 to the top."""
-    from flint import acb, arb
-
-    intervals = [(arb(0), top)]
-    while intervals:
-        low, high = intervals.pop()
-        ends = [acb(0, low), acb(0, high)]
-        if balls.on_axis(low, high).abs_lower() > 0:
-            one, other = (balls.values(end)[0] for end in ends)
-            yield float((other / one).arg().mid())
-            continue
-        own, others = balls.sizes(low, high)
-        if own.abs_lower() > 0 and sum(others, arb(0)) < own.abs_lower():
-            first = balls.terms[0].polynomials[0]
-            yield float((first(ends[1]) / first(ends[0])).arg().mid())
-            one, other = (balls.values(end)[0] / first(end) for end in ends)
-            yield float((other.arg() - one.arg()).mid())
-            continue
-        intervals += divided(low, high, top)[::-1]
-
-
-def divided(low: Any, high: Any, top: Any) -> list[tuple[Any, Any]]:
-    """Divide an interval of frequencies in two, in a ratio where it is wide.
-
-    Raises
-    ------
-    Undecided
-        Where it is too narrow.
-    """
-    if high - low <= _NARROW * high or high <= top * _NARROW**2:
-        where = float(high.mid())
-        raise Undecided(
-            f"a root lies on the imaginary axis near {where:.6g} rad/s, or within round-off of it"
-        )
-    if low == 0:
-        middle = high / 8
-    elif high > 4 * low:
-        middle = (low * high).sqrt().mid()
-    else:
-        middle = ((low + high) / 2).mid()
-    return [(low, middle), (middle, high)]
 
 
 # --- single roots -----------------------------------------------------------------------------------
@@ -316,7 +255,7 @@ def refined_root(given: QuasiPolynomial, start: complex) -> RefinedRoot | None:
                 return None
             step = (value / slope).mid()
             s = (s - step).mid()
-            if step.abs_upper() <= _NARROW**2 * s.abs_upper():
+            if step.abs_upper() <= _STEP * s.abs_upper():
                 break
             if not s.abs_upper() < 1e6 * (1 + abs(start)):
                 return None
@@ -332,52 +271,6 @@ def refined_root(given: QuasiPolynomial, start: complex) -> RefinedRoot | None:
                     return RefinedRoot(root, math.nextafter(math.sqrt(2) * radius, math.inf))
             radius *= 4
     return None
-
-
-def rightmost_roots(
-    given: QuasiPolynomial, starts: Iterable[complex], most: int
-) -> tuple[list[RefinedRoot], float]:
-    """Return the rightmost roots, and a line right of which none is missing (inf where that is not proved).
-
-    Parameters
-    ----------
-    given
-        As in `roots_right_of`.
-    starts
-        First values, of which many may lead to one root.
-    most
-        About the number of roots that are wanted.
-    """
-    found = [RefinedRoot(0j, 0.0)] if given.at_origin() == 0 else []
-    for start in sorted(starts, key=lambda s: -s.real):
-        if start.imag < 0:
-            continue
-        root = refined_root(given, start)
-        if (
-            root is None
-            or (found and abs(root.value) < _ORIGIN and not found[0].radius)
-            or any(abs(root.value - one.value) <= root.radius + one.radius for one in found)
-        ):
-            continue
-        if abs(root.value.imag) <= root.radius:
-            root = RefinedRoot(complex(root.value.real), root.radius)
-        found.append(root)
-        if root.value.imag < 0:
-            root = found[-1] = RefinedRoot(root.value.conjugate(), root.radius)
-        if root.value.imag:
-            found.append(RefinedRoot(root.value.conjugate(), root.radius))
-    found.sort(key=lambda root: (-root.value.real, abs(root.value.imag), -root.value.imag))
-    for kept in range(min(most, len(found) - 1), 0, -1):
-        upper, lower = found[kept - 1].value.real, found[kept].value.real
-        line = (upper + lower) / 2
-        if not upper > line > lower:
-            continue
-        try:
-            if roots_right_of(given, line) == kept:
-                return found[:kept], line
-        except Undecided:
-            continue
-    return found[:most], math.inf
 
 
 # --- values ----------------------------------------------------------------------------------------

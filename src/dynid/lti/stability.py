@@ -7,8 +7,10 @@ The engines compute on which side of the imaginary axis a root lies, from its er
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from dynid.number_format import frequency_text
@@ -99,6 +101,65 @@ class TransferProperties(ABC):
     def zero_stability(self) -> str:
         """The phase verdict in words, with the zeros that decide it."""
         return zero_stability(self.zeros, self.poles, vanishes=self.vanishes)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Stability of a system.
+
+    Parameters
+    ----------
+    kind
+        stable, marginal, at the limit (of loops with delays, see `lti/delay_stability.py`), unstable or
+        undecided.
+    reason
+        Why; may be empty.
+    unstable_poles
+        Poles in the right half-plane; inf where there are infinitely many, NaN where it is undecided.
+    """
+
+    kind: str
+    reason: str
+    unstable_poles: float
+
+    @property
+    def stable(self) -> bool:
+        """True if all poles provably lie left of the axis, and stay there when delays change by little."""
+        return self.kind == "stable"
+
+    @property
+    def text(self) -> str:
+        """The verdict in words."""
+        return f"{self.kind}: {self.reason}" if self.reason else self.kind
+
+
+#: Verdict on a system of which a part is undetermined.
+NO_SOLUTION = Verdict("undecided", "a part of the graph has no unique solution", math.nan)
+#: Verdict on loops that cannot be cut.
+NO_OPEN_SOLUTION = Verdict("undecided", "the graph has no unique solution with its loops cut", math.nan)
+#: Kinds of verdicts, of which the first that a part of a system has is that of the whole.
+KINDS = ("unstable", "undecided", "at the limit", "marginal", "stable")
+
+
+def verdict(poles: Sequence[SidedRoot]) -> Verdict:
+    """Return the verdict on the poles of a system; repeated ones on the axis may belong to several parts."""
+    right, axis, open_ones = _by_side(poles)
+    count = sum(pole.multiplicity for pole in right)
+    if right:
+        return Verdict("unstable", f"{_place(right, 'pole')} in the right half-plane", count)
+    if open_ones:
+        return Verdict("undecided", _undecided(open_ones, "pole"), math.nan)
+    if axis:
+        return Verdict("marginal", f"{_place(axis, 'pole')} on the imaginary axis", 0)
+    return Verdict("stable", "" if poles else "there are no poles", 0)
+
+
+def combined(verdicts: Iterable[Verdict]) -> Verdict:
+    """Return the verdict on a system of several parts."""
+    parts = sorted(verdicts, key=lambda part: KINDS.index(part.kind))
+    first = next((part for part in parts if part.reason and part.kind == parts[0].kind), parts[0])
+    count = sum(part.unstable_poles for part in parts)
+    return replace(first, unstable_poles=count)
 
 
 def stability(poles: Sequence[SidedRoot]) -> str:

@@ -13,6 +13,7 @@ from dynid.bondgraph.exact_engine import ExactEngine, TransferFunction
 from dynid.bondgraph.formulas.printers import LATEX, TEXT
 from dynid.bondgraph.plan import Channel, ReducedGraph
 from dynid.bondgraph.request import Analysis, EngineChoice, FormulaRequest, choose_engine
+from dynid.bondgraph.results.system import add_system, graph_verdict
 from dynid.errors import Undecided
 from dynid.lti.certified_roots import CertifiedRoot, certified_roots
 from dynid.lti.stability import SidedRoot, TransferProperties
@@ -121,6 +122,8 @@ def _channels(reduced: ReducedGraph, analysis: Analysis, choice: EngineChoice) -
         engine = FloatEngine(reduced)
     for channel in tracked(reduced.channels(), "zeros and poles of channel"):
         add_channel(result, engine, channel, analysis.results)
+    if "properties" in analysis.results and analysis.opened is None:
+        add_system(result, graph_verdict(engine))
     return result
 
 

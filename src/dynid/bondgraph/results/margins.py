@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import fields, replace
 from fractions import Fraction
@@ -15,14 +16,24 @@ from dynid.bondgraph.exact_engine import TransferFunction
 from dynid.bondgraph.feedback import CutLoops, rational, rounded
 from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.request import Analysis
+from dynid.bondgraph.results.system import SYSTEM, add_system, system_text
 from dynid.lti.certified_roots import certified_roots, repeated
-from dynid.lti.delay_margins import delay_margins
+from dynid.lti.delay_margins import SEARCH, delay_margins
+from dynid.lti.delay_stability import rightmost_roots, stability
 from dynid.lti.margins import CHANGES, Margins, margins
-from dynid.lti.quasi_polynomials import PRECISION, QuasiPolynomial, on_axis, rightmost_roots
-from dynid.number_format import roots_text
+from dynid.lti.quasi_polynomials import PRECISION, QuasiPolynomial, on_axis
+from dynid.lti.stability import Verdict
+from dynid.number_format import counted, roots_text
+from dynid.progress import tracked
 from dynid.result import Result, Variable, as_kept
 
 MARGINS, FUNCTIONS, LOCUS = "bond_graph/margins", "bond_graph/sensitivity_functions", "bond_graph/root_locus"
+#: Roots of polynomials up to which margins of loops without delays are computed, some seconds, and about how
+#: many there are by the degree of a loop: |L| = 1, Im L = 0, the extremes of |S| and |T|, and the poles.
+ROOTS, _ROOTS_BY_DEGREE = 2000, 14
+#: Poles of all root loci together, some seconds.
+_LOCI = 15_000
+_LEFT_OUT = "left out"
 #: Why margins are NaN.
 UNDEFINED = "the closed loop is not stable"
 _UNITS = {"phase": "deg", "delay": "s"}
@@ -50,13 +61,14 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
     """
     names = [f"{loop.measured} -> {loop.source}" for loop in cut.loops]
     functions = [cut.loop(place) for place in range(len(names))]
-    found = [_with_hidden(_margins(*each), cut.hidden()) for each in functions]
+    system = cut.verdict()
+    found = _within_limit(functions, cut, system)
     functions = [(above, below) for above, below in map(rounded, functions)]
     result.add_axis(f"{MARGINS}/loop", names)
     for name in (field.name for field in fields(Margins)):
         unit = _UNITS.get(name, "rad/s" if name.endswith(("crossover", "_at")) else "")
         values = [getattr(one.where_stable(), name) for one in found]
-        kept = np.array(values, dtype=object if name == "stability" else None)
+        kept = np.array(values, dtype=object if name in ("stability", "undecided") else None)
         note = {"undefined": UNDEFINED} if name in CHANGES and not all(one.stable for one in found) else {}
         result.add(f"{MARGINS}/{name}", kept, ("loop",), unit, **note)
     for name, values in (
@@ -64,21 +76,63 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
         ("crossing_gain_above", [one.gain for one in found]),
     ):
         result.add(f"{MARGINS}/{name}", np.array(values), ("loop",))
+    add_system(result, system)
     (closed,) = rounded([cut.closed()])
     if not closed.is_rational:
-        _add_roots(result, closed)
+        _add_roots(result, closed, system.unstable_poles)
         result.annotate(MARGINS, approximants_agree=cut.approximants_agree())
     omega = _frequencies(functions, found) if omega is None else omega
     _add_functions(result, names, functions, omega)
+    poles = 0
     for number, (above, below) in enumerate(functions, 1):
-        _add_locus(result, f"{LOCUS}/loop_{number}", names[number - 1], above, below)
+        polynomials = rational([above, below], PADE_ORDER)
+        poles += _GAINS * max(part.degree() for part in polynomials)
+        if poles > _LOCI:
+            result.annotate(LOCUS, left_out=f"from loop {number} on: more than {_LOCI} poles")
+            break
+        late = not (above.is_rational and below.is_rational)
+        _add_locus(result, f"{LOCUS}/loop_{number}", names[number - 1], *polynomials, late=late)
 
 
-def _margins(above: QuasiPolynomial, below: QuasiPolynomial) -> Margins:
+def _within_limit(
+    functions: list[tuple[QuasiPolynomial, QuasiPolynomial]], cut: CutLoops, system: Verdict
+) -> list[Margins]:
+    """Return the margins of the loops, in order, as long as their polynomials have at most `ROOTS` roots."""
+    roots, hidden, found = 0, cut.hidden(), list[Margins]()
+    counts = [
+        _ROOTS_BY_DEGREE * max(above.degree, below.degree) if above.is_rational and below.is_rational else 0
+        for above, below in functions
+    ]
+    for loop, count in zip(tracked(functions, "margins of loop"), counts, strict=True):
+        roots += count
+        if roots > ROOTS and found:
+            first = counted(len(found), "loop")
+            reason = (
+                f"{_LEFT_OUT}: the margins of {len(functions)} loops take {sum(counts)} roots of "
+                f"polynomials, more than {ROOTS}; those of the first {first} are computed"
+            )
+            return found + [_left_out(reason, system)] * (len(functions) - len(found))
+        found.append(_with_hidden(_margins(*loop, cut), hidden))
+    return found
+
+
+def _left_out(reason: str, system: Verdict) -> Margins:
+    """Return no margins, and the verdict that follows from that on the whole system."""
+    numbers = dict.fromkeys((field.name for field in fields(Margins) if field.type == "float"), math.nan)
+    numbers["unstable_poles"] = 0.0 if system.stable else math.inf
+    verdict = "stable: the whole system is" if system.stable else f"undecided: {reason}"
+    return Margins(system.stable, verdict, **numbers, undecided=reason)
+
+
+def _margins(above: QuasiPolynomial, below: QuasiPolynomial, cut: CutLoops) -> Margins:
     if above.is_rational and below.is_rational:
         (bottom,) = below.terms.values()
         return margins(above.terms.get(Fraction(0), 0 * bottom), bottom)
-    return delay_margins(*rounded([above, below]))
+    above, below = rounded([above, below])
+    closed = above + below
+    alike = closed.products == rounded([cut.closed()])[0].products
+    verdict = cut.loop_verdict if alike else stability(closed, cut.work)
+    return delay_margins(above, below, verdict, SEARCH // len(cut.loops))
 
 
 def _with_hidden(found: Margins, hidden: Any) -> Margins:
@@ -96,16 +150,22 @@ def _with_hidden(found: Margins, hidden: Any) -> Margins:
     return replace(found, stable=False, stability=verdict, unstable_poles=found.unstable_poles + right)
 
 
-def _add_roots(result: Result, closed: QuasiPolynomial) -> None:
-    """Add the rightmost roots of the characteristic function with its delays."""
+def _add_roots(result: Result, closed: QuasiPolynomial, unstable: float) -> None:
+    """Add the rightmost roots of the characteristic function with its delays; none of infinitely many."""
+    if math.isinf(unstable):
+        return
     approximate = rational([closed], _STARTS)[0]
     starts = [complex(root) for root, _ in approximate.complex_roots()]
     roots, line = rightmost_roots(closed, starts, _ROOTS)
+    right = sum(root.value.real > 0 for root in roots)
+    others = "others may lie between them"
+    if unstable > right:
+        others = f"{int(unstable)} lie in the right half-plane, of which these are {right}"
     result.add_axis(f"{MARGINS}/pole", np.arange(1, len(roots) + 1))
     note = (
         f"all poles of the closed loops with a real part above {line:.6g} rad/s, with their delays"
         if np.isfinite(line)
-        else "poles of the closed loops with their delays; others may lie between them"
+        else f"poles of the closed loops with their delays; {others}"
     )
     result.add(f"{MARGINS}/poles", np.array([r.value for r in roots], complex), ("pole",), "rad/s", note=note)
     result.add(f"{MARGINS}/poles_error_bound", np.array([r.radius for r in roots]), ("pole",), "rad/s")
@@ -147,9 +207,8 @@ def _add_functions(
         result.add(f"{FUNCTIONS}/{name}", np.array(columns, complex).T, ("omega", "loop"))
 
 
-def _add_locus(result: Result, group: str, name: str, above: QuasiPolynomial, below: QuasiPolynomial) -> None:
+def _add_locus(result: Result, group: str, name: str, top: Any, bottom: Any, *, late: bool) -> None:
     """Add the poles over a factor on the gain of a loop; those with delays are approximate."""
-    top, bottom = rational([above, below], PADE_ORDER)
     degree = max(top.degree(), bottom.degree())
     if not 0 < degree <= _DEGREE or top == 0:
         return
@@ -160,14 +219,14 @@ def _add_locus(result: Result, group: str, name: str, above: QuasiPolynomial, be
         polynomial = bottom * of + top * share
         values = [complex(root) for root, count in polynomial.complex_roots() for _ in range(count)]
         poles[place] = _following(poles[place - 1] if place else None, values, degree)
-    late = {} if above.is_rational and below.is_rational else {"approximate": approximation()}
-    result.annotate(group, loop=name, **late)
+    marked = {"approximate": approximation()} if late else {}
+    result.annotate(group, loop=name, **marked)
     result.add_axis(f"{group}/gain", gains)
     result.add_axis(f"{group}/branch", np.arange(1, degree + 1))
-    result.add(f"{group}/poles", poles, ("gain", "branch"), "rad/s", **late)
+    result.add(f"{group}/poles", poles, ("gain", "branch"), "rad/s", **marked)
     zeros = [complex(root) for root, count in top.complex_roots() for _ in range(count)]
     result.add_axis(f"{group}/zero", np.arange(1, len(zeros) + 1))
-    result.add(f"{group}/zeros", np.array(zeros, dtype=complex), ("zero",), "rad/s", **late)
+    result.add(f"{group}/zeros", np.array(zeros, dtype=complex), ("zero",), "rad/s", **marked)
 
 
 def _gains(top: Any, bottom: Any) -> NDArray[np.float64]:
@@ -215,7 +274,7 @@ _TRUE = tuple(
     f"bond_graph/{name}/"
     for name in (
         *("frequency_response", "frequency_peaks", "margins", "sensitivity_functions", "root_locus"),
-        *("operating_point", "need", "port/performance"),
+        *("system", "operating_point", "need", "port/performance"),
     )
 )
 #: Arrays and verdicts of channels that approximants do not change, or that are replaced by the true ones.
@@ -238,12 +297,11 @@ def with_delays(result: Result, analysis: Analysis) -> Result:
     text = approximation()
     true = _high_frequencies(result, analysis)
     if not result.group_attrs.get(MARGINS, {}).get("approximants_agree", True):
-        stable = bool(result[f"{MARGINS}/stable"].data.all())
-        verdicts = sorted(result[f"{MARGINS}/stability"].data, key=lambda text: text.startswith("stable"))
+        stable = result.value(f"{SYSTEM}/stable")
         for path in result:
             if path.startswith("bond_graph/properties/"):
                 true |= {path: stable} if path.endswith("/stable") else {}
-                true |= {path: verdicts[0]} if path.endswith("/stability") else {}
+                true |= {path: system_text(result)} if path.endswith("/stability") else {}
     found = Result(result.kind, result.title, result.attrs)
     for path, variable in result.items():
         if path in true:

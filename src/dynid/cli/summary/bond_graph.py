@@ -17,6 +17,8 @@ from dynid.report.content.bond_graph import (
     point_facts,
     point_slopes,
     port_items,
+    system_text,
+    undecided_margins,
 )
 from dynid.report.content.design import DESIGN, parameter_table, statements, target_table
 from dynid.report.content.synthesis import elements, form_table, forms, kind_text, wanted
@@ -55,7 +57,7 @@ def lines(result: Result) -> list[str]:
     if answer and answer[-1]:
         answer.append("")
     # What everything below is linearised at.
-    return [*_operating_point(result), *answer, *_about(result)]
+    return [*_operating_point(result), *_system(result), *answer, *_about(result)]
 
 
 def _about(result: Result) -> Iterable[str]:
@@ -88,6 +90,13 @@ def _design(result: Result) -> Iterable[str]:
     for text, tone in statements(result):
         yield from paragraph(f"{'warning: ' if tone == 'bad' else ''}{text}", "    ")
     yield ""
+
+
+def _system(result: Result) -> Iterable[str]:
+    """Yield the verdict on the whole system, where it has loops or another one than a channel."""
+    if text := system_text(result):
+        yield from wrapped(text, 100, initial_indent="  whole system: ", subsequent_indent="    ")
+        yield ""
 
 
 def _operating_point(result: Result) -> Iterable[str]:
@@ -126,7 +135,11 @@ def _margins(result: Result) -> Iterable[str]:
     group = "bond_graph/margins"
     if f"{group}/loop" not in result:
         return
+    reasons = undecided_margins(result)
     for place, loop in enumerate(result[f"{group}/loop"].data):
+        if reasons[place].startswith("left out"):
+            yield from wrapped(reasons[place], 100, initial_indent="  other loops ", subsequent_indent="    ")
+            break
         yield f"  loop {loop}"
         gains = [float(result[f"{group}/crossing_gain_{side}"].data[place]) for side in ("above", "below")]
         if not result[f"{group}/Mt"].data[place]:
@@ -134,12 +147,14 @@ def _margins(result: Result) -> Iterable[str]:
         elif result[f"{group}/stable"].data[place]:
             margins = margin_texts(result, place)
             found = [f"{name} margin {margins[name]}" for name in ("gain", "phase", "delay")]
-            if gains[1]:
+            if gains[1] > 0:
                 found.insert(1, f"least gain {gains[1]:.4g} of this one")
             found.append(f"Ms {margins['Ms']}, Mt {margins['Mt']}")
             line = " · ".join(part.replace(" ", "\N{NO-BREAK SPACE}") for part in found)
             parts = wrapped(line, 110, initial_indent="    ", subsequent_indent="      ")
             yield from (part.replace("\N{NO-BREAK SPACE}", " ") for part in parts)
+            if why := reasons[place]:
+                yield from wrapped(why, 92, initial_indent="    undecided: ", subsequent_indent="      ")
         else:
             verdict = str(result[f"{group}/stability"].data[place])
             yield from wrapped(verdict, 92, initial_indent="    ", subsequent_indent="      ")

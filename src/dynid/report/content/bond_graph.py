@@ -63,6 +63,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
             "answer",
         )
     yield from _operating_point(result)
+    yield from _system(result)
     yield from design_sections(result)
     yield from channel_sections(result)
     yield from _loops(result)
@@ -98,6 +99,27 @@ def sections(result: Result) -> Iterator[ReportSection]:
     if about.get("reading") == "binary":
         graph.append(Statement("Every value is read as the double nearest to it (reading: binary)."))
     yield ReportSection("Graph", tuple(graph))
+
+
+def _system(result: Result) -> Iterator[ReportSection]:
+    """Yield the verdict on the whole system."""
+    if verdict := system_text(result):
+        tone = "" if verdict.startswith("stable") else "bad"
+        statement = Statement(f"{verdict[0].upper()}{verdict[1:]}.", tone)
+        yield ReportSection("Whole system", (statement,), "answer")
+
+
+def system_text(result: Result) -> str:
+    """Return the verdict on the whole system; '' where it adds nothing to those of the channels."""
+    if "bond_graph/system/stability" not in result:
+        return ""
+    kind, reason = (str(result.value(f"bond_graph/system/{name}")) for name in ("stability", "reason"))
+    if "bond_graph/margins/loop" not in result:
+        paths = [path for path in result if path.startswith("bond_graph/properties/")]
+        kinds = {str(result.value(path)) for path in paths if path.endswith("/stability")}
+        if kinds and all(text.startswith(kind) for text in kinds):
+            return ""
+    return f"{kind}: {reason}" if reason else kind
 
 
 def point_facts(result: Result) -> Iterator[tuple[str, str]]:
@@ -198,13 +220,24 @@ def margin_texts(result: Result, place: int) -> dict[str, str]:
     for name, (sign, crossover) in _MARGINS.items():
         size, where = float(result[f"bond_graph/margins/{name}"].data[place]), ""
         if np.isnan(size) or not stable:
-            texts[name] = "not defined"
+            texts[name] = "undecided" if stable else "not defined"
             continue
         if crossover:
             at = float(result[f"bond_graph/margins/{crossover}"].data[place]) * unit.factor
             where = f" at {at:.4g} {unit.name}" if np.isfinite(at) else " at high frequencies"
         texts[name] = f"{size:.4g}{sign}{where}" if np.isfinite(size) else "∞"
     return texts
+
+
+def undecided_margins(result: Result) -> list[str]:
+    """Return by loop why margins are undecided; '' where none is."""
+    group = "bond_graph/margins"
+    count = len(result[f"{group}/loop"].data)
+    return (
+        [str(text) for text in result[f"{group}/undecided"].data]
+        if f"{group}/undecided" in result
+        else [""] * count
+    )
 
 
 def _loops(result: Result) -> Iterator[ReportSection]:
@@ -222,6 +255,8 @@ def _loops(result: Result) -> Iterator[ReportSection]:
     ]
     if not stable.all():
         blocks.append(Statement("Margins, Ms and Mt are not defined where the closed loop is not stable."))
+    reasons = dict.fromkeys(text for text in undecided_margins(result) if text)
+    blocks += (Statement(f"Undecided: {reason}.") for reason in reasons)
     yield ReportSection("Feedback loops", tuple(blocks), "answer")
     if f"{group}/poles" in result:
         poles = result[f"{group}/poles"]

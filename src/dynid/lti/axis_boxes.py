@@ -1,0 +1,264 @@
+"""Quasi-polynomials over intervals of the imaginary axis, in arrays of doubles with bounds on all errors.
+
+On s = jm(1 + ρ), |ρ| <= η, every polynomial is expanded about the middle m in all its powers, so that value,
+slope and bounds on the rest belong to the interval; round-off is bounded a priori (Higham 2002, 5.1). What
+doubles do not decide is left to ball arithmetic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import Undecided
+from dynid.lti.quasi_polynomials import Balls
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+#: Round-off of a double.
+_EPS = 2.0**-52
+#: Intervals that are expanded at a time, which limits the memory.
+_CHUNK = 4096
+
+
+class Work:
+    """How much searches may still cost: a limit that depends on no clock.
+
+    Parameters
+    ----------
+    limit
+        Terms of functions on intervals of frequencies.
+    """
+
+    def __init__(self, limit: int) -> None:
+        self.limit = self.left = limit
+
+    def spend(self, terms: int) -> None:
+        """Count terms on intervals.
+
+        Raises
+        ------
+        Undecided
+            Where there are more than the limit.
+        """
+        self.left -= terms
+        if self.left < 0:
+            raise Undecided(
+                f"the search takes more than {self.limit} terms on intervals of frequencies; their number "
+                "grows with delay times bandwidth"
+            )
+
+
+@dataclass(frozen=True)
+class Expansion:
+    """A function on intervals: value and slope (by ρ) in the middle, and bounds.
+
+    Parameters
+    ----------
+    value, slope
+        In the middle.
+    bend
+        Bound on the second derivative by ρ.
+    error
+        Bound on the round-off of the value.
+    width
+        Half width η of the intervals, relative to their middles.
+    """
+
+    value: ComplexArray
+    slope: ComplexArray
+    bend: Array
+    error: Array
+    width: Array
+
+    @property
+    def rest(self) -> Array:
+        """Bound on what value and slope leave."""
+        return np.asarray(self.bend * self.width**2 / 2 + self.error)
+
+    @property
+    def largest(self) -> Array:
+        """Bound on the size."""
+        return np.asarray(np.abs(self.value) + np.abs(self.slope) * self.width + self.rest)
+
+    @property
+    def largest_slope(self) -> Array:
+        """Bound on the first derivative by ρ."""
+        return np.asarray(np.abs(self.slope) + self.bend * self.width)
+
+    @property
+    def smallest(self) -> Array:
+        """Lower bound on the size; negative where it may vanish."""
+        return np.asarray(np.abs(self.value) - np.abs(self.slope) * self.width - self.rest)
+
+    def __sub__(self, other: Expansion) -> Expansion:
+        return Expansion(
+            self.value - other.value,
+            self.slope - other.slope,
+            self.bend + other.bend,
+            self.error + other.error,
+            self.width,
+        )
+
+    def over(self, other: Expansion) -> Expansion:
+        """Return the quotient; its bend is infinite where the denominator may vanish."""
+        with np.errstate(all="ignore"):
+            value = self.value / other.value
+            slope = (self.slope - value * other.slope) / other.value
+            ends = np.abs(value) + np.abs(slope) * self.width
+            # N - (r0 + r1 ρ) Q = N2 - r1 Q1 ρ² - (r0 + r1 ρ) Q2, over Q
+            bend = self.bend + 2 * np.abs(slope * other.slope) + ends * other.bend
+            smallest = np.where(other.smallest > 0, other.smallest, 0.0)
+            error = (self.error + ends * other.error) / smallest
+            return Expansion(value, slope, bend / smallest, error, self.width)
+
+
+@dataclass(frozen=True)
+class Sum:
+    """A quasi-polynomial on intervals: the expansions of its terms, and of their sum.
+
+    Parameters
+    ----------
+    terms
+        The terms, without their factors exp(-s τ): the one without delay first where there is one.
+    total
+        Their sum, with the factors.
+    """
+
+    terms: tuple[Expansion, ...]
+    total: Expansion
+
+
+class AxisFunctions:
+    """Several quasi-polynomials on the imaginary axis, over one scale of values and frequencies.
+
+    Parameters
+    ----------
+    functions
+        Ball arithmetic of the functions.
+    """
+
+    def __init__(self, functions: Sequence[Balls]) -> None:
+        terms = [(number, term) for number, part in enumerate(functions) for term in part.terms]
+        self.count = len(functions)
+        self.degree = max(term.polynomials[0].degree() for _, term in terms)
+        self.scale, coefficients = _scaled([term.polynomials[0] for _, term in terms], self.degree)
+        self._of = [number for number, _ in terms]
+        self._delays = [float(term.delay.mid()) for _, term in terms]
+        turned = coefficients * np.array([1j**k for k in range(self.degree + 1)])
+        powers = range(self.degree + 1)
+        binomials = np.array([[comb(k, i) for i in powers] for k in powers], float)
+        self._sizes = np.abs(coefficients)
+        self._matrices = turned[:, :, None] * binomials  # term x power of ω x power of ρ
+
+    def expand(self, low: Array, high: Array, work: Work) -> list[Sum]:
+        """Return the functions on intervals of frequencies, rad/s, all divided by one positive size."""
+        work.spend(len(low) * len(self._of))
+        middle = (low + high) / 2
+        width = np.divide(high - low, high + low, out=np.zeros(len(low)), where=high > 0)
+        powers = np.arange(self.degree + 1)
+        with np.errstate(all="ignore"):
+            grown = (middle / self.scale)[:, None] ** powers
+            spread = width[:, None] ** powers
+            majorants = [grown @ size for size in self._sizes]
+            level = sum(majorants) + 0.0
+            grown /= level[:, None]
+            sums: list[list[tuple[Expansion, float]]] = [[] for _ in range(self.count)]
+            for number, delay, matrix, majorant in zip(
+                self._of, self._delays, self._matrices, majorants, strict=True
+            ):
+                taylor = grown @ matrix
+                sizes = np.abs(taylor)
+                second = sizes[:, 2:] * spread[:, : max(self.degree - 1, 0)]
+                bend = second @ (powers[2:] * (powers[2:] - 1.0))
+                error = _EPS * (4 * self.degree + 12) * (1 + self.degree * width) * majorant / level
+                slope = taylor[:, 1] if self.degree else np.zeros(len(middle), complex)
+                term = Expansion(taylor[:, 0], slope, bend, error, width)
+                sums[number].append((term, delay))
+            return [_sum(parts, middle) for parts in sums]
+
+
+def _sum(parts: list[tuple[Expansion, float]], middle: Array) -> Sum:
+    total: Expansion | None = None
+    for term, delay in parts:
+        angle = middle * delay
+        turn = np.exp(-1j * angle)
+        turned = Expansion(
+            term.value * turn,
+            (term.slope - 1j * angle * term.value) * turn,
+            term.bend + 2 * angle * term.largest_slope + angle**2 * term.largest,
+            (term.error + _EPS * (2 * angle + 2) * np.abs(term.value)) * (1 + angle * term.width),
+            term.width,
+        )
+        if total is None:
+            total = turned
+        else:
+            total = Expansion(
+                total.value + turned.value,
+                total.slope + turned.slope,
+                total.bend + turned.bend,
+                total.error + turned.error,
+                total.width,
+            )
+    if total is None:
+        nothing = np.zeros(len(middle))
+        total = Expansion(nothing.astype(complex), nothing.astype(complex), nothing, nothing, nothing)
+    return Sum(tuple(term for term, _ in parts), total)
+
+
+def _scaled(polynomials: Sequence[object], degree: int) -> tuple[float, NDArray[np.float64]]:
+    """Return a scale of frequencies, and coefficients in its powers, divided by the largest.
+
+    Raises
+    ------
+    Undecided
+        Where doubles do not hold them.
+    """
+    from flint import arb
+
+    rows = [[abs(polynomial[k].real) for k in range(degree + 1)] for polynomial in polynomials]  # type: ignore[index]
+    sizes = [max((row[k] for row in rows), key=float_log) for k in range(degree + 1)]
+    present = [(k, float_log(size)) for k, size in enumerate(sizes) if size != 0]
+    (first, low), (last, high) = present[0], present[-1]
+    exponent = round((low - high) / (last - first)) if last > first else 0
+    top = max(size + k * exponent for k, size in present)
+    values = []
+    for polynomial in polynomials:
+        factors = [arb(2) ** (k * exponent - int(top)) for k in range(degree + 1)]
+        values.append([float((polynomial[k].real * factors[k]).mid()) for k in range(degree + 1)])  # type: ignore[index]
+    scaled = np.array(values)
+    if not np.isfinite(scaled).all():
+        raise Undecided("the coefficients of the characteristic function are out of range")
+    return 2.0**exponent, scaled
+
+
+def float_log(size: object) -> float:
+    """Return the binary logarithm of a ball's middle (flint `arb`), -inf of 0."""
+    from flint import arb
+
+    middle = size.mid()  # type: ignore[attr-defined]
+    return float((middle.log() / arb(2).log()).mid()) if middle > 0 else -np.inf
+
+
+def grid(low: float, high: float, ratio: float = 2.0) -> tuple[Array, Array]:
+    """Return intervals between two positive frequencies, in a ratio."""
+    count = max(1, int(np.ceil(np.log(high / low) / np.log(ratio))))
+    edges = np.geomspace(low, high, count + 1)
+    return edges[:-1], edges[1:]
+
+
+def halves(low: Array, high: Array) -> tuple[Array, Array]:
+    """Return both halves of intervals."""
+    middle = (low + high) / 2
+    return np.concatenate([low, middle]), np.concatenate([middle, high])
+
+
+def chunks(low: Array, high: Array) -> Iterator[tuple[Array, Array]]:
+    """Yield intervals in portions that fit into memory."""
+    for start in range(0, len(low), _CHUNK):
+        yield low[start : start + _CHUNK], high[start : start + _CHUNK]

@@ -1,0 +1,386 @@
+"""Stability of loops with delays: the roots of a quasi-polynomial Q right of a line, counted.
+
+Roots of high frequency are those of the difference operator D (`lti/difference_operator.py`). Where it has
+none to the right, the argument of Q/(s^n D) along the line counts the others (the Nyquist criterion). It is
+followed over intervals on which it provably turns by less than half a turn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from dynid.errors import Undecided
+from dynid.lti.axis_boxes import Array, AxisFunctions, Work, chunks, float_log, grid, halves
+from dynid.lti.difference_operator import VARIABLES, separation
+from dynid.lti.quasi_polynomials import PRECISION, Balls, QuasiPolynomial, RefinedRoot, refined_root
+from dynid.lti.stability import Verdict
+
+#: Terms on intervals of frequencies that the counts of a system may examine, in half a second.
+COUNT = 300_000
+#: Terms that one enclosure in ball arithmetic costs as much as.
+_BALL = 100
+#: Relative width below which doubles no longer divide an interval, and ball arithmetic takes over.
+_NARROW_DOUBLE = 2.0**-30
+#: Relative width below which an interval of frequencies is not divided further.
+_NARROW = 2.0**-60
+#: Lowest frequency of the first grid, relative to the highest one.
+_LOW = 2.0**-24
+#: Size below which a root beside one at the origin is that root.
+_ORIGIN = 1e-30
+#: Halvings of a frequency down to where the lowest power prevails.
+_HALVINGS = 2000
+#: Rate of growth, by the largest delay, of roots of high frequency that are told from those on the axis.
+_SLOW = 1e-3
+_INFINITELY_MANY = "infinitely many roots lie in the right half-plane"
+_NEAR = (
+    "roots come as near to the imaginary axis as one likes, or cross it when a delay changes by however "
+    "little"
+)
+#: Binary logarithm of the largest frequency.
+_RANGE = 900
+#: Relative separation that rounding errors of shifted coefficients do not reach.
+_ROUNDING = 1e-12
+
+
+def stability(closed: QuasiPolynomial, work: Work | None = None) -> Verdict:
+    """Return the verdict on the roots of a characteristic function."""
+    work = work or Work(COUNT)
+    try:
+        right = _roots_right(closed, work)
+    except Undecided as error:
+        return _at_infinity(closed, work) or Verdict("undecided", error.problem, math.nan)
+    if right:
+        return Verdict("unstable", _counted(right), right)
+    at_origin = next(order for order in range(closed.degree + 2) if closed.taylor(order))
+    if at_origin:
+        several = f"a root of multiplicity {at_origin}" if at_origin > 1 else "a root of the closed loop"
+        return Verdict("marginal", f"{several} lies at the origin", 0)
+    return Verdict("stable", "no root lies in the right half-plane (Nyquist count with delays)", 0)
+
+
+def _counted(right: int) -> str:
+    plural = "root lies" if right == 1 else "roots lie"
+    return f"{right} {plural} in the right half-plane (Nyquist count with delays)"
+
+
+def _at_infinity(closed: QuasiPolynomial, work: Work) -> Verdict | None:
+    """Return the verdict where roots of high frequency decide it; else None."""
+    if not closed.terms:
+        return Verdict("undecided", "the characteristic function is zero", math.nan)
+    degrees = {delay: int(part.degree()) for delay, part in closed.terms.items()}
+    if degrees.get(Fraction(0), -1) < max(degrees.values()):
+        reason = f"a delayed term differentiates more often than any prompt one: {_INFINITELY_MANY}"
+        return Verdict("unstable", reason, math.inf)
+    leading = {loops: value for loops, value in closed.leading(closed.degree).items() if value}
+    apart = separation(leading)
+    if apart is None:
+        reason = (
+            f"{len(set().union(*leading))} delays have a gain at high frequencies; at most {VARIABLES} can"
+        )
+        return Verdict("undecided", f"{reason} be decided where their sizes add up to 1 or more", math.nan)
+    if apart:
+        return None
+    try:
+        inside, least = _operator_zeros(closed, work)
+    except Undecided:
+        inside, least = _fast_zeros(closed, work), 0.0
+    if inside:
+        reason = f"the loop has a gain above 1 at high frequencies and a delay; {_INFINITELY_MANY}"
+        return Verdict("unstable", reason, math.inf)
+    if not least:
+        return Verdict(
+            "at the limit", f"the loops have a gain of 1 or more at high frequencies; {_NEAR}", math.nan
+        )
+    try:
+        right = _count(closed.balls, closed, Fraction(least) / 2, work)
+    except Undecided:
+        return Verdict("at the limit", f"the gain at high frequencies is too large; {_NEAR}", math.nan)
+    if right:
+        return Verdict("unstable", _counted(right), right)
+    reason = "stable at these delays, not at delays however near: the gain at high frequencies is too large"
+    return Verdict("at the limit", reason, 0)
+
+
+def _fast_zeros(closed: QuasiPolynomial, work: Work) -> int:
+    """Return the zeros of the difference operator that grow faster than a slow rate; 0 if undecided."""
+    try:
+        return _operator_zeros(closed, work, _SLOW / float(max(closed.terms)))[0]
+    except Undecided:
+        return 0
+
+
+def _operator_zeros(closed: QuasiPolynomial, work: Work, line: float = 0.0) -> tuple[int, float]:
+    """Return the zeros exp(-s h) of the difference operator with Re s above `line`, and its least size there.
+
+    The delays are as they are, multiples of h.
+    """
+    from flint import fmpz_poly
+
+    degree = max(int(part.degree()) for part in closed.terms.values())
+    operator = QuasiPolynomial(
+        {delay: fmpz_poly([int(part[degree])]) for delay, part in closed.terms.items() if part[degree]}
+    )
+    delays = [delay for delay in operator.terms if delay]
+    step = Fraction(math.gcd(*(d.numerator for d in delays)), math.lcm(*(d.denominator for d in delays)))
+    if max(delays) / step > work.left / 100:
+        raise Undecided("the delays have no common divisor that is not small")
+    balls = Balls.of(operator, line)
+    turned, least = _turns(AxisFunctions([balls]), balls, 0.0, math.pi / float(step), work)
+    if abs(math.remainder(turned, math.pi)) > 1e-6:
+        raise Undecided("a zero lies on the line")
+    sizes = sum(abs(int(part[0])) for part in operator.terms.values())
+    return round(-turned / math.pi), least * sizes
+
+
+# --- number of roots right of a line ----------------------------------------------------------------
+
+
+def roots_right_of(given: QuasiPolynomial, line: float = 0.0, work: Work | None = None) -> int:
+    """Return the number of roots with real part above `line`, multiple ones counted so.
+
+    Parameters
+    ----------
+    given
+        The quasi-polynomial. A root at the origin is not counted where the line is the axis.
+    line
+        Real part of the line.
+    work
+        What the count may cost.
+
+    Raises
+    ------
+    Undecided
+        Where a root lies on the line, or too near to be told from one that does; where infinitely many roots
+        may lie right of it; or where the count would cost too much.
+    """
+    return _roots_right(given, work or Work(COUNT), line)
+
+
+def _roots_right(given: QuasiPolynomial, work: Work, line: float = 0.0) -> int:
+    leading = given.leading(given.degree)
+    if line:
+        leading = {
+            loops: value * Fraction(math.exp(-line * float(sum(loop.seconds for loop in loops))))
+            for loops, value in leading.items()
+        }
+    apart = separation(leading)
+    if apart is None or apart <= _ROUNDING * sum(map(abs, leading.values())):
+        raise Undecided(
+            "the delayed terms do not vanish at high frequencies: the equation is of neutral type"
+        )
+    return _count(given.balls if not line else Balls.of(given, line), given, apart, work, line)
+
+
+def _count(balls: Balls, given: QuasiPolynomial, apart: Fraction, work: Work, line: float = 0.0) -> int:
+    """Return the number of roots right of the line on which the balls are; D is at least `apart` there."""
+    from flint import acb, ctx
+
+    degree = max(int(part.degree()) for part in given.terms.values())
+    with ctx.workprec(PRECISION):
+        top = lower_powers_below([(balls, 1.0)], degree, math.log2(apart) - 1)
+        at_origin = 0 if line else next(order for order in range(degree + 2) if given.taylor(order))
+        start = _lowest(given, at_origin, top) if at_origin else 0.0
+        operator = Balls.constant(balls, degree)
+        s = acb(0, top)
+        ratio = balls.values(s)[0] / (s**degree * operator.values(s)[0])
+        turned = float(ratio.arg().mid()) + (degree - at_origin) * math.pi / 2
+        if at_origin:  # around the origin on its right
+            s = acb(0, start)
+            rest = balls.values(s)[0] / (s**at_origin * acb(_ball(given.taylor(at_origin))))
+            turned -= float(rest.arg().mid())
+    if len(operator.terms) > 1:
+        turned += _turns(AxisFunctions([operator]), operator, 0.0, top, work)[0]
+    turned -= _turns(AxisFunctions([balls]), balls, start, top, work)[0]
+    count = turned / math.pi
+    nearest = round(count)
+    if abs(count - nearest) > 1e-6:
+        raise Undecided(f"the argument of the characteristic function sums up to {count:.3f} roots")
+    return nearest
+
+
+def _ball(value: Fraction) -> Any:
+    from flint import arb, fmpq
+
+    return arb(fmpq(value.numerator, value.denominator))
+
+
+def lower_powers_below(parts: Iterable[tuple[Balls, float]], degree: int, limit: float) -> float:
+    """Return a frequency from which on the lower powers of functions, over s^degree, are below 2^limit.
+
+    Parameters
+    ----------
+    parts
+        Functions, and factors on them.
+    degree
+        The power that is not a lower one.
+    limit
+        Binary logarithm of the limit on the sum of the sizes.
+
+    Raises
+    ------
+    Undecided
+        Where there is none in the range of doubles.
+    """
+    lower = [
+        (float_log(abs(term.polynomials[0][k])) + math.log2(factor), degree - k)
+        for balls, factor in parts
+        for term in balls.terms
+        for k in range(min(degree, term.polynomials[0].degree() + 1))
+        if term.polynomials[0][k] != 0
+    ]
+    radius = max(((size - limit) / gap for size, gap in lower), default=0.0)
+    while sum(2.0 ** (size - limit - gap * radius) for size, gap in lower) > 1:
+        radius += 0.25
+    if not abs(radius) < _RANGE:
+        raise Undecided("the coefficients of the characteristic function are out of range")
+    return float(2.0**radius)
+
+
+def _lowest(given: QuasiPolynomial, order: int, top: float) -> float:
+    """Return a frequency below which the first power of Q at the origin prevails."""
+    first, frequency = abs(given.taylor(order)), Fraction(top)
+    for _ in range(_HALVINGS):
+        rest = Fraction(0)  # bounds |Q^(order + 1)| on the axis, over (order + 1)!
+        for delay, polynomial in given.terms.items():
+            for k in range(order + 2):
+                derivative = sum(
+                    abs(int(polynomial[j])) * math.comb(j, k) * frequency ** (j - k)
+                    for j in range(k, polynomial.degree() + 1)
+                )
+                rest += derivative * delay ** (order + 1 - k) / math.factorial(order + 1 - k)
+        if 2 * rest * frequency < first:
+            return float(frequency)
+        frequency /= 16
+    raise Undecided("the coefficients of the characteristic function are out of range")
+
+
+def _turns(
+    functions: AxisFunctions, balls: Balls, start: float, top: float, work: Work
+) -> tuple[float, float]:
+    """Return the change of the argument of Q(jω) from ω = start to the top, and its least relative size.
+
+    The size is relative to the sum of the sizes of all powers.
+    """
+    low, high = grid(start or top * _LOW, top)
+    if not start:
+        low, high = np.append(low, 0.0), np.append(high, top * _LOW)
+    total, least = 0.0, math.inf
+    narrow: list[tuple[float, float]] = []
+    while len(low):
+        rest: list[tuple[Array, Array]] = []
+        for lows, highs in chunks(low, high):
+            (expanded,) = functions.expand(lows, highs, work)
+            first, whole = expanded.terms[0], expanded.total
+            clear = whole.smallest > 0
+            others = sum((term.largest for term in expanded.terms[1:]), np.zeros(len(lows)))
+            prevails = ~clear & (first.smallest > others)
+            if clear.any():
+                least = min(least, float(whole.smallest[clear].min()))
+                total += _change(functions, lows[clear], highs[clear], work)
+            if prevails.any():
+                total += _change(functions, lows[prevails], highs[prevails], work, prompt=True)
+            left = ~(clear | prevails)
+            fine = highs - lows <= _NARROW_DOUBLE * highs
+            rounding = np.abs(whole.value) + np.abs(whole.slope) * whole.width <= 4 * whole.error
+            stuck = left & (fine | rounding | ~np.isfinite(whole.error))
+            narrow += zip(lows[stuck].tolist(), highs[stuck].tolist(), strict=True)
+            rest.append((lows[left & ~stuck], highs[left & ~stuck]))
+        low, high = halves(*(np.concatenate(part) for part in zip(*rest, strict=True)))
+    for interval in narrow:
+        total += sum(_ball_turns(balls, *interval, work))
+        least = 0.0
+    return total, least
+
+
+def _change(functions: AxisFunctions, low: Array, high: Array, work: Work, *, prompt: bool = False) -> float:
+    """Return the sum of the changes of the argument over intervals, where Q or its prompt term prevails."""
+    (before,), (after,) = (functions.expand(end, end, work) for end in (low, high))
+    if not prompt:
+        return float(np.angle(after.total.value / before.total.value).sum())
+    whole = np.angle(after.total.value / after.terms[0].value) - np.angle(
+        before.total.value / before.terms[0].value
+    )
+    return float((np.angle(after.terms[0].value / before.terms[0].value) + whole).sum())
+
+
+def _ball_turns(balls: Balls, start: float, top: float, work: Work) -> Iterator[float]:
+    """Yield the changes of the argument of Q(jω) over parts of an interval, in ball arithmetic."""
+    from flint import acb, arb, ctx
+
+    with ctx.workprec(PRECISION):
+        intervals = [(arb(start), arb(top))]
+        while intervals:
+            work.spend(_BALL)
+            low, high = intervals.pop()
+            middle, whole = (low + high) / 2, low.union(high)
+            slope = balls.values(acb(0, whole), 2)[1]
+            value = balls.values(acb(0, middle))[0] + slope * acb(0, whole - middle)
+            if value.abs_lower() > 0:
+                one, other = (balls.values(acb(0, end))[0] for end in (low, high))
+                yield float((other / one).arg().mid())
+            elif high - low <= _NARROW * high or high <= arb(top) * _NARROW**2:
+                where = float(high.mid())
+                raise Undecided(
+                    f"a root lies on the imaginary axis near {where:.6g} rad/s, or within round-off of it"
+                )
+            else:
+                middle = middle.mid()
+                intervals += [(middle, high), (low, middle)]
+
+
+# --- rightmost roots --------------------------------------------------------------------------------
+
+
+def rightmost_roots(
+    given: QuasiPolynomial, starts: Iterable[complex], most: int, work: Work | None = None
+) -> tuple[list[RefinedRoot], float]:
+    """Return the rightmost roots, and a line right of which none is missing (inf where that is not proved).
+
+    Parameters
+    ----------
+    given
+        As in `roots_right_of`.
+    starts
+        First values, of which many may lead to one root.
+    most
+        About the number of roots that are wanted.
+    work
+        What the proof may cost.
+    """
+    work = work or Work(COUNT)
+    roots = [RefinedRoot(0j, 0.0)] if given.at_origin() == 0 else []
+    for start in sorted(starts, key=lambda s: -s.real):
+        if start.imag < 0:
+            continue
+        root = refined_root(given, start)
+        if (
+            root is None
+            or (roots and abs(root.value) < _ORIGIN and not roots[0].radius)
+            or any(abs(root.value - other.value) <= root.radius + other.radius for other in roots)
+        ):
+            continue
+        if abs(root.value.imag) <= root.radius:
+            root = RefinedRoot(complex(root.value.real), root.radius)
+        roots.append(root)
+        if root.value.imag < 0:
+            root = roots[-1] = RefinedRoot(root.value.conjugate(), root.radius)
+        if root.value.imag:
+            roots.append(RefinedRoot(root.value.conjugate(), root.radius))
+    roots.sort(key=lambda root: (-root.value.real, abs(root.value.imag), -root.value.imag))
+    for count in range(min(most, len(roots) - 1), 0, -1):
+        upper, lower = roots[count - 1].value.real, roots[count].value.real
+        line = (upper + lower) / 2
+        if not upper > line > lower:
+            continue
+        try:
+            if roots_right_of(given, line, work) == count:
+                return roots[:count], line
+        except Undecided:
+            if work.left < 0:
+                break
+    return roots[:most], math.inf
