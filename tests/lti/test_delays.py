@@ -305,3 +305,18 @@ def test_a_long_delay_is_counted():
     arc = 4 * np.exp(1j * np.linspace(0, np.pi / 2, 100_001))
     turned = [np.angle(values[1:] / values[:-1]).sum() for values in (function(arc), function(height))]
     assert right == pytest.approx((turned[0] - turned[1]) / np.pi, abs=1e-3)
+
+
+@pytest.mark.parametrize("factor", [10**400, 3**900])
+def test_verdicts_and_margins_do_not_depend_on_a_common_factor(factor):
+    """Irrational values have coefficients beyond the range of doubles."""
+    parts = {0: [30, 20], 1: [7, 5], 2: [3, 4]}
+    plain, scaled = (quasi({d: [k * c for c in p] for d, p in parts.items()}) for k in (1, factor))
+    assert stability(scaled) == stability(plain)
+    loops = [
+        delay_margins(quasi({1: [7 * k, 5 * k]}), quasi({0: [30 * k, 20 * k], 2: [3 * k, 4 * k]}))
+        for k in (1, factor)
+    ]
+    assert loops[0].stable
+    for name in ("gain", "phase", "delay", "Ms", "Mt"):
+        assert getattr(loops[1], name) == pytest.approx(getattr(loops[0], name), rel=1e-9, nan_ok=True), name

@@ -149,7 +149,7 @@ class _Loop:
     def beyond(self, apart: Fraction, factor: float = 1.0) -> float:
         """Return a frequency from which on lower powers of B and of `factor` times A are below a bound."""
         parts = ((self.top.balls, factor), (self.bottom.balls, 1.0))
-        return lower_powers_below(parts, self.degree, math.log2(apart))
+        return lower_powers_below(parts, self.degree, apart)
 
     # --- |L| = 1 ------------------------------------------------------------------------------------
 

@@ -44,7 +44,7 @@ _NEAR = (
 #: Binary logarithm of the largest frequency.
 _RANGE = 900
 #: Relative separation that rounding errors of shifted coefficients do not reach.
-_ROUNDING = 1e-12
+_ROUNDING = Fraction(1, 10**12)
 
 
 def stability(closed: QuasiPolynomial, work: Work | None = None) -> Verdict:
@@ -88,7 +88,7 @@ def _at_infinity(closed: QuasiPolynomial, work: Work) -> Verdict | None:
     try:
         inside, least = _operator_zeros(closed, work)
     except Undecided:
-        inside, least = _fast_zeros(closed, work), 0.0
+        inside, least = _fast_zeros(closed, work), Fraction(0)
     if inside:
         reason = f"the loop has a gain above 1 at high frequencies and a delay; {_INFINITELY_MANY}"
         return Verdict("unstable", reason, math.inf)
@@ -97,7 +97,7 @@ def _at_infinity(closed: QuasiPolynomial, work: Work) -> Verdict | None:
             "at the limit", f"the loops have a gain of 1 or more at high frequencies; {_NEAR}", math.nan
         )
     try:
-        right = _count(closed.balls, closed, Fraction(least) / 2, work)
+        right = _count(closed.balls, closed, least / 2, work)
     except Undecided:
         return Verdict("at the limit", f"the gain at high frequencies is too large; {_NEAR}", math.nan)
     if right:
@@ -114,7 +114,7 @@ def _fast_zeros(closed: QuasiPolynomial, work: Work) -> int:
         return 0
 
 
-def _operator_zeros(closed: QuasiPolynomial, work: Work, line: float = 0.0) -> tuple[int, float]:
+def _operator_zeros(closed: QuasiPolynomial, work: Work, line: float = 0.0) -> tuple[int, Fraction]:
     """Return the zeros exp(-s h) of the difference operator with Re s above `line`, and its least size there.
 
     The delays are as they are, multiples of h.
@@ -134,7 +134,7 @@ def _operator_zeros(closed: QuasiPolynomial, work: Work, line: float = 0.0) -> t
     if abs(math.remainder(turned, math.pi)) > 1e-6:
         raise Undecided("a zero lies on the line")
     sizes = sum(abs(int(part[0])) for part in operator.terms.values())
-    return round(-turned / math.pi), least * sizes
+    return round(-turned / math.pi), Fraction(least) * sizes
 
 
 # --- number of roots right of a line ----------------------------------------------------------------
@@ -182,7 +182,7 @@ def _count(balls: Balls, given: QuasiPolynomial, apart: Fraction, work: Work, li
 
     degree = max(int(part.degree()) for part in given.terms.values())
     with ctx.workprec(PRECISION):
-        top = lower_powers_below([(balls, 1.0)], degree, math.log2(apart) - 1)
+        top = lower_powers_below([(balls, 1.0)], degree, apart / 2)
         at_origin = 0 if line else next(order for order in range(degree + 2) if given.taylor(order))
         start = _lowest(given, at_origin, top) if at_origin else 0.0
         operator = Balls.constant(balls, degree)
@@ -209,8 +209,8 @@ def _ball(value: Fraction) -> Any:
     return arb(fmpq(value.numerator, value.denominator))
 
 
-def lower_powers_below(parts: Iterable[tuple[Balls, float]], degree: int, limit: float) -> float:
-    """Return a frequency from which on the lower powers of functions, over s^degree, are below 2^limit.
+def lower_powers_below(parts: Iterable[tuple[Balls, float]], degree: int, limit: Fraction) -> float:
+    """Return a frequency from which on the lower powers of functions, over s^degree, are below a limit.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ def lower_powers_below(parts: Iterable[tuple[Balls, float]], degree: int, limit:
     degree
         The power that is not a lower one.
     limit
-        Binary logarithm of the limit on the sum of the sizes.
+        The limit on the sum of the sizes.
 
     Raises
     ------
@@ -233,8 +233,9 @@ def lower_powers_below(parts: Iterable[tuple[Balls, float]], degree: int, limit:
         for k in range(min(degree, term.polynomials[0].degree() + 1))
         if term.polynomials[0][k] != 0
     ]
-    radius = max(((size - limit) / gap for size, gap in lower), default=0.0)
-    while sum(2.0 ** (size - limit - gap * radius) for size, gap in lower) > 1:
+    allowed = math.log2(limit.numerator) - math.log2(limit.denominator)
+    radius = max(((size - allowed) / gap for size, gap in lower), default=0.0)
+    while sum(2.0 ** (size - allowed - gap * radius) for size, gap in lower) > 1:
         radius += 0.25
     if not abs(radius) < _RANGE:
         raise Undecided("the coefficients of the characteristic function are out of range")

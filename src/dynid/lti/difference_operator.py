@@ -61,7 +61,8 @@ def separation(coefficients: Coefficients) -> Fraction | None:
 def _least_on_torus(coefficients: Coefficients, variables: list[Hashable]) -> Fraction:
     """Return a lower bound on |D| over the torus, about half of its least size; 0 where it takes too long."""
     exponents = np.array([[name in key for name in variables] for key in coefficients], float)
-    sizes = np.array([float(value) for value in coefficients.values()])
+    total = sum(map(abs, coefficients.values()))
+    sizes = np.array([float(value / total) for value in coefficients.values()])
     steepness = float(np.abs(sizes) @ exponents.sum(axis=1) ** 2)
     middles, half, least = np.zeros((1, len(variables))), math.pi, math.inf
     corners = np.array(list(product((-1, 1), repeat=len(variables))))
@@ -74,7 +75,7 @@ def _least_on_torus(coefficients: Coefficients, variables: list[Hashable]) -> Fr
         lower = size - half * slopes.sum(axis=1) - steepness * half**2 / 2
         half /= 2
         middles = (middles[lower < least / 2][:, None] + half * corners).reshape(-1, len(variables))
-    return Fraction(least) * Fraction(49, 100)  # the rest of the half exceeds round-off
+    return total * Fraction(least) * Fraction(49, 100)  # the rest of the half exceeds round-off
 
 
 def gap(larger: Coefficients, smaller: Coefficients) -> Fraction | None:
