@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 
 import pytest
 
@@ -14,9 +15,9 @@ from dynid.errors import UsageError
 from dynid.store import read_result as open_result
 
 
-def ask(server, path="/", method="GET", **headers):
+def ask(server, path="/", method="GET", token=None, **headers):
     connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=600)
-    connection.request(method, path, headers=headers)
+    connection.request(method, f"/{server.token if token is None else token}{path}", headers=headers)
     answer = connection.getresponse()
     return answer, connection
 
@@ -49,6 +50,37 @@ def test_nothing_but_the_page_is_served(server, path):
 @pytest.mark.parametrize("path", ["/", "/events"])
 def test_other_names_and_origins_are_refused(server, path, headers):
     assert ask(server, path, **headers)[0].status == 403
+
+
+@pytest.mark.parametrize("token", ["", "x", "..", "AAAAAAAAAAAAAAAAAAAAAA"])
+@pytest.mark.parametrize("path", ["/", "/events", ""])
+def test_without_the_token_nothing_is_served(server, token, path):
+    answer, _ = ask(server, path, token=token)
+    assert (answer.status, answer.read()) == (403, b"")
+
+
+def test_each_server_has_a_token_of_its_own(server):
+    with serving(0) as other:
+        assert server.token != other.token
+        assert len(other.token) >= 20
+        assert other.address.endswith(f":{other.server_port}/{other.token}/")
+        assert ask(other, token=server.token)[0].status == 403
+
+
+def test_the_number_of_connections_is_limited(server):
+    open_streams = [ask(server, "/events") for _ in range(16)]
+    assert all(answer.status == 200 for answer, _ in open_streams)
+    assert ask(server)[0].status == 503
+    for answer, connection in open_streams:
+        answer.close()
+        connection.close()
+    for k in range(100):  # the server sees a closed stream when it writes
+        server.board.put(version=k)
+        answer, _ = ask(server)
+        if answer.status == 200:
+            break
+        time.sleep(0.05)
+    assert answer.read() == b"<p>one</p>"
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS"])

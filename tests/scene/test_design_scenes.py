@@ -246,6 +246,13 @@ def test_a_design_whose_equations_overflow_is_refused(mass):
         dynid.run(scene(text))
 
 
+@pytest.mark.parametrize("count", [51, 300])
+def test_too_many_free_parameters_are_counted(count):
+    free = ", ".join(f"p{k}: {{start: 1}}" for k in range(count))
+    text = SCENE.replace("free: {c: }", f"free: {{{free}}}")
+    assert any(f"'free' has {count} entries; it takes at most 50" in fault for fault in faults(text))
+
+
 def test_graphs_with_laws_are_not_designed():
     text = SCENE.replace("c: {type: R, value: c}", 'c: {type: R, law: {e: "c*f*abs(f)"}}')
     message = "a design is of a linear graph, and 'c' has a law; write the slope at its point as a value"

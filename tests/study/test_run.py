@@ -477,8 +477,9 @@ def test_a_file_system_without_locks_is_named(tmp_path, monkeypatch, number):
         raise OSError(number, "No locks available")
 
     monkeypatch.setattr(fcntl, "flock", none)
-    with pytest.raises(FileError, match=r"s\.h5\.lock cannot be locked: No locks available"):
+    with pytest.raises(FileError, match=r"s\.h5\.lock cannot be locked: No locks available") as raised:
         run_study(planned(tmp_path), tmp_path / "s.h5", SerialExecutor())
+    assert "has no locks: write the file to a local folder with -o" in raised.value.remedy
 
 
 def test_a_journal_that_changes_under_a_study_is_not_believed(tmp_path):

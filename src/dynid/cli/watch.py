@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import secrets
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -174,6 +175,9 @@ def _preview_note(plan: Plan, count: int) -> str:
 
 #: Seconds between two comments on an idle event stream, which keep the connection open.
 _PULSE = 10.0
+#: Most connections at a time: a page takes two.
+_CONNECTIONS = 16
+_BUSY = b"HTTP/1.1 503 Service Unavailable\r\nContent-Length: 0\r\nConnection: close\r\n\r\n"
 _HEADERS = {
     "Cache-Control": "no-store",
     "Cross-Origin-Resource-Policy": "same-origin",
@@ -184,19 +188,45 @@ _HEADERS = {
 
 
 class Server(ThreadingHTTPServer):
-    """Server of the page at `/` and of its changes at `/events`."""
+    """Server of the page at `/TOKEN/` and of its changes at `/TOKEN/events`.
+
+    The token is new for each server: other users and programs of this machine do not know it.
+    """
 
     daemon_threads = True
     block_on_close = False
 
     def __init__(self, port: int) -> None:
         self.board = Board()
+        self.token = secrets.token_urlsafe(16)
+        self._free = threading.BoundedSemaphore(_CONNECTIONS)
         super().__init__(("127.0.0.1", port), Handler)
 
     @property
     def address(self) -> str:
         """Address of the page."""
-        return f"http://127.0.0.1:{self.server_port}/"
+        return f"http://127.0.0.1:{self.server_port}/{self.token}/"
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answer a request in a thread; refuse it where there are too many connections."""
+        if not self._free.acquire(blocking=False):
+            with suppress(OSError):
+                request.settimeout(1.0)
+                request.sendall(_BUSY)
+            self.shutdown_request(request)
+            return
+        try:
+            super().process_request(request, client_address)
+        except BaseException:  # no thread was started
+            self._free.release()
+            raise
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer a request."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._free.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Ignore clients that disconnect."""
@@ -217,13 +247,17 @@ class Handler(BaseHTTPRequestHandler):
         origin = self.headers.get("Origin")
         if self.headers.get("Host") not in names or (origin and origin not in {f"http://{n}" for n in names}):
             self._refuse(403)
-        elif self.path == "/":
+            return
+        token, _, name = self.path.removeprefix("/").partition("/")
+        if not secrets.compare_digest(token.encode(), self.server.token.encode()):
+            self._refuse(403)
+        elif name == "" and self.path.endswith("/"):
             content = self.server.board.now.page.encode()
             self._start(200, "text/html; charset=utf-8")
             self.send_header("Content-Length", str(len(content)))
             self.end_headers()
             self.wfile.write(content)
-        elif self.path == "/events":
+        elif name == "events":
             self._start(200, "text/event-stream")
             self.end_headers()
             seen: Notice | None = None
@@ -395,9 +429,9 @@ class Watch:
 def watch(scene: str, port: int, no_browser: bool, overrides: tuple[str, ...], output: str | None) -> int:
     """Rerun a scene whenever it or a file that it reads changes, with a live report in the browser.
 
-    The report is served on this machine only, until Ctrl-C. While the scene has faults, the report keeps the
-    last good result and lists the faults with their places. For a study, as many samples are run as a few
-    seconds allow, evenly over its plan.
+    The report is served on this machine only, at an address with a token, until Ctrl-C. While the scene has
+    faults, the report keeps the last good result and lists the faults with their places. For a study, as many
+    samples are run as a few seconds allow, evenly over its plan.
     """
     if not Path(scene).is_file():
         from dynid.scene.yaml.source import read_source

@@ -12,8 +12,10 @@ lengths.
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
+import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -30,6 +32,8 @@ from dynid.store import hollow, write_blocks
 from dynid.study.analysis.sample_statistics import computed, declare
 from dynid.study.analysis.table import RESULTS, SAMPLES
 
+#: Errors of file systems without locks, such as some network file systems.
+_WITHOUT_LOCKS = frozenset({errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP})
 #: Time to wait for a lock whose holder removes its file just then, s.
 _PATIENCE = 0.2
 #: Bytes of a lock file that Windows lets no other process read while they are locked; most bytes behind them.
@@ -317,8 +321,19 @@ def locked(target: str) -> Iterator[None]:
             remedy="Wait for it, or write another file with -o.",
             names=[target],
         ) from None
-    except OSError as error:
-        raise FileError(f"{name} cannot be locked: {error.strerror or error}", names=[name]) from error
+    except (OSError, NotImplementedError) as error:
+        reason = getattr(error, "strerror", None) or str(error) or "not supported"
+        unsupported = not isinstance(error, OSError) or error.errno in _WITHOUT_LOCKS
+        raise FileError(
+            f"{name} cannot be locked: {reason}",
+            remedy=(
+                "This file system has no locks: write the file to a local folder with -o, such as one in "
+                f"{tempfile.gettempdir()}, and copy it when the study has ended."
+            )
+            if unsupported
+            else "",
+            names=[name],
+        ) from error
     try:
         with open(name, "r+b", buffering=0) as file:  # noqa: PTH123
             file.seek(_LOCKED)

@@ -3,7 +3,7 @@
 (() => {
   const state = document.getElementById("state");
   const fault = document.getElementById("fault");
-  const events = new EventSource("/events");
+  const events = new EventSource("events");
   events.onmessage = (event) => {
     const now = JSON.parse(event.data);
     if (String(now.version) !== state.dataset.version) { location.reload(); return; }

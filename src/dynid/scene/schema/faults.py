@@ -188,7 +188,9 @@ def _message(kind: str, error: dict[str, Any], path: Sequence[Any]) -> str:
         return f"{key} is empty"
     if kind in ("too_short", "too_long"):
         bound = context.get("min_length") or context.get("max_length")
-        return f"{key} has {context['actual_length']} entries; it takes at {_ENDS[kind]} {bound}"
+        count = context["actual_length"]
+        count = len(given) if count is None and isinstance(given, list | dict) else count
+        return f"{key} has {count} entries; it takes at {_ENDS[kind]} {bound}"
     message = str(error["msg"])
     return f"{key} is {_shown(given)}: {message[:1].lower()}{message[1:]}"
 
