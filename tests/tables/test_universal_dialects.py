@@ -23,6 +23,16 @@ def uneven(values, **more):
     return function(values, **more) | {"abscissa_spacing": 0, "x": TIMES[: len(values)]}
 
 
+ANALYSIS = {
+    "type": 2414, "analysis_dataset_label": 1, "analysis_dataset_name": "mode", "dataset_location": 1,
+    **{f"id{k}": "NONE" for k in range(1, 6)}, "model_type": 1, "analysis_type": 2, "data_characteristic": 3,
+    "result_type": 8, "data_type": 2, "number_of_data_values_for_the_data_component": 6,
+    "record12_field2": 9.5, "record12_field5": 0.01, "node_nums": np.array([5, 6]),
+    "data_at_node": [np.array([0, 0, 1.5, 0, 0.5, 0]), np.array([0, 0, -1.25e-7, 0, 0, 0])],
+}  # fmt: skip
+LINES = {"type": 82, "trace_num": 1, "n_nodes": 3, "color": 1, "id": "1.5D+02", "nodes": np.array([1, 2, 0])}
+AXES = np.vstack([np.eye(3)[[1, 2, 0]], [1.5e-3, 2.0, -3e4]])
+PARTS = {"type": 2420, "CS_sys_labels": [8], "CS_names": ["A"], "CS_matrices": [AXES]}
 CONTENT = {
     "double": [function(VALUES, step=0.003, id1="first"), function(-VALUES[::-1], step=0.003, id1="1.5D+02")],
     "single": [function(np.round(VALUES, 3), step=0.003, ord_data_type=2)],

@@ -133,15 +133,22 @@ def _plain(line: str) -> str:
     return _BARE_EXPONENT.sub(r"\1E\2", line.replace("D", "E").replace("d", "e"))
 
 
-def check_columns(one: DataSet) -> None:
+def check_columns(one: DataSet, first: int = 0, last: int | None = None) -> None:
     """Refuse a data set whose numbers are not in columns of 13 characters, as those with a point are read.
+
+    Parameters
+    ----------
+    one
+        The data set.
+    first, last
+        The lines that are read by columns, of which that with the type has the number 0.
 
     Raises
     ------
     ValueError
         Naming the line.
     """
-    for at, line in enumerate(one.lines):
+    for at, line in enumerate(one.lines[first:last], first):
         if "." in line and _NUMERIC.fullmatch(line):
             columns = [line[k : k + 13].strip() for k in range(0, len(line), 13)]
             if columns != _NUMBER.findall(line):

@@ -27,8 +27,9 @@ from dynid.tables.universal_blocks import (
 )
 from dynid.units import UnknownUnitError, readings, si_factor, unit_fits
 
-#: Data sets with numbers in columns of a fixed width; those whose rows are joined before they are split.
-_IN_COLUMNS, _JOINED = (18, 55), (15, 2420)
+#: Lines with numbers in columns of a fixed width by data set; those whose rows are joined, then split.
+_IN_COLUMNS: dict[int, tuple[int, int | None]] = {18: (0, None), 55: (0, None), 2414: (12, 14)}
+_JOINED = (15, 2420)
 #: Types of functions of time, general or not.
 _TIME = (0, 1)
 #: Digits of an increment as the format prints it.
@@ -104,7 +105,7 @@ class UniversalFile:
     def _parsed(self, place: int, one: DataSet) -> dict[str, Any]:
         """Return what pyuff reads of a data set; of functions (58) the header."""
         if one.kind in _IN_COLUMNS:
-            check_columns(one)
+            check_columns(one, *_IN_COLUMNS[one.kind])
         # pyuff joins the rows of some data sets, and reads files alone.
         lines = one.lines[:HEADER] if one.kind == 58 else one.lines
         margin = " " if one.kind in _JOINED else ""
