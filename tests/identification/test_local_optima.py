@@ -2,13 +2,14 @@
 
 import os
 from concurrent.futures import ProcessPoolExecutor
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from dynid.errors import Diverged
-from dynid.identification.estimators.auto import drawn_starts
+from dynid.identification.estimators.auto import Search, drawn_starts
 from dynid.identification.estimators.segments import in_segments
 from dynid.identification.identify import identify
 from dynid.identification.priors import Priors
@@ -187,3 +188,10 @@ def test_one_start_is_enough_where_the_model_is_right():
     assert diagnostic(result, "converged")
     assert diagnostic(result, "starts") == diagnostic(result, "starts_agreed") == 1
     assert np.abs(parameter(result, "estimate") / [300.0, 0.6] - 1).max() < 0.01
+
+
+@pytest.mark.parametrize(("misfits", "best"), [([5.0, 3.0, 3.0 - 1e-9, 3.0 + 1e-9], 1), ([5.0, 3.0, 2.9], 2)])
+def test_of_ends_that_round_off_does_not_tell_apart_the_first_is_the_best(misfits, best):
+    search = Search(SimpleNamespace(evaluations=0))
+    search.tried = [SimpleNamespace(stage=SimpleNamespace(misfit=misfit)) for misfit in misfits]
+    assert search.best_tried is search.tried[best]

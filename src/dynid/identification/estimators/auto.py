@@ -64,6 +64,8 @@ _MOST_STEPS, _FURTHER_STEPS = 50, 200
 _RANKING, _FEWEST = 0.5, 8
 # Two ends are one optimum if the coordinates agree to this, or the misfits to this.
 _SAME, _AS_GOOD = 0.02, 0.02
+# Misfits that differ by less are equal to round-off: of equal ends the first is the best.
+_TIED = 1e-6
 # Residuals below this part of a channel's RMS are accepted whatever their colour …
 _EXACT = 1e-6
 # … and others if their whiteness has this p-value or more, and the model no lack of fit.
@@ -226,8 +228,9 @@ class Search:
 
     @property
     def best_tried(self) -> Attempt:
-        """The attempt of the greatest likelihood."""
-        return min(self.tried, key=lambda tried: tried.stage.misfit)
+        """The attempt of the greatest likelihood, the first of several that end there."""
+        least = min(tried.stage.misfit for tried in self.tried)
+        return next(tried for tried in self.tried if tried.stage.misfit <= least + _TIED)
 
     @property
     def accepted(self) -> bool:
