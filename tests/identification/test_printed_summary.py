@@ -90,6 +90,7 @@ def test_interval_is_that_of_the_logarithm_and_the_bound_is_relative_to_the_trut
         "    a.k [N/m]      5 000    11 200 ± 1 000    9 348 … 13 300    11 000    1.4 %       9.0 %",
         "",
         "  converged: optimum found, the model explains the record",
+        "  redundancy 8: few, an error in what is known may stay unseen",
         "  RMS residual 5 % of the signal",
         "  the residuals are white (p = 0.44; level 1e-6)",
         "  well conditioned; the parameters are distinguishable (condition number 1.8)",
@@ -133,7 +134,7 @@ CASES = {
         {"explained": False, "white": False, "whiteness_p": 1e-9},
         "NOT converged: optimum found; the model does not explain the record: lack of fit p = 3e-09, "
         "61 % of the signal explained",
-        "check model, units, signs and starts",
+        "check model, units, signs and starts, and whether a joint is nonlinear",
     ),
     "noise": (
         {"explained": False, "signal_p": 0.31},

@@ -89,3 +89,13 @@ def test_rank_correlations_are_those_of_scipy():
     np.testing.assert_allclose(correlation, expected.statistic, rtol=1e-10)
     assert 0.1 < p / expected.pvalue < 10
     assert rank_correlation(np.full(5, np.nan), np.ones(5)) == (0.0, 1.0)
+
+
+def test_a_lack_of_fit_that_nothing_explains_names_a_nonlinear_joint():
+    rig = Rig(7)
+    size = lambda size: 2e-3 * size.mean(axis=0)  # noqa: E731
+    wrong = warnings(identify_frf(rig.model(), responses(rig, size, rig.masses * [1.0, 1.0, 1.02])))
+    assert "nonlinear joint" in wrong
+    assert "nonlinear joint" not in warnings(identify_frf(rig.model(), responses(rig, size)))
+    explained = warnings(identify_frf(rig.model(), responses(rig, lambda size: 0.02 * size)))
+    assert "nonlinear joint" not in explained

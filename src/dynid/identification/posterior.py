@@ -354,7 +354,8 @@ class Posterior:
             raise Diverged(
                 f"the estimate{'s' * several} of {', '.join(names)} {'are' if several else 'is'} invalid: "
                 f"{unexplained}",
-                remedy="Start nearer to the true values, add passes, or check model, units and excitation.",
+                remedy="Start nearer to the true values, add passes, or check model, units and excitation: a "
+                "joint may be nonlinear (friction, gap, a stiffness that depends on the amplitude).",
                 names=names,
             )
         if unknown.any():

@@ -32,6 +32,11 @@ _LEAST_SPARE = 10
 _LEAST_SAMPLES = 50
 # Estimators whose filter is that of white noise.
 _WHITE_ONLY = ("filter", "invariant-imbedding")
+#: What may be wrong where a model lacks fit, and what shows it.
+POSSIBLE_CAUSES = (
+    "Possible causes: a wrong mass or connection, or a nonlinear joint (friction, gap, a stiffness that "
+    "depends on the amplitude), whose estimates differ between records of different amplitude"
+)
 # The most outliers that are named one by one.
 _NAMED = 3
 # An outlier or offset that makes up this part of a residual's mean square reduces the weight of its channel.
@@ -130,10 +135,13 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
             "fewer lines, or correct the noise model (measurement.noise) if residuals grow with the response"
         )
     if compared.lacks_fit and compared.explained:
+        growing = posterior.growing
+        known = posterior.mistakes or (growing is not None and growing.explained)
         worst = posterior.channels[int(np.argmin(compared.channel_lack_of_fit_p))].name
         yield (
             f"the model lacks fit ({p_text(compared.lack_of_fit_p, 1)}), most of all in {worst}: it explains "
             f"{share_text(compared.signal_explained)} of the signal; standard errors are nominal"
+            f"{'' if known or posterior.likelihood.records[0].modal else f'. {POSSIBLE_CAUSES}'}"
         )
     if posterior.growing is not None:
         yield posterior.growing.statement

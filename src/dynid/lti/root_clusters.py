@@ -89,11 +89,11 @@ def _partners(values: ComplexArray) -> NDArray[np.intp]:
 
 
 def _components(links: NDArray[np.bool_]) -> Sequence[NDArray[np.intp]]:
-    """Return the connected components of a graph."""
-    from scipy.sparse.csgraph import connected_components
-
-    count, label = connected_components(links.astype(np.int8), directed=False)
-    return [np.flatnonzero(label == k) for k in range(count)]
+    """Return the connected components of a graph, by their first members."""
+    reached = links | links.T | np.eye(len(links), dtype=bool)
+    while not np.array_equal(further := reached @ reached, reached):
+        reached = further
+    return [np.flatnonzero(row) for k, row in enumerate(reached) if not row[:k].any()]
 
 
 def _reach(values: ComplexArray, centre: complex, resolution: Resolution) -> float:

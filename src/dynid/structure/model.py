@@ -408,6 +408,10 @@ class StructuralModel(NamedDofs):
         object.__setattr__(model, "parameters", tuple(parameters))
         return model
 
+    def with_terms(self, terms: Iterable[Term], parameters: Iterable[Parameter]) -> StructuralModel:
+        """Return the model with other terms, which M, C and K contain already, and `parameters` for them."""
+        return self._copied(terms=tuple(terms), parameters=tuple(parameters))
+
     def true_values(self) -> dict[str, float]:
         """Return the true values of the unknown parameters.
 

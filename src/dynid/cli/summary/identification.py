@@ -15,6 +15,7 @@ from dynid.report.content.identifiability import (
     collinear_groups,
     first_modes,
     interchangeable,
+    known_parts_table,
     modal_heading,
     modal_shifts,
 )
@@ -65,6 +66,7 @@ def lines(result: Result) -> list[str]:
             "",
             *aligned([columns, *rows], gap=4, left=_texts(columns)),
             "",
+            *_known_parts(result),
             *(line for sentence in verdict_sentences(result) for line in paragraph(sentence)),
             *(line for sentence in calibration_sentences(result) for line in paragraph(sentence)),
             "",
@@ -80,6 +82,16 @@ def lines(result: Result) -> list[str]:
 
         screen += lines_of_graph(result)
     return screen[:-1] if not screen[-1] else screen
+
+
+def _known_parts(result: Result) -> Iterable[str]:
+    """Yield the biases by what is known, beside the standard errors."""
+    heads, rows, remarks = known_parts_table(result)
+    if rows:
+        yield from aligned([heads, *rows], gap=4, left=[0])
+        for remark in remarks:
+            yield from paragraph(remark, "    ")
+        yield ""
 
 
 def _measured_modes(result: Result) -> Iterable[str]:

@@ -193,15 +193,26 @@ class FrfSystem:
         Gains and delays of the functions' channels.
     considered
         The parameters that are known with uncertainty.
-    freed
-        The same system with these among the unknown ones; None where there are none.
+    model, functions
+        The model and the functions that it is made of.
     """
 
     system: LinearSystem
     pairs: tuple[tuple[int, int], ...]
     instruments: Instruments
     considered: tuple[Parameter, ...] = ()
-    freed: FrfSystem | None = None
+    model: Model | None = None
+    functions: tuple[Frf, ...] = ()
+
+    def freed(self, *, known: bool) -> FrfSystem | None:
+        """Return the same system with considered parameters among the unknown ones; None without such.
+
+        `known`: also known masses and stiffnesses.
+        """
+        assert self.model is not None
+        channels = [one.channel for one in self.functions]
+        freed = freed_model(self.model, channels, known=known)
+        return None if freed is None else self.of(freed, self.functions)
 
     @classmethod
     def of(cls, model: Model, functions: Sequence[Frf]) -> FrfSystem:
@@ -217,13 +228,13 @@ class FrfSystem:
         pairs = tuple((channels.index(one.channel), loads.index(one.load)) for one in functions)
         names = [one.name for one in model.unknowns]
         instruments = Instruments.of(names, (), [one.channel for one in functions])
-        freed = freed_model(model)
         return cls(
             system_of(model, loads, channels),
             pairs,
             instruments,
             tuple(one for one in model.parameters if one.std is not None),
-            None if freed is None else cls.of(freed, functions),
+            model,
+            tuple(functions),
         )
 
     def response(self, omega: Array, eta: Array | None = None, *, slopes: bool = True) -> Response:

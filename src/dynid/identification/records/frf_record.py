@@ -35,6 +35,8 @@ from dynid.identification.records.measurement import RecordData
 from dynid.identification.records.record_likelihood import RecordFit, RecordLikelihood, weights
 from dynid.identification.systems.band_limited_system import band_limited
 from dynid.identification.systems.instruments import (
+    CLOCK,
+    CLOCK_CHANGE,
     DELAY,
     GAIN_CHANGE,
     CalibrationDerivatives,
@@ -48,6 +50,11 @@ from dynid.parameters import Parameter, named
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
+# Multiplications of one evaluation beyond which known masses and stiffnesses are not considered: they act at
+# all DOFs, so that nothing is condensed.
+_KNOWN_WORK = 2e8
+# Step of differences by the clock, relative.
+_CLOCK_STEP = 1e-6
 # Fewest evaluations that a search may take.
 _LEAST_EVALUATIONS = 64
 
@@ -235,19 +242,29 @@ class FrfRecord(RecordLikelihood):
         every[DELAY] = late
         every |= {name: np.where(sensors == name, -measured, 0.0) for name in dict.fromkeys(sensors.tolist())}
         changes = [GAIN_CHANGE / (omega[-1] or 1.0) if name == DELAY else GAIN_CHANGE for name in every]
-        if (freed := self.system.freed) is not None:
+        size = len(self.system.system.states) / 2
+        if (freed := self.system.freed(known=len(omega) * size**3 < _KNOWN_WORK)) is not None:
             own, parameters = {one.name for one in self.unknowns}, freed.system.unknowns
             slopes = freed.response(omega, freed_coordinates(parameters, self.unknowns, fit.eta)).slopes
             moved = {one.name: slopes[..., place] for place, one in enumerate(parameters)}
             profile = self.measurement.profile
             every |= {name: stacked(part / profile) for name, part in moved.items() if name not in own}
             deviation = {one.name: one.deviation for one in self.system.considered}
-            changes += [deviation[name] for name in moved if name not in own]
+            changes += [deviation.get(name, GAIN_CHANGE) for name in moved if name not in own]
+        every[CLOCK] = self._by_clock(fit)
+        changes.append(CLOCK_CHANGE)
         left = self.influential(fit)
         weighted = np.stack(list(every.values()), axis=2) * weights(noise, left)[..., None]
         by_parameter = self.slopes(replace(fit, residual=left), noise)
         by_quantity = weighted.reshape(-1, len(every))
         return CalibrationDerivatives(tuple(every), np.array(changes), by_parameter, by_quantity)
+
+    def _by_clock(self, fit: RecordFit) -> Array:
+        """Return the derivative of the responses by the relative error of the clock, a central difference."""
+        omega, profile, ends = self.measurement.omega, self.measurement.profile, []
+        for factor in (1 - _CLOCK_STEP, 1 + _CLOCK_STEP):  # a step that is known too long: lines lie lower
+            ends.append(self.system.response(omega / factor, fit.eta, slopes=False).values / profile)
+        return stacked((ends[1] - ends[0]) / (2 * _CLOCK_STEP))
 
     def _poles(self, eta: Array) -> ComplexArray:
         """Return the poles at these coordinates, 1/s; none of a model too large for that."""

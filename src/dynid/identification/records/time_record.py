@@ -38,7 +38,13 @@ from dynid.identification.records.measurement import Experiment, RecordData
 from dynid.identification.records.noise import Autoregression, ColouredNoise, estimated
 from dynid.identification.records.record_likelihood import RecordFit, RecordLikelihood
 from dynid.identification.records.simulation import Simulation
-from dynid.identification.systems.instruments import DELAY, GAIN_CHANGE, CalibrationDerivatives
+from dynid.identification.systems.instruments import (
+    CLOCK,
+    CLOCK_CHANGE,
+    DELAY,
+    GAIN_CHANGE,
+    CalibrationDerivatives,
+)
 from dynid.identification.systems.known_inputs import NONE_LEFT_OUT, KnownSamples
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.parametric_model import ParametricModel, freed_coordinates
@@ -62,6 +68,8 @@ Array = NDArray[np.float64]
 _WIDE = 10.0
 # Numbers of the largest sensitivities that are kept from a fit for the tests of it.
 _KEPT = 1_000_000
+# Step of differences by the clock, as the phase, rad, by which the fastest mode moves at the end of a record.
+_CLOCK_STEP = 1e-3
 # Noise below this part of the RMS is not assumed: the covariance would lose its digits.
 _LEAST_NOISE = 1e-4
 
@@ -468,8 +476,10 @@ class TimeRecord(RecordLikelihood):
         names, changes, columns = self._by_loads(fit)
         found = self._predicted(fit)
         considered, moved = self._by_considered(fit)
-        names += [one.name for one in considered]
-        changes += [one.deviation for one in considered]
+        names += list(considered)
+        changes += list(considered.values())
+        if (late := self._by_clock(fit)) is not None:
+            names, changes, moved = [*names, CLOCK], [*changes, CLOCK_CHANGE], [*moved, late]
         measured, channels = np.nan_to_num(self.data.recorded), len(self.data.rms)
         mixed = self.colour is not None and self.colour.mixing is not None
         columns += [*moved, *([measured * one for one in np.eye(channels)] if mixed else [measured])]
@@ -489,19 +499,38 @@ class TimeRecord(RecordLikelihood):
             projected[:, p:],
         )
 
-    def _by_considered(self, fit: RecordFit) -> tuple[list[Parameter], list[Array]]:
-        """Return the considered parameters, and derivatives of the prediction by their coordinates."""
+    def _by_clock(self, fit: RecordFit) -> Array | None:
+        """Return the derivative of the prediction by the relative error of the clock; None where unknown.
+
+        It is a difference, exact but for free motions, whose start moves with the clock.
+        """
+        model = self.model
+        span = float(np.ptp(model.times))
+        if model.known.any() or model.instruments.unknown_delays or not span > 0:
+            return None
+        poles = np.abs(model.poles(fit.eta))
+        step = _CLOCK_STEP / max(1.0, float(poles.max(initial=0.0)) * span)
+        free, _ = free_prediction(model.clocked(step), fit.eta)
+        moved = free.forced + free.by_state @ fit.predicted.start
+        return np.asarray((moved - fit.predicted.outputs) / step)
+
+    def _by_considered(self, fit: RecordFit) -> tuple[dict[str, float], list[Array]]:
+        """Return what is considered with the changes that are quoted, and derivatives of the prediction.
+
+        These are by the coordinates of considered parameters, and by the logarithms of what else is known.
+        """
         freed = self.model.freed
         if freed is None:
-            return [], []
+            return {}, []
         own = {one.name for one in self.unknowns}
         places = [place for place, one in enumerate(freed.unknowns) if one.name not in own]
         eta = freed_coordinates(freed.unknowns, self.unknowns, fit.eta)
         free, steps = free_prediction(freed, eta)
         found = prediction(freed, eta, fit.predicted.start * self.model.scale / freed.scale, free, steps)
-        given = {one.name: one for one in self.model.considered}
+        stated = {one.name: one.deviation for one in self.model.considered}
         names = [freed.unknowns[place].name for place in places]
-        return [given[name] for name in names], [found.by_parameter[..., place] for place in places]
+        changes = {name: stated.get(name, GAIN_CHANGE) for name in names}
+        return changes, [found.by_parameter[..., place] for place in places]
 
     def _by_loads(self, fit: RecordFit) -> tuple[list[str], list[float], list[Array]]:
         """Return names, changes, and derivatives of the prediction by gains and delay of the loads.

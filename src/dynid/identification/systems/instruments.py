@@ -212,6 +212,8 @@ def with_spreads(
 DELAY = "trigger delay"
 #: Change of a gain that effects are quoted for; and of a phase, rad, where nothing is sampled.
 GAIN_CHANGE = 0.01
+#: Name of the relative error of the clock, and the change that effects are quoted for: that of cheap quartz.
+CLOCK, CLOCK_CHANGE = "clock", 1e-4
 #: Group of the result.
 GROUP = "identification/considered"
 # Singular values of the scaled sensitivities, over the largest, below which parameters are not distinguished.
@@ -252,19 +254,24 @@ class CalibrationSlopes(NamedTuple):
     parameters
         Names of the parameters (p).
     quantities
-        Names of gains and delay (q).
+        Names of gains, delay, considered parameters, known masses and stiffnesses, and the clock (q).
     changes
-        The change of each quantity that effects are quoted for (q): 1 % of a gain, a sampling step of the
-        delay, s (of frequency responses the delay that turns the phase at the highest line by 0.01 rad).
+        The change of each quantity that effects are quoted for (q): 1 % of a gain, of a known mass or
+        stiffness, 1e-4 of the clock, a sampling step of the delay, s (of frequency responses the delay that
+        turns the phase at the highest line by 0.01 rad).
     slopes
         Derivatives of the logarithms of the estimates by the logarithms of gains, and by the delay, 1/s
         (p x q).
+    visibility
+        What a change leaves in the residuals when the estimates have followed it, over the noise (q): the
+        root of the sum of squares.
     """
 
     parameters: Sequence[str]
     quantities: Sequence[str]
     changes: Array
     slopes: Array
+    visibility: Array
 
 
 def calibration_slopes(
@@ -306,7 +313,8 @@ def calibration_slopes(
     size = np.linalg.norm(J, axis=0)
     size = np.where(size > 0, size, 1.0)
     moves = np.asarray(np.linalg.lstsq(J / size, g, _LEAST_SINGULAR)[0] / size[:, None])
-    return CalibrationSlopes(names, quantities, changes, np.where(held[:, None], 0.0, -moves))
+    visibility = np.linalg.norm(g - J @ moves, axis=0) * changes
+    return CalibrationSlopes(names, quantities, changes, np.where(held[:, None], 0.0, -moves), visibility)
 
 
 def add_calibration_slopes(result: Result, slopes: CalibrationSlopes, relative: Array) -> None:
@@ -327,5 +335,6 @@ def add_calibration_slopes(result: Result, slopes: CalibrationSlopes, relative: 
     units = ["s" if name == DELAY else "" for name in slopes.quantities]
     result.add(f"{GROUP}/unit", units, ("quantity",))
     result.add(f"{GROUP}/change", slopes.changes, ("quantity",))
-    each = "relative change of a gain or considered parameter; second of delay"
+    result.add(f"{GROUP}/visibility", slopes.visibility, ("quantity",))
+    each = "relative change of a gain, mass, stiffness, considered parameter or clock; second of delay"
     result.add(f"{GROUP}/slope", slopes.slopes * relative[:, None], dims, per=each)

@@ -8,9 +8,9 @@ propagated exactly, with the signals' generators joined to it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
@@ -20,10 +20,11 @@ from dynid.arithmetic.dependent import Dependent
 from dynid.errors import UsageError
 from dynid.identification.systems.instruments import Instruments, RecordSampling
 from dynid.identification.systems.known_inputs import KnownSamples, continued, known_samples
+from dynid.identification.systems.known_parts import with_known_parts
 from dynid.identification.systems.linear_system import Affine, LinearSystem, SystemModel
 from dynid.identification.systems.structure_system import StructureSystem
 from dynid.lti.exponential import balance, exponential, exponential_with_derivatives, rescaled
-from dynid.lti.signals import Sampled, Signal
+from dynid.lti.signals import Derivative, Sampled, Signal
 from dynid.lti.state_space import Matrices
 from dynid.lti.time_response import check_phase, drive_scale, joint_generator
 from dynid.lti.timeline import Timeline, timeline
@@ -103,8 +104,9 @@ class ParametricModel:
         Times at which delayed channels record; None where no channel is delayed.
     considered
         The parameters that are known with uncertainty.
-    freed
-        The same model with these among the unknown ones; None where there are none.
+    free
+        Returns the system and the instruments with these, and with known masses and stiffnesses, among the
+        unknown parameters; None where there are none.
     """
 
     system: LinearSystem
@@ -122,7 +124,7 @@ class ParametricModel:
     instruments: Instruments
     sampling: RecordSampling | None = None
     considered: tuple[Parameter, ...] = ()
-    freed: ParametricModel | None = None
+    free: Callable[[], tuple[LinearSystem, Instruments] | None] | None = None
     _last: dict[bytes, Matrices] = field(default_factory=dict, repr=False)
     _moved: dict[bytes, ParametricModel] = field(default_factory=dict, repr=False)
 
@@ -272,8 +274,27 @@ class ParametricModel:
     def at_times(self, times: Array) -> ParametricModel:
         """Return the model of other samples of the record, at these times, s."""
         at = {unknown.name: unknown.start for unknown in self.unknowns}
-        found = self._on(*_timeline(self.system, self.instruments, times, at))
-        return found if self.freed is None else replace(found, freed=self.freed.at_times(times))
+        return self._on(*_timeline(self.system, self.instruments, times, at))
+
+    @cached_property
+    def freed(self) -> ParametricModel | None:
+        """The model with the unknown parameters of `free`; its states and timeline are the same."""
+        found = None if self.free is None else self.free()
+        if found is None:
+            return None
+        system, instruments = found
+        return replace(
+            self, system=system, instruments=instruments, affine=None, free=None, _last={}, _moved={}
+        )
+
+    def clocked(self, error: float) -> ParametricModel:
+        """Return the model of a record whose step is known too long by a relative error; delays are known.
+
+        The samples of signals lie at that clock, too.
+        """
+        first, at = float(self.times[0]), {unknown.name: unknown.start for unknown in self.unknowns}
+        times = first + (self.times - first) * (1 + error)
+        return self._on(*_timeline(self.system, self.instruments, times, at, 1 + error))
 
     def _on(self, line: Timeline, sampling: RecordSampling | None) -> ParametricModel:
         """Return the model on another timeline."""
@@ -355,7 +376,7 @@ def parametric_model(
     unknowns = unknowns_of(model)
     if not channels:
         raise UsageError("nothing is measured", remedy="Give at least one channel.")
-    system, free = system_of(model, loads, channels), freed_model(model)
+    system = system_of(model, loads, channels)
     system.check()
     instruments = Instruments.of([one.name for one in unknowns], loads, channels)
     starts = {unknown.name: unknown.start for unknown in unknowns}
@@ -392,15 +413,42 @@ def parametric_model(
         instruments=instruments,
         sampling=sampling,
         considered=tuple(one for one in model.parameters if one.std is not None),
-        freed=None if free is None else parametric_model(free, loads, channels, times),
+        free=partial(_freed, model, loads, channels),
     )
 
 
-def freed_model(model: Model) -> Model | None:
-    """Return a model whose considered parameters are unknown; None where it has none."""
+def _freed(
+    model: Model, loads: Sequence[Any], channels: Sequence[Any]
+) -> tuple[LinearSystem, Instruments] | None:
+    """Return system and instruments with what is considered among the unknown parameters."""
+    freed = freed_model(model, channels)
+    if freed is None:
+        return None
+    names = [one.name for one in freed.unknowns]
+    return system_of(freed, loads, channels), Instruments.of(names, loads, channels)
+
+
+def freed_model(model: Model, channels: Sequence[Any], *, known: bool = True) -> Model | None:
+    """Return a model whose considered parameters are unknown; None where it has none.
+
+    `known`: of a structure also the known masses, stiffnesses, and masses at the sensors of `channels`.
+    """
+    parameters = [one.freed() for one in model.parameters]
+    if known and isinstance(model, StructuralModel):
+        return with_known_parts(model, parameters, channels)
     if all(one.std is None for one in model.parameters):
         return None
-    return model.with_parameters([one.freed() for one in model.parameters])
+    return model.with_parameters(parameters)
+
+
+def _spread(signal: Signal, factor: float, first: float) -> Signal:
+    """Return a signal whose samples are this many times as far from a time, and apart; any other as it is."""
+    if isinstance(signal, Sampled):
+        start = first + factor * (signal.start - first)
+        return replace(signal, step=factor * signal.step, start=start)
+    if isinstance(signal, Derivative):
+        return replace(signal, signal=_spread(signal.signal, factor, first))
+    return signal
 
 
 def freed_coordinates(freed: Sequence[Parameter], unknowns: Sequence[Parameter], eta: Array) -> Array:
@@ -410,12 +458,20 @@ def freed_coordinates(freed: Sequence[Parameter], unknowns: Sequence[Parameter],
 
 
 def _timeline(
-    system: LinearSystem, instruments: Instruments, times: Array, values: Mapping[str, float]
+    system: LinearSystem,
+    instruments: Instruments,
+    times: Array,
+    values: Mapping[str, float],
+    longer: float = 1.0,
 ) -> tuple[Timeline, RecordSampling | None]:
-    """Return the timeline of signals and channels that are delayed as at values of the parameters."""
+    """Return the timeline of signals and channels that are delayed as at values of the parameters.
+
+    Samples of signals are `longer` times as far from the first time, and apart, as they say.
+    """
     sampling = RecordSampling.of(times, instruments.numbers(instruments.delays, values).value)
     wanted = times if sampling is None else sampling.times
-    signals = instruments.acting(system.signals, values)
+    own = system.signals if longer == 1 else [_spread(one, longer, float(times[0])) for one in system.signals]
+    signals = instruments.acting(own, values)
     if sampling is not None:
         signals = [continued(signal, wanted) for signal in signals]
     return timeline(signals, wanted, float(wanted[0])), sampling

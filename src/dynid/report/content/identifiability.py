@@ -24,6 +24,10 @@ _CONSIDERED = "identification/considered"
 _MODES, _QUANTITIES = 20, 60
 #: Least relative change that is shown as a number; least effect, in standard errors, that has a sentence.
 _LEAST, _WORTH = 1e-6, 0.1
+#: Most rows and parameters of the table of known masses, stiffnesses and the clock.
+_KNOWN, _COLUMNS = 6, 5
+#: Deviations of a Gaussian that `defaults.LACK_OF_FIT`, 1e-3, stands for.
+_LACKS_FIT = 3.09
 #: Standard errors from which an effect is not counted in them: they are those of round-off.
 _UNTOLD = 1e6
 #: What stands for no change.
@@ -201,8 +205,10 @@ class CalibrationEffects(NamedTuple):
     deviations
         Magnitudes of the same in standard errors (p x q), NaN where there is none.
     kinds
-        Kind of each quantity (q): the gain of a ``load`` or a ``sensor``, the ``delay``, or a considered
-        ``parameter``.
+        Kind of each quantity (q): the gain of a ``load`` or a ``sensor``, the ``delay``, a considered
+        ``parameter``, or what else is ``known``: masses, stiffnesses, the clock.
+    seen_from
+        Change from which a test of the residuals shows it, as often as not (q): relative.
     """
 
     parameters: list[str]
@@ -210,6 +216,7 @@ class CalibrationEffects(NamedTuple):
     moves: Floats
     deviations: Floats
     kinds: NDArray[np.str_]
+    seen_from: Floats
 
 
 def calibration_effects(result: Result) -> CalibrationEffects | None:
@@ -226,10 +233,12 @@ def calibration_effects(result: Result) -> CalibrationEffects | None:
     moves, deviations = slopes * sizes, np.asarray(relative)[:, None]
     kinds, changes = [], []
     for name, size in zip(map(str, quantities), sizes, strict=True):
-        kind = "delay" if name == "trigger delay" else "sensor" if name.startswith("gain of") else "load"
-        if kind == "load" and " gain of " not in name:
-            kind = "parameter"
+        kind = _kind(name)
         kinds.append(kind)
+        if kind == "known":
+            clock = name == "clock"
+            changes.append(f"a clock error of {size:.0e}" if clock else f"{100 * size:.2g} % of the {name}")
+            continue
         if kind == "parameter":
             changes.append(f"an error of {100 * size:.2g} % in {name} (one standard deviation)")
             continue
@@ -243,7 +252,71 @@ def calibration_effects(result: Result) -> CalibrationEffects | None:
         of_time = "identification/measurement/omega" not in result
         changes.append(f"a trigger delay of {f'one sample ({time})' if of_time else time}")
     in_errors = np.abs(moves) / np.where(deviations > 0, deviations, np.nan)
-    return CalibrationEffects([str(name) for name in parameters], changes, moves, in_errors, np.array(kinds))
+    labels = [str(name) for name in parameters]
+    return CalibrationEffects(labels, changes, moves, in_errors, np.array(kinds), _seen_from(result, sizes))
+
+
+def _seen_from(result: Result, sizes: Floats) -> Floats:
+    """Return the changes from which residuals show them, of quantities whose changes are these (q).
+
+    There a test of as many squares as the redundancy has even odds: chi-squared, by E. B. Wilson and M. M.
+    Hilferty, Proc. Natl. Acad. Sci. 17 (1931) 684–688.
+    """
+    visibility, path = result.get(f"{_CONSIDERED}/visibility"), "identification/diagnostics/redundancy"
+    if visibility is None:
+        return np.full(len(sizes), math.nan)
+    n = max(1, int(result.value(path))) if path in result else 1
+    limit = n * (1 - 2 / (9 * n) + _LACKS_FIT * math.sqrt(2 / (9 * n))) ** 3
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(sizes * math.sqrt(limit - n) / visibility.data)
+
+
+def _kind(name: str) -> str:
+    """Return the kind of a quantity by its name; names of parameters have no blanks."""
+    if name == "trigger delay":
+        return "delay"
+    if name == "clock" or name.startswith(("mass ", "stiffness ")):
+        return "known"
+    return "sensor" if name.startswith("gain of") else "load" if " gain of " in name else "parameter"
+
+
+def known_parts_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]], list[str]]:
+    """Return heads and rows of the bias of each estimate by what is known, and remarks; empty without such.
+
+    The standard errors stand above, the errors with all stated deviations below. Rows are those of the
+    largest effects in standard errors.
+    """
+    found, converged = calibration_effects(result), "identification/diagnostics/converged"
+    if found is None or len(found.parameters) > _COLUMNS:
+        return (), [], []
+    if converged in result and not result.value(converged):
+        return (), [], []
+    group = "identification/parameters"
+    estimated = f"{group}/estimate" in result
+    size = np.abs(result[f"{group}/estimate"].data) if estimated else np.ones(len(found.parameters))
+    path = f"{group}/standard_error" if estimated else f"{GROUP}/relative_bound"
+    bars = result[path].data / np.where(size > 0, size, 1.0)
+    effect = np.nan_to_num(np.abs(found.moves) / np.where(bars > 0, bars, np.inf)[:, None]).max(axis=0)
+    known = np.flatnonzero((found.kinds == "known") & (effect > _WORTH) & (effect < _UNTOLD))
+    total = f"{group}/standard_error_total"
+    if not (known.size or total in result):
+        return (), [], []
+    rows = [("standard error", *(percent(100 * bar) for bar in bars), "")]
+    shown = known[np.argsort(-effect[known], kind="stable")][:_KNOWN]
+    rows += [
+        (
+            found.changes[j],
+            *(_percent(move) for move in found.moves[:, j]),
+            percent(100 * found.seen_from[j]) if found.seen_from[j] < 1 else "-",
+        )
+        for j in shown.tolist()
+    ]
+    if total in result:
+        errors = result[total].data / np.where(size > 0, size, 1.0)
+        rows.append(("with the stated deviations", *(percent(100 * error) for error in errors), ""))
+    left = len(known) - len(shown)
+    remarks = [f"{left} more: identification/considered, or the report"] if left else []
+    return ("bias of the estimates by", *found.parameters, "residuals show it from"), rows, remarks
 
 
 def calibration_sentences(result: Result) -> Iterator[str]:
@@ -269,7 +342,7 @@ def calibration_sentences(result: Result) -> Iterator[str]:
         yield f"{found.changes[j]} would bias {biases}{included}"
     errors = (float(found.deviations[k, j]) for k, j in worst if found.kinds[j] != "parameter")
     if any(CALIBRATION.value < many < _UNTOLD for many in errors):
-        yield "the error bars do not include errors of gains and of the trigger"
+        yield "the error bars do not include these errors"
 
 
 def _named(found: CalibrationEffects, worst: int, quantity: int) -> list[int]:

@@ -28,6 +28,8 @@ from dynid.result import Result
 
 #: Most modes and massless DOFs that are listed.
 _MOST_MODES, _SHOWN = 60, 20
+#: Redundancy below which errors in masses and stiffnesses tend to stay unseen.
+_LITTLE = 20
 #: Most channels whose residuals a sentence lists.
 _CHANNELS = 3
 # Most coefficients of a noise in a sentence.
@@ -293,7 +295,7 @@ def cautions(result: Result) -> Iterator[str]:
             remedy = "excite more, or measure elsewhere, longer or with less noise"
         elif not result.value(f"{_DIAGNOSTICS}/explained"):
             priors = "".join(f"the prior of {name}, " for name in contradicted_priors(result))
-            remedy = f"check {priors}model, units, signs and starts"
+            remedy = f"check {priors}model, units, signs and starts, and whether a joint is nonlinear"
         elif redundancy is not None and int(redundancy.data) <= 0:
             remedy = "add channels or excitation frequencies, or fix a parameter"
         else:
@@ -337,6 +339,15 @@ def noise_sentences(result: Result) -> Iterator[str]:
             each.append(f"{name} of order {order} ({shown}{more})" if order else f"{name} white")
         title = "coloured noise (autoregression): "
     yield f"{title}{', '.join(each[:_CHANNELS])}{', …' if len(each) > _CHANNELS else ''}"
+
+
+def _redundancy(result: Result) -> Iterator[str]:
+    """Yield the number of independent values in the data that could contradict the model."""
+    path = f"{_DIAGNOSTICS}/redundancy"
+    if path in result and not result.rejected:
+        count = int(result.value(path))
+        little = ": few, an error in what is known may stay unseen" if 0 < count < _LITTLE else ""
+        yield f"redundancy {count}{little}"
 
 
 def _rejected_bars(result: Result) -> str:
@@ -388,6 +399,7 @@ def verdict_sentences(result: Result) -> Iterator[str]:
     if exact:
         residuals = "the residuals are round-off: the record has no noise, and the estimates no error bars"
     yield str(result.value(f"{_DIAGNOSTICS}/verdict"))
+    yield from _redundancy(result)
     yield left
     if not has_modes(result) or f"{_DIAGNOSTICS}/autocorrelation" in result:  # modes alone have no order
         yield residuals
