@@ -306,7 +306,7 @@ def known_parts_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, 
     rows += [
         (
             found.changes[j],
-            *(_percent(move) for move in found.moves[:, j]),
+            *("-" if abs(move) < _LEAST else _percent(move) for move in found.moves[:, j]),
             percent(100 * found.seen_from[j]) if found.seen_from[j] < 1 else "-",
         )
         for j in shown.tolist()

@@ -29,7 +29,7 @@ from dynid.result import Result
 #: Most modes and massless DOFs that are listed.
 _MOST_MODES, _SHOWN = 60, 20
 #: Redundancy below which errors in masses and stiffnesses tend to stay unseen.
-_LITTLE = 20
+_LITTLE = 10
 #: Most channels whose residuals a sentence lists.
 _CHANNELS = 3
 # Most coefficients of a noise in a sentence.
