@@ -62,6 +62,8 @@ _RANKED, _SEARCHED, _FIRST, _LEFT = 16, 3, 4, 0.3
 # Most states, and candidate sensors, of models whose deciding sensors are sought; lines at which responses
 # are compared, the relative difference from which they differ, and how many sensors are named.
 _SENSOR_STATES, _SENSORS, _LINES, _DIFFERENT, _NAMED = 120, 60, 5, 1e-3, 3
+# How far from a saddle its optima are looked for, in units.
+_APART_SADDLE = (0.4, 0.1)
 # Most multiplications of the evaluations of these starts: some hundredths of a second.
 _WORK = 100_000_000
 
@@ -169,6 +171,8 @@ class OptimaSearch:
         # Near equal values deviations are large, and optima yet distinct.
         same = np.clip(_SAME_DEVIATIONS * deviations, _SAME_UNITS * priors.units, _DISTINCT * priors.units)
         permutations = self._symmetries(best)
+        if (beside := self._beside_saddle(best, permutations, deviations)) is not None:
+            return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), beside
         points = images(permutations, eta, same, _MOST)
         gain = np.zeros(len(points))  # of the logarithm of the posterior
         bounded = np.isfinite(priors.low) | np.isfinite(priors.high) | priors.given
@@ -192,6 +196,32 @@ class OptimaSearch:
                 likelihoods = np.append(likelihoods, best.record_misfit - optimum.record_misfit)
                 gain = np.append(gain, best.misfit - optimum.misfit)
         return EquivalentOptima(np.array(points), likelihoods, gain, permutations), None
+
+    def _beside_saddle(
+        self, best: Optimum, permutations: Sequence[Permutation], deviations: Array
+    ) -> Optimum | None:
+        """Return an optimum beside a saddle at which interchangeable parameters are equal; else None.
+
+        Their derivatives are the same there, so that a search does not see a way from it.
+        """
+        eta, priors = best.fit.eta, self.likelihood.priors
+        for permutation in permutations:
+            for k, m in enumerate(permutation):
+                if k >= m or abs(eta[k] - eta[m]) > deviations[k]:
+                    continue
+                for size in _APART_SADDLE:
+                    start = eta.copy()
+                    start[[k, m]] += size * priors.units[k] * np.array([1, -1])
+                    likelihood = self._likelihood(start)
+                    try:
+                        with guarded("the prediction"):
+                            fit = refine(likelihood, priors.clipped(start), _STEPS).fit
+                    except DynidError:
+                        continue
+                    optimum = Optimum(likelihood, fit)
+                    if best.misfit - optimum.misfit > _BETTER:
+                        return optimum
+        return None
 
     def _likelihood(self, eta: Array) -> Likelihood:
         """Return the likelihood at coordinates (p)."""

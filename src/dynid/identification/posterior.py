@@ -60,6 +60,8 @@ _RATIO = 1.92
 # Distance of the logarithm at which a value counts as 0, a factor of a thousand, and the Gauss–Newton steps
 # with which the other parameters follow there.
 _FAR, _FOLLOWING = float(np.log(1e3)), 4
+# Distance of the logarithm at which the records contradict a value of which they know the order of magnitude.
+_TENFOLD = float(np.log(10))
 # Misfit within which a value of an undetermined parameter leaves the others as they are, to one standard
 # error; and the parts of the way to its start that are tried.
 _ADMITTED, _TOWARDS_START = 0.5, (1.0, 0.75, 0.5, 0.25)
@@ -312,11 +314,19 @@ class Posterior:
         held = np.array([name in self.undetermined for name in names])
         return np.asarray(np.isfinite(bounds) & ~held & ~(log & (bounds > _UNKNOWN)))
 
-    @property
+    @cached_property
     def unknown(self) -> NDArray[np.bool_]:
-        """Mask of parameters of which not even the order of magnitude is known (p)."""
-        log = logarithmic(self.likelihood.unknowns)
-        return np.asarray(log & (self.information.deviations() > _UNKNOWN))
+        """Mask of parameters of which not even the order of magnitude is known (p).
+
+        The standard error of the logarithm exceeds 10, and the records admit ten times the estimate or a
+        tenth of it. They do not where it is the derivative alone that vanishes: halfway between the optima of
+        interchangeable parameters, where these are equal.
+        """
+        unknown = logarithmic(self.likelihood.unknowns) & (self.information.deviations() > _UNKNOWN)
+        for k in np.flatnonzero(unknown).tolist():
+            eta = float(self.fit.eta[k])
+            unknown[k] = any(self._accepted(k, eta + side * _TENFOLD) for side in (1, -1))
+        return np.asarray(unknown)
 
     def admitted(self, k: int) -> float:
         """Return the coordinate nearest to the start (or prior) of a parameter that the records admit.

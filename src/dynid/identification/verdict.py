@@ -255,13 +255,14 @@ def deciding_text(
     if sensors:
         listed = sensors[0] if len(sensors) == 1 else f"{', '.join(sensors[:-1])} or {sensors[-1]}"
         parts.append(f"measure {listed}, too" if sensors[0].split()[0] != "DOF" else f"a sensor at {listed}")
-    gaps = np.abs(eta[1:] - eta[0]).max(axis=0) / [one.first_spread / 2 for one in unknowns]
-    k = int(np.argmax(gaps))
+    # The values that are farthest apart, of neighbours.
+    ordered = np.sort(eta, axis=0)
+    gaps = np.diff(ordered, axis=0) / [one.first_spread / 2 for one in unknowns]
+    place, k = divmod(int(np.argmax(gaps)), gaps.shape[1])
     name, log = unknowns[k].name, unknowns[k].logarithmic
     if guessed:
         return f"{''.join(f'{part}, ' for part in parts)}a prior of {name}, or its min or max"
-    column = np.unique(eta[:, k])
-    lower, upper = float(column[-2]), float(column[-1])
+    lower, upper = (float(ordered[place + side, k]) for side in (0, 1))
     # A prior at one of two values excludes the other by gap^2 / (2 sigma^2) in the logarithm.
     sigma = (upper - lower) / math.sqrt(2 * DECIDED)
     width = f"relative_deviation: {math.sqrt(math.expm1(sigma**2)):.2g}" if log else f"deviation: {sigma:.2g}"
