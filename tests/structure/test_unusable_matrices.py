@@ -227,6 +227,23 @@ def test_a_sparse_complex_matrix_of_hdf5_is_said_to_be_complex(tmp_path):
         read_matrix(MatrixFile(tmp_path / "k.h5"), "stiffness")
 
 
+@pytest.mark.parametrize("name", ["k.npz", "k.npy", "sparse.npz", "k.mat", "sparse.mat", "k.op4"])
+def test_a_complex_matrix_of_any_format_is_refused_with_what_to_do(tmp_path, name):
+    K = matrix(4, 6) * (1 + 0.02j)
+    path = tmp_path / name
+    if name.endswith("npz"):
+        save_npz(path, csc_array(K)) if name.startswith("sparse") else np.savez(path, K=K)
+    elif name.endswith("npy"):
+        np.save(path, K)
+    elif name.endswith("mat"):
+        savemat(path, {"K": csc_array(K) if name.startswith("sparse") else K})
+    else:
+        op4.write(str(path), {"kaa": K}, binary=True)
+    with pytest.raises(FileError, match="holds complex numbers; a structural matrix is real") as raised:
+        read_matrix(MatrixFile(path), "stiffness")
+    assert raised.value.remedy.startswith("Save its real part")
+
+
 def test_complex_and_rectangular_dmig_are_said(tmp_path):
     path = tmp_path / "m.pch"
     path.write_text(

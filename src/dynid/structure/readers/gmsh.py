@@ -268,7 +268,9 @@ class _File:
             missing = (at >= len(ordered)) | (ordered[np.minimum(at, len(ordered) - 1)] != rows)
             if missing.any():
                 raise ValueError(f"a {name} has the node {rows[missing][0]}, which is not there")
-            unique, back = _unique_rows(order[at])
+            places = order[at]
+            # Format 4.1 has each element once.
+            unique, back = (places, np.arange(len(places))) if self.blocks else _unique_rows(places)
             cells.append((name, unique[:, list(_ORDERS[name])] if name in _ORDERS else unique))
             first = 0
             for block in blocks:

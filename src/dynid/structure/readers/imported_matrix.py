@@ -20,6 +20,8 @@ MOST_NUMBERS = 250_000_000
 _LAYOUTS = ("csc", "csr", "coo")
 COMPLEX = "complex numbers"
 """What stands in a file in place of a real matrix."""
+USE_REAL_PART = "Save its real part; its imaginary part describes damping, in a matrix of its own."
+"""What to do with a complex matrix."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +118,8 @@ def as_numbers(path: Path, name: str, values: Any) -> Matrix:
     dtype = getattr(values, "dtype", None)
     if dtype is None or dtype.kind not in "iufb":
         kind = COMPLEX if dtype is not None and dtype.kind == "c" else "no plain numbers"
-        raise FileError(f"{where} holds {kind}; a structural matrix is real")
+        remedy = USE_REAL_PART if kind == COMPLEX else ""
+        raise FileError(f"{where} holds {kind}; a structural matrix is real", remedy=remedy)
     if values.ndim != 2:
         raise FileError(f"{where} has {values.ndim} dimensions; a matrix has two")
     if is_sparse(values):

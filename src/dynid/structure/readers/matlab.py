@@ -19,6 +19,7 @@ from dynid.structure.matrices import Array, Matrix, is_sparse
 from dynid.structure.readers.archives import DiedError, archived
 from dynid.structure.readers.imported_matrix import (
     MOST_NUMBERS,
+    USE_REAL_PART,
     as_numbers,
     check_claim,
     compressed,
@@ -97,7 +98,8 @@ def load(path: Path, name: str) -> Matrix:
     check_claim(path, variable.shape, 0 if variable.kind == "sparse" else None)
     values = _values(path, variable.arrays)
     if any(part.dtype.kind == "c" for part in values):
-        raise FileError(f"{path}: '{name}' holds complex numbers; a structural matrix is real")
+        problem = f"{path}: '{name}' holds complex numbers; a structural matrix is real"
+        raise FileError(problem, remedy=USE_REAL_PART)
     if variable.kind == "sparse":
         return compressed(path, variable.shape, (values[0], values[1], values[2]), "csc")
     return as_numbers(path, name, values[0])

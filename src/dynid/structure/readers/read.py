@@ -14,7 +14,7 @@ from dynid.file_access import dataset_of, obstacle
 from dynid.structure.matrices import Label, Matrix, is_sparse
 from dynid.structure.readers import binary, bulk_data, matlab, nastran_output
 from dynid.structure.readers.exported import read_calculix, read_harwell_boeing, read_script
-from dynid.structure.readers.imported_matrix import COMPLEX, ImportedMatrix
+from dynid.structure.readers.imported_matrix import COMPLEX, USE_REAL_PART, ImportedMatrix
 from dynid.structure.readers.text import BANNER, read_matrix_market, read_rows, read_triplets
 from dynid.suggestions import did_you_mean, shortened
 
@@ -237,7 +237,7 @@ def _choose(path: Path, name: str | None, role: str, shapes: Mapping[str, Sequen
 
 #: What to do with what is no matrix of real numbers.
 _AS_REAL = {
-    COMPLEX: "Save its real part; its imaginary part describes damping, in a matrix of its own.",
+    COMPLEX: USE_REAL_PART,
     "structure": "Save the matrix of one of its elements as a variable.",
     "empty": "Save it with its numbers, or leave 'damping' out where there is none.",
     "cell": "Save the matrix in one of its cells as a variable.",
