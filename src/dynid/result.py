@@ -244,8 +244,9 @@ class Result(Mapping[str, Variable]):
         Returns
         -------
         pandas.DataFrame
-            A row for each entry of the first axis; the index is named with its unit (`omega [rad/s]`), the
-            labels of further axes stand in the names of the columns: `response[m.f,F]`. `attrs["units"]` has
+            A row for each entry of the first axis; the index is named with its unit (`omega [rad/s]`, or
+            `frequency [Hz]` where the scene says Hz), the labels of further axes stand in the names of the
+            columns: `response[m.f,F]`. `attrs["units"]` has
             the units of the columns. Estimates have their 95 % interval in `low` and `high`, unless the
             estimate is rejected. The single numbers of a group are rows with `value` and `unit`; of a group
             that also has a table they are in `attrs["numbers"]`, by name. `attrs["approximate"]`, where

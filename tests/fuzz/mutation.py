@@ -5,7 +5,7 @@ from __future__ import annotations
 from copy import deepcopy
 from pathlib import Path
 
-from dynid.scene.yaml.source import read_source
+from dynid.scene.yaml.source import parse_source, read_source
 from dynid.scene.yaml.writer import dump
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").rglob("*.yaml"))
@@ -26,9 +26,66 @@ VALUES = [
 ]  # fmt: skip
 
 
+#: Scenes with keys that no scene that comes along has.
+FURTHER = [
+    """
+dynid: 1
+kind: bond-graph
+parameters: {L: 1.0e-3, Z: sqrt(L/C), C: 2.0e-6}
+models:
+  cell:
+    ports: [left, right]
+    parameters: {L: 1, C: 1}
+    nodes: {s: 1, p: 0, l: {type: I, value: L}, c: {type: C, value: C}}
+    bonds: [left -> s, s -> l, s -> p, p -> c, p -> right]
+graph:
+  nodes:
+    v: Se
+    i: Sf
+    line: {model: cell, L: L, C: C, repeat: 4, chain: [right, left], copies: {2: {C: 3*C}, 3: {L: 2*L}}}
+    z: 0
+    e: {type: R, value: Z}
+  bonds: [v -> line.left, line.right -> z, i -> z, z -> e]
+analysis:
+  outputs: [e.f, e.e]
+  time: {stop: 1.0e-3, step: 1.0e-5}
+  frequency: {start: 10, stop: 1e4, unit: Hz}
+expect:
+  - {path: bond_graph/system/stable, value: true}
+  - {path: bond_graph/time_response/response, at: {output: e.f, source: v}, min: -10, max: 10}
+""",
+    """
+dynid: 1
+kind: identification
+parameters:
+  kb: {start: 1.0e4, true: 2.0e4, min: 100, max: 1.0e6, prior: {value: 2.0e4, relative_deviation: 0.25}}
+  late: {start: 0.001, true: 0.002, min: 0, max: 0.01, scale: linear}
+  m2: {value: 1, std: 0.01}
+structure:
+  lumped:
+    masses: [1, m2, 1]
+    links: [{dofs: [1], k: kb, c: 2}, {dofs: [1, 2], k: 3.0e4}, {dofs: [2, 3], k: 3.0e4}]
+joints:
+  left: {dofs: [1, 2], k: {start: 1.0e3, true: 2.0e3}}
+  right: {dofs: [2, 3], k: {start: 1.0e3, true: 4.0e3}, c: {start: 5, true: 10}}
+excitation: [{dof: 2, kind: multisine, amplitude: [10, 10], frequency: [20, 90]}]
+measurement:
+  step: 0.002
+  samples: 300
+  channels: [{dof: 1, quantity: velocity, delay: late}, {dof: 3, quantity: displacement}]
+  noise: {kind: coloured, order: auto}
+  simulate: {noise_ratio: 0.02, seed: 1}
+estimator: {method: output-error, iterations: 20}
+""",
+]
+
+
 def bases():
-    """Return the data of all scenes that come along."""
-    return [read_source(path).data for path in (*CONFIGS, *TEMPLATES)]
+    """Return the data of all scenes that come along, and of some with further keys."""
+    return [
+        *(read_source(path).data for path in (*CONFIGS, *TEMPLATES)),
+        *(parse_source(text).data for text in FURTHER),
+    ]
 
 
 def paths(data, prefix=()):

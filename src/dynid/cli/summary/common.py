@@ -48,7 +48,9 @@ def response_lines(result: Result, group: str) -> Iterable[str]:
             least, largest, final = extremes(course)
             yield f"    {name}: min {least}, max {largest}, final {final}"
         if len(courses) > _MOST:
-            yield f"    … {counted(len(courses) - _MOST, 'more response')} in the file"
+            alone = len(courses) == len(result[f"{transient}/output"].data)
+            kind = "output" if alone else "response"
+            yield f"    … {counted(len(courses) - _MOST, f'more {kind}')} in the file"
 
 
 #: The width of the screen of another process, for which this one writes; None: its own.

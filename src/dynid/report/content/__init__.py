@@ -111,7 +111,7 @@ def responses(result: Result) -> Iterator[ReportSection]:
             yield ReportSection("Frequency response", (table, *more(len(channels), _MOST, "channel")))
         group = f"{base}/time_response"
         if f"{group}/time" in result:
-            courses = time_courses(result, group)
+            courses, outputs = time_courses(result, group), result[f"{group}/output"].data
             ranges = tuple((name, *extremes(course)) for name, course in courses[:_MOST])
             note = result.group_attrs.get(group, {}).get("note")
             yield ReportSection(
@@ -119,7 +119,7 @@ def responses(result: Result) -> Iterator[ReportSection]:
                 (
                     TextTable(("", "min", "max", "final"), ranges, caption=time_span(result, group)),
                     *([Statement(f"{note}.")] if note else []),
-                    *more(len(courses), _MOST, "response"),
+                    *more(len(courses), _MOST, "output" if len(courses) == len(outputs) else "response"),
                 ),
             )
 
