@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bondgraph.graph import STORAGES, Port
 from dynid.errors import DynidError
 from dynid.identification.estimators.maximum_likelihood import refine
 from dynid.identification.likelihood import Fit, Likelihood
@@ -34,7 +33,6 @@ from dynid.identification.symmetry import (
     nearly_symmetric,
     symmetries,
 )
-from dynid.identification.systems.graph_system import IdentifiedGraph
 from dynid.identification.systems.parametric_model import Model, system_of
 from dynid.lti.floating import guarded
 from dynid.parameters import named
@@ -389,9 +387,8 @@ def deciding_sensors(model: Model, likelihood: Likelihood, optima: EquivalentOpt
     channels: list[Any] = []
     if isinstance(model, StructuralModel) and model.basis is None:
         channels = [Channel(dof, "displacement", kind=model.kind(dof)) for dof in model.dofs]
-    elif isinstance(model, IdentifiedGraph):
-        nodes = model.graph.nodes.items()
-        channels = [model.channel(Port(name, "e")) for name, node in nodes if node.type in STORAGES]
+    elif not isinstance(model, StructuralModel):
+        channels = _storage_channels(model)
     names = {_sensor_name(channel) for channel in measured}
     channels = [channel for channel in channels if _sensor_name(channel) not in names][:_SENSORS]
     if not channels:
@@ -409,6 +406,15 @@ def deciding_sensors(model: Model, likelihood: Likelihood, optima: EquivalentOpt
     apart = np.abs(first - second).max(axis=(0, 2)) / np.where(size > 0, size, 1.0)
     order = np.argsort(-apart, kind="stable")
     return [str(_sensor_name(channels[k])) for k in order if apart[k] > _DIFFERENT][:_NAMED]
+
+
+def _storage_channels(model: Any) -> list[Any]:
+    """Return the efforts of the storages of a graph; none of any other model."""
+    from dynid.bondgraph.graph import STORAGES, Port
+    from dynid.identification.systems.graph_system import IdentifiedGraph
+
+    nodes = model.graph.nodes.items() if isinstance(model, IdentifiedGraph) else ()
+    return [model.channel(Port(name, "e")) for name, node in nodes if node.type in STORAGES]
 
 
 def _sensor_name(channel: Any) -> str:

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from dynid.errors import DynidError
 from dynid.identification.likelihood import Likelihood
 from dynid.identification.records.frf_record import FrfLikelihood
-from dynid.identification.systems.graph_system import IdentifiedGraph
 from dynid.identification.systems.parametric_model import Model
 from dynid.lti.floating import guarded
 from dynid.structure.model import StructuralModel
@@ -58,8 +57,10 @@ def like_parameters(model: Model) -> list[str]:
     acting: list[tuple[str, Sequence[str]]] = []
     if isinstance(model, StructuralModel):
         acting = [(term.letter, tuple(term.coefficient.names)) for term in (*model.joint_terms, *model.terms)]
-    elif isinstance(model, IdentifiedGraph):
-        nodes = model.graph.nodes.values()
+    else:
+        from dynid.identification.systems.graph_system import IdentifiedGraph
+
+        nodes = model.graph.nodes.values() if isinstance(model, IdentifiedGraph) else ()
         acting = [(node.type, tuple(node.dependent.names)) for node in nodes if node.dependent is not None]
     for role, names in acting:
         for name in names:
