@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from dynid.identification.identify import identify, identify_frf
+from dynid.identification.records.measurement import Measurement
 from dynid.identification.systems.known_parts import with_known_parts
-from dynid.lti.signals import Sampled
+from dynid.lti.signals import Multisine, Sampled
 from dynid.report.content.identifiability import known_parts_table
 from dynid.structure.frame import Support, beam
 from dynid.structure.joints import Joint, JointParameter
@@ -32,8 +33,6 @@ def of_record(rig, model, clock=0.0, noise=0.005):
     values = np.column_stack([rig.recorded(1, "acceleration", 0.0), rig.recorded(3, "velocity", 0.0)])
     values += noise * np.sqrt(np.mean(values**2, axis=0)) * rng.standard_normal(values.shape)
     step = rig.step * (1 + clock)
-    from dynid.identification.records.measurement import Measurement
-
     channels = (Channel(1, "acceleration"), Channel(3, "velocity"))
     measured = Measurement(step, rig.samples, channels, values)
     return identify(model, [Load(3, Sampled(rig.force(), step))], measured)
@@ -73,6 +72,22 @@ def test_slopes_are_those_of_estimates_with_other_values(estimated):
         np.testing.assert_allclose(slopes[name], (logs[0] - logs[1]) / 2e-4, rtol=0.05, atol=0.02)
     logs = [np.log(estimated(rig, chain(rig), sign * 1e-5)[f"{GROUP}/estimate"].data) for sign in (1, -1)]
     np.testing.assert_allclose(slopes["clock"], (logs[0] - logs[1]) / 2e-5, rtol=0.05, atol=0.05)
+
+
+def test_a_clock_beside_inputs_that_keep_their_own_time():
+    rig, found = Rig(3, 400), []
+    phases = np.angle(rig.lines) + np.pi / 2
+    load = Load(3, Multisine(np.abs(rig.lines).tolist(), rig.omega.tolist(), phases.tolist()))
+    values = np.column_stack([rig.recorded(1, "acceleration", 0.0), rig.recorded(3, "velocity", 0.0)])
+    values += 1e-3 * values.std(axis=0) * np.random.default_rng(2).standard_normal(values.shape)
+    channels = (Channel(1, "acceleration"), Channel(3, "velocity"))
+    for clock in (0.0, 2e-6, -2e-6):
+        measured = Measurement(rig.step * (1 + clock), 400, channels, values)
+        found.append(identify(chain(rig), [load], measured))
+    names = found[0][f"{CONSIDERED}/quantity"].data.tolist()
+    slope = found[0][f"{CONSIDERED}/slope"].data[:, names.index("clock")]
+    logs = [np.log(result[f"{GROUP}/estimate"].data) for result in found[1:]]
+    np.testing.assert_allclose(slope, (logs[0] - logs[1]) / 4e-6, rtol=0.02, atol=0.02 * np.abs(slope).max())
 
 
 def test_a_change_is_visible_by_what_it_leaves_in_the_residuals():

@@ -41,7 +41,6 @@ from dynid.identification.records.measurement import (
 )
 from dynid.identification.records.simulation import Simulation
 from dynid.identification.records.time_record import TimeLikelihood, TimeRecord
-from dynid.identification.results.write_rejected import raise_rejected
 from dynid.identification.results.write_result import Further, add_identification
 from dynid.identification.symmetry import distinct_kinds, like_parameters
 from dynid.identification.systems.instruments import Instruments, with_spreads
@@ -211,7 +210,7 @@ def identify_all(
             dofs,
             suggest=into is None or into.wants("identification/diagnostics/warnings"),
         )
-        raise_rejected(posterior)
+        raise_if_rejected(posterior)
         return add_identification(
             Result("identification") if into is None else into,
             posterior,
@@ -279,7 +278,7 @@ def identify_frf(
             else [],
             suggest=True,
         )
-        raise_rejected(posterior)
+        raise_if_rejected(posterior)
         return add_identification(Result("identification"), posterior, further=further)
 
 
@@ -520,6 +519,14 @@ def _checked(posterior: Posterior, start: Array, suggest: bool) -> Posterior:
         growing = growing_residuals(posterior.likelihood, posterior.fit, names)
         posterior = posterior if growing is None else replace(posterior, growing=growing)
     return posterior
+
+
+def raise_if_rejected(posterior: Posterior) -> None:
+    """Raise the error of a rejected fit, with its result."""
+    if posterior.rejection is not None:
+        from dynid.identification.results.write_rejected import raise_rejected
+
+        raise_rejected(posterior)
 
 
 def _suggesting(error: DynidError, mistakes: Sequence[str]) -> DynidError:

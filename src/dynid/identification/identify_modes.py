@@ -14,6 +14,7 @@ from dynid.identification.identify import (
     Rebuild,
     models_of_records,
     posterior_of,
+    raise_if_rejected,
 )
 from dynid.identification.likelihood import Likelihood
 from dynid.identification.origin import identifiable_origin
@@ -30,7 +31,6 @@ from dynid.identification.records.paired_modes import is_large, modal_model, mod
 from dynid.identification.records.record_likelihood import RecordLikelihood
 from dynid.identification.records.time_record import TimeRecord
 from dynid.identification.results.write_modes import add_modes
-from dynid.identification.results.write_rejected import raise_rejected
 from dynid.identification.results.write_result import Further, add_identification
 from dynid.identification.systems.parametric_model import unknowns_of
 from dynid.lti.floating import guarded
@@ -165,7 +165,7 @@ def identify_modes(
             problem.likelihood_of,
             [],
         )
-        raise_rejected(posterior)
+        raise_if_rejected(posterior)
         needed = needed_form_error(posterior)
         if needed is not None:
             posterior = replace(posterior, mistakes=(*posterior.mistakes, needed.statement))

@@ -502,9 +502,13 @@ class TimeRecord(RecordLikelihood):
     def _by_clock(self, fit: RecordFit) -> Array | None:
         """Return the derivative of the prediction by the relative error of the clock; None where unknown.
 
-        It is a difference, exact but for free motions, whose start moves with the clock.
+        It is exact but for free motions, whose start moves with the clock: where inputs keep their own time,
+        the rate of the outputs times the time from the first sample; else a difference.
         """
         model = self.model
+        if not model.has_samples and model.sampling is None and not model.instruments.unknown_delays:
+            passed = (model.times - model.times[0])[:, None]
+            return np.asarray(passed * model.rates(fit.eta, fit.predicted.states))
         span = float(np.ptp(model.times))
         if model.known.any() or model.instruments.unknown_delays or not span > 0:
             return None

@@ -287,6 +287,12 @@ class ParametricModel:
             self, system=system, instruments=instruments, affine=None, free=None, _last={}, _moved={}
         )
 
+    @property
+    def has_samples(self) -> bool:
+        """True if an input is known by samples, which lie at the clock of the record."""
+        signals = (one.signal if isinstance(one, Derivative) else one for one in self.signals)
+        return any(isinstance(one, Sampled) for one in signals)
+
     def clocked(self, error: float) -> ParametricModel:
         """Return the model of a record whose step is known too long by a relative error; delays are known.
 
