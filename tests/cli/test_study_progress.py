@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from dynid.cli.progress import Rate, duration, progress_text, showing_study
+from dynid.cli.progress import Forecast, Rate, duration, progress_text, showing_study
 from dynid.study.run import Progress
 
 
@@ -49,3 +49,13 @@ def test_a_terminal_has_a_bar_and_a_file_has_lines(monkeypatch):
         assert (len(lines) == 2) != terminal  # the first and the last: the one between is too soon
     with showing_study(quiet=True) as report:
         assert report is None
+
+
+def test_numbered_work_has_a_forecast_from_the_rate_of_its_own_kind():
+    forecast = Forecast()
+    assert forecast.hear("reducing the graph", 0.0) == ""
+    assert forecast.hear("equilibrium from start 1 of 1000", 10.0) == ""
+    assert forecast.hear("equilibrium from start 11 of 1000", 11.0) == ""  # too early
+    assert forecast.hear("equilibrium from start 101 of 1000", 20.0) == ", about 1 min 30 s left"
+    assert forecast.hear("channel 1 of 3", 20.0) == ""
+    assert forecast.hear("channel 2 of 3", 24.0) == ", about 8 s left"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import threading
 import time
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 _PATIENCE, _PERIOD = 2.0, 0.5
 #: Longest text of the line: a line wider than the terminal could not be erased.
 _WIDTH = 72
+#: A report of numbered work.
+_NUMBERED = re.compile(r"(.*?)(\d+) of (\d+)")
 #: Period of the plain lines of a study, and window of the rate that is shown, s.
 _SECONDS, _WINDOW = 10.0, 60.0
 
@@ -56,18 +59,41 @@ def showing(quiet: bool = False) -> Iterator[Listener]:
         line.end()
 
 
+class Forecast:
+    """The time that numbered work still takes, from reports like "start 3 of 100"."""
+
+    def __init__(self) -> None:
+        self._what, self._began, self._first = "", 0.0, 0
+
+    def hear(self, what: str, now: float) -> str:
+        """Return the forecast after a report, heard at a time, s; '' where there is none yet."""
+        match = _NUMBERED.fullmatch(what)
+        if match is None:
+            self._what = ""
+            return ""
+        kind, number, total = match[1], int(match[2]), int(match[3])
+        if kind != self._what:
+            self._what, self._began, self._first = kind, now, number
+        finished, spent = number - self._first, now - self._began
+        if spent < _PATIENCE or not finished:
+            return ""
+        return f", about {duration(spent / finished * (total - number + 1))} left"
+
+
 class _Line:
     """A line that a thread of its own updates, since the work may not report for long."""
 
     def __init__(self) -> None:
         self._text = ""
+        self._forecast = Forecast()
         self._began = time.monotonic()
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._write, daemon=True)
         self._thread.start()
 
     def hear(self, what: str) -> None:
-        self._text = what
+        left = self._forecast.hear(what, time.monotonic())
+        self._text = f"{what[:_WIDTH]}{left}"
 
     def end(self) -> None:
         """Erase the line."""
@@ -79,7 +105,7 @@ class _Line:
             return
         while not self._over.wait(_PERIOD):
             seconds = f"{time.monotonic() - self._began:.0f} s"
-            line = printable(" · ".join(filter(None, (self._text[:_WIDTH], seconds))))
+            line = printable(" · ".join(filter(None, (self._text, seconds))))
             click.echo(f"\r\033[K{line}", file=terminal(), nl=False)
         click.echo("\r\033[K", file=terminal(), nl=False)
 

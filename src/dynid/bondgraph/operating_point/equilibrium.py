@@ -17,6 +17,7 @@ from dynid.bondgraph.operating_point.laws import LawGraph
 from dynid.bondgraph.operating_point.newton import CONSISTENT, Factor, NewtonSolution, iterate, refined
 from dynid.defaults import DENSE_EQUILIBRIUM
 from dynid.errors import Diverged, NumericalError, Singular, UsageError
+from dynid.progress import report_progress
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -127,7 +128,8 @@ def _solved(equations: LawEquations, request: OperatingPointRequest) -> Operatin
         worst = worst or solution
     reference = found[0].z if found else own
     if not (found and found[0].free):
-        for z in _random_starts(equations, request, own, reference):
+        for number, z in enumerate(_random_starts(equations, request, own, reference), 1):
+            report_progress(f"equilibrium from start {number} of {request.starts}")
             solution = _solution(system, z)
             if solution is None or solution.residual > CONSISTENT or solution.free:
                 worst = worst or solution

@@ -30,10 +30,10 @@ from dynid.errors import NumericalError
 from dynid.lti.certified_roots import repeated
 from dynid.lti.positive_real import fraction, lowest_terms
 from dynid.model_scope import ScopePart, add_model_scope
+from dynid.progress import tracked
 
 if TYPE_CHECKING:
     from dynid.result import Result
-
 
 Form = Literal["cauer", "cauer-2", "foster", "foster-2", "brune"]
 
@@ -233,7 +233,7 @@ def realisations(
         Where a named form does not exist.
     """
     found, missing = [], dict[Form, str]()
-    for form in FORMS if forms is None else forms:
+    for form in tracked(FORMS if forms is None else forms, "form"):
         try:
             found.append(realise(wanted, form, domain))
         except NoSuchForm as error:

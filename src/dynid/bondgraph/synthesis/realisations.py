@@ -53,6 +53,7 @@ from dynid.lti.positive_real import (
     value_at,
 )
 from dynid.number_format import root_text
+from dynid.progress import report_progress
 
 
 class NoSuchForm(NumericalError):
@@ -285,6 +286,7 @@ def brune(numerator: Any, denominator: Any, bits: int, *, exact: bool = True) ->
     """
     if numerator.degree() == denominator.degree() == 0:
         return Element("R", fraction(numerator[0] / denominator[0]))
+    report_progress(f"Brune's form, degree {max(numerator.degree(), denominator.degree())} left")
     own, above, below = without_axis_poles(numerator, denominator, bits, _axis(denominator, bits, exact))
     if own:
         return series(*own, *([brune(above, below, bits, exact=exact)] if above else []))

@@ -1,0 +1,83 @@
+"""Many loops: one determinant for those that share a source, margins within a limit of roots."""
+
+import numpy as np
+import pytest
+
+import dynid
+from dynid.bondgraph.results import margins
+from dynid.cli.summary import summary
+from dynid.progress import progress_to
+from dynid.scene.load import check_source
+from dynid.scene.yaml.source import parse_source
+
+PLANT = """\
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {F: Se, j: 1, m: {type: I, value: 1}, k: {type: C, value: 1}, b: {type: R, value: 2}}
+  bonds: [F -> j -> m, j -> k, j -> b]
+analysis: {outputs: [m.f], results: [properties]}
+control:
+  loops:
+"""
+
+
+def run(loops):
+    lines = [
+        f"  - {{from: {port}, to: F, controller: {{numerator: {top}, denominator: {bottom}}}}}\n"
+        for port, top, bottom in loops
+    ]
+    return dynid.run(check_source(parse_source(PLANT + "".join(lines), "scene.yaml")))
+
+
+def polynomial(loops, left_out=None):
+    """Return s^2 + 2 s + 1 + the sum of the controllers' answers, times their denominators."""
+    whole = np.array([1.0, 2.0, 1.0])
+    for _, _, bottom in loops:
+        whole = np.polymul(whole, bottom)
+    for number, (port, top, _) in enumerate(loops):
+        term = np.array(top, float) if port == "k.q" else np.polymul(top, [1.0, 0.0])
+        for other, (_, _, bottom) in enumerate(loops):
+            term = np.polymul(term, bottom) if other != number else term
+        whole = np.polyadd(whole, term) if number != left_out else whole
+    return whole
+
+
+def test_loops_that_share_a_source_have_the_margins_of_their_sum():
+    loops = [(port, [1 + k], [1 + k % 3, 2 + k]) for k in range(2) for port in ("k.q", "m.f")]
+    result = run(loops)
+    roots = np.roots(polynomial(loops))
+    assert result.value("bond_graph/system/stable") == bool(roots.real.max() < 0)
+    s = 1j * result["bond_graph/sensitivity_functions/omega"].data
+    for number in range(len(loops)):
+        sensitivity = np.polyval(polynomial(loops, number), s) / np.polyval(polynomial(loops), s)
+        found = result["bond_graph/sensitivity_functions/S"].data[:, number]
+        np.testing.assert_allclose(found, sensitivity, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("gain", "stable"), [(1, True), (-1, False)])
+def test_margins_beyond_a_number_of_roots_are_left_out_with_the_count(monkeypatch, gain, stable):
+    monkeypatch.setattr(margins, "ROOTS", 150)
+    monkeypatch.setattr(margins, "_LOCI", 1500)
+    loops = [("k.q", [gain], [1, 2 + k]) for k in range(4)]
+    messages = []
+    with progress_to(messages.append):
+        result = run(loops)
+    assert result.value("bond_graph/system/stable") == stable
+    values = result["bond_graph/margins/Ms"].data
+    assert np.isfinite(values[:1]).all()
+    assert np.isnan(values[-1])
+    reason = result["bond_graph/margins/undecided"].data[-1]
+    assert reason.startswith("left out: the margins of 4 loops take 336 roots of polynomials")
+    assert reason in " ".join(summary(result, "").split())
+    assert result["bond_graph/margins/stable"].data[-1] == stable
+    assert "margins of loop 2 of 4" in messages
+    assert "left_out" in result.group_attrs["bond_graph/root_locus"]
+
+
+def test_sixteen_gains_are_their_sum():
+    result = run([("k.q", [1], [1]) for _ in range(16)])
+    assert result.value("bond_graph/system/stable")
+    s = 1j * result["bond_graph/sensitivity_functions/omega"].data
+    expected = (s * s + 2 * s + 16) / (s * s + 2 * s + 17)
+    np.testing.assert_allclose(result["bond_graph/sensitivity_functions/S"].data[:, 7], expected, rtol=1e-12)
