@@ -100,7 +100,10 @@ def _head(kind: re.Match[str]) -> str:
 
 def _binary_fields(head: str) -> tuple[int, int, int, int]:
     """Return byte order, format, number of header lines and of bytes, 0 where they are not stated."""
-    order, form, lines, size = [*(int(word) for word in head.split()[:4]), 0, 0, 0, 0][:4]
+    words = head.split()[:4]
+    if not all(re.fullmatch("[0-9]{1,18}", word) for word in words):
+        raise BlockError(f"has '{head.strip()[:40]}' behind the type of a binary data set, no whole numbers")
+    order, form, lines, size = [*(int(word) for word in words), 0, 0, 0, 0][:4]
     return order, form, lines, size
 
 
