@@ -40,6 +40,11 @@ tan(pi/6)*sqrt(3) - 1
 8*cos(pi/7)*cos(2*pi/7)*cos(3*pi/7) - 1
 cos(pi*0.12) - sin(pi*0.38)
 sqrt(2 + sqrt(2 + sqrt(2))) - 2*cos(pi/16)
+sqrt(1 - cos(pi/7)**2) - sin(pi/7)
+sin(5*pi/14) - cos(pi/7)
+tan(3*pi/8) - 1 - sqrt(2)
+cos(pi/10) - sqrt(10 + 2*sqrt(5))/4
+sin(3*pi/11 + pi/6) - sin(3*pi/11)*sqrt(3)/2 - cos(3*pi/11)/2
 exp(log(7)) - 7
 log(9) - 2*log(3)
 log(10) - log(2) - log(5)

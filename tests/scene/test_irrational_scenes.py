@@ -1,6 +1,7 @@
 """Scenes whose values cancel by design: constant resistances, perfect coupling, bridges in balance."""
 
 import math
+import random
 
 import numpy as np
 import pytest
@@ -336,3 +337,50 @@ def test_a_response_at_an_undamped_mode_is_infinite(answer, m, k, engine):
     poles = result["bond_graph/transfer_function/m.f/F/poles"].data
     assert poles.real.tolist() == [0, 0]
     assert sorted(poles.imag) == [-2, 2]
+
+
+UNITS = """
+parameters: {{z: {z}, t: {t}}}
+graph:
+  nodes:
+    act: Se
+    j1: 1
+    m1: {{type: I, value: {m1}*z*t}}
+    r1: {{type: R, value: {r1}*z}}
+    z1: 0
+    l1: 1
+    k1: {{type: C, value: {c1}*t/z}}
+    b1: {{type: R, value: {b1}*z}}
+    j2: 1
+    m2: {{type: I, value: {m2}*z*t}}
+  bonds: [act -> j1, j1 -> m1, j1 -> r1, j1 -> z1, z1 -> l1, l1 -> k1, l1 -> b1, z1 -> j2, j2 -> m2]
+analysis: {{inputs: [w], outputs: [m1.f, m2.f], results: [poles, properties]}}
+control:
+  loops:
+    - from: {at}
+      to: act
+      reference: w
+      controller: {{numerator: [{p}*z, {q}*z/t], denominator: [1, {d}/t]}}
+"""
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_loop_in_irrational_units_has_the_margins_of_the_rational_one(answer, seed):
+    rng = random.Random(seed)
+    names = ("m1", "r1", "c1", "b1", "m2", "p", "q", "d")
+    values = {name: f"{rng.randint(1, 30)}/{rng.randint(1, 9)}" for name in names}
+    values["at"] = rng.choice(["m1.f", "m2.f"])
+    values["d"] = rng.choice(["0", values["d"]])
+    z, t = rng.choice(
+        [("sqrt(2)", "3**(1/3)"), ("pi", "sqrt(5)"), ("exp(1)", "1"), ("1 + sqrt(3)", "log(2)")]
+    )
+    rational = answer(UNITS.format(z="1", t="1", **values))
+    result = answer(UNITS.format(z=z, t=t, **values))
+    known = {"sqrt": math.sqrt, "pi": math.pi, "exp": math.exp, "log": math.log}
+    period = eval(t, known)
+    units = {"delay": period} | dict.fromkeys(("gain_crossover", "phase_crossover"), 1 / period)
+    for name in ("stable", "unstable_poles", "gain", "gain_reduction", "phase", "Ms", "Mt", *units):
+        found, expected = (each[f"bond_graph/margins/{name}"].data[0] for each in (result, rational))
+        assert found == pytest.approx(expected * units.get(name, 1), rel=1e-11, nan_ok=True), name
+    poles, others = (each["bond_graph/transfer_function/m1.f/w/poles"].data for each in (result, rational))
+    assert np.sort_complex(poles * period) == pytest.approx(np.sort_complex(others), rel=1e-11)

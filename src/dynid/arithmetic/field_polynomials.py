@@ -387,6 +387,20 @@ def like(polynomial: Any, coefficients: Sequence[Any]) -> Any:
     return type(polynomial)(coefficients)
 
 
+def settled_coefficients(polynomial: Any) -> list[Any]:
+    """Return the coefficients, ascending; those over a field rounded."""
+    if isinstance(polynomial, FieldPolynomial):
+        return [settled(polynomial.field, c) for c in polynomial.coeffs()]
+    return list(polynomial.coeffs())
+
+
+def primitive(polynomial: Any) -> Any:
+    """Return a polynomial without a common factor of its coefficients, the leading one positive."""
+    if isinstance(polynomial, FieldPolynomial):
+        return polynomial.monic()
+    return polynomial // polynomial.content() * (1 if polynomial.leading_coefficient() > 0 else -1)
+
+
 def leading_ratio(above: Any, below: Any) -> Fraction:
     """Return the quotient of two leading coefficients; over a field rounded, as equal numbers are alike."""
     if isinstance(above, FieldPolynomial) and isinstance(below, FieldPolynomial):

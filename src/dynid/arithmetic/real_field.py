@@ -27,6 +27,7 @@ import random
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from typing import Any
 
 from flint import arb, ctx, fmpq, fmpz, fmpz_mat, fmpz_mod_ctx, fmpz_mod_poly_ctx
@@ -49,7 +50,7 @@ _PRECISION, _MAX_PRECISION = 256, 1 << 14
 #: prime's 256 bits, one in 2^56 others looks like one.
 _RATIONAL_BITS = 200
 #: Precision in which integer relations are sought, bits a term and in all, and most terms.
-_RELATION_BITS, _BASE_BITS, _MAX_TERMS = 40, 240, 48
+_RELATION_BITS, _BASE_BITS, _MAX_TERMS = 40, 240, 32
 #: Largest numerator and denominator in a relation of exponents.
 _MAX_MULTIPLE = 10_000
 #: Primes tried, each a square root of a sum exists modulo about half of them.
@@ -128,7 +129,7 @@ class RealField:
         self.bits = CODED_BITS + _BITS_PER_ORDER * order
         self._terms = list(in_order(terms))
         self._balls: dict[tuple[int, int], Any] = {}
-        modulus, trial, self._order = _ORDER, 0, _ORDER
+        modulus, trial, self._order = self._first_modulus(), 0, _ORDER
         for _ in range(_MAX_TRIALS):
             self.prime = _prime(modulus, trial)
             try:
@@ -146,6 +147,25 @@ class RealField:
         self.residues = context
         self.polynomials = fmpz_mod_poly_ctx(context)
 
+    def _first_modulus(self) -> int:
+        """Return the factors of all radicands, multiplied as far as the product is short."""
+        modulus = _ORDER
+        for base in self._radical_factors(self._terms):
+            if modulus.bit_length() < _MAX_MODULUS_BITS:
+                modulus = math.lcm(modulus, _odd(base))
+        return modulus
+
+    @staticmethod
+    def _radical_factors(terms: Iterable[Term]) -> dict[int, None]:
+        """Return the factors of the radicands among terms."""
+        radicands = (term.operands[0] for term in terms if _radical(term))
+        return dict.fromkeys(
+            base
+            for radicand in radicands
+            for number in radicand.as_integer_ratio()  # type: ignore[union-attr]
+            for base, _ in _factors(number)
+        )
+
     # --- residues ------------------------------------------------------------------------------
 
     def _assign(self) -> None:
@@ -157,6 +177,7 @@ class RealField:
         self._exponentials: list[_Exponential] = []
         self._angles: list[_Angle] = []
         self._unit: tuple[int, int] | None = None
+        self._turns = 1  # cosines and sines of multiples of 2 pi over it are polynomials in that of one
         self._pi = pow(self._random.randrange(2, self.prime), 2, self.prime)
         for term in self._terms:  # roots of fractions first: sums may have their roots among them
             if _radical(term):
@@ -241,15 +262,11 @@ class RealField:
         return self._quotient(*parts)
 
     def _add_radical(self, base: int, degree: int) -> None:
-        odd = base // (base & -base)
-        if self.prime.bit_length() < _MAX_MODULUS_BITS and (self.prime + 1) % odd:
-            raise _Extend(odd)
         self._radicals[base] = math.lcm(degree, self._radicals.get(base, 1))
 
     def _check_degree(self, degree: int) -> None:
-        odd = degree // (degree & -degree)
-        if (self.prime + 1) % odd:
-            raise _Extend(odd)
+        if (self.prime + 1) % _odd(degree):
+            raise _Extend(_odd(degree))
 
     def _is_square(self, image: int) -> bool:
         return fmpz(image).jacobi(self.prime) >= 0
@@ -287,21 +304,15 @@ class RealField:
         self._generate(root, real)
         return root
 
-    def _generate(self, image: int, real: Callable[[], Any], degree: int = 2) -> None:
-        """Note a number that others may be sums of, with the powers of it below a degree."""
-        self._generators.append(_Generator(id(self._current), image, real, degree))
+    def _generate(self, image: int, real: Callable[[], Any]) -> None:
+        """Note a number that others may be sums of, with itself or not."""
+        self._generators.append(_Generator(id(self._current), image, real, 2))
 
     def _basis(self, base: Term) -> list[tuple[int, Callable[[], Any]]]:
         """Return products of powers of generators: those of a term first, as far as there is room."""
         inside = list(in_order([base]))
         own = {id(term) for term in inside}
-        bases = {
-            factor
-            for term in inside
-            if _radical(term)
-            for number in term.operands[0].as_integer_ratio()  # type: ignore[union-attr]
-            for factor, _ in _factors(number)
-        }
+        bases = self._radical_factors(inside)
         radicals = [
             (
                 number not in bases,
@@ -312,6 +323,11 @@ class RealField:
             for number, degree in self._radicals.items()
         ]
         others = [(each.term not in own, each.image, each.real, each.degree) for each in self._generators]
+        if self._unit is not None and self._turns > 1:
+            turn, outside = fmpq(2, self._turns), all(term.operation != "pi" for term in inside)
+            cosine = 2 * self._times(self._unit, self._order // self._turns)[0] % self.prime
+            degree = max(_totient(self._turns) // 2, 2)
+            radicals.append((outside, cosine, lambda: 2 * arb.cos_pi_fmpq(turn), degree))
         basis: list[tuple[int, Callable[[], Any]]] = [(1, lambda: arb(1))]
         for _, image, real, degree in sorted([*radicals, *reversed(others)], key=lambda each: each[0]):
             if len(basis) * degree <= _MAX_TERMS:
@@ -397,13 +413,8 @@ class RealField:
         if self._unit is None:
             self._unit = self._first_unit()
         point = self._times(self._unit, multiple.numerator * (self._order // order))
-        if multiple.denominator > 3:
-            turn = float(multiple) * math.pi
-            degree = max(2, _totient(order) // 2)
-            for image, function in zip(point, (math.cos, math.sin), strict=True):
-                if abs(function(turn)) > 1e-9:
-                    name = "cos" if function is math.cos else "sin"
-                    self._generate(image, _trigonometric(name, multiple), degree)
+        if multiple.denominator > 2:
+            self._turns = math.lcm(self._turns, 4, order)
         return point
 
     def _first_unit(self) -> tuple[int, int]:
@@ -415,6 +426,8 @@ class RealField:
             point = self._times(((1 - t * t) * scale % p, 2 * t * scale % p), (p + 1) // order)
             primes = [base for base, _ in _factors(order)]
             if any(self._times(point, order // base) == (1, 0) for base in primes):
+                continue
+            if self._times(point, order // 4) != (0, 1):
                 continue
             if all(self._is_square(self._root_by_sines(point, base)) for base in primes):
                 return point
@@ -593,6 +606,10 @@ def _undecided(term: Term) -> OutOfRangeError:
 # --- numbers --------------------------------------------------------------------------------------
 
 
+def _odd(number: int) -> int:
+    return number // (number & -number)
+
+
 def _root(ball: Any, degree: int) -> Any:
     return ball.sqrt() if degree == 2 else ball.root(degree)
 
@@ -605,11 +622,7 @@ def _product(one: Callable[[], Any], other: Callable[[], Any], power: int) -> Ca
     return lambda: one() * other() ** power
 
 
-def _trigonometric(name: str, multiple: Fraction) -> Callable[[], Any]:
-    turn = fmpq(multiple.numerator, multiple.denominator)
-    return lambda: getattr(arb, f"{name}_pi_fmpq")(turn)
-
-
+@lru_cache(maxsize=4096)
 def _factors(number: int) -> list[tuple[int, int]]:
     """Return the factors of a positive number, and their powers; what has no small factor is left whole."""
     small = number.bit_length() <= _FACTORED_BITS

@@ -103,7 +103,7 @@ class TransferFunction(TransferProperties):
 
         def rounded(polynomial: Any) -> NDArray[np.float64]:
             descending = reversed([as_fraction(c) for c in polynomial.coeffs()] or [Fraction(0)])
-            return np.array([_as_float(c / lead) for c in descending])
+            return np.array([as_float(c / lead) for c in descending])
 
         return rounded(self.numerator), rounded(self.denominator)
 
@@ -148,7 +148,7 @@ def _limit(numerator: list[Any], denominator: list[Any]) -> float:
     d = next(k for k, c in enumerate(denominator) if c)
     quotient = as_fraction(numerator[n]) / as_fraction(denominator[d])
     if n == d:
-        return _as_float(quotient)
+        return as_float(quotient)
     return 0.0 if n > d else math.inf if quotient > 0 else -math.inf
 
 
@@ -157,7 +157,7 @@ def as_fraction(number: Any) -> Fraction:
     return Fraction(int(number.p), int(number.q)) if hasattr(number, "q") else Fraction(int(number))
 
 
-def _as_float(value: Fraction) -> float:
+def as_float(value: Fraction) -> float:
     """Round to the nearest double; beyond its range to infinity."""
     try:
         return float(value)

@@ -137,6 +137,8 @@ def on_axis(
 
     `again` finds the same registers where the graph is planned anew; absent: it is not.
     """
+    if not registers:
+        return np.zeros((len(omega), 0), dtype=np.complex128)
     evaluate = _doubled if len(planned.program) > _LONG else _double
     many = _ANEW / len(planned.program)  # points that cost as much in ball arithmetic as another plan
     stride, balanced = len(omega) // _SAMPLE, False

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from dynid.arithmetic.field_polynomials import primitive, settled_coefficients
 from dynid.bondgraph.decomposition.dynamics import PrototypeDynamics, prototype_dynamics
-from dynid.bondgraph.exact_engine import TransferFunction, as_fraction
+from dynid.bondgraph.exact_engine import TransferFunction, as_float, as_fraction
 from dynid.bondgraph.formulas.expressions import length, print_register, print_sum
 from dynid.bondgraph.formulas.printers import ATOM, LATEX, PRODUCT, SUM, TEXT, FormulaPrinter, Printed
 from dynid.bondgraph.plan import ProgramPlan, ReducedGraph
@@ -181,9 +182,9 @@ def add_ratio(result: Result, group: str, ratio: TransferFunction, formula: str 
 
 
 def polynomial_text(polynomial: Any) -> str:
-    """Write an integer polynomial in s as SymPy would read it, highest power first."""
+    """Write a polynomial in s as SymPy would read it, highest power first; what is irrational as decimals."""
     text = ""
-    for power, coefficient in sorted(enumerate(polynomial.coeffs()), reverse=True):
+    for power, coefficient in sorted(enumerate(settled_coefficients(polynomial)), reverse=True):
         if coefficient == 0:
             continue
         variable = {0: "", 1: "s"}.get(power, f"s**{power}")
@@ -196,13 +197,13 @@ def polynomial_text(polynomial: Any) -> str:
 def _coefficient_text(coefficient: Any) -> str:
     """Write a positive integer, or a number of a field, whose decimals are those of a double."""
     exact = as_fraction(coefficient)
-    return str(exact) if exact.denominator.bit_length() < _PRINTED else repr(float(exact))
+    return str(exact) if exact.denominator.bit_length() < _PRINTED else repr(as_float(exact))
 
 
 def _add_condition(result: Result, group: str, prefix: str, polynomial: Any) -> None:
     """Add the roots of a polynomial; one that is identically zero has none to list."""
     if polynomial != 0:
-        polynomial = polynomial // polynomial.content() * (1 if polynomial.leading_coefficient() > 0 else -1)
+        polynomial = primitive(polynomial)
     result.add(f"{group}/{prefix}polynomial", polynomial_text(polynomial))
     roots = roots_of(polynomial) if polynomial != 0 else ()
     add_roots(result, group, f"{prefix}roots", roots)
