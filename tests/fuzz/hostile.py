@@ -176,7 +176,7 @@ def nested_models(chance, base):
     for level in range(depth):
         below = {"model": f"m{level + 1}"}
         if chance.random() < 0.3:
-            below["repeat"] = chance.choice([2, 300, 100_000])
+            below["repeat"] = chance.choice([2, 300, 20_000])
         models[f"m{level}"] = {"nodes": dict.fromkeys("abcd"[: chance.choice([1, 2, 4])], below)}
     end = chance.choice(
         [{"nodes": {}}, {"nodes": {"r": {"type": "R", "value": 1}}}, {"nodes": {"a": models["m0"]}}]
