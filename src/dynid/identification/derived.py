@@ -103,6 +103,8 @@ class GaussianPosterior:
         Limits of the coordinates (p).
     count
         Number of samples.
+    drawn
+        Samples of a posterior that limits cut off (count x p); None of a Gaussian one.
     """
 
     unknowns: tuple[Parameter, ...]
@@ -111,6 +113,7 @@ class GaussianPosterior:
     low: Array
     high: Array
     count: int = SAMPLES
+    drawn: Array | None = None
 
     def values(self, eta: Array) -> dict[str, float]:
         """Return the parameters at coordinates by name."""
@@ -124,7 +127,9 @@ class GaussianPosterior:
 
     @cached_property
     def samples(self) -> Array:
-        """Seeded samples, those beyond a limit at it (samples x p)."""
+        """Seeded samples (samples x p)."""
+        if self.drawn is not None:
+            return self.drawn
         drawn = np.random.default_rng(_SEED).standard_normal((self.count // 2, len(self.eta)))
         both = np.concatenate([drawn, -drawn]) @ self.root.T
         return np.clip(self.eta + both, self.low, self.high)
@@ -153,7 +158,8 @@ class GaussianPosterior:
         usable = np.isfinite(slopes).all(axis=1)
         linear = self.axes @ np.where(np.isfinite(slopes), slopes, 0.0).T
         half = np.linalg.norm(linear, axis=0)
-        ends = at(self.eta + np.concatenate([self.axes, -self.axes]), slice(None))
+        moved = np.clip(self.eta + np.concatenate([self.axes, -self.axes]), self.low, self.high)
+        ends = at(moved, slice(None))
         up, down = np.split(ends, 2)
         usable &= np.isfinite(ends).all(axis=0)
         bend = _bend(value, up, down, linear)
@@ -172,7 +178,7 @@ class GaussianPosterior:
         ordered = np.sort(np.stack([value / factor, value * factor]), axis=0)
         low, high = np.where(logarithmic, ordered[0], low), np.where(logarithmic, ordered[1], high)
         method = np.where(logarithmic, LOGARITHM, DELTA).astype(object)
-        others = np.flatnonzero(~(plain | logarithmic))
+        others = np.flatnonzero(~(plain | logarithmic) | (self.drawn is not None))
         if len(others):
             drawn = at(self.samples, others)
             for k, place in enumerate(others):

@@ -296,7 +296,9 @@ def identifiability_result(
     information = expected.information()
     unit = common_unit(unknown.unit for unknown in unknowns)
     eta = expected.fit.eta
-    value, bounds = values(unknowns, eta), rates(unknowns, eta) * information.bounds()
+    bounds = information.bounds()
+    bounds = np.where(expected.likelihood.priors.open(bounds), np.inf, bounds)
+    value, bounds = values(unknowns, eta), rates(unknowns, eta) * bounds
     result.annotate(group, at=expected.place, noise="assumed" if expected.assumed else "known")
     result.add_axis(f"{group}/parameter", [unknown.name for unknown in unknowns])
     result.add(f"{group}/unit", [unknown.unit for unknown in unknowns], dims)

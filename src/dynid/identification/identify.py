@@ -21,7 +21,6 @@ from dynid.errors import Diverged, DynidError, NotIdentifiable, UsageError
 from dynid.identification.equivalent_optima import DECIDED, OptimaSearch, deciding_sensors
 from dynid.identification.estimators.auto import Auto, FrfAuto, drawn_starts
 from dynid.identification.estimators.estimate import Estimate, EstimationStage, Estimator, Sweep
-from dynid.identification.estimators.filter import ASTRAY
 from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
 from dynid.identification.goodness_of_fit.instrument_mistakes import instrument_mistakes
 from dynid.identification.goodness_of_fit.proportional_noise import growing_residuals
@@ -495,7 +494,8 @@ def _with_model_error(
 def _estimated(estimator: Any, likelihood: Likelihood, eta: Array, suggest: bool) -> Estimate:
     """Return an estimate from coordinates (p); an error names mistakes of instruments that explain it."""
     try:
-        with guarded("the estimator", Diverged, remedy=ASTRAY, names=likelihood.names):
+        astray = likelihood.records[0].observed.astray
+        with guarded("the estimator", Diverged, remedy=astray, names=likelihood.names):
             found: Estimate = estimator.run(likelihood, eta)
     except Diverged as error:
         raise _suggesting(error, instrument_mistakes(likelihood, [eta]) if suggest else ()) from error

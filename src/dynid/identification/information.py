@@ -29,6 +29,61 @@ _LARGEST = 4
 _IDENTIFIABLE = 1e-8
 
 
+class Observed(NamedTuple):
+    """Words of messages for what is observed.
+
+    Attributes
+    ----------
+    noun
+        What it is.
+    nuisances
+        What is unknown besides the parameters.
+    values, more
+        What it has more of where it has more values, and where it determines more.
+    act, less_noise
+        Remedies where a parameter has no effect, or less than the noise.
+    astray
+        Remedy where estimates run away.
+    """
+
+    noun: str
+    nuisances: str
+    values: str
+    more: str
+    act: str
+    less_noise: str
+    astray: str
+
+
+RECORD = Observed(
+    "record",
+    "the unknown initial state",
+    "samples or channels",
+    "channels, samples or excitation frequencies",
+    "Excite or measure where it acts.",
+    "Excite or measure where they act, measure longer or with less noise",
+    "Start nearer to the true values, or check model, units and excitation against the record.",
+)
+RESPONSE = Observed(
+    "response",
+    "the noise",
+    "lines or channels",
+    "channels or lines",
+    "Excite or measure where it acts.",
+    "Excite or measure where they act, measure longer or with less noise",
+    "Start nearer to the true values, or check model, units and driven DOFs against the responses.",
+)
+MODAL_SURVEY = Observed(
+    "modal survey",
+    "the scales of the shapes",
+    "modes or sensors",
+    "modes or sensors",
+    "Measure modes in which it acts.",
+    "Measure modes in which they act, or with less scatter",
+    "Start nearer to the true values, or check model, units and sensors against the survey.",
+)
+
+
 class CollinearGroup(NamedTuple):
     """Parameters that cannot be distinguished.
 
@@ -160,6 +215,8 @@ class Information:
     values, rates
         The parameters' values, and their derivatives by their coordinates (p), if messages are to name
         combinations of them.
+    observed
+        Words for what is observed.
     """
 
     names: tuple[str, ...]
@@ -169,6 +226,7 @@ class Information:
     freedom: int
     values: Array | None = None
     rates: Array | None = None
+    observed: Observed = RECORD
 
     def beside(self, rows: Array) -> Information:
         """Return the information with that of independent observations (count x p) of the parameters."""
@@ -180,6 +238,7 @@ class Information:
             np.hypot(self.total, np.linalg.norm(rows, axis=0)),
             self.signal,
             self.freedom + len(rows),
+            observed=self.observed,
         )
 
     def without(self, held: NDArray[np.bool_]) -> Information:
@@ -197,9 +256,9 @@ class Information:
         if self.freedom < len(self.names):
             raise _refusal(
                 list(self.names),
-                "cannot be distinguished from the unknown initial state: the record has fewer values than "
-                "unknowns",
-                "Measure more samples or channels.",
+                f"cannot be distinguished from {self.observed.nuisances}: the {self.observed.noun} has fewer "
+                "values than unknowns",
+                f"Measure more {self.observed.values}, or give unknowns limits (min and max) or priors.",
             )
         insensitive = np.linalg.norm(self.projected, axis=0) <= _IDENTIFIABLE * np.maximum(
             self.total, _IDENTIFIABLE * self.signal
@@ -207,8 +266,8 @@ class Information:
         if insensitive.any():
             raise _refusal(
                 self._named(insensitive),
-                "cannot be identified from this record: the sensitivity is zero",
-                "Excite or measure where it acts.",
+                f"cannot be identified from this {self.observed.noun}: the sensitivity is zero",
+                self.observed.act,
             )
         _, s, Vt = thin_svd(self.projected / np.linalg.norm(self.projected, axis=0))
         s = np.concatenate([s, np.zeros(len(Vt) - len(s))])
@@ -221,8 +280,8 @@ class Information:
                 found = f", which shows only {' and '.join(named)}"
             raise _refusal(
                 self._named(involved),
-                f"cannot be distinguished in this record{found}",
-                "Fix some of them at a value, or add channels, samples or excitation frequencies.",
+                f"cannot be distinguished in this {self.observed.noun}{found}",
+                f"Fix some of them at a value, or add {self.observed.more}.",
             )
 
     def bounds(self) -> Array:
@@ -319,6 +378,7 @@ def information(
     count: int,
     values: Array | None = None,
     rates: Array | None = None,
+    observed: Observed = RECORD,
 ) -> Information:
     """Collect the information of a record.
 
@@ -333,12 +393,12 @@ def information(
         Norm of the predicted values over noise.
     count
         How many values there are.
-    values, rates
+    values, rates, observed
         As of `Information`.
     """
     projected, taken = without_state(by_parameter, by_state)
     total = np.linalg.norm(by_parameter, axis=0)
-    return Information(names, projected, total, signal, count - taken, values, rates)
+    return Information(names, projected, total, signal, count - taken, values, rates, observed)
 
 
 def joint_information(parts: Sequence[Information]) -> Information:
@@ -353,15 +413,16 @@ def joint_information(parts: Sequence[Information]) -> Information:
         sum(part.freedom for part in parts),
         parts[0].values,
         parts[0].rates,
+        parts[0].observed,
     )
 
 
-def below_noise(names: list[str]) -> NotIdentifiable:
+def below_noise(names: list[str], observed: Observed = RECORD) -> NotIdentifiable:
     """Return the error that names parameters whose standard errors exceed their order of magnitude."""
     return _refusal(
         names,
-        "cannot be estimated from this record: the sensitivity is below the noise",
-        "Excite or measure where they act, measure longer or with less noise, or fix some at a value.",
+        f"cannot be estimated from this {observed.noun}: the sensitivity is below the noise",
+        f"{observed.less_noise}, or fix some at a value.",
     )
 
 

@@ -34,6 +34,7 @@ from dynid.identification.goodness_of_fit.residual_tests import (
 from dynid.identification.goodness_of_fit.statistics import root_mean_square
 from dynid.identification.information import Information, below_noise, joint_information, vanished
 from dynid.identification.likelihood import Fit, Likelihood
+from dynid.identification.limited_posterior import LimitedPosterior
 from dynid.identification.records.record_likelihood import RecordLikelihood
 from dynid.identification.systems.instruments import CalibrationSlopes, calibration_slopes
 from dynid.parameters import logarithmic, rates, truths, values
@@ -53,6 +54,8 @@ _NOTHING = 1.0
 _ROUND_OFF = 1e-6
 # A standard error of the logarithm beyond which not even the order of magnitude is known: a factor of e^10.
 _UNKNOWN = 10.0
+#: Part of the deviation of a prior above which the data leave a parameter to the prior or its limits.
+UNDECIDED = 0.8
 #: One beyond which a parameter is poorly known.
 UNCERTAIN = 0.5
 # Half the 95 % quantile of chi-squared with one degree of freedom: misfits within it of the least.
@@ -140,7 +143,7 @@ class Posterior:
     @property
     def noun(self) -> str:
         """Noun for one record."""
-        return self.likelihood.records[0].noun
+        return self.likelihood.records[0].observed.noun
 
     @cached_property
     def channels(self) -> list[ChannelOfRecord]:
@@ -160,11 +163,57 @@ class Posterior:
         """The Fisher information at the estimate, for the noise given or that of the residuals."""
         return self.likelihood.information(self.fit, self.noise)
 
+    @cached_property
+    def limited(self) -> LimitedPosterior:
+        """The posterior within the limits of the parameters."""
+        priors, information = self.likelihood.priors, self.information
+        residual = self.likelihood.weighted(self.fit, self.noise)
+        limits = priors.low, priors.high
+        return LimitedPosterior.of(
+            self.fit.eta, information.deviations(), information.projected, residual, limits
+        )
+
+    @property
+    def deviations(self) -> Array:
+        """Standard errors of the coordinates (p), within the limits."""
+        return self.limited.deviations
+
+    @cached_property
+    def root(self) -> Array:
+        """A root of the covariance of the coordinates (p x p), within the limits."""
+        samples = self.limited.samples
+        if samples is None:
+            return self.information.root
+        apart = (samples - samples.mean(axis=0)) / np.sqrt(len(samples))
+        return np.asarray(np.linalg.qr(apart, mode="r")).T
+
+    @property
+    def intervals(self) -> tuple[Array, Array]:
+        """Ends of the 95 % intervals of the parameters (p)."""
+        unknowns, limited = self.likelihood.unknowns, self.limited
+        low, high = values(unknowns, limited.low), values(unknowns, limited.high)
+        return self._within_limits(low), self._within_limits(high)
+
+    def _within_limits(self, found: Array) -> Array:
+        """Return values of the parameters (p) without the round-off of their coordinates at limits."""
+        unknowns = self.likelihood.unknowns
+        low = [-np.inf if one.low is None else one.low for one in unknowns]
+        high = [np.inf if one.high is None else one.high for one in unknowns]
+        return np.clip(found, low, high)
+
+    @cached_property
+    def decided_by(self) -> list[str]:
+        """What decides each parameter: ``data``, or its ``prior`` or ``limits`` alone."""
+        priors = self.likelihood.priors
+        alone = self.deviations > UNDECIDED * np.where(np.isnan(priors.spreads), np.inf, priors.spreads)
+        by_limits = ~priors.given | (priors.spreads < priors.deviations)
+        return [str(one) for one in np.where(alone, np.where(by_limits, "limits", "prior"), "data")]
+
     @property
     def relative_errors(self) -> Array:
         """Standard errors over the estimates (p); 0 of parameters of any sign, which may be 0."""
         log = logarithmic(self.likelihood.unknowns)
-        return np.where(log, self.information.deviations(), 0.0)
+        return np.where(log, self.deviations, 0.0)
 
     @cached_property
     def step(self) -> Array:
@@ -174,7 +223,7 @@ class Posterior:
     @property
     def distance_to_optimum(self) -> Array:
         """Length of the Gauss–Newton step in standard errors (p)."""
-        return np.asarray(np.abs(self.step) / self.information.deviations())
+        return np.asarray(np.abs(self.step) / self.deviations)
 
     @cached_property
     def held(self) -> NDArray[np.bool_]:
@@ -200,7 +249,8 @@ class Posterior:
         projected, root = self.information.projected, self.information.root
         scale = np.concatenate([*rows, np.ones(len(projected) - sum(map(len, rows)))])
         spread = root @ (root.T @ (projected * scale[:, None]).T)
-        return np.asarray(np.sqrt(np.sum(spread**2, axis=1)))
+        left = self.deviations / self.information.deviations()  # what the limits leave
+        return np.asarray(left * np.sqrt(np.sum(spread**2, axis=1)))
 
     @property
     def true(self) -> Array:
@@ -212,7 +262,8 @@ class Posterior:
         """The estimates (p)."""
         unknowns = self.likelihood.unknowns
         fixed = self.likelihood.priors.fixed  # theirs without the round-off of a logarithm
-        return np.where(fixed, [one.start for one in unknowns], values(unknowns, self.fit.eta))
+        found = self._within_limits(values(unknowns, self.fit.eta))
+        return np.where(fixed, [one.start for one in unknowns], found)
 
     @property
     def rates(self) -> Array:
@@ -242,7 +293,8 @@ class Posterior:
                 found.check()
             except NotIdentifiable:
                 return np.full(len(rate), np.inf)
-        return np.asarray(rate * found.deviations())
+        deviations = found.deviations()
+        return np.where(likelihood.priors.open(deviations), np.inf, rate * deviations)
 
     @property
     def error_in_bounds(self) -> Array:
@@ -268,9 +320,7 @@ class Posterior:
             return None
         found, own = self.calibration_slopes, {one.name: one.deviation for one in system}
         sizes = np.array([own.get(name, 0.0) for name in found.quantities])
-        return np.asarray(
-            np.hypot(self.information.deviations(), np.linalg.norm(found.slopes * sizes, axis=1))
-        )
+        return np.asarray(np.hypot(self.deviations, np.linalg.norm(found.slopes * sizes, axis=1)))
 
     # Convergence, and tests of the model.
 
@@ -283,7 +333,7 @@ class Posterior:
     @cached_property
     def optimal(self) -> bool:
         """True if the estimate is at the optimum."""
-        return is_optimal(self.step, self.information.deviations()) and not self.estimate.disputed
+        return is_optimal(self.step, self.deviations) and not self.estimate.disputed
 
     @property
     def ambiguous(self) -> bool:
@@ -322,7 +372,8 @@ class Posterior:
         tenth of it. They do not where it is the derivative alone that vanishes: halfway between the optima of
         interchangeable parameters, where these are equal.
         """
-        unknown = logarithmic(self.likelihood.unknowns) & (self.information.deviations() > _UNKNOWN)
+        unknown = logarithmic(self.likelihood.unknowns) & (self.deviations > _UNKNOWN)
+        unknown &= ~self.likelihood.priors.limited
         for k in np.flatnonzero(unknown).tolist():
             eta = float(self.fit.eta[k])
             unknown[k] = any(self._accepted(k, eta + side * _TENFOLD) for side in (1, -1))
@@ -364,7 +415,9 @@ class Posterior:
             raise Diverged(
                 f"the estimate{'s' * several} of {', '.join(names)} {'are' if several else 'is'} invalid: "
                 f"{unexplained}",
-                remedy="Start nearer to the true values, add passes, or check model, units and excitation: a "
+                remedy=self.likelihood.records[0].observed.astray
+                if self.likelihood.records[0].modal
+                else "Start nearer to the true values, add passes, or check model, units and excitation: a "
                 "joint may be nonlinear (friction, gap, a stiffness that depends on the amplitude).",
                 names=names,
             )
@@ -383,7 +436,7 @@ class Posterior:
             vanishing = self.indistinguishable_from_zero
             if zero := [name for name, yes in zip(names, vanishing & unknown, strict=True) if yes]:
                 raise vanished(zero, self.noun)
-            raise below_noise(lost)
+            raise below_noise(lost, self.likelihood.records[0].observed)
 
     @cached_property
     def indistinguishable_from_zero(self) -> NDArray[np.bool_]:

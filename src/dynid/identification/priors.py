@@ -2,6 +2,9 @@
 
 The mean of a prior is a pseudo-observation of the coordinate of its parameter. The prior of one parameter, as
 a scene gives it, is `ParameterPrior` in `parameters.py`.
+
+Limits are those of a uniform prior of the coordinate. What the records leave open between two limits has no
+maximum of the posterior; there the estimate is the middle, to which a pull far weaker than the limits leads.
 """
 
 from __future__ import annotations
@@ -23,6 +26,11 @@ Array = NDArray[np.float64]
 _INFORMATIVE = 1e-6
 # Deviation of a parameter that is fixed, in units: its part in the errors of others is round-off.
 _FIXED = 1e-9
+# Deviation of the pull to the middle of two limits over their distance. A coordinate with the deviation s,
+# limits w apart, it moves by less than s / (2 * 30^2) * (s / w), and a direction that is open, all the way.
+_PULL = 30.0
+# Deviation of a uniform distribution over its width.
+_UNIFORM = 1 / math.sqrt(12)
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,9 +90,54 @@ class Priors:
         """Mask of parameters that have a prior (p)."""
         return ~np.isnan(self.means)
 
+    @property
+    def limited(self) -> NDArray[np.bool_]:
+        """Mask of parameters with two limits (p): their prior is proper."""
+        return np.isfinite(self.low) & np.isfinite(self.high) & (self.low < self.high)
+
+    @property
+    def spreads(self) -> Array:
+        """Standard deviations of proper priors, Gaussian or uniform (p); NaN of parameters without one."""
+        width = np.where(self.limited, self.high - self.low, np.nan)
+        return np.fmin(self.deviations, _UNIFORM * width)
+
+    @property
+    def _pulled(self) -> NDArray[np.bool_]:
+        return self.limited & ~self.given
+
     def clipped(self, eta: Array) -> Array:
         """Return the nearest coordinates within the limits (p)."""
         return np.clip(eta, self.low, self.high)
+
+    def constrained(self, eta: Array, root: Array) -> Array:
+        """Return the likeliest coordinates within the limits (p) of a Gaussian of this mean.
+
+        Parameters
+        ----------
+        eta, root
+            Its mean (p), and a root of its covariance (p x p).
+        """
+        inside = self.clipped(eta)
+        if np.array_equal(inside, eta):
+            return inside
+        weight = np.linalg.pinv(root).astype(float)
+        return self.nearest(weight, weight @ eta)
+
+    def nearest(self, rows: Array, right: Array) -> Array:
+        """Return the coordinates within the limits (p) with the least ``|rows eta - right|``.
+
+        Bounded-variable least squares: P. B. Stark, R. L. Parker, Comput. Stat. 10 (1995) 129–141.
+        """
+        from scipy.optimize import lsq_linear  # heavy import, needed here only
+
+        free = self.low < self.high
+        eta = np.where(free, 0.0, self.low)
+        size = np.linalg.norm(rows[:, free], axis=0)
+        size = np.where(size > 0, size, 1.0)
+        limits = self.low[free] * size, self.high[free] * size
+        found = lsq_linear(rows[:, free] / size, right - rows @ eta, limits, method="bvls")
+        eta[free] = found.x / size
+        return self.clipped(eta)
 
     def at_bound(self, eta: Array) -> NDArray[np.bool_]:
         """Return the mask of coordinates that are at a limit (p)."""
@@ -97,13 +150,26 @@ class Priors:
     def rows(self, *, fixed: bool = True) -> Array:
         """Return the sensitivities of the priors' pseudo-observations over their deviations (count x p).
 
-        Without `fixed`, those of fixed parameters are left out.
+        Gaussian priors come first, then the pulls to the middle of two limits. Without `fixed`, those of
+        fixed parameters are left out.
         """
-        return np.asarray(np.diag(1 / self.deviations)[self.given & (fixed | ~self.fixed)])
+        pulls = np.diag(1 / (_PULL * np.where(self._pulled, self.high - self.low, 1.0)))
+        gaussian = np.diag(1 / self.deviations)[self.given & (fixed | ~self.fixed)]
+        return np.concatenate([gaussian, pulls[self._pulled]])
 
     def residual(self, eta: Array) -> Array:
-        """Return the residuals of the pseudo-observations over their deviations (count)."""
+        """Return the residuals of the pseudo-observations over their deviations (count), as `rows`."""
+        low, high = self.low[self._pulled], self.high[self._pulled]
+        pulls = ((low + high) / 2 - eta[self._pulled]) / (_PULL * (high - low))
+        return np.concatenate([self.gaussian_residual(eta), pulls])
+
+    def gaussian_residual(self, eta: Array) -> Array:
+        """Return the residuals of the means of Gaussian priors over their deviations (count)."""
         return np.asarray(((self.means - eta) / self.deviations)[self.given])
+
+    def open(self, deviations: Array) -> NDArray[np.bool_]:
+        """Return the mask of parameters (p) that only the pull determines, by their deviations."""
+        return self._pulled & (deviations > _PULL / 10 * np.where(self._pulled, self.high - self.low, 1.0))
 
     def conflict(self, eta: Array, deviations: Array) -> Array:
         """Return how far priors and records are apart, in deviations of that distance (p); 0 without a prior.

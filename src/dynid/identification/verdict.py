@@ -152,6 +152,7 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
                 f"the prior of {name} and the {posterior.noun} contradict each other ({apart:.2g} deviations "
                 "apart): correct its value, or give it a larger relative_deviation"
             )
+    yield from _limited_warnings(posterior)
     correlation, relative = posterior.information.correlation(), posterior.relative_errors
     true_elsewhere = _true_optimum(posterior) > 0
     for k, name in enumerate(names):
@@ -162,11 +163,13 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
                 f"{name} is indistinguishable from 0: a thousandth of it explains the {posterior.noun} as "
                 "well; leave it out, or estimate it with scale: linear, which allows 0"
             )
-        elif relative[k] > UNCERTAIN:
+        elif relative[k] > UNCERTAIN and posterior.decided_by[k] != "limits":
             yield f"{name} is poorly known: its standard error is {100 * relative[k]:.0f} % of it"
         for other in range(k):
             rho = correlation[k, other]
-            if abs(rho) > _CORRELATED and posterior.identifiable[[k, other]].all():
+            distinct = posterior.identifiable[[k, other]].all()
+            by_limits = "limits" in (posterior.decided_by[k], posterior.decided_by[other])
+            if abs(rho) > _CORRELATED and distinct and not by_limits:
                 combination = "ratio" if rho > 0 else "product"
                 yield (
                     f"{names[other]} and {name} are hardly distinguishable (correlation {rho:.3f}): "
@@ -271,6 +274,19 @@ def deciding_text(
     low, high = (unknowns[k].value(x) for x in (lower, upper))
     parts.append(f"min or max of {name} between {quantity(low)} and {quantity(high)}")
     return f"{', '.join(parts[:-1])}, or {parts[-1]}"
+
+
+def _limited_warnings(posterior: Posterior) -> Iterator[str]:
+    """Warn of parameters whose limits decide, not the data."""
+    names, by = np.array(posterior.likelihood.names), np.array(posterior.decided_by)
+    limited, decided = names[by == "limits"].tolist(), names[by == "data"].tolist()
+    if limited:
+        several = len(limited) > 1
+        others = f"it decides {', '.join(decided)}" if decided else "it decides none by itself"
+        yield (
+            f"the {posterior.noun} does not decide {', '.join(limited)}: {'their' if several else 'its'} "
+            f"interval{'s' * several} follow{'' if several else 's'} from the limits (min, max); {others}"
+        )
 
 
 def _record_warnings(posterior: Posterior) -> Iterator[str]:

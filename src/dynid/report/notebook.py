@@ -421,7 +421,14 @@ def _columns(
                 units[entry] = variable.units
     first = ("estimate", "standard_error")
     estimates: dict[str, NDArray[Any]] = {name: columns[name] for name in first if name in columns}
-    if "identification/parameters/name" in arrays and not is_rejected(result):
-        bars = zip(*estimates.values(), linear_parameters(result), strict=True)
-        estimates["low"], estimates["high"] = np.transpose([interval(*bar) for bar in bars])
+    if "identification/parameters/name" in arrays:
+        ends: dict[str, NDArray[Any]] = {
+            name: columns.pop(name) for name in ("low", "high") if name in columns
+        }
+        if not ends:  # a file of an earlier version
+            bars = zip(*estimates.values(), linear_parameters(result), strict=True)
+            low, high = np.transpose([interval(*bar) for bar in bars])
+            ends = {"low": low, "high": high}
+        if not is_rejected(result):
+            estimates |= ends
     return estimates | columns, units

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from dynid.defaults import LINEARISED
 from dynid.errors import Diverged
+from dynid.identification.information import RECORD
 from dynid.identification.systems.parametric_model import DirectTerm, ParametricModel
 from dynid.native import call, compiled, structure
 from dynid.parameters import Parameter, logarithmic
@@ -37,8 +38,6 @@ Array = NDArray[np.float64]
 
 #: How far a coordinate may move before steps are linearised anew: in its standard deviations, and at most.
 PART, MOST = LINEARISED.value, 0.1
-# The remedy for estimates that diverge.
-ASTRAY = "Start nearer to the true values, or check model, units and excitation against the record."
 # A logarithm this far from its start has diverged: a factor of a million; and any other, in its unit.
 RUNAWAY, FARTHEST = float(np.log(1e6)), 1e6
 # Squares between these neither overflow nor lose digits.
@@ -351,20 +350,22 @@ def run_away_limits(unknowns: Sequence[Parameter]) -> Array:
     return np.array([RUNAWAY if one.logarithmic else FARTHEST * one.first_spread for one in unknowns])
 
 
-def check_run_away(unknowns: Sequence[Parameter], eta: Array, origin: Array) -> None:
+def check_run_away(
+    unknowns: Sequence[Parameter], eta: Array, origin: Array, remedy: str = RECORD.astray
+) -> None:
     """Refuse coordinates (p) that are not finite or a factor of a million from their origin."""
     away = ~(np.abs(eta - origin) < run_away_limits(unknowns))
     if away.any():
-        raise run_away([unknown.name for unknown, bad in zip(unknowns, away, strict=True) if bad])
+        raise run_away([one.name for one, bad in zip(unknowns, away, strict=True) if bad], remedy)
 
 
-def run_away(names: list[str]) -> Diverged:
+def run_away(names: list[str], remedy: str = RECORD.astray) -> Diverged:
     """Return the error that names parameters that diverged."""
     several = len(names) > 1
     return Diverged(
         f"the estimate{'s' * several} of {', '.join(names)} {'run' if several else 'runs'} away from "
         f"{'their starts' if several else 'its start'} by a factor of more than 1e6",
-        remedy=ASTRAY,
+        remedy=remedy,
         names=names,
     )
 

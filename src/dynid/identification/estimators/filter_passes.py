@@ -68,8 +68,12 @@ class Filter:
 
 
 def last(likelihood: TimeLikelihood, sweeps: Sequence[Sweep]) -> Array:
-    """Return the coordinates that sweeps end with, within their bounds (p)."""
-    return likelihood.priors.clipped(sweeps[-1][-1].eta[-1])
+    """Return the likeliest coordinates within the limits (p) of the Gaussian that sweeps end with.
+
+    D. Simon, D. L. Simon, Int. J. Syst. Sci. 41 (2010) 159–171.
+    """
+    end = sweeps[-1][-1]
+    return likelihood.priors.constrained(end.eta[-1], end.root)
 
 
 def run_passes(likelihood: TimeLikelihood, origin: Array, passes: int) -> list[Sweep]:

@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 
 from dynid.errors import Diverged, UsageError
 from dynid.identification.estimators.estimate import Estimate, EstimationStage
-from dynid.identification.estimators.filter import ASTRAY, InitialState, Pass, check_run_away
+from dynid.identification.estimators.filter import InitialState, Pass, check_run_away
 from dynid.identification.estimators.filter_passes import chained, last
+from dynid.identification.information import RECORD
 from dynid.identification.records.time_record import TimeLikelihood, TimeRecord
 from dynid.progress import report_progress
 
@@ -104,7 +105,9 @@ class InvariantImbedding:
             atol=self.tolerance * flow.scale(prior.root),
         )
         if not solved.success:
-            raise Diverged(f"the integration of eqs 19 and 20 breaks down: {solved.message}", remedy=ASTRAY)
+            raise Diverged(
+                f"the integration of eqs 19 and 20 breaks down: {solved.message}", remedy=RECORD.astray
+            )
         history = flow.history(record.model.own(np.asarray(solved.y.T)))
         for eta in history.eta[[len(history.eta) // 2, -1]]:
             check_run_away(record.unknowns, eta, origin)
@@ -163,7 +166,7 @@ class Flow:
         place = [self.upper[0].tolist().index(k) for k in range(N)]  # a row starts at its diagonal
         variances = rows[:, [N + at for at in place]]
         if not np.all(variances > 0):
-            raise Diverged("the covariance of eq 20 loses its sign in the integration", remedy=ASTRAY)
+            raise Diverged("the covariance of eq 20 loses its sign in the integration", remedy=RECORD.astray)
         left = self._unpacked(rows[-1])[1][n:, n:]
         deviations, root = np.sqrt(variances), np.asarray(np.linalg.cholesky(left))
         return Pass(rows[:, n:N], deviations[:, n:], rows[:, :n], deviations[:, :n], root)

@@ -126,11 +126,15 @@ def refine(likelihood: Likelihood, eta: Array, iterations: int = 50) -> Refined:
         information = likelihood.information(fit, noise)
         residual = likelihood.weighted(fit, noise)
         held = likelihood.priors.blocked(fit.eta, information.projected.T @ residual)
-        better, least = None, np.maximum(_PART * information.deviations(), smallest)
+        # Of a direction that only limits determine, a part of their distance.
+        deviations = np.fmin(information.deviations(), likelihood.priors.spreads)
+        better, least = None, np.maximum(_PART * deviations, smallest)
         while better is None and damping <= _MOST:
             step = _damped_step(information.without(held), residual, damping, likelihood.priors.units)
             step = np.where(held, 0.0, step)
             target = likelihood.priors.clipped(fit.eta + step)
+            if not np.array_equal(target, fit.eta + step):
+                target = _bounded_target(likelihood, information, residual, damping, fit.eta)
             better, step = _improved(likelihood, target, noise, misfit), target - fit.eta
             damping *= 1.0 if better else 10.0
             if better is None and np.all(np.abs(step) <= _ROUNDED * least):
@@ -138,13 +142,15 @@ def refine(likelihood: Likelihood, eta: Array, iterations: int = 50) -> Refined:
         if better is None:  # no step improves: rounding is all that is left
             return Refined(fit, number - 1)
         fit, misfit = better
-        check_run_away(likelihood.unknowns, fit.eta, eta)
+        check_run_away(likelihood.unknowns, fit.eta, eta, likelihood.records[0].observed.astray)
         size = float(np.max(np.abs(step) / least))
         # The sum of all steps to come, after two of these sizes: a geometric series.
         left = size * size / (before - size) if size < before / 2 else size
-        if left <= 1.0:
+        is_open = damping > _LEAST and likelihood.priors.open(information.deviations()).any()
+        if left <= 1.0 and not is_open:
             return Refined(fit, number)
-        damping, before = max(damping / 10, _LEAST), size
+        # Damping holds up the pull to the middle of limits where the records leave a direction open.
+        damping, before = _LEAST if left <= 1.0 else max(damping / 10, _LEAST), size
     return Refined(fit, iterations)
 
 
@@ -189,6 +195,19 @@ def _damped_step(information: Information, residual: Array, damping: float, unit
     right = np.concatenate([residual, np.zeros(p)])
     step = least_squares(rows, right, 0.0) / size
     return np.asarray(step * min(1.0, _LONGEST / float(np.abs(step / units).max(initial=_LONGEST))))
+
+
+def _bounded_target(
+    likelihood: Likelihood, information: Information, residual: Array, damping: float, eta: Array
+) -> Array:
+    """Return where a damped Gauss–Newton step within the limits leads, no coordinate moved too far."""
+    J, units = information.projected, likelihood.priors.units
+    size = np.linalg.norm(J, axis=0)
+    damped = np.diag(np.sqrt(damping) * np.where(size > 0, size, 1.0))
+    Q, R = np.linalg.qr(np.concatenate([J, damped]))
+    right = Q.T @ np.concatenate([residual, np.zeros(len(size))])
+    step = likelihood.priors.nearest(R, right + R @ eta) - eta
+    return np.asarray(eta + step * min(1.0, _LONGEST / float(np.abs(step / units).max(initial=_LONGEST))))
 
 
 def _improved(

@@ -247,9 +247,11 @@ class ModelComparison:
             resolved += table.values
             rows.append(table.by_parameter)
         # Unknowns that the records determine: all without a prior, and those of which they know more than it.
+        # Limits do not count: parameters between them are unknowns, as many as the records can tell apart.
         every, with_prior = np.concatenate(rows), ~np.isnan(self.prior)
-        over_prior = _without(_range(every[:, ~with_prior]), every[:, with_prior]) * self.prior[with_prior]
-        unknowns = int(np.count_nonzero(~with_prior))
+        directions = _range(every[:, ~with_prior])
+        over_prior = _without(directions, every[:, with_prior]) * self.prior[with_prior]
+        unknowns = int(directions.shape[1])
         if over_prior.size:
             unknowns += int(np.count_nonzero(np.linalg.svd(over_prior, compute_uv=False) >= 1))
         return resolved - min(resolved, unknowns)
@@ -282,7 +284,7 @@ def compare_models(likelihood: Likelihood, fit: Fit, whiteness_p: float | None =
     saturated = [k for k, table in enumerate(found) if table is None]
     squares = degrees = 0.0
     if len(saturated) < len(found):
-        squares = float(np.sum(priors.residual(fit.eta) ** 2))
+        squares = float(np.sum(priors.gaussian_residual(fit.eta) ** 2))
         part_of_prior = (np.linalg.norm(root(), axis=1) / priors.deviations)[priors.given] ** 2
         degrees = float(np.sum(1 - part_of_prior))
     return ModelComparison(

@@ -22,6 +22,7 @@ from dynid.identification.goodness_of_fit.saturated_model import (
     saturated_coordinates,
 )
 from dynid.identification.goodness_of_fit.statistics import root_mean_square
+from dynid.identification.information import RESPONSE, Observed
 from dynid.identification.likelihood import Likelihood
 from dynid.identification.records.frf_measurement import (
     Frf,
@@ -83,9 +84,9 @@ class FrfRecord(RecordLikelihood):
     sharing: int = 1
 
     @property
-    def noun(self) -> str:
-        """Noun for a set of responses."""
-        return "response"
+    def observed(self) -> Observed:
+        """Words for a set of responses."""
+        return RESPONSE
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from dynid.errors import UsageError
 from dynid.identification.goodness_of_fit.saturated_model import SaturatedCoordinates
 from dynid.identification.goodness_of_fit.statistics import root_mean_square
+from dynid.identification.information import MODAL_SURVEY, Observed
 from dynid.identification.likelihood import Likelihood
 from dynid.identification.priors import Priors
 from dynid.identification.records.measurement import RecordData
@@ -137,9 +138,9 @@ class ModalRecord(RecordLikelihood):
         return True
 
     @property
-    def noun(self) -> str:
-        """Noun for a set of measured modes."""
-        return "modal survey"
+    def observed(self) -> Observed:
+        """Words for a set of measured modes."""
+        return MODAL_SURVEY
 
     @property
     def channels(self) -> Sequence[ModalChannel]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from dynid.defaults import HUBER
 from dynid.identification.goodness_of_fit.saturated_model import SaturatedCoordinates
 from dynid.identification.goodness_of_fit.statistics import root_mean_square
-from dynid.identification.information import Information, information
+from dynid.identification.information import RECORD, Information, Observed, information
 from dynid.identification.records.measurement import RecordData
 from dynid.identification.systems.instruments import CalibrationDerivatives
 from dynid.identification.systems.linear_system import LinearSystem
@@ -150,9 +150,9 @@ class RecordLikelihood(ABC):
         return ()
 
     @property
-    def noun(self) -> str:
-        """Noun for what is observed."""
-        return "record"
+    def observed(self) -> Observed:
+        """Words for what is observed."""
+        return RECORD
 
     @property
     def channels(self) -> Sequence[NamedChannel]:
@@ -235,7 +235,7 @@ class RecordLikelihood(ABC):
         signal = float(np.linalg.norm(np.nan_to_num(fit.predicted.outputs) * weight))
         count = int(np.count_nonzero(weight)) - self.nuisances
         at = values(self.unknowns, fit.eta), rates(self.unknowns, fit.eta)
-        return information(names, slopes, np.zeros((len(slopes), 0)), signal, count, *at)
+        return information(names, slopes, np.zeros((len(slopes), 0)), signal, count, *at, self.observed)
 
     @abstractmethod
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:

@@ -106,10 +106,13 @@ def add_derived(result: Result, posterior: Posterior, request: DerivedRequest | 
 
 
 def gaussian(posterior: Posterior, samples: int = SAMPLES) -> GaussianPosterior:
-    """Return the Gaussian posterior of the coordinates; parameters at a limit are fixed there."""
-    likelihood, priors = posterior.likelihood, posterior.likelihood.priors
-    root = np.where(posterior.held[:, None], 0.0, posterior.information.root)
-    return GaussianPosterior(likelihood.unknowns, posterior.fit.eta, root, priors.low, priors.high, samples)
+    """Return the posterior of the coordinates: Gaussian, or samples of that which limits cut off."""
+    likelihood, priors, drawn = posterior.likelihood, posterior.likelihood.priors, posterior.limited.samples
+    if drawn is not None:
+        drawn = drawn[np.linspace(0, len(drawn) - 1, samples).round().astype(int)]
+    return GaussianPosterior(
+        likelihood.unknowns, posterior.fit.eta, posterior.root, priors.low, priors.high, samples, drawn
+    )
 
 
 def _systems(posterior: Posterior) -> list[tuple[LinearSystem, list[Pair]]]:

@@ -203,8 +203,6 @@ def directions(information: Information, prior: Array) -> list[Direction]:
 
 
 GROUP = "identification/modes"
-# A parameter whose standard error is more than this part of the prior's is known by that alone.
-_BLIND = 0.8
 # The most numbers of expanded shapes.
 _MOST_EXPANDED = 2_000_000
 
@@ -344,13 +342,16 @@ def _add_diagnosis(
 
 
 def _add_directions(result: Result, posterior: Posterior) -> list[str]:
-    """Add the combinations of parameters that the data determine, where all have priors; say which."""
+    """Add the combinations of parameters that the data determine, where all have priors; say which.
+
+    Two limits are a prior, of the deviation of a uniform distribution.
+    """
     priors, names = posterior.likelihood.priors, posterior.likelihood.names
     own = f"{GROUP}/directions"
-    if not priors.given.all() or not result.wants_below(own):
+    if np.isnan(priors.spreads).any() or not result.wants_below(own):
         return []
     information = posterior.likelihood.information(posterior.fit, posterior.noise, prior=False)
-    found = directions(information, priors.deviations)
+    found = directions(information, priors.spreads)
     labels = [one.label(names) for one in found]
     result.add_axis(f"{own}/direction", np.arange(1, len(found) + 1))
     result.add_axis(f"{own}/parameter", names)
@@ -358,13 +359,12 @@ def _add_directions(result: Result, posterior: Posterior) -> list[str]:
     result.add(f"{own}/weights", np.array([one.weights for one in found]), ("direction", "parameter"))
     result.add(f"{own}/label", np.array(labels, dtype=object), ("direction",))
     known = [label for one, label in zip(found, labels, strict=True) if one.strength > DETERMINED]
-    left = posterior.information.deviations() / priors.deviations
-    blind = [name for name, part in zip(names, left, strict=True) if part > _BLIND]
+    than = "priors" if priors.given.all() else "priors and limits" if priors.given.any() else "limits"
     said = [
-        f"the data determine {len(known)} of {len(names)} combinations better than the priors: "
+        f"the data determine {len(known)} of {len(names)} combinations better than the {than}: "
         + "; ".join(known)
     ]
-    if blind:
+    if blind := [name for name, by in zip(names, posterior.decided_by, strict=True) if by == "prior"]:
         said.append(f"known by their priors alone: {', '.join(blind)}")
     return said
 

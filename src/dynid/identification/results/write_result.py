@@ -193,7 +193,10 @@ def _add_parameters(result: Result, posterior: Posterior) -> None:
     identifiable = posterior.identifiable
     rate = np.where(identifiable, rate, np.inf)
     result.add(f"{group}/identifiable", identifiable, dims)
-    result.add(f"{group}/standard_error", rate * posterior.information.deviations(), dims, unit)
+    result.add(f"{group}/standard_error", rate * posterior.deviations, dims, unit)
+    for name, ends in zip(("low", "high"), posterior.intervals, strict=True):
+        result.add(f"{group}/{name}", ends, dims, unit)
+    result.add(f"{group}/decided_by", posterior.decided_by, dims)
     if result.wants(f"{group}/standard_error_scaled") and posterior.noise_is_given:
         result.add(f"{group}/standard_error_scaled", rate * posterior.scaled_deviations, dims, unit)
     if (
@@ -390,12 +393,12 @@ def _add_records(
     if not records:
         return
     true = [None] * len(records) if true_states is None else true_states()
-    information, parts = posterior.information, posterior.fit.parts[: len(records)]
+    parts = posterior.fit.parts[: len(records)]
     each = zip(records, parts, posterior.noise[: len(records)], strict=True)
-    bands = [state_deviations(record, part, noise, information.root) for record, part, noise in each]
+    bands = [state_deviations(record, part, noise, posterior.root) for record, part, noise in each]
     sweeps = posterior.estimate.histories
     if not sweeps:  # an estimator of whole records has the same information at any time
-        deviations, whole = information.deviations(), []
+        deviations, whole = posterior.deviations, []
         for part, band in zip(parts, bands, strict=True):
             states = part.predicted.states[stored_rows(len(part.residual))]
             every = np.ones((len(states), 1))

@@ -189,7 +189,11 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
         if barred and not math.isfinite(error):
             shown = (quantity(estimate), "not identifiable")
         elif barred:
-            low, high = interval(estimate, error, linear[k])
+            low, high = (
+                (float(get["low"][k]), float(get["high"][k]))
+                if "low" in get
+                else interval(estimate, error, linear[k])
+            )
             shown = (with_error(estimate, error), f"{quantity(low, error)} … {quantity(high, error)}")
         off = percent(get["error_percent"][k]) if true else "-"
         truth = (quantity(true), off) if known else ()
@@ -256,7 +260,9 @@ def preparation(result: Result) -> Iterator[str]:
 def is_rejected(result: Result) -> bool:
     """Return True if an estimate is not converged and rejected, so that its standard errors are invalid."""
     converged = result.get(f"{_DIAGNOSTICS}/converged")
-    return converged is not None and not bool(converged.data) and not is_open(result)
+    if converged is None or bool(converged.data):
+        return False
+    return not (is_open(result) or is_left_to_limits(result))
 
 
 def is_open(result: Result) -> bool:
@@ -271,6 +277,24 @@ def is_open(result: Result) -> bool:
         return False
     converged, optimum, explained, redundancy = (variable.data for variable in found if variable is not None)
     return bool(not converged and optimum and explained and redundancy > 0)
+
+
+def is_left_to_limits(result: Result) -> bool:
+    """Return True if limits decide parameters, so that an optimum lacks no more than redundancy.
+
+    Its intervals follow from the limits, and are valid if the model is right.
+    """
+    decided = result.get(f"{_PARAMETERS}/decided_by")
+    flags = [result.get(f"{_DIAGNOSTICS}/{name}") for name in ("optimum", "explained", "redundancy")]
+    if result.rejected or decided is None or any(flag is None for flag in flags):
+        return False
+    optimum, explained, redundancy = (flag.data for flag in flags if flag is not None)
+    return bool(optimum and explained and redundancy <= 0 and "limits" in decided.data.tolist())
+
+
+def is_modal(result: Result) -> bool:
+    """Return True if a result is of measured modes alone."""
+    return has_modes(result) and f"{_DIAGNOSTICS}/autocorrelation" not in result
 
 
 def lacks_fit(result: Result) -> bool:
@@ -289,7 +313,7 @@ def cautions(result: Result) -> Iterator[str]:
     """Yield the rejection of a result with its remedy, and the warnings, a sentence each."""
     if f"{_DIAGNOSTICS}/converged" not in result:
         return
-    if is_rejected(result):
+    if is_rejected(result) or is_left_to_limits(result):
         signal, redundancy = result.get(f"{_DIAGNOSTICS}/signal_p"), result.get(f"{_DIAGNOSTICS}/redundancy")
         if signal is not None and not float(signal.data) < SIGNAL.value:
             remedy = "excite more, or measure elsewhere, longer or with less noise"
@@ -297,7 +321,8 @@ def cautions(result: Result) -> Iterator[str]:
             priors = "".join(f"the prior of {name}, " for name in contradicted_priors(result))
             remedy = f"check {priors}model, units, signs and starts, and whether a joint is nonlinear"
         elif redundancy is not None and int(redundancy.data) <= 0:
-            remedy = "add channels or excitation frequencies, or fix a parameter"
+            more = "modes or sensors" if is_modal(result) else "channels or excitation frequencies"
+            remedy = f"add {more}, or fix a parameter"
         else:
             remedy = "use method auto, or more passes"
         if not result.rejected:  # else the error of the run says it
@@ -401,7 +426,7 @@ def verdict_sentences(result: Result) -> Iterator[str]:
     yield str(result.value(f"{_DIAGNOSTICS}/verdict"))
     yield from _redundancy(result)
     yield left
-    if not has_modes(result) or f"{_DIAGNOSTICS}/autocorrelation" in result:  # modes alone have no order
+    if not is_modal(result):  # modes alone have no order
         yield residuals
     yield from noise_sentences(result)
     yield from _error_bar_sentences(result, sound=white or exact or lacks_fit(result))
