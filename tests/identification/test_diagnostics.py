@@ -210,6 +210,7 @@ def posterior(measured=MEASURED, residual=NOISE, **changed):
         "optima": None,
         "ambiguous": False,
         "undetermined": (),
+        "decided_by": ["data", "data"],
     }
     return SimpleNamespace(
         likelihood=SimpleNamespace(names=("a.k", "b.k"), records=[record]),

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dynid.identification.goodness_of_fit.residual_tests import whiteness
 from dynid.identification.information import Information, joint_information
-from dynid.identification.priors import Priors
+from dynid.identification.priors import PULL, Priors
 from dynid.identification.records.record_likelihood import RecordFit, RecordLikelihood
 from dynid.parameters import Parameter, coordinates, truths
 
@@ -61,10 +61,13 @@ class Likelihood:
         One or more, all with the same unknowns.
     noiseless
         The likelihood of the records without noise, if it is computed already.
+    pull
+        Deviation of the pull of parameters to the middle of their limits, over the distance of these.
     """
 
     records: tuple[RecordLikelihood, ...]
     noiseless: Likelihood | None = field(default=None, kw_only=True)
+    pull: float = field(default=PULL, kw_only=True)
     _last: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -88,7 +91,7 @@ class Likelihood:
     @cached_property
     def priors(self) -> Priors:
         """Priors and limits of the parameters."""
-        return Priors.of(self.unknowns)
+        return Priors.of(self.unknowns, self.pull)
 
     @property
     def evaluations(self) -> int:

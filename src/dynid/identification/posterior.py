@@ -191,7 +191,8 @@ class Posterior:
     def intervals(self) -> tuple[Array, Array]:
         """Ends of the 95 % intervals of the parameters (p)."""
         unknowns, limited = self.likelihood.unknowns, self.limited
-        low, high = values(unknowns, limited.low), values(unknowns, limited.high)
+        with np.errstate(over="ignore"):  # infinite where not even the order of magnitude is known
+            low, high = values(unknowns, limited.low), values(unknowns, limited.high)
         return self._within_limits(low), self._within_limits(high)
 
     def _within_limits(self, found: Array) -> Array:

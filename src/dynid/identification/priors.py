@@ -26,9 +26,9 @@ Array = NDArray[np.float64]
 _INFORMATIVE = 1e-6
 # Deviation of a parameter that is fixed, in units: its part in the errors of others is round-off.
 _FIXED = 1e-9
-# Deviation of the pull to the middle of two limits over their distance. A coordinate with the deviation s,
+#: Deviation of the pull to the middle of two limits over their distance. A coordinate with the deviation s,
 # limits w apart, it moves by less than s / (2 * 30^2) * (s / w), and a direction that is open, all the way.
-_PULL = 30.0
+PULL = 30.0
 # Deviation of a uniform distribution over its width.
 _UNIFORM = 1 / math.sqrt(12)
 
@@ -45,6 +45,8 @@ class Priors:
         Means and standard deviations of the priors (p), NaN where there are none.
     units
         Steps of the coordinates that count as one (p): 1 of logarithms.
+    pull
+        Deviation of the pull to the middle of two limits over their distance.
     """
 
     low: Array
@@ -52,9 +54,10 @@ class Priors:
     means: Array
     deviations: Array
     units: Array
+    pull: float = PULL
 
     @classmethod
-    def of(cls, unknowns: Sequence[Parameter]) -> Priors:
+    def of(cls, unknowns: Sequence[Parameter], pull: float = PULL) -> Priors:
         """Return the priors and limits of unknown parameters.
 
         The deviation of the logarithm is that of the log-normal distribution of the same relative deviation.
@@ -72,7 +75,9 @@ class Priors:
             for one, prior in priors
         ]
         units = [one.first_spread / 2 for one in unknowns]
-        found = cls(*(np.array(part, dtype=float) for part in (low, high, means, deviations, units)))
+        found = cls(
+            np.array(low), np.array(high), np.array(means), np.array(deviations), np.array(units), pull
+        )
         # Where the limits are one value, a prior that is as narrow keeps the information regular.
         return replace(
             found,
@@ -102,7 +107,8 @@ class Priors:
         return np.fmin(self.deviations, _UNIFORM * width)
 
     @property
-    def _pulled(self) -> NDArray[np.bool_]:
+    def pulled(self) -> NDArray[np.bool_]:
+        """Mask of parameters that are pulled to the middle of their limits (p)."""
         return self.limited & ~self.given
 
     def clipped(self, eta: Array) -> Array:
@@ -153,14 +159,14 @@ class Priors:
         Gaussian priors come first, then the pulls to the middle of two limits. Without `fixed`, those of
         fixed parameters are left out.
         """
-        pulls = np.diag(1 / (_PULL * np.where(self._pulled, self.high - self.low, 1.0)))
+        pulls = np.diag(1 / (self.pull * np.where(self.pulled, self.high - self.low, 1.0)))
         gaussian = np.diag(1 / self.deviations)[self.given & (fixed | ~self.fixed)]
-        return np.concatenate([gaussian, pulls[self._pulled]])
+        return np.concatenate([gaussian, pulls[self.pulled]])
 
     def residual(self, eta: Array) -> Array:
         """Return the residuals of the pseudo-observations over their deviations (count), as `rows`."""
-        low, high = self.low[self._pulled], self.high[self._pulled]
-        pulls = ((low + high) / 2 - eta[self._pulled]) / (_PULL * (high - low))
+        low, high = self.low[self.pulled], self.high[self.pulled]
+        pulls = ((low + high) / 2 - eta[self.pulled]) / (self.pull * (high - low))
         return np.concatenate([self.gaussian_residual(eta), pulls])
 
     def gaussian_residual(self, eta: Array) -> Array:
@@ -169,7 +175,7 @@ class Priors:
 
     def open(self, deviations: Array) -> NDArray[np.bool_]:
         """Return the mask of parameters (p) that only the pull determines, by their deviations."""
-        return self._pulled & (deviations > _PULL / 10 * np.where(self._pulled, self.high - self.low, 1.0))
+        return self.pulled & (deviations > self.pull / 10 * np.where(self.pulled, self.high - self.low, 1.0))
 
     def conflict(self, eta: Array, deviations: Array) -> Array:
         """Return how far priors and records are apart, in deviations of that distance (p); 0 without a prior.

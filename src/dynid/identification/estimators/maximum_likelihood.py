@@ -50,6 +50,8 @@ _DAMPING, _LEAST, _MOST = 1e-3, 1e-10, 1e6
 _PART, _SIZE = 1e-3, 1e-11
 #: A step below this part of that one which does not improve is rounding: shorter ones are not tried.
 _ROUNDED = 1e-3
+# Pulls to the middle of limits, over their distance: first about the deviation of a uniform distribution.
+_PULLS = (0.3, 3.0)
 L = TypeVar("L", bound=Likelihood)
 #: Most iterations, and the step (in standard errors) that is the last.
 _MOST_ITERATIONS, _LAST_STEP = 100, 1e-3
@@ -103,6 +105,9 @@ class OutputError:
 def refine(likelihood: Likelihood, eta: Array, iterations: int = 50) -> Refined:
     """Go to the nearest maximum of the likelihood.
 
+    Where records leave a direction between limits open, it is a narrow curved valley of the posterior, which
+    is followed from the middle: with a strong pull to it first, and then with weaker ones.
+
     Parameters
     ----------
     likelihood
@@ -117,6 +122,23 @@ def refine(likelihood: Likelihood, eta: Array, iterations: int = 50) -> Refined:
     Diverged
         If a parameter leaves its start by a factor of a million.
     """
+    steps = 0
+    if likelihood.priors.pulled.any() and _is_open(likelihood, likelihood.fit(eta)):
+        for pull in _PULLS:
+            middle = _nearest_maximum(replace(likelihood, pull=pull), eta, iterations)
+            eta, steps = middle.fit.eta, steps + middle.steps
+    found = _nearest_maximum(likelihood, eta, iterations)
+    return Refined(found.fit, found.steps + steps)
+
+
+def _is_open(likelihood: Likelihood, fit: Fit) -> bool:
+    """Return True if records leave a direction between limits open."""
+    deviations = likelihood.information(fit, likelihood.likeliest(fit)).deviations()
+    return bool(likelihood.priors.open(deviations).any())
+
+
+def _nearest_maximum(likelihood: Likelihood, eta: Array, iterations: int) -> Refined:
+    """Go to the nearest maximum of the likelihood by Levenberg and Marquardt's steps within the limits."""
     fit = likelihood.fit(eta)
     misfit = likelihood.misfit(fit)
     damping, before, smallest = _DAMPING, 0.0, _SIZE * likelihood.priors.units

@@ -5,7 +5,8 @@ Everything is below ``identification/``:
 - `parameters`: `estimate` with `standard_error`, `cramer_rao` and `correlation`, in which priors count as
   measurements do; `standard_error_scaled` (for the observed noise instead of the given one);
   `cramer_rao_without_prior` (of the records alone, infinite where a parameter is not identifiable);
-  `at_bound` (such estimates have nominal standard errors); `start`, `true` and the unsigned `error_percent`,
+  `low` and `high`, the 95 % interval, which like the standard error is that of the posterior within limits;
+  `decided_by`: ``data``, or the ``prior`` or the ``limits`` of a parameter alone; `at_bound`; `start`, `true` and the unsigned `error_percent`,
   NaN where no true value is known. The attribute `error_bars` states where error bars are nominal.
   `identifiable`: False of parameters that the records do not determine. These are fixed at their starts,
   where the records admit that, and have an infinite `standard_error`; the errors of the others are
