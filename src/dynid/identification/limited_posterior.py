@@ -63,11 +63,14 @@ class LimitedPosterior:
             Least and largest coordinates (p), infinite where there are none.
         """
         low, high = limits
+        free = low < high
         near = (eta - low < REACH * deviations) | (high - eta < REACH * deviations)
-        if not near.any():
+        if not near[free].any():
             half = _HALF_WIDTH * deviations
             return cls(deviations, eta - half, eta + half)
-        samples = eta + _sampled(rows, residual, low - eta, high - eta, deviations)
+        samples = np.tile(eta, (_CHAINS * _SAMPLES, 1))
+        below, above = (low - eta)[free], (high - eta)[free]
+        samples[:, free] += _sampled(rows[:, free], residual, below, above, deviations[free])
         ends = np.quantile(samples, [_TAIL, 1 - _TAIL], axis=0)
         return cls(samples.std(axis=0), ends[0], ends[1], samples)
 

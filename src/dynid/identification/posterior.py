@@ -193,22 +193,32 @@ class Posterior:
         unknowns, limited = self.likelihood.unknowns, self.limited
         with np.errstate(over="ignore"):  # infinite where not even the order of magnitude is known
             low, high = values(unknowns, limited.low), values(unknowns, limited.high)
-        return self._within_limits(low), self._within_limits(high)
+        # Of a parameter that is not identifiable all values of its scale.
+        log = np.where(logarithmic(unknowns), 0.0, -np.inf)
+        low, high = np.where(self.identifiable, low, log), np.where(self.identifiable, high, np.inf)
+        return self._within_limits(low, free=~self.identifiable), self._within_limits(
+            high, free=~self.identifiable
+        )
 
-    def _within_limits(self, found: Array) -> Array:
-        """Return values of the parameters (p) without the round-off of their coordinates at limits."""
+    def _within_limits(self, found: Array, free: NDArray[np.bool_] | None = None) -> Array:
+        """Return values of the parameters (p) without the round-off of their coordinates at limits.
+
+        Those that are `free` (p) stay.
+        """
         unknowns = self.likelihood.unknowns
         low = [-np.inf if one.low is None else one.low for one in unknowns]
         high = [np.inf if one.high is None else one.high for one in unknowns]
-        return np.clip(found, low, high)
+        clipped = np.clip(found, low, high)
+        return clipped if free is None else np.where(free, found, clipped)
 
     @cached_property
     def decided_by(self) -> list[str]:
-        """What decides each parameter: ``data``, or its ``prior`` or ``limits`` alone."""
+        """What decides each parameter: ``data``, its ``prior`` or ``limits`` alone, or ``nothing``."""
         priors = self.likelihood.priors
         alone = self.deviations > UNDECIDED * np.where(np.isnan(priors.spreads), np.inf, priors.spreads)
         by_limits = ~priors.given | (priors.spreads < priors.deviations)
-        return [str(one) for one in np.where(alone, np.where(by_limits, "limits", "prior"), "data")]
+        found = np.where(alone, np.where(by_limits, "limits", "prior"), "data")
+        return [str(one) for one in np.where(self.identifiable, found, "nothing")]
 
     @property
     def relative_errors(self) -> Array:

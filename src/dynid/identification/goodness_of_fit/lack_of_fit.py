@@ -285,7 +285,8 @@ def compare_models(likelihood: Likelihood, fit: Fit, whiteness_p: float | None =
     squares = degrees = 0.0
     if len(saturated) < len(found):
         squares = float(np.sum(priors.gaussian_residual(fit.eta) ** 2))
-        part_of_prior = (np.linalg.norm(root(), axis=1) / priors.deviations)[priors.given] ** 2
+        gaussian = priors.given & ~priors.fixed
+        part_of_prior = (np.linalg.norm(root(), axis=1) / priors.deviations)[gaussian] ** 2
         degrees = float(np.sum(1 - part_of_prior))
     return ModelComparison(
         [records[k].coordinates(fit.parts[k]) for k in saturated],

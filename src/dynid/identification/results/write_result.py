@@ -6,11 +6,11 @@ Everything is below ``identification/``:
   measurements do; `standard_error_scaled` (for the observed noise instead of the given one);
   `cramer_rao_without_prior` (of the records alone, infinite where a parameter is not identifiable);
   `low` and `high`, the 95 % interval, which like the standard error is that of the posterior within limits;
-  `decided_by`: ``data``, or the ``prior`` or the ``limits`` of a parameter alone; `at_bound`; `start`, `true` and the unsigned `error_percent`,
-  NaN where no true value is known. The attribute `error_bars` states where error bars are nominal.
-  `identifiable`: False of parameters that the records do not determine. These are fixed at their starts,
-  where the records admit that, and have an infinite `standard_error`; the errors of the others are
-  conditional.
+  `decided_by`: ``data``, the ``prior`` or the ``limits`` of a parameter alone, or ``nothing``; `at_bound`;
+  `start`, `true` and the unsigned `error_percent`, NaN where no true value is known. The attribute
+  `error_bars` states where error bars are nominal. `identifiable`: False of parameters that the records do
+  not determine. These are fixed at their starts, where the records admit that, and have an infinite
+  `standard_error`; the errors of the others are conditional.
 - `considered`: slopes of the estimates by the calibration of the instruments; see `calibration`.
 - `stages`: the attempts of the estimator.
 - `measurement`: `measured` (NaN where a sample is missing) and `predicted`, the noise-free response at the
