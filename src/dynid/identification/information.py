@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import NotIdentifiable
 from dynid.identification.least_squares import least_squares, thin_svd, without_state
+from dynid.number_format import sentence
 
 Array = NDArray[np.float64]
 
@@ -40,8 +41,10 @@ class Observed(NamedTuple):
         What is unknown besides the parameters.
     values, more
         What it has more of where it has more values, and where it determines more.
-    act, less_noise
-        Remedies where a parameter has no effect, or less than the noise.
+    where
+        The remedy of no effect, up to the parameters that act there.
+    less_noise
+        The remedy of an effect below the noise.
     astray
         Remedy where estimates run away.
     """
@@ -50,7 +53,7 @@ class Observed(NamedTuple):
     nuisances: str
     values: str
     more: str
-    act: str
+    where: str
     less_noise: str
     astray: str
 
@@ -60,7 +63,7 @@ RECORD = Observed(
     "the unknown initial state",
     "samples or channels",
     "channels, samples or excitation frequencies",
-    "Excite or measure where it acts.",
+    "excite or measure where",
     "Excite or measure where they act, measure longer or with less noise",
     "Start nearer to the true values, or check model, units and excitation against the record.",
 )
@@ -69,7 +72,7 @@ RESPONSE = Observed(
     "the noise",
     "lines or channels",
     "channels or lines",
-    "Excite or measure where it acts.",
+    "excite or measure where",
     "Excite or measure where they act, measure longer or with less noise",
     "Start nearer to the true values, or check model, units and driven DOFs against the responses.",
 )
@@ -78,7 +81,7 @@ MODAL_SURVEY = Observed(
     "the scales of the shapes",
     "modes or sensors",
     "modes or sensors",
-    "Measure modes in which it acts.",
+    "measure modes in which",
     "Measure modes in which they act, or with less scatter",
     "Start nearer to the true values, or check model, units and sensors against the survey.",
 )
@@ -267,7 +270,7 @@ class Information:
             raise _refusal(
                 self._named(insensitive),
                 f"cannot be identified from this {self.observed.noun}: the sensitivity is zero",
-                self.observed.act,
+                sentence(f"{self.observed.where} it acts"),
             )
         _, s, Vt = thin_svd(self.projected / np.linalg.norm(self.projected, axis=0))
         s = np.concatenate([s, np.zeros(len(Vt) - len(s))])

@@ -191,14 +191,15 @@ def _undetermined(posterior: Posterior) -> Iterator[str]:
         grouped.update(members)
         yield (
             f"{', '.join(members)} cannot be distinguished{only}; {fixed}, and the error bars of the others "
-            "are conditional on that; fix some of them, or add channels, samples or excitation frequencies"
+            f"are conditional on that; fix some of them, or add {likelihood.records[0].observed.more}"
         )
     left = [name for name in posterior.undetermined if name not in grouped]
     if left:
         several, at = len(left) > 1, ", ".join(quantity(values[name]) for name in left)
         yield (
             f"{', '.join(left)} {'are' if several else 'is'} not identifiable from this {noun}: held at "
-            f"{at}, and the error bars of the others are conditional on that; excite or measure where "
+            f"{at}, and the error bars of the others are conditional on that; "
+            f"{likelihood.records[0].observed.where} "
             f"{'they act, or give priors' if several else 'it acts, or give a prior'}"
         )
 
