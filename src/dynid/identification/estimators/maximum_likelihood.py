@@ -122,7 +122,7 @@ def refine(likelihood: Likelihood, eta: Array, iterations: int = 50) -> Refined:
     Diverged
         If a parameter leaves its start by a factor of a million.
     """
-    steps = 0
+    eta, steps = likelihood.priors.clipped(eta), 0
     if likelihood.priors.pulled.any() and _is_open(likelihood, likelihood.fit(eta)):
         for pull in _PULLS:
             middle = _nearest_maximum(replace(likelihood, pull=pull), eta, iterations)
