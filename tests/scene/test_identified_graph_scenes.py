@@ -8,7 +8,7 @@ import yaml
 
 import dynid
 from dynid.cli.summary import summary
-from dynid.errors import FileError, NotIdentifiable, SceneError
+from dynid.errors import FileError, SceneError
 from dynid.identification.planning.plan import every_variable
 from dynid.report.content import content
 from dynid.report.figure import figures
@@ -330,9 +330,20 @@ def test_sensitivities_of_an_identified_graph_are_by_its_values():
 
 def test_what_a_record_cannot_tell_is_said_before_the_run():
     text = DRIVE.replace("start: 1, true: 2}", "start: 1, true: 2}\n  S: {start: 1, true: 1}")
-    told = explain(scene(text.replace("{type: R, value: R}", "{type: R, value: R*S}")))
-    assert isinstance(told.obstacle, NotIdentifiable)
-    assert told.cost is None
+    changed = scene(text.replace("{type: R, value: R}", "{type: R, value: R*S}"))
+    told = explain(changed)
+    assert told.obstacle is None
+    group = "identification/identifiability"
+    flags = dict(
+        zip(told.result[f"{group}/parameter"].data, told.result[f"{group}/identifiable"].data, strict=True)
+    )
+    assert not flags["R"]
+    assert not flags["S"]
+    result = run_scene(changed)
+    assert result.value("identification/parameters/identifiable").tolist() == list(flags.values())
+    assert any(
+        "R, S cannot be distinguished" in text for text in result.value("identification/diagnostics/warnings")
+    )
 
 
 @pytest.mark.parametrize("frf", [False, True])
