@@ -129,6 +129,9 @@ class RealField:
         self.bits = CODED_BITS + _BITS_PER_ORDER * order
         self._terms = list(in_order(terms))
         self._balls: dict[tuple[int, int], Any] = {}
+        self._relations: dict[
+            tuple[int, str, int, float], list[Fraction] | None
+        ] = {}  # the same for every prime
         modulus, trial, self._order = self._first_modulus(), 0, _ORDER
         for _ in range(_MAX_TRIALS):
             self.prime = _prime(modulus, trial)
@@ -296,13 +299,22 @@ class RealField:
     def _square_root(self, base: Term, square: int, root: int, real: Callable[[], Any]) -> int:
         """Return the square root with the sign that belongs to the positive one."""
         basis = self._basis(base)
-        relation = _relation(real, [other for _, other in basis])
+        relation = self._related("sqrt", real, [other for _, other in basis])
         if relation is not None:
             combined = sum(self.residue(c) * part for c, (part, _) in zip(relation, basis, strict=True))
             if pow(combined, 2, self.prime) == square:
                 return combined % self.prime
         self._generate(root, real)
         return root
+
+    def _related(
+        self, kind: str, real: Callable[[], Any], basis: Sequence[Callable[[], Any]], largest: int = 0
+    ) -> list[Fraction] | None:
+        """Return the relation of a number to others, sought once for the current term."""
+        key = id(self._current), kind, len(basis), float(real().mid())
+        if key not in self._relations:
+            self._relations[key] = _relation(real, basis, largest)
+        return self._relations[key]
 
     def _generate(self, image: int, real: Callable[[], Any]) -> None:
         """Note a number that others may be sums of, with itself or not."""
@@ -343,7 +355,7 @@ class RealField:
         p, entries = self.prime, self._exponentials
         if not image:
             return 1
-        relation = _relation(real, [entry.real for entry in entries], _MAX_MULTIPLE)
+        relation = self._related("exp", real, [entry.real for entry in entries], _MAX_MULTIPLE)
         if relation is not None:
             parts = list(zip(relation, entries, strict=True))
             if (image - sum(self.residue(multiple) * entry.logarithm for multiple, entry in parts)) % p == 0:
@@ -363,7 +375,7 @@ class RealField:
         p, entries = self.prime, self._exponentials
         if image == 1:
             return 0
-        relation = _relation(real, [entry.real for entry in entries], _MAX_MULTIPLE)
+        relation = self._related("exp", real, [entry.real for entry in entries], _MAX_MULTIPLE)
         if relation is not None:
             common = math.lcm(*(multiple.denominator for multiple in relation))
             product = 1
@@ -385,7 +397,7 @@ class RealField:
         if not image:
             return 1, 0
         basis = [arb.pi, *(entry.real for entry in entries)]
-        relation = _relation(real, basis, _MAX_MULTIPLE)
+        relation = self._related("angle", real, basis, _MAX_MULTIPLE)
         if relation is not None:
             residues = [self._pi, *(entry.angle for entry in entries)]
             parts = zip(relation, residues, strict=True)

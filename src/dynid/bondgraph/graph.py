@@ -21,7 +21,7 @@ from itertools import chain
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, get_args
 
-from dynid.arithmetic.numbers import Irrational, coded, field_of
+from dynid.arithmetic.numbers import Irrational, OutOfRangeError, coded, field_of
 from dynid.errors import UsageError
 from dynid.suggestions import did_you_mean
 
@@ -256,7 +256,10 @@ class BondGraph:
         if not irrational and not others:
             return None
         storages = sum(node.type in STORAGES for node in self.nodes.values())
-        field = field_of([*irrational.values(), *others], storages)
+        try:
+            field = field_of([*irrational.values(), *others], storages)
+        except OutOfRangeError as error:
+            raise UsageError(f"irrational values: {error}", names=tuple(irrational)) from None
         assert field is not None
         for name, value in irrational.items():
             self.nodes[name] = replace(self.nodes[name], value=coded(value, field))
