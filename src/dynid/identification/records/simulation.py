@@ -79,11 +79,12 @@ def check_finite(values: NDArray[Any], what: str, sample: str) -> None:
     """Refuse measured values that are infinite, or whose squares are; NaN is a missing one."""
     largest = float(np.nanmax(np.abs(values), initial=0.0))
     if largest == math.inf:
-        raise UsageError(f"{what} must be finite, or NaN where a {sample} is missing")
+        raise UsageError(f"{what} must be finite, or NaN where a {sample} is missing", names=("measurement",))
     if largest > LARGEST:
         raise UsageError(
             f"{what} reach {largest:.3g}; they may reach {LARGEST:g}, whose square is finite: check columns "
-            "and units"
+            "and units",
+            names=("measurement",),
         )
 
 
