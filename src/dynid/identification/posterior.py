@@ -228,8 +228,14 @@ class Posterior:
 
     @cached_property
     def step(self) -> Array:
-        """The Gauss–Newton step from the estimate to the optimum of the records, in coordinates (p)."""
-        return self.information.without(self.held).step(self.likelihood.weighted(self.fit, self.noise))
+        """The Gauss–Newton step from the estimate to the optimum within the limits, in coordinates (p)."""
+        priors, eta = self.likelihood.priors, self.fit.eta
+        residual = self.likelihood.weighted(self.fit, self.noise)
+        step = self.information.without(self.held).step(residual)
+        if np.array_equal(priors.clipped(eta + step), eta + step):
+            return step
+        Q, R = np.linalg.qr(self.information.projected)
+        return priors.nearest(R, Q.T @ residual + R @ eta) - eta
 
     @property
     def distance_to_optimum(self) -> Array:
