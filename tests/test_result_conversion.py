@@ -89,8 +89,10 @@ def test_estimates_have_their_bars(suspension):
 
 
 def test_estimates_that_are_rejected_have_no_bars(suspension):
-    result = suspension.without("identification/diagnostics/converged")
-    result.add("identification/diagnostics/converged", False)
+    result = suspension
+    for flag in ("converged", "optimum"):
+        result = result.without(f"identification/diagnostics/{flag}")
+        result.add(f"identification/diagnostics/{flag}", False)
     assert not {"low", "high"} & set(result.to_pandas("parameters"))
 
 

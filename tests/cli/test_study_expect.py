@@ -60,7 +60,7 @@ def test_an_error_replaces_the_junit_file_of_an_earlier_study(dynid, study, fold
 
 
 def test_a_study_warns_of_what_its_scene_does_not_use(dynid, study, folder):
-    text = (folder / "small.yaml").read_text().replace("  time:", "  results: [properties]\n  time:")
+    text = (folder / "small.yaml").read_text().replace("  time:", "  results: [properties, poles]\n  time:")
     (folder / "small.yaml").write_text(text)
     code, _, err = dynid("study", study("0.75"), "--executor", "serial", "--dry-run")
     assert (code, err) == (0, "")
