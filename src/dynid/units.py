@@ -46,6 +46,22 @@ class Unit(NamedTuple):
         return Unit(factor, tuple(power * a for a in self.dimension))
 
 
+class FrequencyUnit(NamedTuple):
+    """A unit of frequencies, the symbol of a frequency in it, and the factor to it from rad/s."""
+
+    name: str
+    symbol: str
+    factor: float
+
+    def text(self, omega: float, digits: int = 4) -> str:
+        """Write an angular frequency (rad/s) in this unit."""
+        return f"{self.factor * omega:.{digits}g} {self.name}"
+
+
+RADIANS = FrequencyUnit("rad/s", "ω", 1.0)
+HERTZ = FrequencyUnit("Hz", "f", 1 / (2 * math.pi))
+
+
 def _of(**powers: int) -> tuple[int, ...]:
     return tuple(powers.get(base, 0) for base in _BASES)
 

@@ -5,7 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from dynid.scene.schema.raw import HERTZ, RADIANS, unit_of_frequencies
+from dynid.scene.schema.raw import unit_of_frequencies
+from dynid.units import HERTZ, RADIANS
 
 #: A force on a mass between a spring and an absorber (k = 900, m = 1): zeros of the mass at ±30j.
 ABSORBER = """\

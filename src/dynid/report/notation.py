@@ -16,7 +16,7 @@ from dynid.report.svg import TITLE, Svg, number, plain, text_width
 
 if TYPE_CHECKING:
     from dynid.result import Result, Scalar
-    from dynid.scene.schema.raw import FrequencyUnit
+    from dynid.units import FrequencyUnit
 
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")

@@ -19,9 +19,9 @@ from dynid.report.plot.chart import Subplot, declared
 from dynid.report.plot.heatmap import Heatmap
 from dynid.report.plot.layers import Annotation, BandLayer, Bars, Curve, Layer, Markers, ReferenceLine
 from dynid.report.scenes import frequency_unit
-from dynid.scene.schema.raw import HERTZ, RADIANS
 from dynid.store.frequencies import in_unit
 from dynid.suggestions import did_you_mean, did_you_mean_path, shortened
+from dynid.units import HERTZ, RADIANS
 
 if TYPE_CHECKING:
     import pandas

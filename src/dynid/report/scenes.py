@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import DynidError, UsageError
-from dynid.scene.schema.raw import HERTZ, RADIANS, FrequencyUnit, unit_of_frequencies
+from dynid.scene.schema.raw import unit_of_frequencies
+from dynid.units import HERTZ, RADIANS, FrequencyUnit
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

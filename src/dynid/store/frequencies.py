@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.result import Variable
-from dynid.scene.schema.raw import FrequencyUnit
+from dynid.units import FrequencyUnit
 
 #: Names of arrays of frequencies, and of groups that hold one with its limits. Angular velocities are none.
 _NAMES = frozenset(

@@ -12,7 +12,7 @@ from dynid.number_format import counted, percent, quantity
 from dynid.report.content.blocks import ReportSection, Statement, TextTable
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
-from dynid.scene.schema.raw import FrequencyUnit
+from dynid.units import FrequencyUnit
 
 #: Most frequencies of a row.
 _SHOWN = 4

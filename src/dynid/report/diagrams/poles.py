@@ -28,7 +28,7 @@ from dynid.report.plot import (
     series_class,
 )
 from dynid.report.scenes import frequency_unit
-from dynid.scene.schema.raw import FrequencyUnit
+from dynid.units import FrequencyUnit
 
 if TYPE_CHECKING:
     from dynid.report.diagrams.study_samples import StudyNumbers, StudyVariable

@@ -21,7 +21,7 @@ from dynid.result import common_unit
 
 if TYPE_CHECKING:
     from dynid.result import Result
-    from dynid.scene.schema.raw import FrequencyUnit
+    from dynid.units import FrequencyUnit
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from dynid.arithmetic.expression import ExpressionError, Number, parse, resolve_parameters
 from dynid.errors import Fault
 from dynid.scene.yaml.source import Source
 from dynid.suggestions import did_you_mean
-from dynid.units import si_unit, split_value, unit_fits
+from dynid.units import HERTZ, RADIANS, FrequencyUnit, si_unit, split_value, unit_fits
 
 if TYPE_CHECKING:
     from dynid.arithmetic.dependent import Dependent
@@ -276,22 +275,6 @@ def _texts(entry: Any) -> Iterator[tuple[tuple[str, ...], str]]:
 
 #: Blocks that describe a frequency axis: where there is one, its unit is that of the scene.
 _AXES = frozenset({"frequency", "lines", "frf"})
-
-
-class FrequencyUnit(NamedTuple):
-    """A unit of frequencies, the symbol of a frequency in it, and the factor to it from rad/s."""
-
-    name: str
-    symbol: str
-    factor: float
-
-    def text(self, omega: float, digits: int = 4) -> str:
-        """Write an angular frequency (rad/s) in this unit."""
-        return f"{self.factor * omega:.{digits}g} {self.name}"
-
-
-RADIANS = FrequencyUnit("rad/s", "ω", 1.0)
-HERTZ = FrequencyUnit("Hz", "f", 1 / (2 * math.pi))
 
 
 def unit_of_frequencies(data: Any) -> FrequencyUnit:

@@ -20,11 +20,12 @@ from dynid.checks.comparison import word
 from dynid.checks.expectations import LabelledAxis, axis_of
 from dynid.errors import DynidError, UsageError
 from dynid.result import Result, Variable
-from dynid.scene.schema.raw import RADIANS, FrequencyUnit, unit_of_frequencies
+from dynid.scene.schema.raw import unit_of_frequencies
 from dynid.scene.yaml.source import parse_source
 from dynid.store.frequencies import in_unit
 from dynid.store.tables import ColumnKind, ExportTable, TableColumn, kind_of, split
 from dynid.suggestions import did_you_mean, did_you_mean_path
+from dynid.units import RADIANS, FrequencyUnit
 
 SAMPLES, RESULTS, STATISTICS = "study/samples", "study/results", "study/statistics"
 
