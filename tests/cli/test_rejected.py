@@ -77,8 +77,11 @@ def test_a_rejected_fit_replaces_an_earlier_good_file(dynid, tmp_path, monkeypat
     assert "is unexplained" in (tmp_path / "j.xml").read_text()
     result = checked("joint.h5")
     assert "masses" in result.attrs["scene"]
+    assert "rejected estimate" in out
     page = (tmp_path / "joint.html").read_text()
-    assert "rejected" in page
+    assert "rejected estimate" in page
+    assert '<p class="note bad">Rejected: ' in page
+    assert '<p class="note">RMS residual: ' in page  # a fact, no warning
     assert "prediction" in page
     # What reads results.
     code, out, _ = dynid("show", "joint.h5")

@@ -172,7 +172,7 @@ def test_error_bars_of_a_rejected_result_are_not_printed(case):
     assert ("±" in said, "interval" in said, "standard error:" in said, "bound" in said) == (
         not rejected,
     ) * 4
-    assert ("error bars are not printed: the result is rejected" in said) == rejected
+    assert ("error bars are not printed: the estimate is not converged" in said) == rejected
     assert "25" in said
 
 

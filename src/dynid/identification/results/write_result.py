@@ -309,7 +309,7 @@ def _add_comparison(result: Result, posterior: Posterior) -> None:
     if posterior.rejection is not None:
         return
     if not (posterior.optimal and compared.explained and compared.redundancy > 0):
-        result.annotate(_PARAMETERS, error_bars="nominal: the result is rejected")
+        result.annotate(_PARAMETERS, error_bars="nominal: the estimate is not converged")
     elif posterior.undetermined:
         held = ", ".join(posterior.undetermined)
         result.annotate(_PARAMETERS, error_bars=f"conditional on the values of {held}")

@@ -68,6 +68,13 @@ def method(result: Result) -> str:
     return f"identification · {how[str(attrs['estimator'])]}"
 
 
+#: How sentences of doubt begin; others are facts.
+_DOUBTS = (
+    *("warning", "at a limit", "error bars", "badly conditioned"),
+    *("the residuals are not white", "the fit does not explain"),
+)
+
+
 def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the content of an identification, or of the responses of a structure."""
     if has_estimates(result):
@@ -75,8 +82,8 @@ def sections(result: Result) -> Iterator[ReportSection]:
         sound = good and bool(result.value(f"{_DIAGNOSTICS}/white")) and not lacks_fit(result)
         answer, quality = list[Statement](), list[Statement]()
         for place, said in enumerate(verdict_sentences(result)):
-            doubtful = said.startswith(("warning", "at a limit", "error bars"))
-            bad = not good or (doubtful if place else lacks_fit(result))
+            doubtful = said.startswith(_DOUBTS)
+            bad = doubtful if place else not good or lacks_fit(result)
             tone = "bad" if bad else "good" if sound and place == 0 else ""
             (answer if bad or not place else quality).append(Statement(sentence(said), tone))
         columns, rows = parameter_table(result)
@@ -209,7 +216,7 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
                 *bound,
             )
         )
-    return ("", "start", "estimate", *bars, *truths), rows
+    return ("", "start", "rejected estimate" if result.rejected else "estimate", *bars, *truths), rows
 
 
 def _scaled_text(estimate: float, error: float) -> str:
@@ -382,7 +389,7 @@ def _rejected_bars(result: Result) -> str:
             "the fit does not explain the record: its estimates are no answers, and stand in "
             "identification/rejected alone; the figures of the fit show where it fails"
         )
-    return "error bars are not printed: the result is rejected (those in the file are nominal)"
+    return "error bars are not printed: the estimate is not converged (those in the file are nominal)"
 
 
 def _error_bar_sentences(result: Result, *, sound: bool) -> Iterator[str]:
