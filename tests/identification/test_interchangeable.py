@@ -1,5 +1,6 @@
 """Interchangeable parameters: all optima, what decides, no false pair; against known permutations."""
 
+import re
 from itertools import permutations
 
 import numpy as np
@@ -43,7 +44,9 @@ def star(k, c, *, masses=None, starts=None, priors=None, limits=None, known=True
 
 
 def measured(seed=1, noise=0.05, samples=900, dof=1):
-    return Measurement(0.004, samples, (Channel(dof, "acceleration"),), Simulation(noise, seed, 3.0))
+    dofs = [dof] if isinstance(dof, int) else dof
+    channels = tuple(Channel(each, "acceleration") for each in dofs)
+    return Measurement(0.004, samples, channels, Simulation(noise, seed, 3.0))
 
 
 def optima(result):
@@ -78,7 +81,7 @@ def test_every_optimum_of_equal_arms_is_reported(arms, known):
     (said,) = [text for text in diagnostic(result, "warnings") if "interchangeable" in text]
     first = "arm1.k" if known else "(arm1.k, arm1.c)"
     assert said.startswith(first)
-    assert "a sensor at DOF " in said
+    assert ("a sensor at DOF " if arms == 2 else "sensors at DOF 2 and DOF ") in said
     assert "a prior" in said or "priors" in said
     assert "min or max" in said
 
@@ -125,6 +128,32 @@ def test_a_prior_decides_whatever_the_start(starts):
     worse = (np.log(k[1] / k[0] / 1.1) ** 2 - np.log(1.1) ** 2) / (2 * sigma2)
     assert result.value(f"{OPTIMA}/log_posterior")[1] == pytest.approx(-worse, rel=0.05)
     assert "of 2 that explain the record equally well" in diagnostic(result, "verdict")
+
+
+def test_a_limit_of_one_of_three_leaves_the_others_interchangeable():
+    k, c = [8e3, 21e3, 52e3], [2.0, 3.0, 4.5]
+    model = star(k, c, known=False, limits=[(1e3, 1.4e4), (None, None), (None, None)])
+    result = identify(model, [Load(1, SINES)], measured())
+    assert diagnostic(result, "equivalent_optima") == 6
+    assert len(optima(result)) == 6  # none twice, where a search beside an image ends at another
+    assert np.isfinite(result.value(f"{OPTIMA}/log_posterior")).sum() == 2
+    assert diagnostic(result, "verdict").startswith("NOT converged: 2 optima explain the record")
+    (said,) = [text for text in diagnostic(result, "warnings") if "interchangeable" in text]
+    assert said.startswith("(arm2.k, arm2.c) and (arm3.k, arm3.c) are interchangeable: 2 optima")
+
+
+@pytest.mark.parametrize("arms", [2, 3, 4])
+def test_the_named_sensors_decide(arms):
+    k = [8e3, 15e3, 29e3, 56e3][:arms]
+    model = star(k, [2.0] * arms)
+    result = identify(model, [Load(1, SINES)], measured())
+    (said,) = [text for text in diagnostic(result, "warnings") if "interchangeable" in text]
+    named = re.search(r"sensors? at (.*?), (?:a prior|priors)", said)[1].split(" or ")[0]
+    dofs = [int(name) for name in re.findall(r"DOF (\d+)", named)]
+    dofs = dofs if " and " in named else dofs[:1]
+    assert len(dofs) == arms - 1
+    more = identify(model, [Load(1, SINES)], measured(dof=[1, *dofs]))
+    assert diagnostic(more, "equivalent_optima") == 1
 
 
 def test_a_wide_prior_does_not_decide_but_chooses():

@@ -58,8 +58,9 @@ _APART = 3.0
 # of the misfit that they must leave at most.
 _RANKED, _SEARCHED, _FIRST, _LEFT = 16, 3, 4, 0.3
 # Most states, and candidate sensors, of models whose deciding sensors are sought; lines at which responses
-# are compared, the relative difference from which they differ, and how many sensors are named.
-_SENSOR_STATES, _SENSORS, _LINES, _DIFFERENT, _NAMED = 120, 60, 5, 1e-3, 3
+# are compared, the relative difference from which they differ, how many sensors are named, and most optima
+# that are compared with the estimate.
+_SENSOR_STATES, _SENSORS, _LINES, _DIFFERENT, _NAMED, _COMPARED = 120, 60, 5, 1e-3, 3, 24
 # How far from a saddle its optima are looked for, in units.
 _APART_SADDLE = (0.4, 0.1)
 # Most multiplications of the evaluations of these starts: some hundredths of a second.
@@ -80,14 +81,14 @@ class EquivalentOptima:
     permutations
         The symmetries of the model that relate them.
     sensors
-        Further sensors at which they differ, by name.
+        Further sensors, by name: each entry is one, or a set, at which all undecided ones differ.
     """
 
     eta: Array
     log_likelihood: Array
     log_posterior: Array
     permutations: Sequence[Permutation] = ()
-    sensors: Sequence[str] = ()
+    sensors: Sequence[tuple[str, ...]] = ()
 
     def __len__(self) -> int:
         return len(self.eta)
@@ -179,7 +180,7 @@ class OptimaSearch:
                 if k >= _REFINED or priors.fixed.any():  # with what is fixed at another place
                     gain[k] = prior_gain(priors, eta, point)
                     continue
-                optimum = self._beside(point, eta)
+                optimum = self._beside(k, points)
                 gain[k] = -math.inf if optimum is None else best.misfit - optimum.misfit
                 if gain[k] > _BETTER and optimum is not None:
                     return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), optimum
@@ -246,18 +247,17 @@ class OptimaSearch:
                 confirmed.append(permutation)
         return confirmed
 
-    def _beside(self, point: Array, eta: Array) -> Optimum | None:
-        """Return the optimum of the posterior beside an image of `eta`; None where there is none."""
-        likelihood = self._likelihood(point)
+    def _beside(self, k: int, points: Sequence[Array]) -> Optimum | None:
+        """Return the optimum of the posterior beside the k-th of the images; None where there is none."""
+        likelihood = self._likelihood(points[k])
         try:
             with guarded("the prediction"):
-                fit = refine(likelihood, likelihood.priors.clipped(point), _STEPS).fit
+                fit = refine(likelihood, likelihood.priors.clipped(points[k]), _STEPS).fit
         except DynidError:
             return None
-        from_image, from_estimate = (
-            np.linalg.norm((fit.eta - each) / likelihood.priors.units) for each in (point, eta)
-        )
-        return Optimum(likelihood, fit) if from_image < from_estimate else None
+        # From outside the limits a search may end at the optimum of another image.
+        away = [float(np.linalg.norm((fit.eta - each) / likelihood.priors.units)) for each in points]
+        return Optimum(likelihood, fit) if away[k] <= min(away) else None
 
     # Optima that no exact symmetry relates.
 
@@ -369,8 +369,10 @@ def prior_gain(priors: Priors, eta: Array, point: Array) -> float:
     return float(squares[0] - squares[1]) / 2
 
 
-def deciding_sensors(model: Model, likelihood: Likelihood, optima: EquivalentOptima) -> list[str]:
-    """Return sensors whose responses differ between equivalent optima, those that differ most first.
+def deciding_sensors(model: Model, likelihood: Likelihood, optima: EquivalentOptima) -> list[tuple[str, ...]]:
+    """Return sensors whose responses differ between all undecided optima, those that differ most first.
+
+    Where one alone does not distinguish all, a set that does together.
 
     They are DOFs of a structure, or variables of a graph; none of measured modes.
     """
@@ -393,19 +395,43 @@ def deciding_sensors(model: Model, likelihood: Likelihood, optima: EquivalentOpt
     channels = [channel for channel in channels if _sensor_name(channel) not in names][:_SENSORS]
     if not channels:
         return []
+    # What exchanges least is seen by the fewest sensors.
+    rest = optima.eta[1:][optima.undecided[1:]] if optima.ambiguous else optima.eta[1:]
+    moved = np.count_nonzero(np.abs(rest - optima.eta[0]) > _DISTINCT * likelihood.priors.units, axis=1)
+    compared = [optima.eta[0], *rest[np.argsort(moved, kind="stable")[:_COMPARED]]]
     try:
         with guarded("the responses of further sensors"):
             system = system_of(model, loads, channels)
-            each = [named(likelihood.unknowns, eta) for eta in optima.eta[:2]]
+            each = [named(likelihood.unknowns, eta) for eta in compared]
             speeds = np.abs(record.system_model.poles(each[0]))
             omega = np.geomspace(0.3, 1.1, _LINES) * float(np.max(speeds, initial=1.0))
-            first, second = (np.abs(system.response(values, omega)[0]) for values in each)
+            first, *others = (np.abs(system.response(values, omega)[0]) for values in each)
     except (DynidError, np.linalg.LinAlgError):
         return []
+    apart = np.array([_relative_difference(first, other) for other in others])
+    labels = [str(_sensor_name(channel)) for channel in channels]
+    least = apart.min(axis=0)  # what a sensor distinguishes alone
+    order = [k for k in np.argsort(-least, kind="stable") if least[k] > _DIFFERENT][:_NAMED]
+    return [(labels[k],) for k in order] or [tuple(labels[k] for k in chosen) for chosen in _together(apart)]
+
+
+def _relative_difference(first: Array, second: Array) -> Array:
+    """Return the largest difference of responses (line x channel x load), relative to the largest."""
     size = np.maximum(first, second).max(axis=(0, 2))
-    apart = np.abs(first - second).max(axis=(0, 2)) / np.where(size > 0, size, 1.0)
-    order = np.argsort(-apart, kind="stable")
-    return [str(_sensor_name(channels[k])) for k in order if apart[k] > _DIFFERENT][:_NAMED]
+    return np.asarray(np.abs(first - second).max(axis=(0, 2)) / np.where(size > 0, size, 1.0))
+
+
+def _together(apart: Array) -> list[list[int]]:
+    """Return a set of sensors that distinguish all optima (optimum x sensor) together; none where none do."""
+    left, chosen = apart > _DIFFERENT, list[int]()
+    if not left.any(axis=1).all():
+        return []
+    while len(left):
+        counts = left.sum(axis=0)
+        best = max(range(len(counts)), key=lambda k: (counts[k], apart[:, k].max()))
+        chosen.append(best)
+        left = left[~left[:, best]]
+    return [sorted(chosen)]
 
 
 def _storage_channels(model: Any) -> list[Any]:

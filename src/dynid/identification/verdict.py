@@ -37,6 +37,8 @@ POSSIBLE_CAUSES = (
     "Possible causes: a wrong mass or connection, or a nonlinear joint (friction, gap, a stiffness that "
     "depends on the amplitude), whose estimates differ between records of different amplitude"
 )
+# A parameter differs between optima from this part of a unit on; else priors move it a little.
+_MOVED = 0.01
 # The most outliers that are named one by one.
 _NAMED = 3
 # An outlier or offset that makes up this part of a residual's mean square reduces the weight of its channel.
@@ -219,8 +221,14 @@ def _equivalent_optima(posterior: Posterior) -> str:
     assert optima is not None
     undecided = optima.eta[optima.undecided]
     count, names = len(undecided), posterior.likelihood.names
-    moved = np.flatnonzero(np.ptp(undecided, axis=0) > 0)
-    alike = "; ".join(map(interchange_text, interchangeable(names, optima.permutations)))
+    away = np.ptp(undecided, axis=0) / posterior.likelihood.priors.units
+    moved = np.flatnonzero(away > 0)
+    # Priors and limits may leave fewer groups than the symmetries.
+    apart = {names[k] for k in np.flatnonzero(away > _MOVED)}
+    sets = interchangeable(names, optima.permutations)
+    left = [[group for group in groups if apart & set(group)] for groups in sets]
+    left = [groups for groups in left if len(groups) > 1] or sets
+    alike = "; ".join(map(interchange_text, left))
     if not alike:
         are = "is" if len(moved) == 1 else "are"
         alike = f"{', '.join(names[k] for k in moved)} {are} not determined uniquely"
@@ -240,7 +248,7 @@ def interchange_text(groups: Sequence[Sequence[str]]) -> str:
 
 
 def deciding_text(
-    unknowns: Sequence[Parameter], eta: Array, sensors: Sequence[str], *, guessed: bool = False
+    unknowns: Sequence[Parameter], eta: Array, sensors: Sequence[tuple[str, ...]], *, guessed: bool = False
 ) -> str:
     """Return which sensor, prior or limit would decide between optima.
 
@@ -251,14 +259,17 @@ def deciding_text(
     eta
         Coordinates of the optima (optima x p).
     sensors
-        Sensors at which they differ.
+        Sensors, or sets of them, at which they differ.
     guessed
         True where the coordinates are guesses, from which no numbers follow.
     """
     parts = []
     if sensors:
-        listed = sensors[0] if len(sensors) == 1 else f"{', '.join(sensors[:-1])} or {sensors[-1]}"
-        parts.append(f"measure {listed}, too" if sensors[0].split()[0] != "DOF" else f"a sensor at {listed}")
+        *others, last = (" and ".join(names) for names in sensors)
+        listed = f"{', '.join(others)} or {last}" if others else last
+        several = "sensors" if len(sensors[0]) > 1 else "a sensor"
+        structure = sensors[0][0].split()[0] == "DOF"
+        parts.append(f"{several} at {listed}" if structure else f"measure {listed}, too")
     # The values that are farthest apart, of neighbours.
     ordered = np.sort(eta, axis=0)
     gaps = np.diff(ordered, axis=0) / [one.first_spread / 2 for one in unknowns]
