@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import dynid
+from dynid.bondgraph.control import PADE_ORDER
 from dynid.bondgraph.results import margins
 from dynid.cli.summary import summary
 from dynid.progress import progress_to
@@ -81,3 +82,15 @@ def test_sixteen_gains_are_their_sum():
     s = 1j * result["bond_graph/sensitivity_functions/omega"].data
     expected = (s * s + 2 * s + 16) / (s * s + 2 * s + 17)
     np.testing.assert_allclose(result["bond_graph/sensitivity_functions/S"].data[:, 7], expected, rtol=1e-12)
+
+
+def test_loops_of_one_delay_share_the_poles_of_its_approximant():
+    loops = [("m.f", [0.5], "[1], delay: 0.1"), ("k.q", [0.3], "[1], delay: 0.1")]
+    result = run(loops)
+    for number in (1, 2):
+        group = f"bond_graph/root_locus/loop_{number}"
+        assert result[f"{group}/poles"].data.shape[1] == 2 + PADE_ORDER
+        zeros = result[f"{group}/zeros"].data
+        # those of exp(-s T), mirrored poles, and the zero of the velocity
+        assert len(zeros) == PADE_ORDER + (number == 1)
+        assert (zeros.real >= 0).all()

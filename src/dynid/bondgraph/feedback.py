@@ -9,12 +9,14 @@ set of loops with delays: exact, whatever the delays are. Loop i, the others clo
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, reduce
 from itertools import combinations
 from math import lcm
+from operator import or_
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -259,19 +261,21 @@ def rational(functions: Sequence[QuasiPolynomial], order: int) -> list[Any]:
     """Return quasi-polynomials over one polynomial, with a Padé approximant for the delay of each loop."""
     from flint import fmpq, fmpq_poly
 
-    loops = {loop for function in functions for product in function.products for loop in product}
+    products = [product for function in functions for product in function.products]
+    counts = [Counter(loop.seconds for loop in product) for product in products]
     approximants = {}
-    for loop in loops:
-        exact = [[Fraction(reference(c)) for c in reversed(part)] for part in pade(loop.seconds, order)]
+    for delay, largest in reduce(or_, counts, Counter[Fraction]()).items():
+        exact = [[Fraction(reference(c)) for c in reversed(part)] for part in pade(delay, order)]
         parts = [[fmpq(c.numerator, c.denominator) for c in part] for part in exact]
-        approximants[loop] = [fmpq_poly(part) for part in parts]
+        top, bottom = (fmpq_poly(part) for part in parts)
+        approximants[delay] = (largest, top, bottom)
     found = []
     for function in functions:
         total = fmpq_poly(0)
         for product, polynomial in function.products.items():
-            own = fmpq_poly(polynomial)
-            for loop, (top, bottom) in approximants.items():
-                own *= top if loop in product else bottom
+            own, count = fmpq_poly(polynomial), Counter(loop.seconds for loop in product)
+            for delay, (largest, top, bottom) in approximants.items():  # equal delays share a denominator
+                own *= top ** count[delay] * bottom ** (largest - count[delay])
             total += own
         found.append(total)
     common = lcm(*(int(total.denom()) for total in found))
