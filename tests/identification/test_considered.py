@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 from dynid import load_scene, run
 from dynid.arithmetic.dependent import Dependent
 from dynid.identification.identify import identify, identify_frf
+from dynid.identification.identify_modes import identify_modes
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.modal_measurement import ModalMeasurement
 from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Multisine
 from dynid.parameters import Parameter
@@ -20,6 +23,15 @@ LINES = np.linspace(5.0, 150.0, 60)
 RESPONSES = FrfMeasurement(LINES, tuple(Frf(channel, 2) for channel in CHANNELS), Simulation(0.01, 3))
 LOADS = [Load(2, Multisine([10.0, 10.0], [30.0, 90.0]))]
 PARAMETER = "identification/parameters"
+# The modes of masses 1 and 2 on stiffnesses k = 15,000 and kg = 2,000, with some scatter.
+SQUARES, SHAPES = eigh([[1.7e4, -1.5e4], [-1.5e4, 1.5e4]], np.diag([1.0, 2.0]))
+SURVEY = ModalMeasurement(
+    np.sqrt(SQUARES) * [1.002, 0.999],
+    (1, 2),
+    SHAPES + np.array([[0.004, -0.002], [-0.003, 0.005]]),
+    omega_std=2e-3 * np.sqrt(SQUARES),
+    shape_std=np.full((2, 2), 0.005),
+)
 
 
 def chain(m, c, std=None):
@@ -39,10 +51,10 @@ def chain(m, c, std=None):
 def estimated(model, kind, truth=None):
     if kind == "record":
         return identify(model, LOADS, RECORD, truth=truth)
-    return identify_frf(model, RESPONSES, truth=truth)
+    return identify_modes(model, SURVEY) if kind == "survey" else identify_frf(model, RESPONSES, truth=truth)
 
 
-@pytest.mark.parametrize("kind", ["record", "responses"])
+@pytest.mark.parametrize("kind", ["record", "responses", "survey"])
 def test_slopes_and_total_errors_are_those_of_estimates_with_other_values(kind):
     truth, std = chain(2.0, 5.0), (0.02, 0.3)
     found = estimated(chain(2.0, 5.0, std), kind, truth)

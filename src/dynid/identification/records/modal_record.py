@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ from dynid.identification.records.paired_modes import paired_modes, real_parts
 from dynid.identification.records.record_likelihood import RecordFit, RecordLikelihood, ScatterTest
 from dynid.identification.systems.instruments import CalibrationDerivatives
 from dynid.identification.systems.linear_system import LinearSystem
-from dynid.identification.systems.parametric_model import system_of
+from dynid.identification.systems.parametric_model import freed_coordinates, freed_model, system_of
 from dynid.identification.systems.prediction import Trajectory
 from dynid.parameters import Parameter, named, rates, starts
 from dynid.structure.model import StructuralModel
@@ -298,9 +298,20 @@ class ModalRecord(RecordLikelihood):
         return []
 
     def calibration(self, fit: RecordFit, noise: Array) -> CalibrationDerivatives:
-        """Return no derivatives: shapes have a free scale, and frequencies no gain."""
+        """Return the derivatives by considered parameters; shapes have a free scale, frequencies no gain."""
         slopes = self.slopes(fit, noise)
-        return CalibrationDerivatives((), np.zeros(0), slopes, np.zeros((len(slopes), 0)))
+        freed = freed_model(self.model, (), known=False)
+        if freed is None:
+            return CalibrationDerivatives((), np.zeros(0), slopes, np.zeros((len(slopes), 0)))
+        eta = freed_coordinates(freed.unknowns, self.unknowns, fit.eta)
+        whole = replace(self, model=cast("StructuralModel", freed))
+        every = whole.slopes(whole.fit(eta, self.data.values), noise)
+        own = {one.name for one in self.unknowns}
+        deviations = {one.name: one.deviation for one in self.considered}
+        places = [place for place, one in enumerate(freed.unknowns) if one.name not in own]
+        names = tuple(freed.unknowns[place].name for place in places)
+        changes = np.array([deviations[name] for name in names])
+        return CalibrationDerivatives(names, changes, slopes, every[:, places])
 
     # Verdict.
 
