@@ -158,9 +158,14 @@ def percent(value: float) -> str:
     if not math.isfinite(value):
         return "-"
     value += 0.0  # no negative zero
-    if 100 <= abs(value) < 1e6 or not value:
+    if 99.5 <= abs(value) < 1e6 or not value:  # 99.5 rounds to 100
         return f"{value:.0f} %"
     return f"{significant(value, 2) if abs(value) >= 1e-3 else f'{value:.1e}'} %"
+
+
+def short_percent(value: float) -> str:
+    """Return a percentage with at most two significant digits, whole from a hundred on."""
+    return f"{value:.0f} %" if 99.5 <= abs(value) < 1e6 else f"{value:.2g} %"
 
 
 def p_text(p: float, digits: int = 2) -> str:

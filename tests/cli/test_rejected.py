@@ -124,6 +124,8 @@ def test_expectations_and_studies_take_no_rejected_estimate_for_an_answer(dynid,
     assert list(found["study/status"].data) == ["done", "failed"]
     values = found[f"study/results/{PATH}"].data
     assert np.isfinite(values[0]).all()
+    shown = dynid("show", "study.h5")[1]
+    assert "the share of the completed samples that meet them" in shown
     assert np.isnan(values[1]).all()
 
 

@@ -358,7 +358,15 @@ def test_gains_have_four_digits_unless_they_are_short(value, text):
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(1.0, "1.0 %"), (0.0, "0 %"), (0.07, "0.070 %"), (12.34, "12 %"), (1.7e-13, "1.7e-13 %")],
+    [
+        (1.0, "1.0 %"),
+        (0.0, "0 %"),
+        (0.07, "0.070 %"),
+        (12.34, "12 %"),
+        (1.7e-13, "1.7e-13 %"),
+        (99.4, "99 %"),
+        (99.6, "100 %"),
+    ],
 )
 def test_percentages_have_two_digits_trailing_zeros_included(value, text):
     assert percent(value) == text

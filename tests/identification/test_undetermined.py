@@ -105,6 +105,21 @@ def test_where_nothing_is_identifiable_the_record_is_refused():
         identify(model, [Load(1, SINES)], measured())
 
 
+def test_starts_are_those_of_the_scene_where_another_value_is_held():
+    """A record that bounds a damper from above does not admit its start."""
+    first = JointParameter(start=6e3, true=9e3)
+    joints = [
+        Joint("soft", (1,), first, JointParameter(start=6.0, true=9.0)),
+        Joint("light", (2,), 4e3, JointParameter(start=80.0, true=1e-4)),
+    ]
+    result = identify(lumped([1.0, 0.7], [Link((1, 2), 2e4, 1.0)], joints), [Load(1, SINES)], measured())
+    assert names_of(result, identifiable=False) == ["light.c"]
+    assert parameter(result, "start").tolist() == [6e3, 6.0, 80.0]
+    assert parameter(result, "estimate")[2] < 1.0
+    assert not parameter(result, "at_bound").any()
+    assert_others_are_right(result)
+
+
 def test_frequency_responses_and_modes():
     joints = [
         Joint("near", (1, 2), JointParameter(start=6e3, true=9e3)),

@@ -340,8 +340,14 @@ def posterior_of(
             eta, estimator = posterior.fit.eta, _with(estimator, multi_start=False)
             likelihood = posterior.likelihood
     if astray is not None and posterior.estimate.disputed:
-        return _checked(astray, starts(unknowns), suggest), model
-    posterior = _checked(posterior, starts(model.unknowns), suggest)
+        posterior = astray
+    else:
+        astray = None
+    # What is fixed starts there; the scene's starts are those that are reported.
+    posterior = replace(posterior, starts=tuple(one.start for one in unknowns))
+    posterior = _checked(posterior, starts(unknowns if astray else model.unknowns), suggest)
+    if astray is not None:
+        return posterior, model
     full = isinstance(truth, StructuralModel) and truth.basis is None
     full = full and posterior.rejection is None
     if full and isinstance(model, StructuralModel) and model.basis is not None:

@@ -118,6 +118,8 @@ class Posterior:
         Optima that explain the records as well; None where they were not sought.
     undetermined
         Parameters that the records do not determine: fixed at the values that the likelihood has.
+    starts
+        Start of each parameter (p) as the scene has it; empty: those of the likelihood.
     """
 
     likelihood: Likelihood
@@ -129,6 +131,7 @@ class Posterior:
     rejection: DynidError | None = None
     optima: EquivalentOptima | None = None
     undetermined: tuple[str, ...] = ()
+    starts: tuple[float, ...] = ()
 
     @property
     def fit(self) -> Fit:

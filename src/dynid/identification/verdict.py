@@ -14,7 +14,7 @@ from dynid.identification.equivalent_optima import DECIDED
 from dynid.identification.goodness_of_fit.residual_tests import ResidualShape, is_coloured, whiteness
 from dynid.identification.posterior import UNCERTAIN, ChannelOfRecord, Posterior
 from dynid.identification.symmetry import interchangeable
-from dynid.number_format import frequency_text, p_text, quantity, share_text
+from dynid.number_format import frequency_text, p_text, quantity, share_text, short_percent
 from dynid.parameters import Parameter, coordinates
 
 Array = NDArray[np.float64]
@@ -339,7 +339,7 @@ def _coloured_residuals(posterior: Posterior) -> Iterator[str]:
         fitted = [int(record.noise_orders[place.column])]
         if part >= _ROUND_OFF and is_coloured(whiteness(series, coefficients=fitted)):
             peak = frequency_text(record.residual_peak(fit, place.column), 3)
-            found.setdefault(place.record, []).append((place.name, f"{100 * part:.2g} %", peak))
+            found.setdefault(place.record, []).append((place.name, short_percent(100 * part), peak))
     for k, channels in found.items():
         # A mistake of an instrument that explains the lack of fit has a remedy of its own.
         explained = posterior.mistakes or (posterior.growing is not None and posterior.growing.explained)

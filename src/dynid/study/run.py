@@ -62,7 +62,7 @@ def judged(progress: Progress, max_failures: int | None) -> Progress:
     """Return the progress of a study; raise `TooManyFailures` if more samples failed than allowed."""
     if max_failures is not None and progress.failed > max_failures:
         raise TooManyFailures(
-            f"{progress.failed} samples failed, more than the {max_failures} of --max-failures",
+            f"{counted(progress.failed, 'sample')} failed, more than the {max_failures} of --max-failures",
             remedy="Their errors are in study/error.",
         )
     return progress

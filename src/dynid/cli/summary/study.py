@@ -12,6 +12,7 @@ from dynid.number_format import counted
 from dynid.report.content.study import (
     COLUMNS,
     approximate_texts,
+    compared_samples,
     constant_text,
     display_name,
     first_samples,
@@ -53,7 +54,8 @@ def lines(result: Result) -> list[str]:
         failed.append(f"    … and {counted(len(found) - _ERRORS, 'other reason')}")
     met = [f"    {share:>8}  {text}" for text, share in met_expectations(table)]
     if met:
-        met.insert(0, "  expectations of the scene, and the share of the samples that meet them")
+        shares = f"the share of the {compared_samples(table)} that meet them"
+        met.insert(0, f"  expectations of the scene, and {shares}")
     shown, hidden = shown_numbers(table)
     sources, notes = variance_sources(table, shown, _RANKED)
     influences = list(_grouped([(*split_name(name), inputs) for name, inputs in sources]))

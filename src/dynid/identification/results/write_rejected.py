@@ -38,10 +38,10 @@ def raise_rejected(posterior: Posterior) -> None:
 
 
 def _add_estimates(result: Result, posterior: Posterior) -> None:
-    dims, true = ("parameter",), posterior.true
+    dims, true, priors = ("parameter",), posterior.true, posterior.likelihood.priors
     add_names(result, GROUP, posterior)
     result.add(f"{GROUP}/estimate", posterior.values, dims, common_unit_of(posterior))
-    result.add(f"{GROUP}/at_bound", posterior.likelihood.priors.at_bound(posterior.fit.eta), dims)
+    result.add(f"{GROUP}/at_bound", priors.at_bound(posterior.fit.eta) & ~priors.fixed, dims)
     nonzero = np.where(true == 0, np.nan, true)
     result.add(f"{GROUP}/error_percent", 100 * np.abs(posterior.values / nonzero - 1), dims, "%")
 

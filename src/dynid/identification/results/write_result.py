@@ -227,7 +227,7 @@ def add_names(result: Result, group: str, posterior: Posterior) -> None:
     result.add(f"{group}/unit", [unknown.unit for unknown in unknowns], dims)
     if not all(unknown.logarithmic for unknown in unknowns):
         result.add(f"{group}/scale", [unknown.scale for unknown in unknowns], dims)
-    result.add(f"{group}/start", [unknown.start for unknown in unknowns], dims, unit)
+    result.add(f"{group}/start", posterior.starts or [unknown.start for unknown in unknowns], dims, unit)
     result.add(f"{group}/true", posterior.true, dims, unit)
 
 

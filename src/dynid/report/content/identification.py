@@ -16,6 +16,7 @@ from dynid.number_format import (
     percent,
     quantity,
     sentence,
+    short_percent,
     significant,
     span_text,
     with_error,
@@ -360,7 +361,7 @@ def noise_sentences(result: Result) -> Iterator[str]:
     names = [str(name) for name in result[f"{group}/channel"].data]
     if f"{group}/ratio" in result:
         ratios = 100 * result[f"{group}/ratio"].data
-        each = [f"{ratio:.2g} % in {name}" for ratio, name in zip(ratios, names, strict=True)]
+        each = [f"{short_percent(ratio)} in {name}" for ratio, name in zip(ratios, names, strict=True)]
         title = "noise in proportion to the response: "
     else:
         orders, coefficients = result[f"{group}/order"].data, result[f"{group}/coefficients"].data
@@ -418,10 +419,10 @@ def verdict_sentences(result: Result) -> Iterator[str]:
     """Yield the verdict on an estimate: residuals, limits, conditioning, worst parameter, warnings."""
     p, white = result.value(f"{_DIAGNOSTICS}/whiteness_p"), bool(result.value(f"{_DIAGNOSTICS}/white"))
     ratio = 100 * result[f"{_DIAGNOSTICS}/residual_ratio"].data
-    left = f"RMS residual {ratio[0]:.2g} % of the signal"
+    left = f"RMS residual {short_percent(ratio[0])} of the signal"
     if len(ratio) > 1:
         channels = result[f"{_DIAGNOSTICS}/channel"].data
-        parts = [f"{value:.2g} % of {name}" for value, name in zip(ratio, channels, strict=True)]
+        parts = [f"{short_percent(value)} of {name}" for value, name in zip(ratio, channels, strict=True)]
         left = f"RMS residual: {', '.join(parts[:_CHANNELS])}{', …' if len(parts) > _CHANNELS else ''}"
     residuals = f"the residuals are not white ({p_text(p)})"
     if white:

@@ -82,9 +82,10 @@ def sections(result: Result) -> Iterator[ReportSection]:
         always = sum(share == "all" for _, share in met)
         text, share = min(met, key=lambda one: math.inf if one[1] == "all" else float(one[1].split()[0]))
         least = "" if always == len(met) else f"; least often: {text} ({share})"
-        summary = Statement(f"Every sample meets {always} of {counted(len(met), 'expectation')}{least}.")
+        every = f"Every {compared_samples(table).removesuffix('s')}"
+        summary = Statement(f"{every} meets {always} of {counted(len(met), 'expectation')}{least}.")
         yield ReportSection("Expectations of the samples", (summary,), "answer")
-        shares = TextTable(("", "share of the samples that meet it"), met)
+        shares = TextTable(("", f"share of the {compared_samples(table)} that meet it"), met)
         yield ReportSection("Expectations of the scene", (shares,))
     sources, notes = variance_sources(table, shown, _RANKED)
     if sources:
@@ -111,8 +112,13 @@ def first_samples(failure: Failure) -> str:
     return ", ".join(map(str, failure.samples[:3])) + (", …" if len(failure.samples) > 3 else "")
 
 
+def compared_samples(table: StudyTable) -> str:
+    """Return which samples the expectations are compared with: those that failed have no values."""
+    return "completed samples" if len(table.failed) + len(table.pending) else "samples"
+
+
 def met_expectations(table: StudyTable) -> Iterator[tuple[str, str]]:
-    """Yield each expectation of the scene, and the share of the samples that meet it."""
+    """Yield each expectation of the scene, and the share of the completed samples that meet it."""
     result, done = table.result, int(table.done.sum())
     count = sum(path.startswith("study/expect/") for path in result)
     try:
