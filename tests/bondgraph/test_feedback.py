@@ -151,7 +151,7 @@ def test_two_loops_with_delays_have_the_roots_of_their_determinant(seed):
 
     cut = CutLoops(chain.graph(), loops)
     cut.check()
-    assert roots_right_of(cut.closed()) == pytest.approx(turned(characteristic), abs=1e-3)
+    assert roots_right_of(cut.closed) == pytest.approx(turned(characteristic), abs=1e-3)
     # L of one loop with the other closed, on the axis.
     omega = np.array([0.3, 1.7, 9.1])
     whole = plant(1j * omega) * controllers(1j * omega)[:, None, :]

@@ -122,3 +122,42 @@ def test_a_loop_that_differentiates_with_a_delay_has_infinitely_many_unstable_po
     assert system(result) == (False, "unstable", -1)
     assert "differentiates more often" in result.value("bond_graph/system/reason")
     assert "bond_graph/margins/poles" not in result
+
+
+#: Three inertias around a 0-junction: the flow that circulates through two of them is a mode at 0.
+CIRCULATING = """\
+dynid: 1
+kind: bond-graph
+graph:
+  nodes:
+    act: Se
+    a: '1'
+    l1: {type: I, value: 0.5}
+    d: {type: R, value: DAMPING}
+    b: '0'
+    l2: {type: I, value: 1.5}
+    l3: {type: I, value: "sqrt(3)"}
+  bonds: [act -> a, a -> l1, a -> b, b -> l2, BRANCH]
+analysis: {inputs: [r], outputs: [l2.f], results: [properties]}
+control:
+  loops:
+  - {from: l2.q, to: act, controller: {numerator: NUMERATOR, denominator: [1, 9], delay: LATE}, reference: r}
+"""
+
+
+@pytest.mark.parametrize("late", [0, 0.05])
+@pytest.mark.parametrize("branch", ["b -> l3", "l3 -> b"])
+def test_a_mode_at_0_beside_the_integral_of_a_measurement_counts(branch, late):
+    """∫f2 gives the loop a pole at 0 of its own; the flow that circulates in l1 and l3 is another one."""
+    text = CIRCULATING.replace("BRANCH", branch).replace(", DAMPING", "").replace("LATE", str(late))
+    without = text.replace("    d: {type: R, value: DAMPING}\n", "")
+    assert system(run(without, NUMERATOR="[8, 1]")[0]) == (False, "marginal", 0)
+
+
+@pytest.mark.parametrize("late", [0, 0.05])
+def test_an_integral_of_a_measurement_alone_is_no_hidden_mode(late):
+    """l3 as a resistor: nothing circulates, and ∫f2 is in the loop."""
+    text = CIRCULATING.replace("LATE", str(late)).replace("DAMPING", "1").replace("BRANCH", "b -> l3, a -> d")
+    text = text.replace('l3: {type: I, value: "sqrt(3)"}', 'l3: {type: R, value: "sqrt(3)"}')
+    for numerator in ("[8, 1]", "[8, 0]"):  # [8, 0]: the integral only holds a constant
+        assert system(run(text, NUMERATOR=numerator)[0]) == (True, "stable", 0), numerator

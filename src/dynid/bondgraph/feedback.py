@@ -47,6 +47,8 @@ if TYPE_CHECKING:
 Complex = NDArray[np.complex128]
 #: Condition of I + L above which a pole lies on the axis.
 _SINGULAR = 1e12
+#: Rows up to which a determinant is expanded: 3! products cost less than 5 exact divisions.
+_EXPANDED_ROWS = 3
 
 
 def polynomial_over(field: RealField | None, coefficients: list[Any]) -> Any:
@@ -104,9 +106,17 @@ class CutLoops:
         #: The product of the denominators of the loops of each group, and their numerators over it.
         self._groups = [self._over_one_denominator(group) for group in groups.values()]
         self._delays = [Fraction(reference(loop.delay)) for loop in loops]
+        # Margins, loci and verdicts ask for the same few again and again.
+        self._minors, self._functions = dict[frozenset[int], Any](), dict[tuple[int, ...], QuasiPolynomial]()
 
     def function(self, kept: Sequence[int]) -> QuasiPolynomial:
         """Return the characteristic function with some loops closed, over one denominator for all sets."""
+        key = tuple(kept)
+        if key not in self._functions:
+            self._functions[key] = self._function(key)
+        return self._functions[key]
+
+    def _function(self, kept: Sequence[int]) -> QuasiPolynomial:
         late = [loop for loop in kept if self._delays[loop]]
         prompt = [loop for loop in kept if not self._delays[loop]]
         minors = {
@@ -142,8 +152,9 @@ class CutLoops:
         shared = common_factor([above, below])
         return above.over(shared), below.over(shared)
 
+    @cached_property
     def closed(self) -> QuasiPolynomial:
-        """Return the characteristic function of all loops, without the roots that no loop shows."""
+        """The characteristic function of all loops, without the roots that no loop shows."""
         whole = self.function(range(len(self.loops)))
         return whole.over(common_factor([whole, self.function([])]))
 
@@ -157,7 +168,7 @@ class CutLoops:
     @cached_property
     def loop_verdict(self) -> Verdict:
         """The verdict on the roots that the loops show."""
-        closed = self.closed()
+        closed = self.closed
         if closed.is_rational:
             return verdict(certified_roots(closed.terms[Fraction(0)]))
         return delayed_stability(rounded([closed])[0], self.work)
@@ -177,7 +188,47 @@ class CutLoops:
         (below,) = opened.over(common_factor([whole, opened])).terms.values()
         for _, own in self._controllers:
             modes *= own
+        modes *= polynomial_over(self._reduced.field, [*[0] * self._measuring_integrals, 1])
         return modes // modes.gcd(below)
+
+    @cached_property
+    def _measuring_integrals(self) -> int:
+        """The number of integrals that only measurements have, and that their loops act upon and use.
+
+        They put poles at 0 into the loops that are no modes of the graph. An integral of a signal with
+        a zero at 0, or one that controllers only differentiate, holds a constant and is not counted.
+        """
+        graph = self._reduced.graph
+        ports = {loop.measured: number for number, loop in enumerate(self.loops)}
+        integrals = {
+            loop.measured
+            for loop, (above, _) in zip(self.loops, self._controllers, strict=True)
+            if graph.integrates(loop.measured) and above[0] != 0
+        }
+        if not integrals:
+            return 0
+        drives = list({loop.source: number for number, loop in enumerate(self.loops)}.values())
+        s, zero = polynomial_over(self._reduced.field, [0, 1]), 0 * self._common
+        poles = []
+        for behind in (False, True):
+            plant = [
+                [self._plant[row][column] * (s if behind and port in integrals else 1) for column in drives]
+                for port, row in ports.items()
+            ]
+            # The poles at 0 of a matrix of rational functions are those of det(I + G K) for almost all K.
+            matrix = [
+                [
+                    sum(
+                        (part * _mixing_gain(k, j) for k, part in enumerate(row)),
+                        self._common if i == j else zero,
+                    )
+                    for j in range(len(plant))
+                ]
+                for i, row in enumerate(plant)
+            ]
+            determinant = _determinant(matrix, zero + 1)
+            poles.append(len(plant) * _roots_at_origin(self._common) - _roots_at_origin(determinant))
+        return max(poles[0] - max(poles[1], 0), 0)
 
     def check(self) -> None:
         """Raise where a loop passes through no delay and no storage element, and has no solution.
@@ -201,7 +252,7 @@ class CutLoops:
 
     def approximants_agree(self) -> bool:
         """Return whether the Padé approximants of delays have as many poles to the right as the loops."""
-        (polynomial,) = rational(rounded([self.closed()]), PADE_ORDER)
+        (polynomial,) = rational(rounded([self.closed]), PADE_ORDER)
         right = sum(root.multiplicity for root in certified_roots(polynomial) if root.side > 0)
         return self.loop_verdict.unstable_poles == right
 
@@ -215,7 +266,12 @@ class CutLoops:
 
         det(I + G K) = det(I + K G): loops that measure, or drive, the same share a row.
         """
-        closed = set(kept)
+        closed = frozenset(kept)
+        if closed not in self._minors:
+            self._minors[closed] = self._determinant_of(closed)
+        return self._minors[closed]
+
+    def _determinant_of(self, closed: frozenset[int]) -> Any:
         matrix = [
             [
                 (self._common * denominator if i == j else 0 * self._common)
@@ -368,13 +424,37 @@ def _answer(loop: Loop, s: Complex, *, cut: bool) -> Complex:
         return np.asarray(top / bottom * (np.exp(turn) if cut else np.expm1(turn)))
 
 
+def _mixing_gain(row: int, column: int) -> int:
+    """Return an entry of a fixed matrix of gains without structure: residues of powers modulo a prime."""
+    return pow(5, 7919 * row + 104729 * column + 1, 1_000_003)
+
+
+def _roots_at_origin(polynomial: Any) -> int:
+    """Return the multiplicity of the root 0 of a polynomial that is not zero."""
+    return next((power for power in range(polynomial.degree() + 1) if polynomial[power] != 0), 0)
+
+
 def _scaled(ratio: tuple[Any, Any], common: Any) -> Any:
     """Return the numerator of a rational function over a common denominator."""
     return ratio[0] * (common // ratio[1])
 
 
+def _expanded(matrix: list[list[Any]], one: Any) -> Any:
+    """Return a determinant by expansion along the first row: no divisions, which cost most over a field."""
+    if not matrix:
+        return one
+    total = 0 * one
+    for column, factor in enumerate(matrix[0]):
+        if factor != 0:
+            minor = [[*row[:column], *row[column + 1 :]] for row in matrix[1:]]
+            total = total + (-1) ** column * factor * _expanded(minor, one)
+    return total
+
+
 def _determinant(matrix: list[list[Any]], one: Any) -> Any:
-    """Return the determinant of a matrix of polynomials, without fractions (Bareiss 1968)."""
+    """Return the determinant of a matrix of polynomials: expanded, or after Bareiss (1968)."""
+    if len(matrix) <= _EXPANDED_ROWS:
+        return _expanded(matrix, one)
     rows, sign, before = [list(row) for row in matrix], 1, one
     for k in range(len(rows)):
         pivot = next((i for i in range(k, len(rows)) if rows[i][k] != 0), None)

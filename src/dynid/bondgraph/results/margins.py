@@ -77,7 +77,7 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
     ):
         result.add(f"{MARGINS}/{name}", np.array(values), ("loop",))
     add_system(result, system)
-    (closed,) = rounded([cut.closed()])
+    (closed,) = rounded([cut.closed])
     if not closed.is_rational:
         _add_roots(result, closed, system.unstable_poles)
         result.annotate(MARGINS, approximants_agree=cut.approximants_agree())
@@ -130,7 +130,7 @@ def _margins(above: QuasiPolynomial, below: QuasiPolynomial, cut: CutLoops) -> M
         return margins(above.terms.get(Fraction(0), 0 * bottom), bottom)
     above, below = rounded([above, below])
     closed = above + below
-    alike = closed.products == rounded([cut.closed()])[0].products
+    alike = closed.products == rounded([cut.closed])[0].products
     verdict = cut.loop_verdict if alike else stability(closed, cut.work)
     return delay_margins(above, below, verdict, SEARCH // len(cut.loops))
 
