@@ -7,6 +7,7 @@ import pytest
 
 from dynid.bondgraph.request import MARGINS, PROPERTIES
 from dynid.checks import check_expectations
+from dynid.checks.expectations import axis_of
 from dynid.lti.margins import Margins
 from dynid.lti.peaks import Bandwidth
 from dynid.lti.step_info import StepInfo
@@ -165,7 +166,10 @@ expect:
     [
         ("reduction/serep/mac", "no reduction is called 'serep'; there are: frf, guyan, guyan_2, need"),
         ("reduction/guyan_3/mac", "no reduction is called 'guyan_3'; did you mean 'guyan"),
-        ("reduction/guyan/frequencis", "there is no 'frequencis' in reduction; did you mean 'frequencies'?"),
+        (
+            "reduction/guyan/frequencis",
+            "there is no 'frequencis' in reduction/guyan; did you mean 'frequencies'?",
+        ),
         ("bond_graph/properties/a/b/stable", "a result of kind reduction has no group 'bond_graph'"),
     ],
 )
@@ -188,38 +192,105 @@ def test_the_known_properties_are_those_of_the_results():
     assert known - found <= {*PROPERTIES["step_info"], "dc_gain", "zero_stability"}  # may be undefined
 
 
-GRAPHS = [
+#: Scenes that run in well below a second; the others are slow tests.
+FAST = [
     "isolator_port",
     "isolator_controlled",
-    "servo_axis",
     "motor_beam",
-    "two_tank",
-    "table3",
-    "half_car",
-    "table2",
     "beam_reduction",
-    "beam_frf",
     "synthesis_impedance",
-    "chain_modes",
+    "table3",
 ]
+SCENES = sorted(
+    path.stem for path in CONFIGS.glob("*.yaml") if "kind: study" not in path.read_text(encoding="utf-8")
+)
 
 
-@pytest.mark.parametrize("name", GRAPHS)
-def test_every_path_of_a_result_may_be_expected(name):
-    file = CONFIGS / f"{name}.yaml"
-    scene = load_scene(file)
+def expecting_all(file, paths, bound="value"):
+    """Return a shipped scene that expects paths, and the number of the line of the first one."""
     text = file.read_text().partition("\nexpect:")[0].rstrip() + "\nexpect:\n"
-    result = run_scene(scene)
+    lines = "".join(f"  - {{path: '{path}', {bound}: 1}}\n" for path in paths)
+    return check_source(apply_overrides(parse_source(text + lines, str(file)), ())), text.count("\n") + 1
+
+
+def stored_paths(result):
     attributes = (f"{group}/{name}" for group, own in result.group_attrs.items() for name in own)
-    every = [*result, *attributes, *(f"{path}/{name}" for path in result for name in result[path].attrs)]
-    text += "".join(f"  - {{path: '{path}', value: 1}}\n" for path in every)
-    expecting_all = check_source(apply_overrides(parse_source(text, str(file)), ()))
-    assert len(expecting_all.model.expect) == len(every)
-    assert list(impossible_paths(expecting_all)) == []
-    bounded = check_source(apply_overrides(parse_source(text.replace("value: 1}", "min: 1}"), str(file)), ()))
-    before = text.count("\n") - len(every) + 1
-    refused = [every[fault.line - before] for fault in impossible_paths(bounded)]
+    return [*result, *attributes, *(f"{path}/{name}" for path in result for name in result[path].attrs)]
+
+
+def spoiled_paths(paths):
+    """Yield paths of which one part is changed, each beginning of a path once."""
+    seen = set()
+    for parts in (path.split("/") for path in paths):
+        for place, part in enumerate(parts):
+            for other in (f"{part}_x", part[1:] + part[:1], "nothing"):
+                changed = (*parts[:place], other)
+                if changed not in seen:
+                    seen.add(changed)
+                    yield "/".join([*changed, *parts[place + 1 :]])
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in SCENES]
+)
+def test_every_path_of_a_result_may_be_expected_and_no_other(name):
+    file = CONFIGS / f"{name}.yaml"
+    result = run_scene(load_scene(file))
+    every = stored_paths(result)
+    assert list(impossible_paths(expecting_all(file, every)[0])) == []
+    bounded, first = expecting_all(file, every, "min")
+    refused = [every[fault.line - first] for fault in impossible_paths(bounded)]
     assert all(result[path].dtype.kind == "c" for path in refused)
+    spoiled = list(spoiled_paths(every))
+    outcomes = check_expectations(result, [{"path": path, "value": 1} for path in spoiled])
+    absent = [outcome.path for outcome in outcomes if "is not in the result" in outcome.message]
+    assert len(absent) > 0.9 * len(spoiled)
+    expecting_absent, first = expecting_all(file, absent)
+    found = {absent[fault.line - first] for fault in impossible_paths(expecting_absent)}
+    assert [path for path in absent if path not in found] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "path", "at", "said"),
+    [
+        ("isolator_controlled", "bond_graph/margins/phase", "{loop: nothing}", "there is no loop 'nothing'"),
+        ("isolator_controlled", "bond_graph/margins/phase", "{lopp: 1}", "no dimension 'lopp'; did you mean"),
+        ("two_tank", "bond_graph/time_response/response", "{output: tank_3.e}", "did you mean 'tank_"),
+        (
+            "table3",
+            "identification/parameters/estimate",
+            "{parameter: A.cc}",
+            "nothing in the scene is called",
+        ),
+        ("suspension", "identification/parameters/estimate", "{parameter: m4}", "is called 'm4'"),
+        ("beam_reduction", "reduction/guyan/mac", "{mode: 0}", "they are numbered from 1"),
+        ("beam_reduction", "reduction/guyan/mac", "{mode: first}", "they are numbered from 1"),
+        ("beam_reduction", "reduction/frf/frac", "{method: gyan}", "did you mean 'guyan'?"),
+    ],
+)
+def test_a_label_that_no_array_has_is_refused_at_its_place(name, path, at, said):
+    file = CONFIGS / f"{name}.yaml"
+    text = file.read_text().partition("\nexpect:")[0].rstrip()
+    text += f"\nexpect:\n  - {{path: '{path}', at: {at}, min: 0}}\n"
+    [fault] = impossible_paths(check_source(apply_overrides(parse_source(text, str(file)), ())))
+    assert said in fault.message
+    column = text.splitlines()[-1].index(at) + 2
+    assert fault.line == text.count("\n")
+    assert column <= fault.column <= column + len(at)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENES)
+def test_every_label_of_a_result_may_be_selected(name):
+    file = CONFIGS / f"{name}.yaml"
+    result = run_scene(load_scene(file))
+    lines = []
+    for path, variable in result.items():
+        for dim, length in zip(variable.dims, variable.shape, strict=True):
+            labels = axis_of(result, path, dim, length).labels.tolist()
+            lines += [f"  - {{path: '{path}', at: {{{dim}: {label!r}}}, value: 1}}" for label in labels[:5]]
+    text = file.read_text().partition("\nexpect:")[0].rstrip() + "\nexpect:\n" + "\n".join(lines) + "\n"
+    assert list(impossible_paths(check_source(apply_overrides(parse_source(text, str(file)), ())))) == []
 
 
 def test_what_an_unstable_channel_does_not_have_is_missed_with_its_status():

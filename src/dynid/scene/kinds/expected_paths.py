@@ -6,10 +6,13 @@ study with the samples that fail.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from dynid.bondgraph.request import MARGINS, PROPERTIES, ResultName
+from dynid.scene.kinds.parameters import unknown_parameters
+from dynid.scene.kinds.result_layout import ATTRIBUTES, ROOT_ATTRIBUTES, groups_in, is_of_scene, names_in
 from dynid.scene.schema.raw import MULTIPORTS, node_types, references
 from dynid.scene.schema.study import paths_of
 from dynid.suggestions import did_you_mean, shortened
@@ -18,10 +21,12 @@ if TYPE_CHECKING:
     from dynid.errors import Fault
     from dynid.scene.load import Scene
     from dynid.scene.schema.bond_graph import BondGraphScene
+    from dynid.scene.schema.identification import IdentificationScene
     from dynid.scene.schema.study import StudyScene
+    from dynid.scene.schema.synthesis import SynthesisScene
 
 #: Attributes of a channel's properties that are named like one of these.
-_NOTES = frozenset({"hidden_mode_note"})
+_NOTES = frozenset({"hidden_mode_note", "approximate"})
 #: Arrays of complex numbers: their group, the number of names below it, and their own name.
 _COMPLEX = frozenset(
     {
@@ -30,8 +35,42 @@ _COMPLEX = frozenset(
         ("properties", 2, "hidden_modes"),
     }
 )
-#: The groups that have one group for each output, and in it one for each input.
-_OF_CHANNELS = ("properties", "transfer_function", "sensitivities")
+#: Groups of bond graphs with one group for each output or input, or for each output and in it each input.
+_OF_CHANNELS: dict[tuple[str, ...], tuple[str, ...]] = {
+    **{(name,): ("output", "input") for name in ("properties", "transfer_function", "sensitivities")},
+    ("zero_input",): ("output",),
+    ("source_performance",): ("input",),
+    ("reduction", "dynamics"): ("output",),
+    ("causality", "zero_dynamics"): ("output", "input"),
+    ("port", "requested"): ("output", "input"),
+}
+#: Groups of bond graphs that come with a block of the scene, and how to write that.
+_OF_BLOCKS = {
+    "margins": "a graph without loops has no margins; close loops with 'control'",
+    "sensitivity_functions": "a graph without loops has no sensitivity functions; close loops with 'control'",
+    "root_locus": "a graph without loops has no root locus; close loops with 'control'",
+    "port": "'port' needs the bond at which the graph is cut; name it in 'analysis.port'",
+    "design": "'design' needs the block 'design'",
+}
+#: What separates the words of names of channels and DOFs, and the words that a scene need not write.
+_WORD = re.compile(r"[^\w]+")
+_CHANNEL_WORDS = frozenset(
+    {"initial", "displacement", "velocity", "acceleration", "force", "e", "f", "q", "p"}
+    | {"x", "y", "z", "rx", "ry", "rz"}
+)
+#: Axes that are numbered from 1.
+_NUMBERED = frozenset(
+    {"mode", "full_mode", "pole", "zero", "hidden_mode", "natural_mode", "optimum", "equilibrium"}
+    | {"step", "branch", "direction"}
+)
+#: Groups of identifications whose axis `parameter` is that of the unknown ones.
+_OF_PARAMETERS = frozenset(
+    ("identification", name) for name in ("parameters", "rejected", "diagnostics", "equivalent_optima")
+)
+#: Keys of an unknown parameter that stands where its value would.
+_UNKNOWN = frozenset({"start", "true", "min", "max", "prior", "std", "scale", "value"})
+#: Dimensions without a coordinate.
+_UNLABELLED = frozenset({"line", "master", "basis_mode", "end"})
 #: The groups of bond graphs, with the results of which one has to be requested.
 _GROUPS: dict[str, frozenset[ResultName]] = {
     "transfer_function": frozenset({"transfer_function", "zeros", "poles"}),
@@ -48,7 +87,7 @@ _GROUPS: dict[str, frozenset[ResultName]] = {
 }
 #: Further groups of bond graphs, which come with blocks of the scene.
 _OTHER_GROUPS = frozenset({"port", "margins", "sensitivity_functions", "root_locus", "operating_point"}) | {
-    *("design", "zero_input", "need", "structures", "system", "sampled")
+    *("design", "zero_input", "need", "system")
 }
 #: The groups at the root of results, and the kinds of scene that have them; other kinds have others.
 _ROOTS: dict[str, frozenset[str]] = {
@@ -58,42 +97,9 @@ _ROOTS: dict[str, frozenset[str]] = {
     "synthesis": frozenset({"synthesis"}),
     "structure": frozenset({"bond-graph", "identification", "reduction"}),
     "accuracy": frozenset({"bond-graph", "identification", "reduction"}),
-    "response": frozenset({"identification"}),
 }
 #: Kinds whose results are known.
 _KNOWN_KINDS = frozenset({"bond-graph", "identification", "reduction", "synthesis"})
-#: Arrays of groups that have the same ones in every result.
-_ARRAYS: dict[str, frozenset[str]] = {
-    "identification/parameters": frozenset(
-        {"parameter", "name", "unit", "start", "true", "estimate", "standard_error", "standard_error_total"}
-        | {"cramer_rao", "at_bound", "error_percent", "other", "correlation", "standard_error_scaled"}
-        | {"identifiable", "error_bars"}
-    ),
-    "identification/diagnostics": frozenset(
-        {"optimum", "settled", "converged", "explained", "redundancy", "signal_p", "signal_explained"}
-        | {"lack_of_fit_p", "lacks_fit", "residual_rms", "residual_ratio", "whiteness_p", "white"}
-        | {"log_likelihood", "bic", "observations", "free_parameters", "noise_p", "warnings", "condition"}
-        | {"equivalent_optima", "channel_lack_of_fit_p", "parameter", "distance_to_optimum", "channel"}
-        | {"starts", "starts_agreed", "passes", "residual_mean", "residual_mean_p", "residual_kurtosis"}
-        | {"residual_kurtosis_p", "residual_largest", "residual_largest_p", "outliers", "lag", "verdict"}
-        | {"autocorrelation", "autocorrelation_band", "channel_whiteness_p", "noise_contradicted"}
-        | {"channel_noise_p", "noise_ratio", "nonlinear_p"}
-    ),
-    "reduction": frozenset(
-        {"T", "mass", "damping", "stiffness", "masters", "modes", "condition", "frequencies", "reference"}
-        | {"frequency_uncertainty", "reference_uncertainty", "frequency_error", "mac", "orthogonality"}
-        | {"energy_error", "coordinate", "mode", "full_mode", "part", "mass_without_joints"}
-        | {"damping_without_joints", "stiffness_without_joints"}
-    ),
-    "bond_graph/transfer_function": frozenset(
-        {"numerator", "denominator", "zeros", "poles", "zero_error_bound", "pole_error_bound", "symbolic"}
-        | {"numerator_power", "denominator_power", "zero", "pole", "unit"}
-    ),
-    "bond_graph/frequency_response": frozenset({"omega", "output", "input", "response", "unit"}),
-    "bond_graph/time_response": frozenset(
-        {"time", "output", "source", "response", "input", "unit", "input_unit", "zero_state", "zero_input"}
-    ),
-}
 
 
 class _Wanted(NamedTuple):
@@ -110,10 +116,10 @@ class _Wanted(NamedTuple):
 def impossible_paths(scene: Scene, study: Scene | None = None) -> Iterator[Fault]:
     """Yield the paths of what the result does not have, and bounds of complex numbers.
 
-    These are groups of other kinds, groups and properties of results that are not requested, names that are
-    nearly those of arrays, and of bond graphs outputs, inputs and margins that they do not have; the latter
-    not of graphs with multiports and structures, whose channels have names of their own, and where a study
-    varies more than values.
+    These are names that no group of a result has (`result_layout`), groups of other kinds and of results that
+    are not requested, names of channels, loops and methods that the scene does not have, and dimensions and
+    labels under `at` that no array there can have. What depends on the scene is left out where a study
+    varies more than values, and names of channels where multiports or files give them.
 
     Parameters
     ----------
@@ -124,16 +130,18 @@ def impossible_paths(scene: Scene, study: Scene | None = None) -> Iterator[Fault
     """
     certain = _varies_values(study)
     for path in (*_expected(scene), *_collected(study)):
-        if problem := _problem(scene, path.parts, certain=certain):
+        if problem := _problem(scene, path.parts, certain=certain, groups=path.holder is study):
             yield path.fault(problem)
+    if scene.kind in _KNOWN_KINDS:
+        yield from _impossible_labels(scene, certain=certain)
     if scene.kind == "bond-graph":
         yield from _bounds_of_complex_numbers(scene)
 
 
-def _problem(scene: Scene, parts: tuple[str, ...], *, certain: bool) -> str:
+def _problem(scene: Scene, parts: tuple[str, ...], *, certain: bool, groups: bool) -> str:
     """Return the reason why a result has nothing at a path; empty where it may have."""
     root, *rest = parts
-    if not rest or scene.kind not in _KNOWN_KINDS or root == "study":
+    if scene.kind not in _KNOWN_KINDS or root == "study" or (not rest and root in ROOT_ATTRIBUTES):
         return ""
     roots = [name for name, kinds in _ROOTS.items() if scene.kind in kinds]
     if root not in roots:
@@ -144,65 +152,204 @@ def _problem(scene: Scene, parts: tuple[str, ...], *, certain: bool) -> str:
         problem = _problem_of_graph(scene, rest, certain)
     elif root == "reduction" and len(rest) > 1 and certain:
         problem = _problem_of_method(scene, rest[0])
-    return problem or _misspelt(parts)
+    elif root == "synthesis" and len(rest) > 1 and certain:
+        from dynid.bondgraph.synthesis.forms import FORMS
+
+        forms = [*(cast("SynthesisScene", scene.model).forms or FORMS), "need"]
+        problem = "" if rest[0] in forms else _not_among("form", rest[0], forms)
+    problem = problem or _problem_of_layout(parts, _method_names(scene, parts), groups=groups)
+    names = [parts[depth - 1] for depth in range(1, len(parts)) if is_of_scene(parts[:depth])]
+    return problem or (_problem_of_words(scene, names) if certain and names else "")
+
+
+def _problem_of_words(scene: Scene, names: Sequence[str]) -> str:
+    """Return the first word in names of channels, DOFs or parameters that stands nowhere in the scene.
+
+    They are made of the scene's words, by points and colons; those of channels that a file names are not.
+    """
+    words = _words(scene.source.data)
+    strange = [word for name in names for word in _WORD.split(name) if not (word.isdigit() or word in words)]
+    if not strange or "file" in words:
+        return ""
+    return f"nothing in the scene is called '{strange[0]}'{did_you_mean(strange[0], words)}"
+
+
+def _words(data: Any) -> set[str]:
+    """Return the words of a scene: its keys and texts, but for `expect`, split into words."""
+    words, waiting = set(_CHANNEL_WORDS), [value for key, value in data.items() if key != "expect"]
+    for key in data.keys() - {"expect"}:
+        words.add(str(key))
+    while waiting:
+        part = waiting.pop()
+        if isinstance(part, dict):
+            waiting += [*part, *part.values()]
+        elif isinstance(part, list):
+            waiting += part
+        elif isinstance(part, str):
+            words.update(_WORD.split(part))
+    return words
+
+
+def _method_names(scene: Scene, parts: tuple[str, ...]) -> list[str]:
+    """Return the names of the reductions of a scene, which are arrays in `reduction/frf`."""
+    from dynid.scene.schema.reduction import ReductionScene, result_names
+
+    if parts[:2] != ("reduction", "frf"):
+        return []
+    return result_names([part.method for part in cast("ReductionScene", scene.model).reduction])
 
 
 def _problem_of_method(scene: Scene, name: str) -> str:
-    from dynid.scene.schema.reduction import ReductionScene, result_names
-
-    methods: list[str] = [part.method for part in cast("ReductionScene", scene.model).reduction]
-    known = [*result_names(methods), "frf", "need"]
+    known = [*_method_names(scene, ("reduction", "frf")), "frf", "need"]
     return "" if name in known else f"no reduction is called '{name}'{_similar_or_all(name, known)}"
 
 
-def _misspelt(parts: tuple[str, ...]) -> str:
-    """Return the problem of a last name that is nearly one of the arrays of its group."""
-    for group, names in _ARRAYS.items():
-        prefix = tuple(group.split("/"))
-        between = {"reduction": 1, "bond_graph/transfer_function": 2}.get(group, 0)
-        if parts[: len(prefix)] != prefix or len(parts) != len(prefix) + between + 1:
-            continue
-        if parts[-1] not in names and parts[1] not in ("frf", "need"):
-            # Without a similar name it may be one of an attribute.
-            close = did_you_mean(parts[-1], names)
-            return f"there is no '{parts[-1]}' in {group}{close}" if close else ""
-    return ""
+def _problem_of_layout(parts: tuple[str, ...], further: Sequence[str], *, groups: bool) -> str:
+    """Return the reason why no result has an array or attribute at a path; empty where one may.
+
+    Parameters
+    ----------
+    parts
+        The parts of the path.
+    further
+        Names of arrays that a group has beside those of the layout.
+    groups
+        True: a group may be meant, with all that is in it.
+    """
+    *group, name = parts
+    *holder, array = group or ("",)
+    if name in {*(names_in(tuple(group)) or ()), *further}:
+        return ""
+    if name in ATTRIBUTES and array in {*(names_in(tuple(holder)) or ()), *further}:
+        return ""
+    depth = next((k for k in range(1, len(parts) + 1) if names_in(parts[:k]) is None), 0)
+    if not depth:
+        return "" if groups else f"'{name}' is a group of arrays; name one of them"
+    # the deepest group that results have, and what of it there is not
+    above, missing, last = parts[: depth - 1], parts[depth - 1], depth == len(parts)
+    known = names_in(above) or frozenset()
+    if missing in known and not last:
+        return f"'{missing}' is no group, it has no '{'/'.join(parts[depth:])}'"
+    candidates = sorted({*groups_in(above), *(known if last else ())})
+    return f"there is no '{missing}' in {'/'.join(above)}{_similar_or_all(missing, candidates)}"
 
 
 def _problem_of_graph(scene: Scene, rest: list[str], certain: bool) -> str:
     """Return the reason why the result of a bond graph has nothing at a path below `bond_graph`."""
-    data, model = scene.source.data, cast("BondGraphScene", scene.model)
-    types = node_types(data) | references(data)
+    model = cast("BondGraphScene", scene.model)
     group, *below = rest
     groups = [*_GROUPS, *_OTHER_GROUPS]
     asked = model.analysis.asked()
-    certain_channels = certain and not any(kind in MULTIPORTS for kind in types.values())
     if group not in groups:
         return f"a bond graph has no results '{group}'{_similar_or_all(group, groups)}"
     if certain and group in _GROUPS and asked.isdisjoint(_GROUPS[group]):
         return _unrequested(group, next(iter(sorted(_GROUPS[group]))), model)
-    if group == "margins" and certain_channels and model.control is None:
-        return "a graph without loops has no margins; close loops with 'control'"
+    if certain and group in _OF_BLOCKS and not _has_block(group, model):
+        return _OF_BLOCKS[group]
     if group == "margins" and len(below) == 1 and below[0] not in MARGINS:
         return f"loops have no margin '{below[0]}'{_similar_or_all(below[0], sorted(MARGINS))}"
-    if group not in _OF_CHANNELS or len(below) < 3:
+    if group == "root_locus" and len(below) > 1 and certain and model.control is not None:
+        loops = [f"loop_{number}" for number in range(1, len(model.control.loops) + 1)]
+        return "" if below[0] in loops else _not_among("loop", below[0], loops)
+    labels = _labels_of_graph(scene) if certain else {}
+    depth = next((k for k in (1, 2) if tuple(rest[:k]) in _OF_CHANNELS), 0)
+    axes = _OF_CHANNELS.get(tuple(rest[:depth]), ())
+    for axis, name in zip(axes, rest[depth:-1], strict=False):
+        if axis in labels and name not in labels[axis]:
+            return _not_among(axis, name, labels[axis])
+    if group == "properties" and len(below) > 2:
+        return _problem_of_property(below[2], asked, certain)
+    return ""
+
+
+def _impossible_labels(scene: Scene, *, certain: bool) -> Iterator[Fault]:
+    """Yield the dimensions under `at` that no array at its path has, and labels that they cannot have."""
+    for number, expectation in enumerate(scene.model.expect):
+        parts = _parts(expectation.path)
+        for dim, label in (expectation.at or {}).items():
+            if problem := _problem_of_label(scene, parts, dim, label, certain=certain):
+                yield scene.source.fault(("expect", number, "at", dim), problem)
+
+
+def _problem_of_label(
+    scene: Scene, parts: tuple[str, ...], dim: str, label: str | float, *, certain: bool
+) -> str:
+    """Return the reason why an array has no dimension of a name, or none with a label; empty where it may."""
+    groups = [names for k in range(1, len(parts)) if (names := names_in(parts[:k])) is not None]
+    dims = frozenset().union(*groups)
+    if not dims or parts[0] not in _ROOTS:
         return ""
-    outputs = [str(port) for port in model.analysis.outputs]
-    sources = [str(name) for name in model.analysis.inputs or ()]
-    sources = sources or [name for name, kind in types.items() if kind in ("Se", "Sf")]
-    if certain_channels and below[0] not in outputs:
-        return _not_among("output", below[0], outputs)
-    if certain_channels and below[1] not in sources:
-        return _not_among("input", below[1], sources)
-    return _problem_of_property(below[2], asked, certain) if group == "properties" else ""
+    if dim not in dims | _UNLABELLED:
+        return f"'{parts[-1]}' has no dimension '{dim}'{did_you_mean(dim, dims)}"
+    if dim in _NUMBERED:
+        counted = not isinstance(label, str) and label >= 1 and float(label).is_integer()
+        return "" if counted else f"there is no {dim} {label}; they are numbered from 1"
+    labels = _labels(scene, parts).get(dim) if certain else None
+    if labels is None or str(label) in labels:
+        return ""
+    if not labels:  # names that are made of the scene's words
+        return _problem_of_words(scene, [str(label)])
+    return f"there is no {dim} '{label}'{_similar_or_all(str(label), labels)}"
+
+
+def _labels(scene: Scene, parts: tuple[str, ...]) -> dict[str, list[str]]:
+    """Return the labels of axes of the arrays in a group, as far as the scene alone says them."""
+    if scene.kind == "bond-graph" and parts[0] == "bond_graph":
+        labels = _labels_of_graph(scene)
+        own = {"margins": ("loop",), "sensitivity_functions": ("loop",), "reduction": ("output",)} | {
+            "frequency_response": ("output", "input"),
+            "frequency_peaks": ("output", "input"),
+            "time_response": ("output", "source"),
+        }
+        axes = own.get(parts[1], ()) if len(parts) == 3 else ()
+        return {axis: labels[axis] for axis in axes if axis in labels}
+    if scene.kind == "identification" and parts[:2] in _OF_PARAMETERS:
+        return dict.fromkeys(("parameter", "other"), _unknown_names(scene))
+    if scene.kind == "reduction" and parts[0] == "reduction":
+        return {"method": _method_names(scene, ("reduction", "frf"))}
+    return {}
+
+
+def _unknown_names(scene: Scene) -> list[str]:
+    """Return the names of the unknown parameters of a scene; none where others than `parameters` are."""
+    waiting: list[Any] = [value for key, value in scene.source.data.items() if key != "parameters"]
+    while waiting:
+        part = waiting.pop()
+        if isinstance(part, dict):
+            if "start" in part and _UNKNOWN.issuperset(part):
+                return []
+            waiting += part.values()
+        elif isinstance(part, list):
+            waiting += part
+    model = cast("IdentificationScene", scene.model)
+    return [parameter.name for parameter in unknown_parameters(model)]
+
+
+def _has_block(group: str, model: BondGraphScene) -> bool:
+    if group == "port":
+        return model.analysis.port is not None
+    return (model.design if group == "design" else model.control) is not None
+
+
+def _labels_of_graph(scene: Scene) -> dict[str, list[str]]:
+    """Return the labels of axes of the results of a bond graph, as far as the scene alone says them."""
+    data, model = scene.source.data, cast("BondGraphScene", scene.model)
+    types = node_types(data) | references(data)
+    labels = {}
+    if model.control is not None:
+        labels["loop"] = [f"{loop.measured} -> {loop.source}" for loop in model.control.loops]
+    if not any(kind in MULTIPORTS for kind in types.values()):  # whose ports have names of their own
+        sources = [name for name, kind in types.items() if kind in ("Se", "Sf")]
+        labels["output"] = [str(port) for port in model.analysis.outputs]
+        labels["input"] = [str(name) for name in model.analysis.inputs or ()] or sources
+        labels["source"] = sources
+    return labels
 
 
 def _problem_of_property(name: str, asked: frozenset[ResultName], certain: bool) -> str:
     known = {name: None for names in (*PROPERTIES.values(), _NOTES) for name in names}
     if name not in known:
-        # Without a similar name it may be one of an attribute.
-        close = did_you_mean(name, known)
-        return f"no channel has the property '{name}'{close}" if close else ""
+        return f"no channel has the property '{name}'{_similar_or_all(name, list(known))}"
     holders: list[ResultName] = [one for one, names in PROPERTIES.items() if name in names]
     if certain and holders and asked.isdisjoint(holders):
         return f"'{name}' comes with the result '{holders[0]}', which 'results' does not list; add it"
