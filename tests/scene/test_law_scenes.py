@@ -602,3 +602,18 @@ def test_a_singular_equilibrium_of_a_large_graph_is_not_found(monkeypatch):
     small_limit(monkeypatch)
     with pytest.raises(Diverged, match="no equilibrium was found from any start"):
         run(text)
+
+
+@pytest.mark.parametrize(("starts", "choose", "refused"), [(90_000, 7, 0), (90_000, 2, 0), (12, 7, 1)])
+def test_a_check_makes_few_of_many_starts_and_leaves_what_they_miss_to_the_run(
+    starts, choose, refused, monkeypatch
+):
+    from dynid.bondgraph.operating_point import equilibrium
+    from dynid.scene.run import preparation_errors
+
+    made, iterate = [], equilibrium.iterate
+    monkeypatch.setattr(equilibrium, "iterate", lambda *given: made.append(1) or iterate(*given))
+    text = duffing(f"{{choose: {choose}, search: {{starts: {starts}}}}}")
+    errors = preparation_errors(check_source(parse_source(text)))
+    assert len({error.problem for error in errors}) == refused
+    assert 0 < len(made) < 100

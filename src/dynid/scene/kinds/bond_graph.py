@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
 from dynid.bondgraph.analysis import analyse
 from dynid.bondgraph.graph import FIELDS, BondGraph, GraphUnits
 from dynid.bondgraph.request import Analysis, FormulaRequest, SensitivityParameter
 from dynid.defaults import TRACED_PARTS
-from dynid.errors import Singular, UsageError
+from dynid.errors import NumericalError, Singular, UsageError
 from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph, has_law, with_gains
 from dynid.scene.kinds.signals import DrivenSource, angular_frequencies, build_signals, record_of
 from dynid.scene.load import Scene
@@ -66,20 +67,49 @@ def check_valid(scene: Scene) -> None:
         check_design(scene)
 
 
+#: Random starts of the search for equilibria that a check makes, as many as are the default; a run makes all.
+_CHECKED_STARTS = 16
+
+
 def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
     """Yield the steps of a run before any computation: build the graph, test its sources, cut its port."""
+    checked = _with_few_starts(scene)
+    for step in _preparation_steps(checked):
+        yield step if checked is scene else partial(_unless_undecided, step)
+
+
+def _preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
     model = cast("BondGraphScene", scene.model)
-    wanted = model.analysis
     yield lambda: question(scene)
     yield lambda: _check_sources(scene)
     if model.design is not None:
         from dynid.scene.kinds.design import design_of
 
         yield lambda: design_of(scene)
-    if (port := wanted.port) is not None:
+    if (port := model.analysis.port) is not None:
         from dynid.bondgraph.decomposition.graph_bisection import GraphBisection
 
         yield lambda: GraphBisection.at(built_graph(scene).graph, port)
+
+
+def _with_few_starts(scene: Scene) -> Scene:
+    """Return a scene whose search for equilibria has a bounded number of starts, for a check."""
+    model = cast("BondGraphScene", scene.model)
+    point = model.operating_point
+    if point is None or point.search.starts <= _CHECKED_STARTS:
+        return scene
+    search = point.search.model_copy(update={"starts": _CHECKED_STARTS})
+    point = point.model_copy(update={"search": search})
+    return replace(scene, model=model.model_copy(update={"operating_point": point}))
+
+
+def _unless_undecided(step: PreparationStep) -> None:
+    """Take a step; an equilibrium that the few starts of a check miss is left to the run."""
+    try:
+        step()
+    except NumericalError as error:
+        if not any(name.startswith("operating_point") for name in error.names):
+            raise
 
 
 def _check_sources(scene: Scene) -> None:
