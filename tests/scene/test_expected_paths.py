@@ -144,6 +144,29 @@ def test_a_path_of_what_is_not_computed_is_a_fault_at_its_place(path, said):
     assert "is not in the result" in outcome.message
 
 
+def test_an_estimate_is_chosen_by_its_label():
+    text = """
+dynid: 1
+kind: identification
+structure: {lumped: {masses: [1, 2], links: [{dofs: [1], k: 2000, c: 3}]}}
+joints: {hinge: {dofs: [1, 2], k: {start: 1.0e4, true: 2.0e4}, c: 2}}
+excitation: [{dof: 2, kind: multisine, amplitude: [10, 10], frequency: [30, 90]}]
+measurement:
+  step: 0.002
+  samples: 400
+  channels: [{dof: 1, quantity: velocity}]
+  simulate: {noise_ratio: 0.01, seed: 1}
+expect:
+  - {path: identification/parameters/hinge.k/estimate, value: 1}
+  - {path: identification/parameters/low/hinge.k, min: 1}
+  - {path: identification/parameters/low, at: {parameter: hinge.k}, min: 1}
+"""
+    first, second = impossible_paths(check(text))
+    assert (first.line, second.line) == (13, 14)
+    assert "write path: identification/parameters/estimate, at: {parameter: hinge.k}" in first.message
+    assert "write path: identification/parameters/low, at: {parameter: hinge.k}" in second.message
+
+
 def test_a_response_without_its_block_cannot_be_expected():
     text = expecting("bond_graph/time_response/response").replace(f"results: {RESULTS}", "engine: auto")
     lines = [line for line in text.splitlines() if not line.lstrip().startswith("time:")]

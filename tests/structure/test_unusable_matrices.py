@@ -282,3 +282,13 @@ def test_names_that_differ_in_the_case_of_letters_are_different(tmp_path):
     np.savez(tmp_path / "n.npz", kaa=np.eye(2), Kaa=3 * np.eye(2))
     with pytest.raises(FileError, match=r"has no matrix 'KAA'; did you mean '[kK]aa'"):
         read_matrix(MatrixFile(tmp_path / "n.npz", "KAA"), "stiffness")
+
+
+def test_damage_is_said_without_terms_of_a_library(tmp_path):
+    np.savez(tmp_path / "objects.npz", M=np.array([[1, None], [None, 2]], dtype=object))
+    with pytest.raises(FileError, match="holds Python objects, which are not read"):
+        read_matrix(MatrixFile(tmp_path / "objects.npz", "M"), "mass")
+    rows = "%%MatrixMarket matrix coordinate real general\n4 4 4\n1 1 5.0\n2 2 5.0\n3 3 5.0\n4 4"
+    (tmp_path / "short.mtx").write_text(rows)
+    with pytest.raises(FileError, match=r"row 4 has 2 numbers, not 3$"):
+        read_matrix(MatrixFile(tmp_path / "short.mtx"), "mass")

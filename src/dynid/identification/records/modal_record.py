@@ -139,8 +139,8 @@ class ModalRecord(RecordLikelihood):
 
     @property
     def observed(self) -> Observed:
-        """Words for a set of measured modes."""
-        return MODAL_SURVEY
+        """Words for a set of measured modes; without shapes, these have no scales."""
+        return MODAL_SURVEY if self.nuisances else MODAL_SURVEY._replace(nuisances="one another")
 
     @property
     def channels(self) -> Sequence[ModalChannel]:

@@ -43,6 +43,24 @@ class ImportedMatrix:
     at_least: bool = False
 
 
+# What parsers say in terms of their own interface, and what is meant.
+_WORDS = (
+    (r"the number of columns changed from (\d+) to (\d+) at row (\d+).*", r"row \3 has \2 numbers, not \1"),
+    (r"(invalid literal for int\(\) with base 10|could not convert string to float): ?(''|\"\").*",
+     "a number is missing; the file may end too early"),
+    (r"(invalid literal for int\(\) with base 10|could not convert string to float): ?(.+)",
+     r"\2 is not a number"),
+    (r"Object arrays cannot be loaded.*", "an array holds Python objects, which are not read"),
+)  # fmt: skip
+
+
+def _plain(said: str) -> str:
+    """Return the message of a parser without terms of its interface."""
+    for pattern, text in _WORDS:
+        said = re.sub(pattern, text, said)
+    return said
+
+
 @contextmanager
 def read_errors(path: Path, what: str, *, claims: bool = False) -> Iterator[None]:
     """Turn any error of a library that parses a user's file into a `FileError`.
@@ -60,7 +78,7 @@ def read_errors(path: Path, what: str, *, claims: bool = False) -> Iterator[None
     except OSError as error:
         raise FileError(f"{path} cannot be read as {what}: {error.strerror or error}") from None
     except Exception as error:  # parsers fail in many ways on damaged files
-        said = " ".join(str(error).split())[:200] or type(error).__name__
+        said = _plain(" ".join(str(error).split()))[:200] or type(error).__name__
         raise FileError(f"{path} cannot be read as {what}: {said}") from None
 
 
