@@ -140,10 +140,16 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
         growing = posterior.growing
         known = posterior.mistakes or (growing is not None and growing.explained)
         worst = posterior.channels[int(np.argmin(compared.channel_lack_of_fit_p))].name
+        bound = posterior.likelihood.priors
+        names = np.array(posterior.likelihood.names)
+        limited = names[bound.at_bound(posterior.fit.eta) & ~bound.fixed].tolist()
+        causes = POSSIBLE_CAUSES
+        if limited:
+            causes = f"{', '.join(limited)} {'are' if len(limited) > 1 else 'is'} at a limit: check it first. {causes}"
         yield (
             f"the model lacks fit ({p_text(compared.lack_of_fit_p, 1)}), most of all in {worst}: it explains "
             f"{share_text(compared.signal_explained)} of the signal; standard errors are nominal"
-            f"{'' if known or posterior.likelihood.records[0].modal else f'. {POSSIBLE_CAUSES}'}"
+            f"{'' if known or posterior.likelihood.records[0].modal else f'. {causes}'}"
         )
     if posterior.growing is not None:
         yield posterior.growing.statement

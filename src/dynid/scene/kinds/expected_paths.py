@@ -228,9 +228,14 @@ def _problem_of_layout(parts: tuple[str, ...], further: Sequence[str], *, groups
     # the deepest group that results have, and what of it there is not
     above, missing, last = parts[: depth - 1], parts[depth - 1], depth == len(parts)
     known = names_in(above) or frozenset()
+    of_parameters = above == ("identification", "parameters") and depth + 1 == len(parts)
+    if of_parameters and (missing in known or name in known):
+        array, label = (missing, name) if missing in known else (name, missing)
+        path = f"{'/'.join(above)}/{array}"
+        return f"'{path}' is an array of all parameters; write path: {path}, at: {{parameter: {label}}}"
     if missing in known and not last:
         return f"'{missing}' is no group, it has no '{'/'.join(parts[depth:])}'"
-    candidates = sorted({*groups_in(above), *(known if last else ())})
+    candidates = sorted({*groups_in(above), *(known if last else ())}) or sorted(known)
     return f"there is no '{missing}' in {'/'.join(above)}{_similar_or_all(missing, candidates)}"
 
 
