@@ -126,6 +126,16 @@ def _unique_warnings(posterior: Posterior) -> Iterator[str]:
         yield _equivalent_optima(posterior)
 
 
+def _possible_causes(posterior: Posterior) -> str:
+    """Return what may cause a lack of fit: limits at which estimates are first."""
+    names, priors = posterior.likelihood.names, posterior.likelihood.priors
+    held = np.flatnonzero(priors.at_bound(posterior.fit.eta) & ~priors.fixed)
+    if not len(held):
+        return POSSIBLE_CAUSES
+    limited = ", ".join(names[k] for k in held)
+    return f"{limited} {'are' if len(held) > 1 else 'is'} at a limit: check it first. {POSSIBLE_CAUSES}"
+
+
 def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
     """Warn of lack of fit, contradicted priors, and uncertain or hardly distinguishable parameters."""
     compared = posterior.comparison
@@ -140,12 +150,7 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
         growing = posterior.growing
         known = posterior.mistakes or (growing is not None and growing.explained)
         worst = posterior.channels[int(np.argmin(compared.channel_lack_of_fit_p))].name
-        bound = posterior.likelihood.priors
-        names = np.array(posterior.likelihood.names)
-        limited = names[bound.at_bound(posterior.fit.eta) & ~bound.fixed].tolist()
-        causes = POSSIBLE_CAUSES
-        if limited:
-            causes = f"{', '.join(limited)} {'are' if len(limited) > 1 else 'is'} at a limit: check it first. {causes}"
+        causes = _possible_causes(posterior)
         yield (
             f"the model lacks fit ({p_text(compared.lack_of_fit_p, 1)}), most of all in {worst}: it explains "
             f"{share_text(compared.signal_explained)} of the signal; standard errors are nominal"
