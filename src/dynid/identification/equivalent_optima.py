@@ -48,7 +48,7 @@ _MOST = 5040
 # Most images whose neighbourhood is searched for the optimum of the posterior, and steps of one search.
 _REFINED, _STEPS = 24, 20
 # Gain of the logarithm of the posterior from which another optimum is the estimate, and how often it may be.
-_BETTER, _ROUNDS = 0.01, 4
+_BETTER, _ROUNDS = 0.01, 8
 # Coordinates are those of one optimum where they differ by less than this many deviations, or units; from so
 # many units on they are distinct.
 _SAME_DEVIATIONS, _SAME_UNITS, _DISTINCT = 0.01, 1e-9, 1e-4
@@ -57,6 +57,12 @@ _APART = 3.0
 # Starts with exchanged values that are ranked, and searched; the first steps of such a search, and the part
 # of the misfit that they must leave at most.
 _RANKED, _SEARCHED, _FIRST, _LEFT = 16, 3, 4, 0.3
+# Further steps of a search that is as good as the best and has not converged.
+_FURTHER = 60
+# Directions of the greatest deviations along which misfits are compared with those that the information
+# predicts, from so many deviations on, each distance twice the one before, up to so many units; the ratio
+# below which the misfit is not that of one optimum, and how many such starts are searched.
+_DIRECTIONS, _NEAREST, _FARTHEST, _FLAT, _FLATTEST = 3, 4.0, 4.0, 0.5, 8
 # Most states, and candidate sensors, of models whose deciding sensors are sought; lines at which responses
 # are compared, the relative difference from which they differ, how many sensors are named, and most optima
 # that are compared with the estimate.
@@ -111,6 +117,11 @@ class Optimum(NamedTuple):
     fit: Fit
 
     @property
+    def noise(self) -> list[Array]:
+        """Noise given, or that of the residuals (channels of each record)."""
+        return self.likelihood.likeliest(self.fit)
+
+    @property
     def misfit(self) -> float:
         """Misfit with the priors."""
         return self.likelihood.misfit(self.fit)
@@ -156,12 +167,22 @@ class OptimaSearch:
         deviations
             Standard deviations of its coordinates (p).
         """
-        best, better = Optimum(self.likelihood, fit), None
+        best = Optimum(self.likelihood, fit)
         for _ in range(_ROUNDS):
             optima, better = self._around(best, deviations)
             if better is None:
                 break
-            best = better
+            before, best = best, better
+            deviations = better.likelihood.information(better.fit, better.noise).deviations()
+        else:  # there may be still better ones: at least the last two are known
+            gains = [
+                np.array([0.0, b - a])
+                for a, b in (
+                    (before.record_misfit, best.record_misfit),
+                    (before.misfit, best.misfit),
+                )
+            ]
+            optima = EquivalentOptima(np.array([best.fit.eta, before.fit.eta]), *gains)
         return optima, None if best.fit is fit else best
 
     def _around(self, best: Optimum, deviations: Array) -> tuple[EquivalentOptima, Optimum | None]:
@@ -187,9 +208,11 @@ class OptimaSearch:
                 if gain[k] > -DECIDED and optimum is not None:
                     points[k] = optimum.fit.eta
         likelihoods = np.zeros(len(points))
-        for optimum in self._near(best, points, deviations):
-            if best.misfit - optimum.misfit > _BETTER:
-                return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), optimum
+        near = list(self._near(best, points, deviations))
+        least = min(near, key=lambda optimum: optimum.misfit, default=best)
+        if best.misfit - least.misfit > _BETTER:
+            return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), least
+        for optimum in near:
             for point in images(permutations, optimum.fit.eta, same, _MOST):
                 points.append(point)
                 likelihoods = np.append(likelihoods, best.record_misfit - optimum.record_misfit)
@@ -262,7 +285,10 @@ class OptimaSearch:
     # Optima that no exact symmetry relates.
 
     def _near(self, best: Optimum, known: Sequence[Array], deviations: Array) -> Iterator[Optimum]:
-        """Yield optima to which searches from exchanged values lead, as far as their posterior is no less."""
+        """Yield optima to which searches from exchanged values, and from afar, lead.
+
+        As far as their posterior is no less than that of the best.
+        """
         likelihood = self.likelihood
         dear = work_of(likelihood) * _RANKED > _WORK or self.likelihood_at is not None
         if dear or not self.searched:
@@ -281,11 +307,37 @@ class OptimaSearch:
                 if len(ranked) == _RANKED + self.searched:
                     break
         ends = list(known)
-        for misfit, _, start in sorted(ranked)[: self.searched]:
+        for misfit, _, start in sorted(ranked)[: self.searched] + self._beyond(best):
             optimum = self._searched(best, start, misfit)
             if optimum is not None and _is_new(optimum.fit.eta, ends, apart):
                 ends.append(optimum.fit.eta)
                 yield optimum
+
+    def _beyond(self, best: Optimum) -> list[tuple[float, int, Array]]:
+        """Return starts far beyond the error bars with less misfit than the information predicts, and theirs.
+
+        With N values and the noise estimated, at t deviations it predicts N / 2 log(1 + t^2 / N).
+        """
+        likelihood, eta, units = self.likelihood, best.fit.eta, self.likelihood.priors.units
+        information = likelihood.information(best.fit, best.noise)
+        U, s, _ = np.linalg.svd(information.root / units[:, None])
+        values = sum(int(record.data.counts.sum()) for record in likelihood.records)
+        starts: list[tuple[float, float, Array]] = []
+        for direction, size in list(zip(U.T, s, strict=False))[:_DIRECTIONS]:
+            distance = _NEAREST
+            while 0 < distance * size <= _FARTHEST:
+                predicted = values / 2 * math.log1p(distance**2 / values)
+                for step in (distance, -distance):
+                    start = likelihood.priors.clipped(eta + step * size * units * direction)
+                    try:
+                        with guarded("the prediction"):
+                            misfit = likelihood.misfit_at(start)
+                    except DynidError:
+                        continue
+                    starts.append(((misfit - best.misfit) / predicted, misfit, start))
+                distance *= 2
+        flat = sorted((start for start in starts if start[0] < _FLAT), key=lambda start: start[0])
+        return [(misfit, k, start) for k, (_, misfit, start) in enumerate(flat[:_FLATTEST])]
 
     def _searched(self, best: Optimum, start: Array, misfit: float) -> Optimum | None:
         """Return the optimum that a search from a start leads to, if it is as good as the best."""
@@ -298,10 +350,12 @@ class OptimaSearch:
                     if left > max(DECIDED, _LEFT * (misfit - best.misfit)):
                         return None
                     fit, steps = refine(likelihood, fit.eta, _STEPS)
+                    if steps == _STEPS and likelihood.misfit(fit) - best.misfit < DECIDED:
+                        fit, steps = refine(likelihood, fit.eta, _FURTHER)
         except DynidError:
             return None
         optimum = Optimum(likelihood, fit)
-        return optimum if steps < _STEPS and optimum.misfit - best.misfit < DECIDED else None
+        return optimum if steps not in (_STEPS, _FURTHER) and optimum.misfit - best.misfit < DECIDED else None
 
     def _starts(self, eta: Array) -> Iterator[Array]:
         """Yield where other searches ended, and coordinates (p) with like parameters exchanged."""
