@@ -175,14 +175,11 @@ class OptimaSearch:
             before, best = best, better
             deviations = better.likelihood.information(better.fit, better.noise).deviations()
         else:  # there may be still better ones: at least the last two are known
-            gains = [
-                np.array([0.0, b - a])
-                for a, b in (
-                    (before.record_misfit, best.record_misfit),
-                    (before.misfit, best.misfit),
-                )
-            ]
-            optima = EquivalentOptima(np.array([best.fit.eta, before.fit.eta]), *gains)
+            optima = EquivalentOptima(
+                np.array([best.fit.eta, before.fit.eta]),
+                np.array([0.0, best.record_misfit - before.record_misfit]),
+                np.array([0.0, best.misfit - before.misfit]),
+            )
         return optima, None if best.fit is fit else best
 
     def _around(self, best: Optimum, deviations: Array) -> tuple[EquivalentOptima, Optimum | None]:
