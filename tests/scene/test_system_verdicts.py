@@ -161,3 +161,20 @@ def test_an_integral_of_a_measurement_alone_is_no_hidden_mode(late):
     text = text.replace('l3: {type: I, value: "sqrt(3)"}', 'l3: {type: R, value: "sqrt(3)"}')
     for numerator in ("[8, 1]", "[8, 0]"):  # [8, 0]: the integral only holds a constant
         assert system(run(text, NUMERATOR=numerator)[0]) == (True, "stable", 0), numerator
+
+
+@pytest.mark.parametrize("late", ["sqrt(3)", "5**(1/3)", "exp(1/3)", "pi/4"])
+@pytest.mark.parametrize(
+    ("factor", "expected"), [("(1-1e-10)", "stable"), ("1", "undecided"), ("1.0001", "unstable")]
+)
+def test_irrational_delays_are_not_rounded_to_doubles(late, factor, expected):
+    """Of s + k e^(-s τ) two roots reach the axis at k τ = π/2: no verdict comes from the rounding of τ."""
+    text = """\
+dynid: 1
+kind: bond-graph
+graph: {nodes: {j: '1', m: {type: I, value: 1}, act: Se}, bonds: [act -> j, j -> m]}
+analysis: {inputs: [u], outputs: [m.f], results: [properties]}
+control:
+  loops: [{from: m.f, to: act, reference: u, controller: {gain: "FACTOR*pi/(2*(LATE))", delay: LATE}}]
+"""
+    assert system(run(text, FACTOR=factor, LATE=late)[0])[1] == expected

@@ -388,6 +388,19 @@ def coded(number: Fraction, field: RealField) -> Fraction:
     return Irrational(number.term, value, field.coded(number.term)) if isinstance(value, float) else value
 
 
+def rounded(number: Fraction) -> Fraction:
+    """Return a plain fraction: the number, or an irrational one rounded to `ROUNDED_BITS` bits."""
+    if not isinstance(number, Irrational):
+        return Fraction(number)
+    from flint import ctx
+
+    from dynid.arithmetic.real_field import ROUNDED_BITS, RealField
+
+    with ctx.workprec(ROUNDED_BITS):
+        mantissa, exponent = RealField([number.term]).enclosure(number.term).mid().man_exp()
+    return Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
+
+
 def _sign(one: Fraction, other: Any) -> int:
     """Return the sign of the difference of two numbers."""
     try:

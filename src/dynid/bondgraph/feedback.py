@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from dynid.arithmetic.ldl import reference
 from dynid.arithmetic.numbers import coded
+from dynid.arithmetic.numbers import rounded as rounded_number
 from dynid.bondgraph.control import PADE_ORDER, Loop, close_loops, pade
 from dynid.bondgraph.frequency_response import frequency_response
 from dynid.bondgraph.graph import BondGraph, Port
@@ -47,6 +48,8 @@ if TYPE_CHECKING:
 Complex = NDArray[np.complex128]
 #: Condition of I + L above which a pole lies on the axis.
 _SINGULAR = 1e12
+#: Ratios of delays that are fractions of small numbers but for the rounding of irrational ones (320 bits).
+_RATIO_DENOMINATOR, _RATIO_ROUNDING = 1000, Fraction(1, 2**300)
 #: Rows up to which a determinant is expanded: 3! products cost less than 5 exact divisions.
 _EXPANDED_ROWS = 3
 
@@ -105,7 +108,7 @@ class CutLoops:
             groups.setdefault(loop.source if self._by_source else loop.measured, []).append(number)
         #: The product of the denominators of the loops of each group, and their numerators over it.
         self._groups = [self._over_one_denominator(group) for group in groups.values()]
-        self._delays = [Fraction(reference(loop.delay)) for loop in loops]
+        self._delays = _in_proportion([rounded_number(reference(loop.delay)) for loop in loops])
         # Margins, loci and verdicts ask for the same few again and again.
         self._minors, self._functions = dict[frozenset[int], Any](), dict[tuple[int, ...], QuasiPolynomial]()
 
@@ -422,6 +425,20 @@ def _answer(loop: Loop, s: Complex, *, cut: bool) -> Complex:
     turn = -s * float(reference(loop.delay))
     with np.errstate(all="ignore"):
         return np.asarray(top / bottom * (np.exp(turn) if cut else np.expm1(turn)))
+
+
+def _in_proportion(delays: list[Fraction]) -> list[Fraction]:
+    """Return delays whose ratios to one another are exact again where rounding moved them."""
+    exact = list[Fraction]()
+    for delay in delays:
+        for other in filter(None, exact):
+            ratio = (delay / other).limit_denominator(_RATIO_DENOMINATOR)
+            if abs(delay - ratio * other) < delay * _RATIO_ROUNDING:
+                exact.append(ratio * other)
+                break
+        else:
+            exact.append(delay)
+    return exact
 
 
 def _mixing_gain(row: int, column: int) -> int:
