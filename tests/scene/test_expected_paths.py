@@ -1,10 +1,13 @@
 """Expectations of paths that no run of a bond graph gives are found before it; others never are."""
 
+import ast
+import re
 from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
+import dynid
 from dynid.bondgraph.request import MARGINS, PROPERTIES
 from dynid.checks import check_expectations
 from dynid.checks.expectations import axis_of
@@ -13,6 +16,7 @@ from dynid.lti.peaks import Bandwidth
 from dynid.lti.step_info import StepInfo
 from dynid.scene.doubts import scene_doubts
 from dynid.scene.kinds.expected_paths import impossible_paths
+from dynid.scene.kinds.result_layout import ATTRIBUTES, LAYOUT
 from dynid.scene.load import Scene, check_source, load_scene
 from dynid.scene.run import run_scene
 from dynid.scene.schema.study import StudyScene
@@ -300,6 +304,27 @@ def test_a_label_that_no_array_has_is_refused_at_its_place(name, path, at, said)
     column = text.splitlines()[-1].index(at) + 2
     assert fault.line == text.count("\n")
     assert column <= fault.column <= column + len(at)
+
+
+WRITERS = ["bondgraph/results", "bondgraph/synthesis", "identification/results", "identification/systems"]
+WRITERS += ["structure/comparison.py", "structure/geometry.py", "structure/modal_analysis.py"]
+WRITERS += ["structure/response.py", "identification/identifiability.py", "identification/model_error.py"]
+
+
+def test_every_name_that_a_result_is_given_is_in_the_layout():
+    known = {name for names in LAYOUT.values() for name in names.split()}
+    known |= {part for group in LAYOUT for part in group.split("/")} | ATTRIBUTES
+    package, names = Path(dynid.__file__).parent, set()
+    files = [file for path in WRITERS for file in ([*(package / path).rglob("*.py")] or [package / path])]
+    for node in (node for file in files for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))):
+        if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.args):
+            continue
+        if node.func.attr in ("add", "add_axis", "annotate") and ast.unparse(node.func.value) == "result":
+            names |= {key.arg for key in node.keywords if key.arg not in (None, "dims", "units")}
+            path = re.fullmatch(r"f?'.*/(\w+)'", ast.unparse(node.args[0]))
+            names |= {path[1]} if path and node.func.attr != "annotate" else set()
+    assert len(names) > 250
+    assert names - known == set()
 
 
 @pytest.mark.slow
