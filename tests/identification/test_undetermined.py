@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from dynid import load_scene, run
 from dynid.arithmetic.dependent import Dependent
 from dynid.errors import NotIdentifiable
 from dynid.identification.identify import identify, identify_frf
@@ -166,3 +167,29 @@ def test_the_others_are_those_of_the_oracle_with_the_lost_one_known(seed):
     bound = record.deviations(eta, noise)
     assert [error[name] / own[name] for name in names] == pytest.approx(bound, rel=0.05)
     assert np.all(np.abs(best - eta) < 0.1 * bound)
+
+
+@pytest.mark.parametrize("method", ["auto", "filter", "output-error"])
+def test_what_a_record_bounds_on_neither_side_is_not_identifiable(method, tmp_path):
+    """Noise makes an optimum of a damper beside a stiff spring, of which a thousandfold fits as well."""
+    (tmp_path / "s.yaml").write_text(
+        f"""
+dynid: 1
+kind: identification
+structure: {{lumped: {{masses: [1.4, 0.6, 0.9], links: [{{dofs: [2, 3], k: 1.2e4, c: 8}}]}}}}
+joints:
+  base: {{dofs: [1], k: {{start: 8.0e3, true: 1.1e4}}, c: {{start: 6, true: 9}}}}
+  rigid: {{dofs: [1, 2], k: 2.0e8, c: {{start: 3, true: 3}}}}
+excitation: [{{dof: 3, kind: multisine, amplitude: [20, 20, 20, 20], frequency: [35, 60, 90, 125]}}]
+measurement:
+  step: 0.004
+  samples: 700
+  channels: [{{dof: 1, quantity: acceleration}}]
+  simulate: {{noise_ratio: 0.05, seed: 8, settle: 6}}
+estimator: {{method: {method}}}
+derived: []
+"""
+    )
+    result = run(load_scene(tmp_path / "s.yaml"))
+    assert names_of(result, identifiable=False) == ["rigid.c"]
+    assert_others_are_right(result)

@@ -390,14 +390,21 @@ class Posterior:
 
         The standard error of the logarithm exceeds 10, and the records admit ten times the estimate or a
         tenth of it. They do not where it is the derivative alone that vanishes: halfway between the optima of
-        interchangeable parameters, where these are equal.
+        interchangeable parameters, where these are equal. Or the records admit both a thousand times the
+        estimate and a thousandth of it, whatever the derivatives at an optimum that noise made.
         """
-        unknown = logarithmic(self.likelihood.unknowns) & (self.deviations > _UNKNOWN)
-        unknown &= ~self.likelihood.priors.limited
-        for k in np.flatnonzero(unknown).tolist():
-            eta = float(self.fit.eta[k])
-            unknown[k] = any(self._accepted(k, eta + side * _TENFOLD) for side in (1, -1))
-        return np.asarray(unknown)
+        uncertain = logarithmic(self.likelihood.unknowns) & (self.deviations > UNCERTAIN)
+        uncertain &= ~self.likelihood.priors.limited
+        if not np.any(
+            self.deviations[~self.likelihood.priors.fixed] <= UNCERTAIN
+        ):  # the records have to know another one for that
+            uncertain &= self.deviations > _UNKNOWN
+        unknown = np.zeros(len(uncertain), dtype=bool)
+        for k in np.flatnonzero(uncertain).tolist():
+            eta, far = float(self.fit.eta[k]), self.deviations[k] > _UNKNOWN
+            ends = (self._accepted(k, eta + side * (_TENFOLD if far else _FAR)) for side in (1, -1))
+            unknown[k] = any(ends) if far else all(ends)
+        return unknown
 
     def admitted(self, k: int) -> float:
         """Return the coordinate nearest to the start (or prior) of a parameter that the records admit.
