@@ -61,8 +61,9 @@ _RANKED, _SEARCHED, _FIRST, _LEFT = 16, 3, 4, 0.3
 _FURTHER = 60
 # Directions of the greatest deviations along which misfits are compared with those that the information
 # predicts, from so many deviations on, each distance twice the one before, up to so many units; the ratio
-# below which the misfit is not that of one optimum, and how many such starts are searched.
-_DIRECTIONS, _NEAREST, _FARTHEST, _FLAT, _FLATTEST = 3, 4.0, 4.0, 0.5, 8
+# below which the misfit is not that of one optimum, the points above it that end a line, and the most starts
+# below it that are searched.
+_DIRECTIONS, _NEAREST, _FARTHEST, _FLAT, _STEEP, _FLATTEST = 3, 4.0, 4.0, 0.5, 2, 8
 # Most states, and candidate sensors, of models whose deciding sensors are sought; lines at which responses
 # are compared, the relative difference from which they differ, how many sensors are named, and most optima
 # that are compared with the estimate.
@@ -321,18 +322,19 @@ class OptimaSearch:
         values = sum(int(record.data.counts.sum()) for record in likelihood.records)
         starts: list[tuple[float, float, Array]] = []
         for direction, size in list(zip(U.T, s, strict=False))[:_DIRECTIONS]:
-            distance = _NEAREST
-            while 0 < distance * size <= _FARTHEST:
-                predicted = values / 2 * math.log1p(distance**2 / values)
-                for step in (distance, -distance):
-                    start = likelihood.priors.clipped(eta + step * size * units * direction)
+            for side in (direction, -direction):
+                distance, steep = _NEAREST, 0
+                while 0 < distance * size <= _FARTHEST and steep < _STEEP:
+                    predicted = values / 2 * math.log1p(distance**2 / values)
+                    start = likelihood.priors.clipped(eta + distance * size * units * side)
+                    distance *= 2
                     try:
                         with guarded("the prediction"):
                             misfit = likelihood.misfit_at(start)
                     except DynidError:
                         continue
                     starts.append(((misfit - best.misfit) / predicted, misfit, start))
-                distance *= 2
+                    steep = 0 if starts[-1][0] < _FLAT else steep + 1
         flat = sorted((start for start in starts if start[0] < _FLAT), key=lambda start: start[0])
         return [(misfit, k, start) for k, (_, misfit, start) in enumerate(flat[:_FLATTEST])]
 
