@@ -450,3 +450,8 @@ def test_an_undefined_characteristic_is_missing_with_the_reason():
         f"{properties}/step_status"
         not in run_batch(template, overrides, (f"{properties}/dc_gain",))[0].values
     )
+
+
+def test_irrational_values_are_run_alone():
+    text = FUNCTIONS.replace("r: 2*z*sqrt(k*m)", "r: 2*z*sqrt(k)")
+    assert_same(scene(text), [{"parameters.z": z} for z in (0.5, 2)], together=False)

@@ -669,3 +669,31 @@ def test_a_used_file_without_models_is_refused(tmp_path, content):
     with pytest.raises(SceneError, match=r"'one\.yaml' has no 'models'") as raised:
         load_scene(own)
     assert raised.value.faults[0].line == len(MOTOR.splitlines())
+
+
+SPOILED = """
+dynid: 1
+kind: bond-graph
+models:
+  cell:
+    ports: [left]
+    nodes: {left: 1, r: {type: R, value: 1}}
+    bonds: [left -> r]
+graph:
+  nodes: {u: Se, a: {model: cell}}
+  bonds: [u -> a.left]
+analysis: {inputs: [u], outputs: [a.r.f]}
+"""
+
+
+def test_a_bond_without_an_end_is_a_fault_of_its_model():
+    assert "scene.yaml:7:24: 'left ->' is not a bond" in faults(
+        SPOILED.replace("[left -> r]", '[left -> r, "left ->"]')
+    )
+
+
+def test_a_port_that_is_no_end_of_a_bond_is_a_fault_also_of_a_chain():
+    text = SPOILED.replace("[left]", "[left, right]").replace(
+        "{model: cell}", "{model: cell, repeat: 2, chain: [right, left]}"
+    )
+    assert "the port 'right' is no node, so one bond of the model ends there, not none" in faults(text)

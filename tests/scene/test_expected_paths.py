@@ -11,12 +11,13 @@ import dynid
 from dynid.bondgraph.request import MARGINS, PROPERTIES
 from dynid.checks import check_expectations
 from dynid.checks.expectations import axis_of
+from dynid.errors import SceneError
 from dynid.lti.margins import Margins
 from dynid.lti.peaks import Bandwidth
 from dynid.lti.step_info import StepInfo
 from dynid.scene.doubts import scene_doubts
 from dynid.scene.kinds.expected_paths import impossible_paths
-from dynid.scene.kinds.result_layout import ATTRIBUTES, LAYOUT
+from dynid.scene.kinds.result_layout import ATTRIBUTES, LAYOUT, names_in
 from dynid.scene.load import Scene, check_source, load_scene
 from dynid.scene.run import run_scene
 from dynid.scene.schema.study import StudyScene
@@ -362,3 +363,15 @@ analysis: {outputs: [m.f, m.e], results: [step_info, bandwidth]}
     assert shoot == f"overshoot has no value; step_status: {step}"
     assert width == f"bandwidth has no value; bandwidth_status: {band}"
     assert misspelt.startswith("overshot is not in the result: ")
+
+
+def test_labels_that_are_no_mapping_are_a_fault():
+    with pytest.raises(SceneError, match="'at' is a mapping of dimensions to labels"):
+        check(expecting(f"{BASE}/m_s.f/v_in/dc_gain").replace("value: true", "value: 1, at: 3"))
+
+
+def test_expectations_of_benchmarks_and_groups_of_records_are_left_to_the_run():
+    assert names_in(("identification", "measurement", "record_2")) == names_in(
+        ("identification", "measurement")
+    )
+    assert names_in(("identification", "nothing")) is None

@@ -186,7 +186,7 @@ MARKET = "%%MatrixMarket matrix"
         ("1 1.5 2.0\n", "names no row and column: 1, 1.5"),
         ("1 nan 2.0\n", "names no row and column"),
         ("1 1 two\n", "'two'"),
-        ("1 1 2.0\n2 2\n", "columns changed"),
+        ("1 1 2.0\n2 2\n", "row 2 has 2 numbers, not 3"),
         ("1 2 3 4\n", "has 4 columns"),
         ("** nothing\n", "no triplets"),
         ("", "no triplets"),

@@ -10,7 +10,8 @@ import pytest
 import dynid
 from dynid.cli import main
 from dynid.result import Variable
-from dynid.store.frequencies import is_frequency
+from dynid.store.frequencies import in_unit, is_frequency
+from dynid.units import FrequencyUnit
 
 SCENE = """dynid: 1
 kind: bond-graph
@@ -81,3 +82,14 @@ def test_a_data_frame_of_a_run_is_in_the_unit_of_its_scene(unit):
 )
 def test_angular_velocities_are_no_frequencies(path, units, answer):
     assert is_frequency(path, Variable(("mode",), np.ones(2), units)) is answer
+
+
+def test_an_array_in_another_unit_is_read_in_pieces():
+    omega = Variable(("sample", "mode"), np.arange(12.0).reshape(4, 3), "rad/s")
+    shown = in_unit("modal/frequency", omega, FrequencyUnit("Hz", "f", 1 / (2 * math.pi)))
+    hertz = omega.data / (2 * math.pi)
+    assert shown.shape == (4, 3)
+    np.testing.assert_allclose(shown.data, hertz, rtol=1e-15)
+    np.testing.assert_allclose(np.concatenate([block for _, block in shown.blocks()]), hertz, rtol=1e-15)
+    np.testing.assert_allclose(shown.rows(1, 3), hertz[1:3], rtol=1e-15)
+    np.testing.assert_allclose(shown.entries(1, 3), hertz[:, 1:3], rtol=1e-15)

@@ -305,7 +305,9 @@ class OptimaSearch:
                 if len(ranked) == _RANKED + self.searched:
                     break
         ends = list(known)
-        for misfit, _, start in sorted(ranked)[: self.searched] + self._beyond(best):
+        # Without a symmetry, an optimum afar that is less likely than the estimate is no exchange.
+        afar = self._beyond(best) if len(known) > 1 else []
+        for misfit, _, start in sorted(ranked)[: self.searched] + afar:
             optimum = self._searched(best, start, misfit)
             if optimum is not None and _is_new(optimum.fit.eta, ends, apart):
                 ends.append(optimum.fit.eta)
