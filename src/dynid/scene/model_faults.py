@@ -26,7 +26,7 @@ RESERVED = (*_INSTANCE_KEYS, "type", "value", "domain", "ports", "law")
 #: The most copies of an instance.
 MAX_COPIES = 100_000
 #: The most values (texts, numbers, lists, mappings) of all instances together: about 1 GB.
-MAX_VALUES = 5_000_000
+MAX_VALUES = 4_000_000
 #: The most models within one another; each takes two frames of Python's stack of 1,000.
 MAX_NESTING = 50
 # A text counts once for so many characters: names of nodes grow with the names of the instances around them.
