@@ -63,7 +63,7 @@ class FormError:
 
     @property
     def statement(self) -> str:
-        """What would explain the survey, with the keys that state it."""
+        """Return the errors that would explain the survey, with the keys that state them."""
         each = [(name, e) for name, e in zip(self.quantities, self.error.tolist(), strict=True) if e > 0]
         parts = " and ".join(f"{100 * e:.2g} % of {name}" for name, e in each)
         keys = ", ".join(f"{name}: {e:.2g}" for name, e in each)

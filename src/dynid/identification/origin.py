@@ -1,4 +1,4 @@
-"""Where an estimation begins: the starts, or near them, and the parameters that records do not determine."""
+"""The origin of an estimation: the starts, or near them, and the parameters that records do not determine."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _BESIDE = 0.25
 
 
 class Origin(NamedTuple):
-    """Where an estimation begins: coordinates (p), and the parameters that the records do not determine."""
+    """The origin of an estimation: coordinates (p), and the parameters that the records do not determine."""
 
     eta: Array
     undetermined: tuple[str, ...]

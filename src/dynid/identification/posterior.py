@@ -216,7 +216,7 @@ class Posterior:
 
     @cached_property
     def decided_by(self) -> list[str]:
-        """What decides each parameter: ``data``, its ``prior`` or ``limits`` alone, or ``nothing``."""
+        """The source of each parameter: ``data``, its ``prior`` or ``limits`` alone, or ``nothing``."""
         priors = self.likelihood.priors
         alone = self.deviations > UNDECIDED * np.where(np.isnan(priors.spreads), np.inf, priors.spreads)
         by_limits = ~priors.given | (priors.spreads < priors.deviations)

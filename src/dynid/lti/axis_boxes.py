@@ -27,7 +27,7 @@ _CHUNK = 4096
 
 
 class Work:
-    """How much searches may still cost: a limit that depends on no clock.
+    """The budget of searches: a limit that depends on no clock.
 
     Parameters
     ----------

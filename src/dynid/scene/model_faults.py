@@ -89,7 +89,7 @@ def model_faults(source: Source, models: Mapping[str, Model]) -> list[Fault]:
 
 
 class _Size(NamedTuple):
-    """What the nodes and bonds of a model make: values, and models within one another."""
+    """The size of the nodes and bonds of a model: values, and models within one another."""
 
     values: int
     depth: int

@@ -31,7 +31,7 @@ _DAY = 86400
 
 
 class DateTimeError(ValueError):
-    """What is wrong with a stamp, and its row (from 0; None: of no single one)."""
+    """A fault of a stamp, and its row (from 0; None: of no single one)."""
 
     def __init__(self, problem: str, row: int | None = None) -> None:
         super().__init__(problem)

@@ -40,7 +40,7 @@ class DataSet(NamedTuple):
 
 
 class BlockError(ValueError):
-    """What is wrong with a Universal File as a sequence of data sets."""
+    """A fault of a Universal File as a sequence of data sets."""
 
 
 def data_sets(content: bytes) -> list[DataSet]:

@@ -1,4 +1,4 @@
-"""What a library reads out of a file of unknown origin in a separate process, kept as a NumPy archive."""
+"""NumPy archives of what a library reads, in a separate process, from a file of unknown origin."""
 
 from __future__ import annotations
 

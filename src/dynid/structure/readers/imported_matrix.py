@@ -19,9 +19,9 @@ from dynid.structure.matrices import Label, Matrix, is_sparse
 MOST_NUMBERS = 250_000_000
 _LAYOUTS = ("csc", "csr", "coo")
 COMPLEX = "complex numbers"
-"""What stands in a file in place of a real matrix."""
+"""Descriptions of entries that are no real matrix."""
 USE_REAL_PART = "Save its real part; its imaginary part describes damping, in a matrix of its own."
-"""What to do with a complex matrix."""
+"""The remedy for a complex matrix."""
 
 
 @dataclass(frozen=True, eq=False)
