@@ -9,6 +9,7 @@ same structure: its multiplicities, its roots at 0 and on the imaginary axis, an
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from typing import Any, Self, TypeVar
@@ -22,33 +23,24 @@ from dynid.errors import NumericalError
 _LONG = 16
 
 
-class FieldNumber:
-    """A number of the field.
-
-    Parameters
-    ----------
-    field
-        The field.
-    value
-        The coded number (flint `fmpq`).
-    """
+class _RingElement(ABC):
+    """Sums and products over the field, of the flint `value` of numbers and polynomials alike."""
 
     __slots__ = ("field", "value")
 
-    def __init__(self, field: RealField, value: Any) -> None:
-        self.field = field
-        self.value = value if value.p % field.prime else fmpq(0)
+    field: RealField
+    value: Any
 
+    @abstractmethod
     def _made(self, value: Any) -> Self:
-        if value.p.bit_length() > _LONG * self.field.bits and value.p % self.field.prime:
-            value = _coded_anew(self.field, value)
-        return type(self)(self.field, value)
+        """Return the element of a value, coded anew where that is long."""
 
+    @abstractmethod
     def _value(self, other: Any) -> Any:
-        return other.value if isinstance(other, FieldNumber) else other
+        """Return the flint value of an operand."""
 
     def __bool__(self) -> bool:
-        return self.value != 0
+        return bool(self.value != 0)
 
     def __add__(self, other: Any) -> Self:
         return self._made(self.value + self._value(other))
@@ -65,6 +57,32 @@ class FieldNumber:
         return self._made(self.value * self._value(other))
 
     __rmul__ = __mul__
+
+
+class FieldNumber(_RingElement):
+    """A number of the field.
+
+    Parameters
+    ----------
+    field
+        The field.
+    value
+        The coded number (flint `fmpq`).
+    """
+
+    __slots__ = ()
+
+    def __init__(self, field: RealField, value: Any) -> None:
+        self.field = field
+        self.value = value if value.p % field.prime else fmpq(0)
+
+    def _made(self, value: Any) -> Self:
+        if value.p.bit_length() > _LONG * self.field.bits and value.p % self.field.prime:
+            value = _coded_anew(self.field, value)
+        return type(self)(self.field, value)
+
+    def _value(self, other: Any) -> Any:
+        return other.value if isinstance(other, FieldNumber) else other
 
     def __truediv__(self, other: Any) -> Self:
         return self._made(self.value / self._value(other))
@@ -127,7 +145,7 @@ def settled(field: RealField, value: Any) -> Any:
 P = TypeVar("P", bound="FieldPolynomial")
 
 
-class FieldPolynomial:
+class FieldPolynomial(_RingElement):
     """A polynomial over the field.
 
     Parameters
@@ -138,7 +156,7 @@ class FieldPolynomial:
         Its coded coefficients (flint `fmpq_poly` or `fmpz_poly`).
     """
 
-    __slots__ = ("field", "value")
+    __slots__ = ()
 
     def __init__(self, field: RealField, value: Any) -> None:
         value = fmpq_poly(value)
@@ -214,29 +232,10 @@ class FieldPolynomial:
     def __getitem__(self, power: int) -> Any:
         return self.value[power]
 
-    def __bool__(self) -> bool:
-        return bool(self.value != 0)
-
     def __eq__(self, other: object) -> bool:
         return not type(self)(self.field, self.value - self._value(other))
 
     __hash__ = None  # type: ignore[assignment]
-
-    def __add__(self, other: Any) -> Self:
-        return self._made(self.value + self._value(other))
-
-    __radd__ = __add__
-
-    def __sub__(self, other: Any) -> Self:
-        return self._made(self.value - self._value(other))
-
-    def __rsub__(self, other: Any) -> Self:
-        return self._made(self._value(other) - self.value)
-
-    def __mul__(self, other: Any) -> Self:
-        return self._made(self.value * self._value(other))
-
-    __rmul__ = __mul__
 
     def __pow__(self, exponent: int) -> Self:
         return self._made(self.value**exponent)
