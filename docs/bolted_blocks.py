@@ -22,10 +22,11 @@ from dynid.errors import DynidError
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identify import identify_all, posterior_of
 from dynid.identification.identify_modes import ModalProblem
-from dynid.identification.records.measurement import Experiment, Measurement, data
+from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.modal_measurement import ModalMeasurement, Scatter
 from dynid.identification.records.simulation import Simulation
 from dynid.identification.results.write_result import add_identification
+from dynid.identification.systems.record_values import data
 from dynid.lti.waveforms import Multisine
 from dynid.result import Selection
 from dynid.structure.assembly import assembled_parts

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.optimize import least_squares, root
 
 import dynid
+from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.measurement import RecordData
-from dynid.identification.records.time_record import TimeRecord
 from dynid.identification.systems.parametric_model import parametric_model
 from dynid.scene.kinds.measurements import experiments
 from dynid.scene.kinds.structures import build_structure

@@ -72,7 +72,7 @@ OTHERS = {
     "structure.modes.sparse": "beyond it an answer is refused",
     "structure.readers.binary": "names in a file",
     "structure.readers.exported": "a longer file is refused",
-    "identification.goodness_of_fit.instrument_mistakes": "beyond it a suggestion is left out",
+    "identification.diagnosis.instrument_mistakes": "beyond it a suggestion is left out",
 }
 
 

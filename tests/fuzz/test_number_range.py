@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import SceneError, UsageError
-from dynid.identification.goodness_of_fit.instrument_mistakes import _best
+from dynid.identification.diagnosis.instrument_mistakes import _best
 from dynid.identification.records.simulation import check_finite
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source

@@ -8,16 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from dynid.identification.estimators.filter import PART, InitialState, _History, _walk, filter_pass
-from dynid.identification.records.measurement import Measurement, data
+from dynid.identification.estimators.filter import PART, _History, _walk, filter_pass
+from dynid.identification.likelihood.priors import InitialState
+from dynid.identification.likelihood.time_record import TimeRecord
+from dynid.identification.records.measurement import Measurement
 from dynid.identification.records.simulation import Simulation
-from dynid.identification.records.time_record import TimeRecord
 from dynid.identification.systems.parametric_model import (
     DirectTerm,
     ParametricModel,
     Transition,
     parametric_model,
 )
+from dynid.identification.systems.record_values import data
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

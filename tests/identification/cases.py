@@ -3,8 +3,9 @@
 import numpy as np
 
 from dynid.identification.identify import identify
-from dynid.identification.records.measurement import Measurement, data
+from dynid.identification.records.measurement import Measurement
 from dynid.identification.records.simulation import Simulation
+from dynid.identification.systems.record_values import data
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

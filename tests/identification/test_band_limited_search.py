@@ -9,9 +9,10 @@ from dynid.arithmetic.dependent import Dependent
 from dynid.identification.estimators import auto
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identify import identify_frf
-from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, FrfSystem
+from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.records.simulation import Simulation
 from dynid.identification.systems.band_limited_system import BAND, band_limited
+from dynid.identification.systems.frf_system import FrfSystem
 from dynid.identification.systems.structure_system import StructureSystem
 from dynid.parameters import Parameter
 from dynid.structure.assembly import PointMass, Spring, Support

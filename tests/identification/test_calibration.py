@@ -11,7 +11,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 
-from dynid.identification import posterior
+from dynid.identification.diagnosis import posterior
 from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.maximum_likelihood import Huber
 from dynid.identification.identify import identify_all, identify_frf

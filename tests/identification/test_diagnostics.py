@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
+from dynid.identification.diagnosis.posterior import ChannelOfRecord
+from dynid.identification.diagnosis.verdict import warnings
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.goodness_of_fit.residual_tests import autocorrelation, consistency, spectrum
 from dynid.identification.information import information
-from dynid.identification.posterior import ChannelOfRecord
+from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.measurement import Experiment, Measurement, RecordData
-from dynid.identification.records.time_record import TimeRecord
+from dynid.identification.residual_tests import autocorrelation, consistency, spectrum
 from dynid.identification.systems.prediction import Trajectory
-from dynid.identification.verdict import warnings
 from dynid.structure.response import Channel
 from tests.identification.cases import VELOCITIES, diagnostic, parameter, run, simulated, suspension
 

@@ -7,9 +7,10 @@ from scipy.optimize import least_squares
 from dynid.errors import Diverged, UsageError
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.records.measurement import Measurement, data
-from dynid.identification.records.time_record import TimeRecord
+from dynid.identification.likelihood.time_record import TimeRecord
+from dynid.identification.records.measurement import Measurement
 from dynid.identification.systems.parametric_model import parametric_model
+from dynid.identification.systems.record_values import data
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import lumped
 from dynid.structure.response import Channel

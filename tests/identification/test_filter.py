@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from dynid.errors import Diverged
-from dynid.identification.estimators.filter import MOST_ROWS, Pass, check_run_away, filter_pass, thinned
+from dynid.identification.estimators.filter import Pass, check_run_away, filter_pass, thinned
+from dynid.identification.likelihood.time_record import MOST_ROWS
 from dynid.native import VARIABLE
 from tests.identification.cases import suspension
 from tests.identification.test_kernels import fits_of, origin_of

@@ -13,9 +13,10 @@ from dynid.identification.estimators import auto
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identifiability import frf_identifiability
 from dynid.identification.identify import identify_frf
-from dynid.identification.records import frf_record
-from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, FrfSystem, frf_data
+from dynid.identification.likelihood import frf_record
+from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.records.simulation import Simulation
+from dynid.identification.systems.frf_system import FrfSystem, frf_data
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.ports import Channel

@@ -15,9 +15,10 @@ from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identify import identify, identify_frf
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.measurement import Measurement, data
+from dynid.identification.records.measurement import Measurement
 from dynid.identification.records.simulation import Simulation
 from dynid.identification.systems.graph_system import IdentifiedGraph
+from dynid.identification.systems.record_values import data
 from dynid.lti.signals import Multisine
 from dynid.parameters import Parameter
 from dynid.scene.kinds.identified_graphs import identified_graph

@@ -7,9 +7,10 @@ import pytest
 
 from dynid.errors import UsageError
 from dynid.identification.estimators.imbedding import Flow, InvariantImbedding
-from dynid.identification.records.measurement import Measurement, data
-from dynid.identification.records.time_record import TimeRecord
+from dynid.identification.likelihood.time_record import TimeRecord
+from dynid.identification.records.measurement import Measurement
 from dynid.identification.systems.parametric_model import parametric_model
+from dynid.identification.systems.record_values import data
 from tests.identification.cases import (
     LOADS,
     VELOCITIES,

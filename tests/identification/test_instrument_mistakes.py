@@ -7,12 +7,14 @@ import pytest
 
 from dynid.errors import Diverged, DynidError
 from dynid.identification import identify as identification
+from dynid.identification.diagnosis.instrument_mistakes import instrument_mistakes
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.goodness_of_fit.instrument_mistakes import instrument_mistakes
 from dynid.identification.identify import Experiment, _suggesting, identify, identify_all, identify_frf
-from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, frf_data, unstacked
-from dynid.identification.records.measurement import Measurement, data
+from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, unstacked
+from dynid.identification.records.measurement import Measurement
 from dynid.identification.records.simulation import Simulation
+from dynid.identification.systems.frf_system import frf_data
+from dynid.identification.systems.record_values import data
 from dynid.lti.signals import Sampled
 from dynid.report.content.blocks import Statement
 from dynid.report.content.identification import sections

@@ -7,12 +7,14 @@ from dynid.arithmetic.dependent import Dependent
 from dynid.errors import UsageError
 from dynid.identification.estimators.imbedding import InvariantImbedding
 from dynid.identification.identify import identify, identify_frf
-from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, FrfSystem
-from dynid.identification.records.measurement import Measurement, simulated
+from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
+from dynid.identification.records.measurement import Measurement
 from dynid.identification.records.simulation import Simulation
+from dynid.identification.systems.frf_system import FrfSystem
 from dynid.identification.systems.instruments import RecordSampling
 from dynid.identification.systems.parametric_model import parametric_model
 from dynid.identification.systems.prediction import free_prediction, prediction
+from dynid.identification.systems.record_values import simulated
 from dynid.lti.signals import Chirp, Impulse, Multisine, Sampled, Shifted, Step
 from dynid.parameters import Parameter, coordinates, expected
 from dynid.structure.lumped import Link, lumped

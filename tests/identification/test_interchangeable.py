@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from dynid.arithmetic.dependent import Dependent
+from dynid.identification.diagnosis.symmetry import interchangeable, like_parameters, symmetries
 from dynid.identification.identifiability import expected_time_records, frf_identifiability
 from dynid.identification.identify import identify, identify_all, identify_frf
 from dynid.identification.identify_modes import identify_modes
@@ -15,7 +16,6 @@ from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.modal_measurement import ModalMeasurement
 from dynid.identification.records.simulation import Simulation
-from dynid.identification.symmetry import interchangeable, like_parameters, symmetries
 from dynid.lti.signals import Multisine
 from dynid.parameters import Parameter, ParameterPrior
 from dynid.structure.joints import Joint, JointParameter

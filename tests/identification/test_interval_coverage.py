@@ -38,7 +38,7 @@ def test_intervals_of_joints_from_frequency_responses():
     """The frame of the benchmark with 2 % proportional noise; 2,000 records with DYNID_RECORDS=2000."""
     from dynid.bench.cases import structure_response
     from dynid.identification.identify import identify_frf
-    from dynid.identification.records.frf_measurement import FrfSystem
+    from dynid.identification.systems.frf_system import FrfSystem
 
     count = int(os.environ.get("DYNID_RECORDS", "200"))
     case = structure_response._case(791)

@@ -20,11 +20,12 @@ from dynid.identification import least_squares
 from dynid.identification.estimators import filter as filtering
 from dynid.identification.estimators.filter import PART, filter_pass
 from dynid.identification.estimators.filter_passes import first_noise
-from dynid.identification.records.measurement import RecordData, data
-from dynid.identification.records.time_record import TimeLikelihood, TimeRecord
+from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
+from dynid.identification.records.measurement import RecordData
 from dynid.identification.systems import kernels
 from dynid.identification.systems.parametric_model import ParametricModel, parametric_model
 from dynid.identification.systems.prediction import free_prediction
+from dynid.identification.systems.record_values import data
 from dynid.lti.signals import Chirp, Step
 from dynid.native import VARIABLE
 from dynid.structure.joints import Joint

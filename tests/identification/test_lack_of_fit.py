@@ -8,16 +8,17 @@ import pytest
 
 from dynid.errors import NumericalError
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.goodness_of_fit.saturated_model import (
+from dynid.identification.identify import identify, identify_all
+from dynid.identification.likelihood.saturated_model import (
     ChannelColumns,
     RegressorKind,
     Regressors,
     saturated_coordinates,
 )
-from dynid.identification.goodness_of_fit.statistics import log_f_tail
-from dynid.identification.identify import identify, identify_all
-from dynid.identification.records.measurement import Experiment, simulated
+from dynid.identification.records.measurement import Experiment
 from dynid.identification.records.simulation import Simulation
+from dynid.identification.statistics import log_f_tail
+from dynid.identification.systems.record_values import simulated
 from dynid.lti.signals import Multisine, Sampled, Sine
 from dynid.parameters import ParameterPrior
 from dynid.structure.joints import Joint, JointParameter

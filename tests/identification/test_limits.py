@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import scipy.stats
 
+from dynid.identification.diagnosis.limited_posterior import LimitedPosterior
 from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.imbedding import InvariantImbedding
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identify_modes import identify_modes
-from dynid.identification.limited_posterior import LimitedPosterior
-from dynid.identification.priors import Priors
+from dynid.identification.likelihood.priors import Priors
 from dynid.identification.records.modal_measurement import ModalMeasurement, Scatter
 from dynid.parameters import Parameter
 from dynid.report.content.identification import cautions

@@ -10,10 +10,12 @@ from scipy.linalg import expm
 
 import dynid
 from dynid.arithmetic.dependent import Dependent
-from dynid.identification.estimators.filter import InitialState, filter_pass
-from dynid.identification.records.measurement import Measurement, data
+from dynid.identification.estimators.filter import filter_pass
+from dynid.identification.likelihood.priors import InitialState
+from dynid.identification.records.measurement import Measurement
 from dynid.identification.records.simulation import Simulation
 from dynid.identification.systems.parametric_model import parametric_model
+from dynid.identification.systems.record_values import data
 from dynid.lti.signals import Multisine
 from dynid.native import VARIABLE
 from dynid.parameters import Parameter

@@ -12,7 +12,7 @@ from dynid.errors import Diverged
 from dynid.identification.estimators.auto import Search, drawn_starts
 from dynid.identification.estimators.segments import in_segments
 from dynid.identification.identify import identify
-from dynid.identification.priors import Priors
+from dynid.identification.likelihood.priors import Priors
 from dynid.identification.records.measurement import Measurement
 from dynid.lti.signals import Multisine
 from dynid.parameters import ParameterPrior

@@ -14,9 +14,10 @@ from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.imbedding import InvariantImbedding
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identify import identify, identify_frf
-from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, FrfSystem
+from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.records.measurement import Measurement
 from dynid.identification.records.simulation import Simulation
+from dynid.identification.systems.frf_system import FrfSystem
 from dynid.identification.systems.parametric_model import parametric_model
 from dynid.lti.signals import Multisine
 from dynid.native import VARIABLE

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import dynid
-from dynid.identification import model_error
+from dynid.identification.diagnosis import model_error
 from tests.identification.test_reduced_models import AWARE, BEAM, SEREP
 from tests.scene.example_scenes import check
 

@@ -11,10 +11,10 @@ from dynid.cli.summary import identification
 from dynid.errors import UsageError
 from dynid.identification.estimators.modal_search import ModalSearch
 from dynid.identification.identify_modes import ModalProblem, identify_modes
+from dynid.identification.likelihood.modal_record import ModalLikelihood, ModalRecord
+from dynid.identification.likelihood.paired_modes import _turned
 from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.modal_measurement import ModalMeasurement, Scatter
-from dynid.identification.records.modal_record import ModalLikelihood, ModalRecord
-from dynid.identification.records.paired_modes import _turned
 from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Multisine
 from dynid.parameters import Parameter, ParameterPrior, starts

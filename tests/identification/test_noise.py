@@ -10,14 +10,15 @@ from dynid.errors import UsageError
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
 from dynid.identification.identify import identify, identify_all, identify_frf
+from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.measurement import Experiment, Measurement, data
+from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.noise import Autoregression, ColouredNoise, estimated
 from dynid.identification.records.preparation import Decimate, prepare
 from dynid.identification.records.simulation import Simulation
-from dynid.identification.records.time_record import TimeRecord
 from dynid.identification.systems.parametric_model import parametric_model
 from dynid.identification.systems.prediction import free_prediction, prediction
+from dynid.identification.systems.record_values import data
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

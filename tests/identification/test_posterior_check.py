@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import UsageError
-from dynid.identification import importance
+from dynid.identification.diagnosis import importance
 from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
 from dynid.identification.identify import identify_frf
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement

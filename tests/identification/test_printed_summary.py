@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynid.cli.summary.identification import lines
-from dynid.identification.verdict import verdict
+from dynid.identification.diagnosis.verdict import verdict
 from dynid.number_format import limit, p_text, percent, quantity, share_text, unit_text, with_error
 from dynid.report.content.identification import cautions, method, noise_sentences, sections
 from dynid.result import Result

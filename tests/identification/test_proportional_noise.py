@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
-from dynid.identification.goodness_of_fit.proportional_noise import rank_correlation
+from dynid.identification.diagnosis.proportional_noise import rank_correlation
 from dynid.identification.identify import identify, identify_frf
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.records.measurement import Measurement

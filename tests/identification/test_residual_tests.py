@@ -7,12 +7,13 @@ from scipy.optimize import least_squares
 
 from dynid.identification.estimators.auto import Auto, FrfAuto
 from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
-from dynid.identification.goodness_of_fit.residual_tests import noise_test, residual_shape
 from dynid.identification.identify import identify_all, identify_frf
-from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, frf_data, unstacked
+from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, unstacked
 from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.preparation import BandPass, Detrend, prepare
 from dynid.identification.records.simulation import Simulation
+from dynid.identification.residual_tests import noise_test, residual_shape
+from dynid.identification.systems.frf_system import frf_data
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint
 from dynid.structure.lumped import Link, lumped
@@ -31,7 +32,7 @@ def two_masses():
 
 def record(seed=1, samples=600, ratio=0.04):
     """Return clean values and noisy ones (times x channels), with the deviation of the noise."""
-    from dynid.identification.records.measurement import data
+    from dynid.identification.systems.record_values import data
 
     measurement = Measurement(0.002, samples, CHANNELS, Simulation(ratio, seed, 1.0))
     made = data(two_masses(), LOADS, measurement)

@@ -7,14 +7,15 @@ from scipy.optimize import least_squares
 from scipy.stats import kstest
 
 from dynid.errors import NotIdentifiable
-from dynid.identification.estimators.filter import InitialState, filter_pass
+from dynid.identification.estimators.filter import filter_pass
 from dynid.identification.estimators.filter_passes import Filter
-from dynid.identification.goodness_of_fit.residual_tests import is_explained, is_optimal, whiteness
 from dynid.identification.information import information
-from dynid.identification.records.measurement import data
-from dynid.identification.records.time_record import TimeRecord
+from dynid.identification.likelihood.priors import InitialState
+from dynid.identification.likelihood.time_record import TimeRecord
+from dynid.identification.residual_tests import is_explained, is_optimal, whiteness
 from dynid.identification.systems.parametric_model import parametric_model
 from dynid.identification.systems.prediction import free_prediction, prediction
+from dynid.identification.systems.record_values import data
 from dynid.lti.signals import Impact, Sine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped

@@ -9,8 +9,9 @@ from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.imbedding import InvariantImbedding
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identify import Experiment, identify_all
-from dynid.identification.records.measurement import Measurement, simulated
+from dynid.identification.records.measurement import Measurement
 from dynid.identification.records.simulation import Simulation
+from dynid.identification.systems.record_values import simulated
 from dynid.lti.signals import Multisine
 from dynid.lti.time_response import propagate
 from dynid.structure.response import Channel, Load, ports

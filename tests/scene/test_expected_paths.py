@@ -309,7 +309,11 @@ def test_a_label_that_no_array_has_is_refused_at_its_place(name, path, at, said)
 
 WRITERS = ["bondgraph/results", "bondgraph/synthesis", "identification/results", "identification/systems"]
 WRITERS += ["structure/comparison.py", "structure/geometry.py", "structure/modal_analysis.py"]
-WRITERS += ["structure/response.py", "identification/identifiability.py", "identification/model_error.py"]
+WRITERS += [
+    "structure/response.py",
+    "identification/identifiability.py",
+    "identification/diagnosis/model_error.py",
+]
 
 
 def test_every_name_that_a_result_is_given_is_in_the_layout():

@@ -5,8 +5,9 @@ import pytest
 
 from dynid.cli.summary.identification import lines
 from dynid.errors import Diverged, DynidError, FileError, UsageError
-from dynid.identification.records.measurement import Measurement, data, simulated
+from dynid.identification.records.measurement import Measurement
 from dynid.identification.records.simulation import Simulation
+from dynid.identification.systems.record_values import data, simulated
 from dynid.lti.signals import Sampled
 from dynid.scene.kinds.measurements import experiments
 from dynid.scene.load import load_scene

@@ -10,24 +10,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import NotIdentifiable
-from dynid.identification.equivalent_optima import expected_optima
-from dynid.identification.goodness_of_fit.lack_of_fit import compare_models
+from dynid.identification.diagnosis.equivalent_optima import expected_optima
+from dynid.identification.diagnosis.posterior import channels_of_records
+from dynid.identification.diagnosis.symmetry import interchangeable
+from dynid.identification.diagnosis.verdict import deciding_text, interchange_text
+from dynid.identification.estimators.origin import identifiable_origin
 from dynid.identification.identify_modes import ModalProblem
 from dynid.identification.information import Information
 from dynid.identification.least_squares import thin_svd
-from dynid.identification.likelihood import Fit, Likelihood
-from dynid.identification.origin import identifiable_origin
-from dynid.identification.posterior import channels_of_records
-from dynid.identification.records.frf_measurement import FrfMeasurement, frf_data
-from dynid.identification.records.frf_record import frf_likelihood
-from dynid.identification.records.measurement import Experiment, as_estimated, data
-from dynid.identification.records.modal_record import ModalRecord
-from dynid.identification.records.time_record import TimeLikelihood, TimeRecord
-from dynid.identification.symmetry import interchangeable
+from dynid.identification.likelihood.frf_record import frf_likelihood
+from dynid.identification.likelihood.lack_of_fit import compare_models
+from dynid.identification.likelihood.likelihood import Fit, Likelihood
+from dynid.identification.likelihood.modal_record import ModalRecord
+from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
+from dynid.identification.records.frf_measurement import FrfMeasurement
+from dynid.identification.records.measurement import Experiment, as_estimated
+from dynid.identification.systems.frf_system import frf_data
 from dynid.identification.systems.instruments import add_calibration_slopes, calibration_slopes
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.parametric_model import Model, parametric_model
-from dynid.identification.verdict import deciding_text, interchange_text
+from dynid.identification.systems.record_values import data
 from dynid.lti.exponential import balance, rescaled
 from dynid.lti.floating import guarded
 from dynid.parameters import coordinates, named, rates, starts, truths, values

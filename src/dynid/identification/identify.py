@@ -18,38 +18,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import Diverged, DynidError, NotIdentifiable, UsageError
-from dynid.identification.equivalent_optima import DECIDED, OptimaSearch, deciding_sensors
+from dynid.identification.diagnosis.equivalent_optima import DECIDED, OptimaSearch, deciding_sensors
+from dynid.identification.diagnosis.instrument_mistakes import instrument_mistakes
+from dynid.identification.diagnosis.posterior import Posterior
+from dynid.identification.diagnosis.proportional_noise import growing_residuals
+from dynid.identification.diagnosis.symmetry import distinct_kinds, like_parameters
 from dynid.identification.estimators.auto import Auto, FrfAuto, drawn_starts
 from dynid.identification.estimators.estimate import Estimate, EstimationStage, Estimator, Sweep
 from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
-from dynid.identification.goodness_of_fit.instrument_mistakes import instrument_mistakes
-from dynid.identification.goodness_of_fit.proportional_noise import growing_residuals
-from dynid.identification.likelihood import Likelihood
-from dynid.identification.origin import Origin, identifiable_origin
-from dynid.identification.posterior import Posterior
-from dynid.identification.records.frf_measurement import FrfMeasurement, frf_data
-from dynid.identification.records.frf_record import FrfLikelihood, frf_likelihood
-from dynid.identification.records.measurement import (
-    Experiment,
-    Measurement,
-    RecordData,
-    as_estimated,
-    data,
-    simulated,
-    true_states,
-)
+from dynid.identification.estimators.origin import Origin, identifiable_origin
+from dynid.identification.likelihood.frf_record import FrfLikelihood, frf_likelihood
+from dynid.identification.likelihood.likelihood import Likelihood
+from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
+from dynid.identification.records.frf_measurement import FrfMeasurement
+from dynid.identification.records.measurement import Experiment, Measurement, RecordData, as_estimated
 from dynid.identification.records.simulation import Simulation
-from dynid.identification.records.time_record import TimeLikelihood, TimeRecord
 from dynid.identification.results.write_result import Further, add_identification
-from dynid.identification.symmetry import distinct_kinds, like_parameters
+from dynid.identification.systems.frf_system import frf_data
 from dynid.identification.systems.instruments import Instruments, with_spreads
 from dynid.identification.systems.parametric_model import (
     Model,
     ParametricModel,
+    Rebuild,
     parametric_model,
     unknowns_of,
     with_fixed,
 )
+from dynid.identification.systems.record_values import data, simulated, true_states
 from dynid.lti.floating import guarded
 from dynid.number_format import sentence
 from dynid.parameters import Parameter, named, starts
@@ -58,9 +53,6 @@ from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
 
 Array = NDArray[np.float64]
-
-Rebuild = Callable[[Mapping[str, float]], StructuralModel]
-"""Returns the model for parameters by name."""
 
 # Starts around an estimate from which other optima are looked for where a parameter is not identifiable, and
 # the factor within which they lie.
@@ -483,7 +475,7 @@ def _with_model_error(
     dofs: list[Label],
 ) -> Posterior:
     """Return a posterior with the error of its reduced model; `dofs` are those of loads and sensors."""
-    from dynid.identification.model_error import model_error
+    from dynid.identification.diagnosis.model_error import model_error
 
     likelihood = posterior.likelihood
     values = [record.whole for record in likelihood.records]

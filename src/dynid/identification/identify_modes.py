@@ -8,31 +8,28 @@ from functools import partial
 from typing import Any, Self
 
 from dynid.errors import UsageError
+from dynid.identification.diagnosis.form_error import needed_form_error
 from dynid.identification.estimators.modal_search import ModalSearch
-from dynid.identification.form_error import needed_form_error
-from dynid.identification.identify import (
-    Rebuild,
-    models_of_records,
-    posterior_of,
-    raise_if_rejected,
-)
-from dynid.identification.likelihood import Likelihood
-from dynid.identification.origin import identifiable_origin
-from dynid.identification.records.frf_measurement import FrfMeasurement, frf_data
-from dynid.identification.records.frf_record import frf_likelihood
-from dynid.identification.records.measurement import Experiment, RecordData, data
-from dynid.identification.records.modal_measurement import ModalMeasurement
-from dynid.identification.records.modal_record import (
+from dynid.identification.estimators.origin import identifiable_origin
+from dynid.identification.identify import models_of_records, posterior_of, raise_if_rejected
+from dynid.identification.likelihood.frf_record import frf_likelihood
+from dynid.identification.likelihood.likelihood import Likelihood
+from dynid.identification.likelihood.modal_record import (
     ModalLikelihood,
     ModalRecord,
     start_values,
 )
-from dynid.identification.records.paired_modes import is_large, modal_model, modes_needed
-from dynid.identification.records.record_likelihood import RecordLikelihood
-from dynid.identification.records.time_record import TimeRecord
+from dynid.identification.likelihood.paired_modes import is_large, modal_model, modes_needed
+from dynid.identification.likelihood.record_likelihood import RecordLikelihood
+from dynid.identification.likelihood.time_record import TimeRecord
+from dynid.identification.records.frf_measurement import FrfMeasurement
+from dynid.identification.records.measurement import Experiment, RecordData
+from dynid.identification.records.modal_measurement import ModalMeasurement
 from dynid.identification.results.write_modes import add_modes
 from dynid.identification.results.write_result import Further, add_identification
-from dynid.identification.systems.parametric_model import unknowns_of
+from dynid.identification.systems.frf_system import frf_data
+from dynid.identification.systems.parametric_model import Rebuild, unknowns_of
+from dynid.identification.systems.record_values import data
 from dynid.lti.floating import guarded
 from dynid.result import Result
 from dynid.structure.model import StructuralModel

@@ -1,4 +1,4 @@
-/* Linearly independent columns from their products, see `dynid.identification.goodness_of_fit.saturated_model._triangle`; ranges and
+/* Linearly independent columns from their products, see `dynid.identification.likelihood.saturated_model._triangle`; ranges and
  * least squares of small matrices, see `dynid.identification.least_squares`. */
 #include "orthogonal.h"
 

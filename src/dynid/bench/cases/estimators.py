@@ -17,8 +17,8 @@ from dynid.defaults import ESTIMATOR
 from dynid.identification.estimators.filter import PART, Pass, filter_pass
 
 if TYPE_CHECKING:
-    from dynid.identification.estimators.filter import InitialState
-    from dynid.identification.records.time_record import TimeLikelihood
+    from dynid.identification.likelihood.priors import InitialState
+    from dynid.identification.likelihood.time_record import TimeLikelihood
 
 STEP = 0.002
 OMEGA = (70.0, 110.0, 250.0)  # rad/s
@@ -46,10 +46,11 @@ def case(samples: int, seed: int = 1) -> SuspensionRecord:
     """Return a record of this length and noise."""
     import numpy as np
 
-    from dynid.identification.records.measurement import Measurement, data
+    from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
+    from dynid.identification.records.measurement import Measurement
     from dynid.identification.records.simulation import Simulation
-    from dynid.identification.records.time_record import TimeLikelihood, TimeRecord
     from dynid.identification.systems.parametric_model import parametric_model
+    from dynid.identification.systems.record_values import data
     from dynid.lti.signals import Multisine
     from dynid.structure.joints import Joint, JointParameter
     from dynid.structure.lumped import Link, lumped

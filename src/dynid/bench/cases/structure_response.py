@@ -202,7 +202,8 @@ def _case(lines: int) -> _Case:
     """Return the frame and its responses, simulated with the whole frame."""
     import numpy as np
 
-    from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, FrfSystem
+    from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
+    from dynid.identification.systems.frf_system import FrfSystem
     from dynid.structure.ports import Channel
 
     model = frame()

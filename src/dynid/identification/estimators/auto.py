@@ -36,12 +36,12 @@ from dynid.identification.estimators.estimate import Estimate, EstimationStage, 
 from dynid.identification.estimators.filter_passes import annealed_passes, last, run_passes
 from dynid.identification.estimators.maximum_likelihood import Refined, refine, with_noise
 from dynid.identification.estimators.segments import in_segments
-from dynid.identification.goodness_of_fit.lack_of_fit import ModelComparison, compare_models
-from dynid.identification.goodness_of_fit.residual_tests import is_explained
-from dynid.identification.likelihood import Fit, Likelihood
-from dynid.identification.priors import Priors
-from dynid.identification.records.frf_record import FrfLikelihood
-from dynid.identification.records.time_record import TimeLikelihood
+from dynid.identification.likelihood.frf_record import FrfLikelihood
+from dynid.identification.likelihood.lack_of_fit import ModelComparison, compare_models
+from dynid.identification.likelihood.likelihood import Fit, Likelihood
+from dynid.identification.likelihood.priors import Priors
+from dynid.identification.likelihood.time_record import TimeLikelihood
+from dynid.identification.residual_tests import is_explained
 from dynid.identification.systems.band_limited_system import BAND
 from dynid.lti.floating import guarded
 from dynid.parameters import logarithmic

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identification.estimators.filter import Pass
-from dynid.identification.goodness_of_fit.lack_of_fit import ModelComparison
-from dynid.identification.likelihood import Fit, Likelihood
-from dynid.identification.records.time_record import TimeLikelihood
+from dynid.identification.likelihood.lack_of_fit import ModelComparison
+from dynid.identification.likelihood.likelihood import Fit, Likelihood
+from dynid.identification.likelihood.time_record import TimeLikelihood
 
 Array = NDArray[np.float64]
 

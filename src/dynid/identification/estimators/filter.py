@@ -30,6 +30,8 @@ from numpy.typing import NDArray
 from dynid.defaults import LINEARISED
 from dynid.errors import Diverged
 from dynid.identification.information import RECORD
+from dynid.identification.likelihood.priors import InitialState
+from dynid.identification.likelihood.time_record import stored_rows
 from dynid.identification.systems.parametric_model import DirectTerm, ParametricModel
 from dynid.native import call, compiled, structure
 from dynid.parameters import Parameter, logarithmic
@@ -42,8 +44,6 @@ PART, MOST = LINEARISED.value, 0.1
 RUNAWAY, FARTHEST = float(np.log(1e6)), 1e6
 # Squares between these neither overflow nor lose digits.
 _SMALL, _LARGE = 1e-280, 1e280
-#: Rows of a history, at the most.
-MOST_ROWS = 100_000
 
 
 class Outputs(NamedTuple):
@@ -132,17 +132,6 @@ class Linearised:
             phi_slopes = slopes[:, :, :n].reshape(len(slopes), n * n)
             self._steps[length] = LinearisedStep(forward, step[:, :n], phi_slopes)
         return self._steps[length]
-
-
-class InitialState(NamedTuple):
-    """Initial augmented state of a pass: state (n, scaled), coordinates (p), and a root of their covariance.
-
-    `root` (n + p x n + p) is any S with S S^T the covariance of state and coordinates.
-    """
-
-    state: Array
-    eta: Array
-    root: Array
 
 
 class Pass(NamedTuple):
@@ -368,12 +357,6 @@ def run_away(names: list[str], remedy: str = RECORD.astray) -> Diverged:
         remedy=remedy,
         names=names,
     )
-
-
-def stored_rows(samples: int) -> slice:
-    """Return the rows of a history over so many samples that are stored."""
-    every = max(1, -(-samples // MOST_ROWS))
-    return slice((samples - 1) % every, None, every)
 
 
 def thinned(history: Pass) -> Pass:

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from dynid.defaults import FILTER_PASSES
 from dynid.errors import UsageError
 from dynid.identification.estimators.estimate import Estimate, EstimationStage, Sweep
-from dynid.identification.estimators.filter import InitialState, Pass, filter_pass, thinned
-from dynid.identification.records.time_record import TimeLikelihood, TimeRecord
+from dynid.identification.estimators.filter import Pass, filter_pass, thinned
+from dynid.identification.likelihood.priors import InitialState
+from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
 from dynid.progress import report_progress, tracked
 
 Array = NDArray[np.float64]

@@ -22,10 +22,11 @@ from numpy.typing import NDArray
 
 from dynid.errors import Diverged, UsageError
 from dynid.identification.estimators.estimate import Estimate, EstimationStage
-from dynid.identification.estimators.filter import InitialState, Pass, check_run_away
+from dynid.identification.estimators.filter import Pass, check_run_away
 from dynid.identification.estimators.filter_passes import chained, last
 from dynid.identification.information import RECORD
-from dynid.identification.records.time_record import TimeLikelihood, TimeRecord
+from dynid.identification.likelihood.priors import InitialState
+from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
 from dynid.progress import report_progress
 
 Array = NDArray[np.float64]

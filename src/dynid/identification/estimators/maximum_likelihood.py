@@ -31,12 +31,12 @@ from dynid.defaults import HUBER
 from dynid.errors import Diverged, DynidError, UsageError
 from dynid.identification.estimators.estimate import Estimate, EstimationStage
 from dynid.identification.estimators.filter import check_run_away
-from dynid.identification.goodness_of_fit.residual_tests import robust_deviation
-from dynid.identification.goodness_of_fit.statistics import root_mean_square
 from dynid.identification.information import Information
 from dynid.identification.least_squares import least_squares
-from dynid.identification.likelihood import Fit, Likelihood
+from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.records.measurement import RobustLoss
+from dynid.identification.residual_tests import robust_deviation
+from dynid.identification.statistics import root_mean_square
 from dynid.lti.floating import guarded
 from dynid.progress import report_progress
 

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from dynid.identification.estimators.auto import Search, drawn_starts, guided
 from dynid.identification.estimators.estimate import Estimate
-from dynid.identification.likelihood import Likelihood
-from dynid.identification.records.modal_record import ModalGuide, ModalRecord
+from dynid.identification.likelihood.likelihood import Likelihood
+from dynid.identification.likelihood.modal_record import ModalGuide, ModalRecord
 
 Array = NDArray[np.float64]
 

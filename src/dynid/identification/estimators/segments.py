@@ -17,12 +17,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.goodness_of_fit.saturated_model import SaturatedCoordinates
 from dynid.identification.information import Information, information
-from dynid.identification.likelihood import Likelihood
+from dynid.identification.likelihood.likelihood import Likelihood
+from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
+from dynid.identification.likelihood.saturated_model import SaturatedCoordinates
+from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
 from dynid.identification.records.measurement import RecordData
-from dynid.identification.records.record_likelihood import RecordFit, RecordLikelihood
-from dynid.identification.records.time_record import TimeLikelihood, TimeRecord
 from dynid.identification.systems.instruments import CalibrationDerivatives
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.prediction import Trajectory, free_prediction, prediction

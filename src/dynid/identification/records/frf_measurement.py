@@ -13,25 +13,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynid.errors import NotIdentifiable, UsageError
-from dynid.identification.goodness_of_fit.statistics import root_mean_square
-from dynid.identification.records.measurement import RecordData
+from dynid.errors import UsageError
 from dynid.identification.records.simulation import Simulation, check_finite, per_channel
-from dynid.identification.systems.instruments import Instruments
-from dynid.identification.systems.linear_system import LinearSystem
-from dynid.identification.systems.parametric_model import Model, freed_model, system_of
-from dynid.parameters import Parameter, named, rates, true_values
 from dynid.structure.matrices import Label
-from dynid.structure.model import StructuralModel
 from dynid.structure.ports import ratio
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
-# The most numbers that the solutions at all lines may take.
-_MOST_NUMBERS = 100_000_000
-# The most multiplications of one evaluation: some seconds.
-_MOST_WORK = 3e10
 # Least deviation of a line, as a part of the largest.
 _LEAST_DEVIATION = 1e-6
 
@@ -153,166 +142,6 @@ class FrfMeasurement:
             np.nan_to_num(deviation, nan=0.0), _LEAST_DEVIATION * np.where(most > 0, most, 1)
         )
         return np.asarray(np.where(np.isnan(deviation), np.nan, floored))
-
-
-class Response(NamedTuple):
-    """Responses at all lines: `values` (L x channels), `slopes` (L x channels x p) by the coordinates."""
-
-    values: ComplexArray
-    slopes: ComplexArray
-
-
-def check_cost(model: Model, lines: int) -> None:
-    """Refuse a computation that would take too long or too much memory.
-
-    Raises
-    ------
-    UsageError
-        With the remedy.
-    """
-    size = model.size if isinstance(model, StructuralModel) else 0
-    if lines * float(size) ** 3 > _MOST_WORK or lines * size > _MOST_NUMBERS:
-        raise UsageError(
-            f"{lines} lines of a model of {size} DOFs are too many to solve again and again",
-            remedy="Reduce the structure: reduction: {method: joint-aware}; or give fewer lines.",
-            names=("measurement.frf", "measurement"),
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class FrfSystem:
-    """A model with the channels and forces of measured frequency response functions.
-
-    Attributes
-    ----------
-    system
-        The model with the distinct channels and loads.
-    pairs
-        Of each function the places of its channel and its load.
-    instruments
-        Gains and delays of the functions' channels.
-    considered
-        The parameters that are known with uncertainty.
-    model, functions
-        The model and the functions that it is made of.
-    """
-
-    system: LinearSystem
-    pairs: tuple[tuple[int, int], ...]
-    instruments: Instruments
-    considered: tuple[Parameter, ...] = ()
-    model: Model | None = None
-    functions: tuple[Frf, ...] = ()
-
-    def freed(self, *, known: bool) -> FrfSystem | None:
-        """Return the same system with considered parameters among the unknown ones; None without such.
-
-        `known`: also known masses and stiffnesses.
-        """
-        assert self.model is not None
-        channels = [one.channel for one in self.functions]
-        freed = freed_model(self.model, channels, known=known)
-        return None if freed is None else self.of(freed, self.functions)
-
-    @classmethod
-    def of(cls, model: Model, functions: Sequence[Frf]) -> FrfSystem:
-        """Return the system of a model for some functions.
-
-        Raises
-        ------
-        UsageError
-            If a channel or a load does not exist.
-        """
-        channels = list(dict.fromkeys(one.channel for one in functions))
-        loads = list(dict.fromkeys(one.load for one in functions))
-        pairs = tuple((channels.index(one.channel), loads.index(one.load)) for one in functions)
-        names = [one.name for one in model.unknowns]
-        instruments = Instruments.of(names, (), [one.channel for one in functions])
-        return cls(
-            system_of(model, loads, channels),
-            pairs,
-            instruments,
-            tuple(one for one in model.parameters if one.std is not None),
-            model,
-            tuple(functions),
-        )
-
-    def response(self, omega: Array, eta: Array | None = None, *, slopes: bool = True) -> Response:
-        """Return the responses at lines (L), rad/s, and their exact slopes by the coordinates.
-
-        Parameters
-        ----------
-        omega
-            The lines.
-        eta
-            Coordinates of the unknown parameters (p); absent: their true values, and no slopes.
-        slopes
-            False: no slopes (p = 0).
-
-        Raises
-        ------
-        Singular
-            If a line lies on an undamped pole, to rounding.
-        UsageError
-            If a true value is missing.
-        """
-        unknowns = self.system.unknowns
-        at = true_values(unknowns) if eta is None else named(unknowns, eta)
-        slopes = slopes and eta is not None
-        self.system.evaluations += 1
-        H, moved = self.system.paired_response(at, omega, self.pairs, slopes=slopes)
-        if not self.instruments.ideal:
-            given = self.instruments.gains, self.instruments.delays
-            (gain, by_gain), (delay, by_delay) = (self.instruments.numbers(one, at) for one in given)
-            late = -1j * omega[:, None]
-            turned = np.exp(late * delay)
-            changed = by_gain.T + (late * gain)[..., None] * by_delay.T
-            moved = turned[..., None] * (
-                gain[:, None] * moved + H[..., None] * changed[..., : moved.shape[2]]
-            )
-            H = turned * gain * H
-        return Response(H, moved * rates(unknowns, eta) if eta is not None and slopes else moved)
-
-
-def frf_data(model: Model, measurement: FrfMeasurement) -> RecordData:
-    """Return the measured values as real ones, simulated with `model` where they are to be simulated.
-
-    Raises
-    ------
-    NotIdentifiable
-        If a response has no lines or is nothing but zeros.
-    Singular
-        If a simulated line lies on an undamped pole.
-    """
-    given = measurement.given_noise
-    if given is not None:
-        given = given / np.sqrt(2)  # of real and imaginary part each
-    source = measurement.source
-    if isinstance(source, Simulation):
-        check_cost(model, len(measurement.omega))
-        clean = stacked(FrfSystem.of(model, measurement.channels).response(measurement.omega).values)
-        noise, by_line, spread = source.deviation(clean), None, np.ones(())
-        if source.noise is not None:
-            noise = noise / np.sqrt(2)  # half of the power in each part
-        if source.noise_by_line:
-            spread = np.abs(unstacked(clean)) / root_mean_square(np.abs(unstacked(clean)))
-            by_line = np.sqrt(2) * noise * spread
-            spread = np.concatenate([spread, spread])
-        generator = np.random.Generator(np.random.PCG64(source.seed))
-        added = noise * spread * generator.standard_normal(clean.shape)
-        data = RecordData(clean + added, noise, clean, given, by_line=by_line if noise.all() else None)
-    else:
-        values = np.asarray(source)
-        whole = np.where(np.isnan(values), complex(np.nan, np.nan), values)
-        data = RecordData(stacked(np.asarray(whole / measurement.profile)), given=given)
-    for column, channel in enumerate(measurement.channels):
-        if not np.any(np.nan_to_num(data.values[:, column])):
-            raise NotIdentifiable(
-                f"the frequency response {channel.name} is nothing but zeros or missing lines",
-                remedy="Leave it out, or check the sensor and the excitation.",
-                names=("measurement",),
-            )
-    return data
 
 
 def stacked(values: ComplexArray) -> Array:

@@ -10,18 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynid.errors import NotIdentifiable, UsageError
-from dynid.identification.goodness_of_fit.statistics import root_mean_square
+from dynid.errors import UsageError
 from dynid.identification.records.noise import Autoregression, ColouredNoise
 from dynid.identification.records.simulation import Simulation, check_finite, per_channel
-from dynid.identification.systems.instruments import Instruments
-from dynid.identification.systems.linear_system import SystemModel
-from dynid.lti.signals import Random, RecordTimes, Shifted, WhiteNoise
-from dynid.lti.time_response import TimeResponse, propagate
-from dynid.parameters import true_values
-from dynid.structure.excitation import drive, signals_of, starting_state
-from dynid.structure.matrices import Label, as_array
-from dynid.structure.model import StructuralModel
+from dynid.identification.statistics import root_mean_square
+from dynid.lti.signals import Random, RecordTimes, WhiteNoise
+from dynid.structure.matrices import Label
 from dynid.structure.response import Channel
 
 Array = NDArray[np.float64]
@@ -209,131 +203,6 @@ class RecordData:
     def without_noise(self) -> RecordData:
         """Return the record without its noise, where that is known."""
         return self if self.clean is None else replace(self, values=self.clean)
-
-
-def data(
-    model: StructuralModel | SystemModel,
-    loads: Sequence[Any],
-    measurement: Measurement,
-    clean: Array | None = None,
-) -> RecordData:
-    """Return the measured values, simulated with `model` where they are to be simulated.
-
-    Simulated values are exact for the continuous loads, the unknown parameters at
-    their true values; the noise of each channel then has the standard deviation noise ratio x RMS. `clean`
-    are the values without noise, if they are simulated already.
-
-    Raises
-    ------
-    UsageError
-        If a true value is missing for a simulation.
-    NotIdentifiable
-        If a channel has no samples or measures nothing but zeros.
-    """
-    given = measurement.given_noise
-    if isinstance(measurement.source, Simulation):
-        if clean is None:
-            clean = simulated(model, loads, measurement).outputs
-        noise = measurement.source.deviation(clean)
-        generator = np.random.Generator(np.random.PCG64(measurement.source.seed))
-        added, colour = generator.standard_normal(clean.shape), None
-        if measurement.source.noise_colour:
-            colour = Autoregression.of(measurement.source.noise_colour, len(measurement.channels))
-            added = colour.simulated(added)
-        record = RecordData(clean + noise * added, noise, clean, given, colour=colour)
-    else:
-        record = RecordData(np.asarray(measurement.source), given=given, passed=measurement.passed)
-    for column, channel in enumerate(measurement.channels):
-        if not np.any(np.nan_to_num(record.values[:, column])):
-            raise NotIdentifiable(
-                f"the channel {channel.name} measures nothing but zeros or missing values",
-                remedy="Leave it out, or check the sensor and the excitation.",
-                names=(channel.name,),
-            )
-    return record
-
-
-def simulated(
-    model: StructuralModel | SystemModel, loads: Sequence[Any], measurement: Measurement
-) -> TimeResponse:
-    """Return the exact, noise-free response at the sampling times, from the initial state at t = 0.
-
-    The outputs are those that the channels record. Before t = 0 nothing moves.
-    """
-    source = measurement.source if isinstance(measurement.source, Simulation) else Simulation()
-    times, channels, truth = measurement.record.times, measurement.channels, true_values(model.unknowns)
-    instruments = Instruments.of(tuple(truth), loads, channels)
-    if instruments.ideal:
-        return _ideally_simulated(model, loads, channels, times, source)
-    gains, delays = (
-        instruments.numbers(one, truth).value.tolist()
-        for one in (instruments.load_gains, instruments.load_delays)
-    )
-    acting = [
-        load._replace(signal=Shifted(load.signal, delay, gain), gain=1.0, delay=0.0)
-        for load, delay, gain in zip(loads, delays, gains, strict=True)
-    ]
-    gain, offset, late = (
-        instruments.numbers(one, truth).value
-        for one in (instruments.gains, instruments.offsets, instruments.delays)
-    )
-    bare = [channel._replace(gain=1.0, offset=0.0, delay=0.0) for channel in channels]
-    found = _ideally_simulated(model, acting, bare, times, source)
-    outputs = found.outputs.copy()
-    for delay in np.unique(late[late != 0]).tolist():
-        moving = times - delay >= 0
-        outputs[:, late == delay] = 0.0
-        if moving.any():
-            earlier = _ideally_simulated(model, acting, bare, times[moving] - delay, source)
-            outputs[np.ix_(moving, late == delay)] = earlier.outputs[:, late == delay]
-    return found._replace(outputs=gain * outputs + offset)
-
-
-def _ideally_simulated(
-    model: StructuralModel | SystemModel,
-    loads: Sequence[Any],
-    channels: Sequence[Any],
-    times: Array,
-    source: Simulation,
-) -> TimeResponse:
-    """Return the response with ideal instruments."""
-    if not isinstance(model, StructuralModel):
-        return model.simulated(loads, channels, times, source)
-    truth = model.true_values()
-    driven, matrices = drive(model, loads, channels, truth), model.dense(truth)
-    start = driven.state(*matrices[:2], starting_state(model, loads, source.displacement, source.velocity))
-    return propagate(driven.system(*matrices), signals_of(loads), times, start)
-
-
-def true_states(
-    truth: StructuralModel | SystemModel,
-    model: StructuralModel | SystemModel,
-    loads: Sequence[Any],
-    measurement: Measurement,
-) -> Array | None:
-    """Return the true states of a simulated record (times x n, SI), in the coordinates of `model`.
-
-    Displacements, then velocities. Coordinates of a reduced model that are DOFs of the truth are taken from
-    there; if there are others, the motion is projected onto the basis, orthogonally by kinetic energy.
-    """
-    if not isinstance(measurement.source, Simulation):
-        return None
-    states = simulated(truth, loads, measurement).states
-    if not isinstance(truth, StructuralModel) or not isinstance(model, StructuralModel):
-        return states
-    if states.shape[1] != 2 * truth.size:  # massless DOFs are no states
-        channels = tuple(Channel(dof, kind) for kind in ("displacement", "velocity") for dof in truth.dofs)
-        states = simulated(truth, loads, replace(measurement, channels=channels)).outputs
-    if model.basis is None or (truth.basis is not None and truth.dofs == model.dofs):
-        read = np.eye(truth.size)
-    elif set(truth.dofs).issuperset(model.dofs):
-        read = np.array([truth.row(dof) for dof in model.dofs])
-    else:
-        full = model.basis.parent
-        momentum = model.basis.T.T @ np.asarray(as_array(full.M))
-        read = np.asarray(np.linalg.lstsq(as_array(model.M), momentum, rcond=None)[0])
-    moved = states.reshape(len(states), 2, truth.size) @ read.T
-    return np.asarray(moved.reshape(len(states), -1))
 
 
 def as_estimated(loads: Sequence[Any], record: RecordTimes) -> list[Any]:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from dynid.arithmetic.numbers import LARGEST
 from dynid.errors import UsageError
-from dynid.identification.goodness_of_fit.statistics import root_mean_square
 from dynid.identification.records.noise import Autoregression
+from dynid.identification.statistics import root_mean_square
 from dynid.structure.matrices import Label
 
 Array = NDArray[np.float64]

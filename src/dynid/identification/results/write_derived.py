@@ -45,10 +45,10 @@ from dynid.identification.derived import (
     Verdict,
     pairs_of,
 )
-from dynid.identification.posterior import Posterior
-from dynid.identification.records.frf_record import FrfRecord
+from dynid.identification.diagnosis.posterior import Posterior
+from dynid.identification.likelihood.frf_record import FrfRecord
+from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.noise import Autoregression
-from dynid.identification.records.time_record import TimeRecord
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.result import Result
 from dynid.structure.response import common_unit

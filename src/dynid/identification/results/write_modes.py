@@ -39,12 +39,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import DynidError
+from dynid.identification.diagnosis.form_error import FormError
+from dynid.identification.diagnosis.posterior import Posterior
 from dynid.identification.estimators.maximum_likelihood import refine
-from dynid.identification.form_error import FormError
-from dynid.identification.identify import Rebuild
 from dynid.identification.information import Information
-from dynid.identification.posterior import Posterior
-from dynid.identification.records.modal_record import ModalFit, ModalLikelihood, ModalRecord
+from dynid.identification.likelihood.modal_record import ModalFit, ModalLikelihood, ModalRecord
+from dynid.identification.systems.parametric_model import Rebuild
 from dynid.parameters import named, starts
 from dynid.progress import report_progress
 from dynid.result import Result

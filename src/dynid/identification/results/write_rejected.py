@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from dynid.errors import DynidError
-from dynid.identification.posterior import Posterior
+from dynid.identification.diagnosis.posterior import Posterior
 from dynid.identification.results.write_result import add_diagnostics, add_fits, add_names, common_unit_of
 from dynid.result import REJECTED, Result
 

@@ -71,23 +71,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.defaults import HUBER
-from dynid.identification.estimators.filter import Pass, stored_rows
-from dynid.identification.goodness_of_fit.residual_tests import (
+from dynid.identification.diagnosis.importance import DRAWS, PosteriorCheck, likelihood_size, posterior_check
+from dynid.identification.diagnosis.posterior import Posterior
+from dynid.identification.diagnosis.verdict import CONTRADICTED, verdict, warnings
+from dynid.identification.estimators.filter import Pass
+from dynid.identification.likelihood.frf_record import FrfRecord
+from dynid.identification.likelihood.record_likelihood import RecordFit
+from dynid.identification.likelihood.time_record import TimeRecord, state_deviations, stored_rows
+from dynid.identification.residual_tests import (
     autocorrelation,
     consistency,
     is_coloured,
     spectrum,
 )
-from dynid.identification.importance import DRAWS, PosteriorCheck, likelihood_size, posterior_check
-from dynid.identification.posterior import Posterior
-from dynid.identification.records.frf_record import FrfRecord
-from dynid.identification.records.record_likelihood import RecordFit
-from dynid.identification.records.time_record import TimeRecord, state_deviations
 from dynid.identification.results.write_derived import DERIVED, DerivedRequest, add_derived, add_noise
 from dynid.identification.systems.instruments import GROUP as CONSIDERED
 from dynid.identification.systems.instruments import add_calibration_slopes
 from dynid.identification.systems.parametric_model import ParametricModel
-from dynid.identification.verdict import CONTRADICTED, verdict, warnings
 from dynid.parameters import rates, starts, values
 from dynid.result import Result
 from dynid.structure.correlation import frac

@@ -34,6 +34,8 @@ from dynid.structure.model import StructuralModel
 Array = NDArray[np.float64]
 T = TypeVar("T", bound=np.generic)
 Model: TypeAlias = StructuralModel | SystemModel
+Rebuild: TypeAlias = Callable[[Mapping[str, float]], StructuralModel]
+"""Returns the model for parameters by name."""
 """A model with unknown parameters: a structure, or any other one."""
 
 # Most numbers that the sensitivities of a record may take, with the copies that their factorisation makes.

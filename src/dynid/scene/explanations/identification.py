@@ -42,7 +42,7 @@ from dynid.structure.model import StructuralModel
 
 if TYPE_CHECKING:
     from dynid.identification.identifiability import ExpectedRecords
-    from dynid.identification.likelihood import Likelihood
+    from dynid.identification.likelihood.likelihood import Likelihood
     from dynid.identification.systems.parametric_model import Model
     from dynid.scene.schema.identification import EstimatorModel, IdentificationScene, ResponseModel
     from dynid.structure.reduction.reduction import StructuralReduction
@@ -202,8 +202,8 @@ def _expected(scene: Scene, result: Result) -> ExpectedRecords:
     if model.measurement.frf is not None:
         small: Model
         truth: Model
-        from dynid.identification.records.frf_measurement import frf_data
-        from dynid.identification.records.frf_record import frf_likelihood
+        from dynid.identification.likelihood.frf_record import frf_likelihood
+        from dynid.identification.systems.frf_system import frf_data
         from dynid.scene.kinds.measurements import frf_measurement
 
         if model.graph is not None:
@@ -296,7 +296,7 @@ def _estimated(
     NotIdentifiable
         As a run does before it begins.
     """
-    from dynid.identification.origin import identifiable_origin
+    from dynid.identification.estimators.origin import identifiable_origin
     from dynid.identification.systems.kernels import pass_seconds
 
     eta = starts(likelihood.unknowns)

@@ -37,8 +37,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from dynid.errors import Fault
-    from dynid.identification.identify import Rebuild, SharedRecords
+    from dynid.identification.identify import SharedRecords
     from dynid.identification.records.measurement import Experiment
+    from dynid.identification.systems.parametric_model import Rebuild
     from dynid.scene.kinds.reduction import LocatedReductor
     from dynid.scene.run import PreparationStep
     from dynid.scene.schema.reduction import ReductionModel

@@ -18,12 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import DynidError
-from dynid.identification.estimators.maximum_likelihood import refine
-from dynid.identification.likelihood import Fit, Likelihood
-from dynid.identification.priors import Priors
-from dynid.identification.records.frf_record import FrfRecord
-from dynid.identification.records.time_record import TimeRecord
-from dynid.identification.symmetry import (
+from dynid.identification.diagnosis.symmetry import (
     Permutation,
     centre_of,
     distinct_kinds,
@@ -33,6 +28,11 @@ from dynid.identification.symmetry import (
     nearly_symmetric,
     symmetries,
 )
+from dynid.identification.estimators.maximum_likelihood import refine
+from dynid.identification.likelihood.frf_record import FrfRecord
+from dynid.identification.likelihood.likelihood import Fit, Likelihood
+from dynid.identification.likelihood.priors import Priors
+from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.systems.parametric_model import Model, system_of
 from dynid.lti.floating import guarded
 from dynid.parameters import named

@@ -35,11 +35,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.defaults import EXPLAINED, LACK_OF_FIT, RESOLVED, SIGNAL
-from dynid.identification.goodness_of_fit.saturated_model import RegressorKind, SaturatedCoordinates
-from dynid.identification.goodness_of_fit.statistics import chi_squared_tail, log_f_tail
 from dynid.identification.least_squares import basis
-from dynid.identification.likelihood import Fit, Likelihood
-from dynid.identification.records.record_likelihood import ScatterTest
+from dynid.identification.likelihood.likelihood import Fit, Likelihood
+from dynid.identification.likelihood.record_likelihood import ScatterTest
+from dynid.identification.likelihood.saturated_model import RegressorKind, SaturatedCoordinates
+from dynid.identification.statistics import chi_squared_tail, log_f_tail
 from dynid.lti.floating import finite
 
 Array = NDArray[np.float64]

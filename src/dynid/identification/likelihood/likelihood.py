@@ -16,10 +16,10 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.goodness_of_fit.residual_tests import whiteness
 from dynid.identification.information import Information, joint_information
-from dynid.identification.priors import PULL, Priors
-from dynid.identification.records.record_likelihood import RecordFit, RecordLikelihood
+from dynid.identification.likelihood.priors import PULL, Priors
+from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
+from dynid.identification.residual_tests import whiteness
 from dynid.parameters import Parameter, coordinates, truths
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dynid.arithmetic.dependent import Dependent
 from dynid.errors import DynidError
-from dynid.identification.goodness_of_fit.corrections import (
+from dynid.identification.diagnosis.corrections import (
     FEW_STEPS,
     GAIN_EACH,
     LEAST_GAIN,
@@ -25,9 +25,9 @@ from dynid.identification.goodness_of_fit.corrections import (
     Found,
     estimated,
 )
-from dynid.identification.goodness_of_fit.lack_of_fit import compare_models
-from dynid.identification.likelihood import Likelihood
-from dynid.identification.records.time_record import TimeRecord
+from dynid.identification.likelihood.lack_of_fit import compare_models
+from dynid.identification.likelihood.likelihood import Likelihood
+from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.lti.signals import Sampled
 from dynid.number_format import with_error
 

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from dynid.defaults import LACK_OF_FIT, RESIDUAL_GROWTH
 from dynid.errors import DynidError
 from dynid.identification.estimators.maximum_likelihood import refine, with_noise
-from dynid.identification.goodness_of_fit.lack_of_fit import compare_models
-from dynid.identification.goodness_of_fit.residual_tests import is_coloured, whiteness
-from dynid.identification.likelihood import Fit, Likelihood
+from dynid.identification.likelihood.frf_record import FrfLikelihood, FrfRecord
+from dynid.identification.likelihood.lack_of_fit import compare_models
+from dynid.identification.likelihood.likelihood import Fit, Likelihood
+from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
+from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.frf_measurement import unstacked
-from dynid.identification.records.frf_record import FrfLikelihood, FrfRecord
-from dynid.identification.records.record_likelihood import RecordFit, RecordLikelihood
-from dynid.identification.records.time_record import TimeRecord
+from dynid.identification.residual_tests import is_coloured, whiteness
 from dynid.number_format import p_text, with_error
 from dynid.parameters import rates, values
 

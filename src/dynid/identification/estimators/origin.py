@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import DynidError
 from dynid.identification.information import Information
-from dynid.identification.likelihood import Likelihood
+from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.lti.floating import guarded
 from dynid.parameters import rates, starts, values
 

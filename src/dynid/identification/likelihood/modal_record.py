@@ -17,15 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import UsageError
-from dynid.identification.goodness_of_fit.saturated_model import SaturatedCoordinates
-from dynid.identification.goodness_of_fit.statistics import root_mean_square
 from dynid.identification.information import MODAL_SURVEY, Observed
-from dynid.identification.likelihood import Likelihood
-from dynid.identification.priors import Priors
+from dynid.identification.likelihood.likelihood import Likelihood
+from dynid.identification.likelihood.paired_modes import paired_modes, real_parts
+from dynid.identification.likelihood.priors import Priors
+from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood, ScatterTest
+from dynid.identification.likelihood.saturated_model import SaturatedCoordinates
 from dynid.identification.records.measurement import RecordData
 from dynid.identification.records.modal_measurement import ModalChannel, ModalMeasurement, channels_of
-from dynid.identification.records.paired_modes import paired_modes, real_parts
-from dynid.identification.records.record_likelihood import RecordFit, RecordLikelihood, ScatterTest
+from dynid.identification.statistics import root_mean_square
 from dynid.identification.systems.instruments import CalibrationDerivatives
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.parametric_model import freed_coordinates, freed_model, system_of

@@ -12,11 +12,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.estimators.filter import InitialState
 from dynid.parameters import Parameter
 
 Array = NDArray[np.float64]
@@ -31,6 +31,17 @@ _FIXED = 1e-9
 PULL = 30.0
 # Deviation of a uniform distribution over its width.
 _UNIFORM = 1 / math.sqrt(12)
+
+
+class InitialState(NamedTuple):
+    """Initial augmented state of a pass: state (n, scaled), coordinates (p), and a root of their covariance.
+
+    `root` (n + p x n + p) is any S with S S^T the covariance of state and coordinates.
+    """
+
+    state: Array
+    eta: Array
+    root: Array
 
 
 @dataclass(frozen=True, eq=False)

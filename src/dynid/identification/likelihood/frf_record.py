@@ -13,7 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.defaults import DENSE_STRUCTURES, SEARCH_WORK
-from dynid.identification.goodness_of_fit.saturated_model import (
+from dynid.identification.information import RESPONSE, Observed
+from dynid.identification.likelihood.likelihood import Likelihood
+from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood, weights
+from dynid.identification.likelihood.saturated_model import (
     ChannelColumns,
     SaturatedCoordinates,
     delayed_residuals_by_line,
@@ -21,20 +24,11 @@ from dynid.identification.goodness_of_fit.saturated_model import (
     regressors_by_line,
     saturated_coordinates,
 )
-from dynid.identification.goodness_of_fit.statistics import root_mean_square
-from dynid.identification.information import RESPONSE, Observed
-from dynid.identification.likelihood import Likelihood
-from dynid.identification.records.frf_measurement import (
-    Frf,
-    FrfMeasurement,
-    FrfSystem,
-    check_cost,
-    stacked,
-    unstacked,
-)
+from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, stacked, unstacked
 from dynid.identification.records.measurement import RecordData
-from dynid.identification.records.record_likelihood import RecordFit, RecordLikelihood, weights
+from dynid.identification.statistics import root_mean_square
 from dynid.identification.systems.band_limited_system import band_limited
+from dynid.identification.systems.frf_system import FrfSystem, check_cost
 from dynid.identification.systems.instruments import (
     CLOCK,
     CLOCK_CHANGE,

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.defaults import HUBER
-from dynid.identification.goodness_of_fit.saturated_model import SaturatedCoordinates
-from dynid.identification.goodness_of_fit.statistics import root_mean_square
 from dynid.identification.information import RECORD, Information, Observed, information
+from dynid.identification.likelihood.saturated_model import SaturatedCoordinates
 from dynid.identification.records.measurement import RecordData
+from dynid.identification.statistics import root_mean_square
 from dynid.identification.systems.instruments import CalibrationDerivatives
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.prediction import Trajectory

@@ -11,9 +11,18 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.estimators.filter import InitialState, stored_rows
-from dynid.identification.goodness_of_fit.residual_tests import spectrum
-from dynid.identification.goodness_of_fit.saturated_model import (
+from dynid.identification.information import Information, information
+from dynid.identification.least_squares import (
+    STATE_RANK,
+    least_squares,
+    thin_svd,
+    triangular_factors,
+    without_state,
+)
+from dynid.identification.likelihood.likelihood import Likelihood
+from dynid.identification.likelihood.priors import InitialState
+from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
+from dynid.identification.likelihood.saturated_model import (
     ChannelColumns,
     ForcedRegressors,
     SaturatedCoordinates,
@@ -24,20 +33,11 @@ from dynid.identification.goodness_of_fit.saturated_model import (
     regressors_in_time,
     saturated_coordinates,
 )
-from dynid.identification.goodness_of_fit.statistics import root_mean_square
-from dynid.identification.information import Information, information
-from dynid.identification.least_squares import (
-    STATE_RANK,
-    least_squares,
-    thin_svd,
-    triangular_factors,
-    without_state,
-)
-from dynid.identification.likelihood import Likelihood
 from dynid.identification.records.measurement import Experiment, RecordData
 from dynid.identification.records.noise import Autoregression, ColouredNoise, estimated
-from dynid.identification.records.record_likelihood import RecordFit, RecordLikelihood
 from dynid.identification.records.simulation import Simulation
+from dynid.identification.residual_tests import spectrum
+from dynid.identification.statistics import root_mean_square
 from dynid.identification.systems.instruments import (
     CLOCK,
     CLOCK_CHANGE,
@@ -72,7 +72,8 @@ _KEPT = 1_000_000
 _CLOCK_STEP = 1e-3
 # Noise below this part of the RMS is not assumed: the covariance would lose its digits.
 _LEAST_NOISE = 1e-4
-
+#: Rows of a history, at the most.
+MOST_ROWS = 100_000
 
 _FORCED: WeakKeyDictionary[ParametricModel, dict[int, ForcedRegressors]] = WeakKeyDictionary()
 
@@ -647,6 +648,12 @@ class TimeLikelihood(Likelihood):
     """
 
     records: tuple[TimeRecord, ...]
+
+
+def stored_rows(samples: int) -> slice:
+    """Return the rows of a history over so many samples that are stored."""
+    every = max(1, -(-samples // MOST_ROWS))
+    return slice((samples - 1) % every, None, every)
 
 
 def state_deviations(record: TimeRecord, fit: RecordFit, noise: Array, known: Array) -> Array:

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.identification.goodness_of_fit.statistics import root_mean_square
-from dynid.identification.likelihood import Fit, Likelihood
+from dynid.identification.likelihood.likelihood import Fit, Likelihood
+from dynid.identification.statistics import root_mean_square
 from dynid.parameters import Parameter, named, rates, values
 from dynid.result import Result
 from dynid.structure.matrices import Label

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import DynidError
-from dynid.identification.likelihood import Likelihood
-from dynid.identification.records.frf_record import FrfLikelihood
+from dynid.identification.likelihood.frf_record import FrfLikelihood
+from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.systems.parametric_model import Model
 from dynid.lti.floating import guarded
 from dynid.structure.model import StructuralModel

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.defaults import HEAVY_TAILS, OFFSET
-from dynid.identification.equivalent_optima import DECIDED
-from dynid.identification.goodness_of_fit.residual_tests import ResidualShape, is_coloured, whiteness
-from dynid.identification.posterior import UNCERTAIN, ChannelOfRecord, Posterior
-from dynid.identification.symmetry import interchangeable
+from dynid.identification.diagnosis.equivalent_optima import DECIDED
+from dynid.identification.diagnosis.posterior import UNCERTAIN, ChannelOfRecord, Posterior
+from dynid.identification.diagnosis.symmetry import interchangeable
+from dynid.identification.residual_tests import ResidualShape, is_coloured, whiteness
 from dynid.number_format import frequency_text, p_text, quantity, share_text, short_percent
 from dynid.parameters import Parameter, coordinates
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.identification.estimators.maximum_likelihood import refine
-from dynid.identification.likelihood import Fit, Likelihood
-from dynid.identification.records.time_record import TimeRecord
+from dynid.identification.likelihood.likelihood import Fit, Likelihood
+from dynid.identification.likelihood.time_record import TimeRecord
 
 Array = NDArray[np.float64]
 

@@ -22,11 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import DynidError, UsageError
+from dynid.identification.diagnosis.posterior import Posterior
 from dynid.identification.least_squares import STATE_RANK, thin_svd
-from dynid.identification.likelihood import Likelihood
-from dynid.identification.posterior import Posterior
-from dynid.identification.records.record_likelihood import RecordFit, RecordLikelihood
-from dynid.identification.records.time_record import TimeRecord
+from dynid.identification.likelihood.likelihood import Likelihood
+from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
+from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.parameters import values
 
 Array = NDArray[np.float64]

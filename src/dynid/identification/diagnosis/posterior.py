@@ -1,7 +1,7 @@
 """Posterior of the parameters at an estimate: information, intervals, bounds, and tests of the residuals.
 
 It is Gaussian in the coordinates of the parameters, and the same for records of time and frequency responses.
-`dynid.identification.verdict` states it in words, `dynid.identification.results.write_result` as named
+`diagnosis.verdict` states it in words, `results.write_result` as named
 arrays.
 """
 
@@ -17,9 +17,13 @@ from numpy.typing import NDArray
 
 from dynid.defaults import NOISE_CONTRADICTED, NOISE_MATTERS, OUTLIER
 from dynid.errors import Diverged, DynidError, NotIdentifiable
+from dynid.identification.diagnosis.limited_posterior import LimitedPosterior
 from dynid.identification.estimators.estimate import Estimate
-from dynid.identification.goodness_of_fit.lack_of_fit import ModelComparison, compare_models
-from dynid.identification.goodness_of_fit.residual_tests import (
+from dynid.identification.information import Information, below_noise, joint_information, vanished
+from dynid.identification.likelihood.lack_of_fit import ModelComparison, compare_models
+from dynid.identification.likelihood.likelihood import Fit, Likelihood
+from dynid.identification.likelihood.record_likelihood import RecordLikelihood
+from dynid.identification.residual_tests import (
     Consistency,
     NoiseTest,
     ResidualShape,
@@ -31,18 +35,14 @@ from dynid.identification.goodness_of_fit.residual_tests import (
     residual_shape,
     whiteness,
 )
-from dynid.identification.goodness_of_fit.statistics import root_mean_square
-from dynid.identification.information import Information, below_noise, joint_information, vanished
-from dynid.identification.likelihood import Fit, Likelihood
-from dynid.identification.limited_posterior import LimitedPosterior
-from dynid.identification.records.record_likelihood import RecordLikelihood
+from dynid.identification.statistics import root_mean_square
 from dynid.identification.systems.instruments import CalibrationSlopes, calibration_slopes
 from dynid.parameters import logarithmic, rates, truths, values
 
 if TYPE_CHECKING:
-    from dynid.identification.equivalent_optima import EquivalentOptima
-    from dynid.identification.goodness_of_fit.proportional_noise import GrowingResiduals
-    from dynid.identification.model_error import ModelError
+    from dynid.identification.diagnosis.equivalent_optima import EquivalentOptima
+    from dynid.identification.diagnosis.model_error import ModelError
+    from dynid.identification.diagnosis.proportional_noise import GrowingResiduals
 
 Array = NDArray[np.float64]
 

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from dynid.defaults import LACK_OF_FIT
 from dynid.errors import DynidError
+from dynid.identification.diagnosis.posterior import Posterior
 from dynid.identification.estimators.maximum_likelihood import refine
-from dynid.identification.goodness_of_fit.lack_of_fit import ModelComparison, compare_models
-from dynid.identification.likelihood import Fit, Likelihood
-from dynid.identification.posterior import Posterior
-from dynid.identification.priors import Priors
-from dynid.identification.records.modal_record import ModalRecord
+from dynid.identification.likelihood.lack_of_fit import ModelComparison, compare_models
+from dynid.identification.likelihood.likelihood import Fit, Likelihood
+from dynid.identification.likelihood.modal_record import ModalRecord
+from dynid.identification.likelihood.priors import Priors
 from dynid.number_format import p_text
 
 Array = NDArray[np.float64]

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import DynidError
-from dynid.identification.goodness_of_fit.corrections import (
+from dynid.identification.diagnosis.corrections import (
     FEW_STEPS,
     GAIN_EACH,
     LEAST_GAIN,
@@ -39,11 +39,11 @@ from dynid.identification.goodness_of_fit.corrections import (
     estimated,
     shifted,
 )
-from dynid.identification.goodness_of_fit.free_gains import free_gain, gain_sentence, gain_unknown
-from dynid.identification.goodness_of_fit.lack_of_fit import compare_models
-from dynid.identification.likelihood import Fit, Likelihood
-from dynid.identification.records.frf_record import FrfLikelihood, FrfRecord
-from dynid.identification.records.time_record import TimeRecord
+from dynid.identification.diagnosis.free_gains import free_gain, gain_sentence, gain_unknown
+from dynid.identification.likelihood.frf_record import FrfLikelihood, FrfRecord
+from dynid.identification.likelihood.lack_of_fit import compare_models
+from dynid.identification.likelihood.likelihood import Fit, Likelihood
+from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.systems.band_limited_system import BAND
 from dynid.units import GRAVITY
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.defaults import WHITENESS
-from dynid.identification.goodness_of_fit.statistics import (
+from dynid.identification.statistics import (
     autocovariances,
     chi_squared_tail,
     root_mean_square,

@@ -1,1 +1,0 @@
-"""Tests of a fitted model: residuals, lack of fit, and mistakes of instruments that explain it."""

@@ -1,0 +1,1 @@
+"""Likelihoods of records, and tests of a model against them."""
