@@ -141,6 +141,34 @@ def test_python_has_the_rejected_result_of_an_error(tmp_path):
         result[PATH]
 
 
+def test_rejected_modal_surveys_leave_their_modes(dynid, tmp_path, monkeypatch):
+    """Frequencies in kHz taken for rad/s, which no stiffness of the joint explains."""
+    monkeypatch.chdir(tmp_path)
+    links = [{"dofs": [1], "k": 7.0e4}, {"dofs": [2, 3], "k": 5.0e4}]
+    omega = np.array([0.017, 0.041])
+    shapes = [{1: 0.4, 2: 0.8, 3: 1.0}, {1: 1.0, 2: 0.4, 3: -0.8}]
+    values = [{"frequency": float(w), "shape": shape} for w, shape in zip(omega, shapes, strict=True)]
+    data = {
+        "dynid": 1,
+        "kind": "identification",
+        "structure": {"lumped": {"masses": [2.0, 1.2, 1.0], "links": links}},
+        "joints": {"bolt": {"dofs": [1, 2], "k": {"start": 4.0e4, "min": 1e3}}},
+        "measurement": {"modes": {"values": values}},
+    }
+    (tmp_path / "survey.yaml").write_text(yaml.safe_dump(data, sort_keys=False))
+    assert dynid("run", "survey.yaml", "-q", "--report", "page.html")[0] == 3
+    result = package.open_result("survey.h5")
+    assert result.rejected
+    assert "identification/parameters" not in " ".join(result)
+    np.testing.assert_array_equal(result["identification/modes/frequency_measured"].data, omega)
+    predicted = result["identification/modes/frequency"].data
+    np.testing.assert_allclose(result["identification/modes/frequency_error"].data, predicted / omega - 1)
+    assert np.all(predicted > 3 * omega)
+    assert "identification/modes/mac" in result
+    assert "0.017" in dynid("show", "survey.h5")[1]
+    assert "0.017" in (tmp_path / "page.html").read_text()
+
+
 def test_rejected_frequency_responses_leave_a_file_too(dynid, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rig = scene(tmp_path)

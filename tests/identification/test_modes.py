@@ -262,6 +262,49 @@ def test_verdict_is_the_chi_squared_test_of_the_weights_of_the_fit(form):
     assert diagnostic(result, "lack_of_fit_p") == pytest.approx(1 - (1 - min(tails)) ** 2, rel=0.02)
 
 
+def test_leverage_is_what_an_error_of_a_frequency_moves_its_prediction():
+    """Each frequency moved by itself; a residual falls short of an error by the root of 1 - h."""
+    model, modal = chain(), measured(chain(), seed=4, noise=0.0, floors=KNOWN)
+    result = identify_modes(model, modal)
+    leverage = modes(result, "frequency_leverage")
+    step = 0.05 * modal.omega_std
+    for k in range(4):
+        moved = [replace(modal, omega=modal.omega + sign * step * np.eye(4)[k]) for sign in (1, -1)]
+        ends = [modes(identify_modes(model, one), "frequency")[k] for one in moved]
+        assert (ends[0] - ends[1]) / (2 * step[k]) == pytest.approx(leverage[k], abs=2e-3)
+    off = identify_modes(model, replace(modal, omega=modal.omega + 6 * modal.omega_std * np.eye(4)[1]))
+    assert modes(off, "frequency_studentised")[1] == pytest.approx(6 * np.sqrt(1 - leverage[1]), rel=0.02)
+
+
+def test_a_wrong_frequency_is_named_and_one_that_cannot_show_is_said():
+    """The fourth frequency is off; of two modes for two unknowns the parameters follow both frequencies."""
+    modal = measured(chain(), seed=9)
+    off = replace(modal, omega=modal.omega + 8 * modal.omega_std * np.eye(4)[3])
+    said = "\n".join(diagnostic(identify_modes(chain(), off), "warnings"))
+    assert "farthest off is the frequency of mode 4" in said
+    assert "without it the rest is scatter" in said
+    few = identify_modes(
+        chain(), measured(chain(), 3, modes=(1, 2), dofs=DOFS[:2], scatter=(0.001, 0.05, 0.2))
+    )
+    leverage = modes(few, "frequency_leverage")
+    assert np.all(leverage > 0.8)
+    said = "\n".join(modes(few, "statements").tolist())
+    assert f"(leverage), of mode 1 ({100 * leverage[0]:.3g} %), 2 ({100 * leverage[1]:.3g} %)" in said
+
+
+def test_verdict_on_the_optimum_does_not_depend_on_the_start():
+    """Many starts of a chain whose second frequency is off end elsewhere; that is no doubt of its optimum."""
+    modal = measured(chain(), seed=12)
+    off = replace(modal, omega=modal.omega * (1 + 0.03 * np.eye(4)[1]))
+    results = [identify_modes(chain(factor), off) for factor in (0.25, 0.9, 4.0)]
+    assert {bool(diagnostic(one, "lacks_fit")) for one in results} == {True}
+    assert (
+        len({(bool(diagnostic(one, "optimum")), bool(diagnostic(one, "converged"))) for one in results}) == 1
+    )
+    estimates = np.array([parameter(one, "estimate") for one in results])
+    assert np.all(np.ptp(estimates, axis=0) < 0.01 * parameter(results[0], "standard_error"))
+
+
 def test_priors_count_in_the_verdict_and_are_named_where_they_decide():
     """Means that are 20 % off with 2 %: with wider priors the scatter explains the survey."""
     modal = measured(chain(), seed=3)

@@ -519,12 +519,12 @@ def _checked(posterior: Posterior, start: Array, suggest: bool) -> Posterior:
     return posterior
 
 
-def raise_if_rejected(posterior: Posterior) -> None:
-    """Raise the error of a rejected fit, with its result."""
+def raise_if_rejected(posterior: Posterior, *further: Callable[[Result, Posterior], Any]) -> None:
+    """Raise the error of a rejected fit, with its result and what is added `further`."""
     if posterior.rejection is not None:
         from dynid.identification.results.write_rejected import raise_rejected
 
-        raise_rejected(posterior)
+        raise_rejected(posterior, *further)
 
 
 def _suggesting(error: DynidError, mistakes: Sequence[str]) -> DynidError:

@@ -162,11 +162,14 @@ def identify_modes(
             problem.likelihood_of,
             [],
         )
-        raise_if_rejected(posterior)
+        at_start = problem.likelihood.records[-1]
+        assert isinstance(at_start, ModalRecord)
+        raise_if_rejected(
+            posterior,
+            lambda result, rejected: add_modes(result, rejected, problem.full, at_start, problem.rebuild),
+        )
         needed = needed_form_error(posterior)
         if needed is not None:
             posterior = replace(posterior, mistakes=(*posterior.mistakes, needed.statement))
         result = add_identification(Result("identification"), posterior, further=further)
-        at_start = problem.likelihood.records[-1]
-        assert isinstance(at_start, ModalRecord)
         return add_modes(result, posterior, problem.full, at_start, problem.rebuild, needed)

@@ -9,11 +9,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.defaults import HEAVY_TAILS, OFFSET
+from dynid.defaults import HEAVY_TAILS, LACK_OF_FIT, OFFSET
 from dynid.identification.diagnosis.equivalent_optima import DECIDED
 from dynid.identification.diagnosis.posterior import UNCERTAIN, ChannelOfRecord, Posterior
 from dynid.identification.diagnosis.symmetry import interchangeable
 from dynid.identification.residual_tests import ResidualShape, is_coloured, whiteness
+from dynid.identification.statistics import chi_squared_tail
 from dynid.number_format import frequency_text, p_text, quantity, share_text, short_percent
 from dynid.parameters import Parameter, coordinates
 
@@ -154,6 +155,7 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
         yield (
             f"the model lacks fit ({p_text(compared.lack_of_fit_p, 1)}), most of all in {worst}: it explains "
             f"{share_text(compared.signal_explained)} of the signal; standard errors are nominal"
+            f"{_farthest_value(posterior)}"
             f"{'' if known or posterior.likelihood.records[0].modal else f'. {causes}'}"
         )
     if posterior.growing is not None:
@@ -188,6 +190,26 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
                     f"{names[other]} and {name} are hardly distinguishable (correlation {rho:.3f}): "
                     f"the {posterior.noun} determines their {combination} better than either"
                 )
+
+
+def _farthest_value(posterior: Posterior) -> str:
+    """Return which frequency or damping ratio of a modal survey is farthest off, as a clause."""
+    compared, records = posterior.comparison, posterior.likelihood.records
+    k = next((k for k, record in enumerate(records) if record.modal), None)
+    if k is None:
+        return ""
+    columns = [c for c, one in enumerate(records[k].channels) if one.name != "shape"]
+    off = np.abs(compared.tables[0].studentised[:, columns])
+    if np.isnan(off).all():
+        return ""
+    row, column = np.unravel_index(np.nanargmax(off), off.shape)
+    squares, degrees = compared.chi_squared
+    rest = chi_squared_tail(degrees - 1, max(squares - off[row, column] ** 2, 0.0)) if degrees > 1 else 1.0
+    value = f"{records[k].channels[columns[column]].name} of mode {row + 1}"
+    said = f"; farthest off is the {value}, by {off[row, column]:.2g} deviations of its residual"
+    if rest <= LACK_OF_FIT.value:
+        return said
+    return f"{said}: without it the rest is scatter ({p_text(rest, 1)}): check it, and the model in it"
 
 
 def _undetermined(posterior: Posterior) -> Iterator[str]:

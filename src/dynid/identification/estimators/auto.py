@@ -132,6 +132,7 @@ class Search:
         self.drawn = 0
         self.before = likelihood.evaluations
         self.cut_off = False
+        self.confirmed: bool | None = None  # by starts around the best optimum; None: not tried
 
     def attempt(self, name: str, begun: Callable[[], SearchStart], *, drawn: bool = False) -> None:
         """Begin, and go from there to the nearest optimum."""
@@ -253,13 +254,13 @@ class Search:
     def agreeing(self) -> int:
         """Number of starts that ended at the best optimum; all attempts from the given one count as one."""
         best = self.best_tried.stage
-        there = [
-            tried.drawn
-            for tried in self.tried
-            if np.all(np.abs(best.eta - tried.stage.eta) <= _SAME * self._units(best.eta))
-            or abs(best.misfit - tried.stage.misfit) <= _AS_GOOD
-        ]
+        there = [tried.drawn for tried in self.tried if self.is_same(best, tried.stage)]
         return sum(there) + (not all(there))
+
+    def is_same(self, best: EstimationStage, other: EstimationStage) -> bool:
+        """Return True if two attempts ended at one optimum."""
+        near = np.all(np.abs(best.eta - other.eta) <= _SAME * self._units(best.eta))
+        return bool(near) or abs(best.misfit - other.misfit) <= _AS_GOOD
 
     @property
     def agreed(self) -> bool:
@@ -290,7 +291,7 @@ class Search:
             [tried.stage for tried in self.tried],
             {"starts": self.drawn + 1, "starts_agreed": self.agreeing},
             likelihood=best.likelihood if self.likelihood.modelled else None,
-            disputed=not (best.accepted or self.agreed),
+            disputed=not (best.accepted or (self.agreed if self.confirmed is None else self.confirmed)),
             cut_off=self.likelihood.evaluations - self.before if self.cut_off else 0,
             comparison=best.comparison,
         )

@@ -4,8 +4,9 @@ Modes have few local optima: those where modes are paired wrongly, and those at 
 where shapes change so fast that steps are small. An optimum counts where a second search ends there that
 begins as a compromise: with deviations so large that the values of small scatter do not lead. Where the two
 differ, or the residuals are not scatter, modes that are close are first compared by the span of their shapes,
-which does not veer, and other starts are drawn. Records of time and frequency responses, whose misfit has
-many local optima, start from where the modes lead.
+which does not veer, and other starts are drawn. Where the residuals of the best optimum are not scatter,
+starts around it have to lead to it again: that verdict depends on the optimum, not on the scene's start.
+Records of time and frequency responses, whose misfit has many local optima, start from where the modes lead.
 """
 
 from __future__ import annotations
@@ -27,8 +28,13 @@ Array = NDArray[np.float64]
 _WIDE = 0.15
 # Least deviation of a compromise, relative: that of a poor initial guess rather than that of the scatter.
 _COMPROMISE = 0.1
-# Rounds of starts: how many are drawn, and how far from the given one (a factor).
-_ROUNDS = ((8, 3.0), (16, 10.0))
+# Attempts from the given start: as it is, by a compromise, by spans of close modes.
+_FROM_START = 3
+# Starts around the given one: how many are drawn, and how far from it (a factor).
+_AROUND_START = (8, 3.0)
+# Starts around the best optimum: how many are drawn, and how far from it (a factor); how many optima, each
+# better than the one before, are tried.
+_AROUND_OPTIMUM, _MAX_OPTIMA = (16, 10.0), 3
 # How many searches are to end at the best optimum where the residuals are not scatter, and where they are.
 # With records of time or responses, whose evaluations are dearer, one round is drawn, and fewer are to agree.
 _AGREEING, _CONFIRMED, _AGREEING_RECORDS = 8, 2, 3
@@ -71,11 +77,45 @@ class ModalSearch:
                 return search.best()
         routes: list[list[Likelihood]] = [[modes], [spans] if alone else [spans, modes]]
         search.attempt("spans of close modes", partial(guided, routes[1], origin), drawn=alone)
-        for seed, (count, reach) in enumerate(_ROUNDS if alone else _ROUNDS[:1]):
-            starts = drawn_starts(likelihood.priors, origin, count, reach, seed)
-            for number, start in enumerate(starts, 1):
-                if search.agreed or (search.accepted and (not alone or search.agreeing >= _CONFIRMED)):
-                    return search.best()
-                route = routes[number % 2]
-                search.attempt(f"start {number} of {count}", partial(guided, route, start), drawn=True)
+        count, reach = _AROUND_START
+        for number, start in enumerate(drawn_starts(likelihood.priors, origin, count, reach, 0), 1):
+            if search.agreed or (search.accepted and not alone) or (alone and _is_alike(search)):
+                break
+            search.attempt(
+                f"start {number} of {count}", partial(guided, routes[number % 2], start), drawn=True
+            )
+        if alone and search.tried and not _is_confirmed(search):
+            _confirm(search, routes)
         return search.best()
+
+
+def _is_alike(search: Search) -> bool:
+    """Return True if the attempts from the given start, or enough accepted ones, ended alike."""
+    return _is_confirmed(search) or (bool(search.tried) and search.agreeing >= _FROM_START)
+
+
+def _is_confirmed(search: Search) -> bool:
+    """Return True if the residuals of the best optimum are scatter, and searches have ended there twice."""
+    return search.accepted and search.agreeing >= _CONFIRMED
+
+
+def _confirm(search: Search, routes: list[list[Likelihood]]) -> None:
+    """Search from starts around the best optimum until enough of them, and half of all, end there."""
+    count, reach = _AROUND_OPTIMUM
+    search.confirmed = False
+    for _ in range(_MAX_OPTIMA):
+        best, agreeing = search.best_tried.stage, 0
+        starts = drawn_starts(search.likelihood.priors, best.eta, count, reach, 1)
+        for number, start in enumerate(starts, 1):
+            begun, tried = partial(guided, routes[number % 2], start), len(search.tried)
+            search.attempt(f"start {number} of {count} around the optimum", begun, drawn=True)
+            agreeing += sum(search.is_same(best, one.stage) for one in search.tried[tried:])
+            if _is_confirmed(search) or not search.is_same(best, search.best_tried.stage):
+                break
+            if agreeing >= search.enough and 2 * agreeing >= number:
+                search.confirmed = True
+                return
+        else:
+            return
+        if _is_confirmed(search):
+            return

@@ -21,7 +21,12 @@ from dynid.identification.information import MODAL_SURVEY, Observed
 from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.paired_modes import paired_modes, real_parts
 from dynid.identification.likelihood.priors import Priors
-from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood, ScatterTest
+from dynid.identification.likelihood.record_likelihood import (
+    HIDDEN,
+    RecordFit,
+    RecordLikelihood,
+    ScatterTest,
+)
 from dynid.identification.likelihood.saturated_model import SaturatedCoordinates
 from dynid.identification.records.measurement import RecordData
 from dynid.identification.records.modal_measurement import ModalChannel, ModalMeasurement, channels_of
@@ -36,8 +41,6 @@ from dynid.structure.modes.derivatives import ModalSolution, has_damping, lowest
 
 Array = NDArray[np.float64]
 
-# Part of its variance that the parameters leave of a combination of values, below which nothing shows in it.
-_HIDDEN = 0.05
 #: Frequencies nearer to each other, relative, have one span of shapes.
 CLOSE = 1e-4
 
@@ -326,7 +329,8 @@ class ModalRecord(RecordLikelihood):
         if np.isfinite(fit.own_mac).any():
             explained.append(float(np.nanmean(fit.own_mac)))
         return ScatterTest(
-            np.nansum(fit.residual**2, axis=0),
+            fit.residual,
+            np.sum(moved**2, axis=2),
             np.maximum(fit.counts - self.taken(fit, fit.noise) - share, 0.0),
             slopes,
             int(fit.counts.sum()) - self.nuisances,
@@ -349,7 +353,7 @@ class ModalRecord(RecordLikelihood):
             A = moved[:, several[:count]].transpose(1, 0, 2).reshape(len(r), -1)
             there = ~np.isnan(r)
             variance, axes = np.linalg.eigh(np.eye(int(there.sum())) - A[there] @ A[there].T)
-            shown = variance > _HIDDEN
+            shown = variance > HIDDEN
             parts = (axes.T @ r[there])[shown]
             squares, degrees = float(np.sum(parts**2 / variance[shown])), int(np.count_nonzero(shown))
             found.append((squares - before, degrees - rank))

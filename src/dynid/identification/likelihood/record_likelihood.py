@@ -28,6 +28,8 @@ from dynid.parameters import Parameter, rates, values
 
 Array = NDArray[np.float64]
 
+#: Part of its variance that parameters leave of a value, or combination, below which no error shows in it.
+HIDDEN = 0.05
 # Residuals below this part of a channel's RMS are rounding.
 _ROUNDING = 1e-13
 
@@ -50,8 +52,12 @@ class ScatterTest:
 
     Attributes
     ----------
-    squares, degrees
-        Sums of squares over the scatter (channels), and their degrees of freedom.
+    residual
+        Residuals over the scatter (values x channels), NaN where there are none.
+    leverage
+        Part of an error of each value that the parameters absorb (values x channels).
+    degrees
+        Degrees of freedom of the residuals (channels).
     by_parameter
         Derivatives by the coordinates over the scatter, free of nuisances (values x p).
     values
@@ -63,12 +69,28 @@ class ScatterTest:
         of channels with few values, which the many of the others would hide.
     """
 
-    squares: Array
+    residual: Array
+    leverage: Array
     degrees: Array
     by_parameter: Array
     values: int
     explained: float
     groups: Sequence[tuple[float, int]] = ()
+
+    @property
+    def squares(self) -> Array:
+        """Sums of squares of the residuals over the scatter (channels)."""
+        return np.asarray(np.nansum(self.residual**2, axis=0))
+
+    @property
+    def studentised(self) -> Array:
+        """Residuals over their own deviations (values x channels), NaN of values that decide parameters.
+
+        That of an error of b standard errors is ``b sqrt(1 - leverage)``. R. D. Cook, S. Weisberg, Residuals
+        and Influence in Regression, 1982, sec. 2.2.
+        """
+        remaining = 1 - self.leverage
+        return np.where(remaining > HIDDEN, self.residual / np.sqrt(np.maximum(remaining, HIDDEN)), np.nan)
 
 
 @dataclass(frozen=True, eq=False)

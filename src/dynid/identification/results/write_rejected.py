@@ -6,6 +6,9 @@ there is neither `parameters` nor what would follow from these. `measurement` ha
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
 from dynid.errors import DynidError
@@ -18,15 +21,18 @@ GROUP = "identification/rejected"
 _FAILURES = (DynidError, ArithmeticError, np.linalg.LinAlgError)
 
 
-def raise_rejected(posterior: Posterior) -> None:
-    """Raise the error of a rejected fit, with its result, which leaves out what cannot be computed."""
+def raise_rejected(posterior: Posterior, *further: Callable[[Result, Posterior], Any]) -> None:
+    """Raise the error of a rejected fit, with its result, which leaves out what cannot be computed.
+
+    `further`: what is added to it besides, as measured modes.
+    """
     error = posterior.rejection
     if error is None:
         return
     result = Result("identification")
     result.attrs["status"] = REJECTED
     result.annotate("identification", estimator=posterior.method, rejected=str(error))
-    for add in (_add_estimates, _add_stages, add_fits, add_diagnostics):
+    for add in (_add_estimates, _add_stages, add_fits, add_diagnostics, *further):
         part = Result("identification")
         try:
             add(part, posterior)

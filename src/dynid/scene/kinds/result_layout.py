@@ -197,7 +197,8 @@ LAYOUT: dict[str, str] = {
         "clock_dropped clock_duplicated"
     ),
     "identification/modes": (
-        "mode quantity frequency_measured frequency_std chi2 chi2_degrees model_error model_error_needed "
+        "mode quantity frequency_measured frequency_std frequency_leverage frequency_studentised "
+        "chi2 chi2_degrees model_error model_error_needed "
         "scatter_floor statements sensor computed shape_measured complexity_measured damping_measured "
         "damping_std dof left_out_error left_out_deviation left_out_by_scatter frequency frequency_start "
         "frequency_error frequency_error_start model_mode model_mode_start damping damping_start mac "
