@@ -3,7 +3,6 @@
 import math
 import re
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from dynid.bondgraph.request import RESULTS
 from dynid.cli.explained import _received, seconds_text, size_text
 from dynid.cli.summary.identification import identifiability_lines
 from dynid.errors import Singular
-from dynid.scene.explanations.explanation import explain, peak_megabytes
+from dynid.scene.explanations.explanation import explain, peak_megabytes, trial
 from dynid.scene.load import check_source, load_scene
 from dynid.scene.run import run_scene
 from dynid.scene.yaml.source import parse_source
@@ -185,30 +184,20 @@ kind: identification
 structure: {lumped: {masses: [1, 1], links: [{dofs: [1], k: 50, c: 1}, {dofs: [1, 2], k: 20}]}}
 """
 PARTS = {
-    "modes": ("modes: {count: 2}", "modes", "modes"),
+    "modes": ("modes: {count: 2}", "modes"),
     "frequency": (
         "frequency: {start: 1, stop: 9, points: 700}, inputs: [1]",
         "frequency response at 700 frequencies",
-        "frequency response",
     ),
-    "time": (
-        "time: {stop: 40, step: 0.1, input: {dof: 1, kind: step}}",
-        "time response at 401 samples",
-        "time response",
-    ),
+    "time": ("time: {stop: 40, step: 0.1, input: {dof: 1, kind: step}}", "time response at 401 samples"),
 }
 
 
 @pytest.mark.parametrize("asked", [["modes"], ["frequency"], ["time"], ["modes", "frequency", "time"]])
-def test_the_responses_of_a_structure_are_told_as_they_are_run(asked, tmp_path):
-    blocks, said, costs = zip(*(PARTS[name] for name in asked), strict=True)
+def test_the_responses_of_a_structure_are_told_as_they_are_run(asked):
+    blocks, said = zip(*(PARTS[name] for name in asked), strict=True)
     scene = scene_of(f"{RESPONDING}analysis: {{outputs: [{{dof: 2}}], {', '.join(blocks)}}}\n")
-    explained = explain(scene)
-    assert facts(explained)["responses"] == ", ".join(said)
-    assert [*explained.cost.parts] == [*costs]
-    write_result(run_scene(scene), tmp_path / "x.h5")
-    size = (tmp_path / "x.h5").stat().st_size / 1000
-    assert size / 3 <= explained.cost.kilobytes <= 3 * size
+    assert facts(explain(scene))["responses"] == ", ".join(said)
 
 
 SEEN = DEAF.replace("  idle: {dofs: [2], k: {start: 100, true: 100}}\n", "")
@@ -271,34 +260,11 @@ def test_numbers_are_read_as_the_run_reads_them():
     assert "warning" not in facts(explain(scene_of(RATIOS.replace("[poles]", "[poles], reading: binary"))))
 
 
-def test_many_loops_cost_more_than_a_chain_of_as_many_storages():
-    """Springs around a ring, and across it: their coefficients are longer."""
-    n = 8
-    nodes = ["F: Se"] + [f"v{k}: 1, m{k}: {{type: I, value: {k + 1}}}" for k in range(n)]
-    bonds = ["F -> v0"] + [f"v{k} -> m{k}" for k in range(n)]
-    for j, k in [*((k, (k + 1) % n) for k in range(n)), (0, 4), (1, 5), (2, 6), (3, 7)]:
-        nodes.append(f"z{j}_{k}: 0, c{j}_{k}: {{type: C, value: 2}}")
-        bonds += [f"v{j} -> z{j}_{k} -> v{k}", f"z{j}_{k} -> c{j}_{k}"]
-    text = f"""
-dynid: 1
-kind: bond-graph
-graph: {{nodes: {{{", ".join(nodes)}}}, bonds: [{", ".join(bonds)}]}}
-analysis: {{outputs: [m3.f], results: [poles]}}
-"""
-    ring, chain = explain(scene_of(text)), explain(scene_of(chain_scene(10).replace("zeros, poles", "poles")))
-    assert facts(ring)["order"].endswith(", 20 storage elements")
-    assert facts(chain)["order"].endswith(", 20 storage elements")
-    assert ring.obstacle is None
-    seconds = [each.cost.parts["zeros, poles and polynomials"] for each in (ring, chain)]
-    assert seconds[0] > seconds[1]
-
-
 def test_formulas_are_announced_with_their_limits():
     explained = explain(
         scene_of(OSCILLATOR.replace("[poles, zeros]", "[transfer_function], engine: symbolic"))
     )
     assert facts(explained)["engine"].startswith("symbolic: ")
-    assert explained.cost.seconds < 5
 
 
 def test_everything_that_can_be_asked_is_asked():
@@ -337,7 +303,6 @@ def test_bases_of_a_large_structure_are_not_made_to_be_explained():
     assert told["bases"] == "craig-bampton: masters w_150, w_301; modes count 10"
     assert told[""] == "guyan: masters count 12, choose qr"
     assert told["modes"].startswith("the lowest 12, by sparse Lanczos")
-    assert explained.cost is not None
 
 
 @pytest.fixture
@@ -359,7 +324,7 @@ def test_a_stage_without_progress_is_cut_off_and_named(dynid, folder, explained_
     code, out, err = dynid("check", "--explain", "one.yaml")
     assert (code, err) == (0, "")
     said = " ".join(out.split())
-    assert "graph 2 nodes cost more than 5 s, 90 MB of memory; a file of about 20 kB (a trial run" in said
+    assert "graph 2 nodes cost more than 5 s (a trial run" in said
     assert "was cut off: after 5 s of processor time it was at 'poles of loop 7', which has no" in said
 
 
@@ -412,35 +377,26 @@ def test_a_study_counts_what_is_left_and_says_why_samples_run_alone(dynid, folde
     assert "no, one by one: analysis.engine is no parameter" in dynid("check", "--explain", "s.yaml")[1]
 
 
-COSTED = pytest.mark.parametrize("name", ["isolator", "table2", "beam_reduction", "beam_frf", "half_car"])
-
-
-@COSTED
+@pytest.mark.parametrize("name", ["isolator", "table2", "beam_reduction", "beam_frf", "half_car"])
 def test_a_file_is_as_large_as_was_said_within_a_factor(request, tmp_path, name):
     scene = config(request, name)
-    said = explain(scene).cost.kilobytes
+    said = trial(scene).kilobytes
     write_result(run_scene(scene), tmp_path / "x.h5")
     size = (tmp_path / "x.h5").stat().st_size / 1000
-    assert size / 3 <= said <= 3 * size
+    assert size / 1.5 <= said <= 1.5 * size
 
 
-@pytest.mark.slow  # by the clock: what else runs, and whatever traces Python, moves it
-@COSTED
-def test_a_run_costs_what_was_said_within_a_factor(request, name):
-    """A factor of 5, beyond a fifth of a second: below, what is loaded counts more than the work."""
-    scene = config(request, name)
-    cost = explain(scene).cost
-    run_scene(scene)  # what is loaded is no work
-    began = time.thread_time()
-    run_scene(scene)
-    seconds = time.thread_time() - began
-    assert 0.2 * seconds - 0.2 <= cost.seconds <= 5 * seconds + 0.2
+def test_a_failure_that_only_the_run_shows_is_foretold(dynid, folder, monkeypatch):
+    def fails(_):
+        raise Singular("the search does not end", names=["m"])
 
-
-def test_more_work_costs_more():
-    costs = [explain(scene_of(chain_scene(stages))).cost for stages in (5, 60, 300)]
-    assert costs[0].seconds < costs[1].seconds < costs[2].seconds
-    assert costs[0].kilobytes < costs[2].kilobytes
+    (folder / "one.yaml").write_text(OSCILLATOR)
+    monkeypatch.setattr("dynid.trial.messages", lambda *_, **__: None)
+    monkeypatch.setattr("dynid.scene.run.run_scene", fails)
+    code, out, _ = dynid("check", "--explain", "one.yaml")
+    assert code == 3
+    assert "a run will fail (exit code 3):\n  one.yaml:6:24: the search does not end" in out
+    assert "cost" not in out
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from dynid.scene.explanations import explanation as module
-from dynid.scene.explanations.explanation import Report, explain, forecast, trial
+from dynid.errors import DynidError
+from dynid.scene.explanations.explanation import Report, forecast, trial
 from dynid.scene.load import load_scene
 
 
@@ -25,39 +25,37 @@ def scene(request):
 
 
 def test_a_run_that_ends_within_the_limit_is_measured(scene):
-    found = trial(scene, limit=1000, clock=Work())
-    assert found.complete
+    clock = Work()
+    cost = trial(scene, limit=1000, clock=clock)
+    assert cost.source == "measured by a trial run"
+    assert cost.kilobytes > 10
     # every report reads the clock once, and so do beginning and end
-    assert found.seconds == found.steps
+    assert cost.seconds == clock.seconds - 1
 
 
 def test_a_run_beyond_the_limit_is_cut_off_and_extrapolated(scene):
     clock = Work()
-    found = trial(scene, limit=3, clock=clock)
-    assert not found.complete
+    cost = trial(scene, limit=3, clock=clock)
+    assert cost.source == "from the beginning of a trial run"
+    assert cost.kilobytes is None
     assert clock.seconds == 5
-    assert found.seconds > 3
+    assert cost.seconds > 3
 
 
 def test_the_forecast_of_a_trial_that_is_cut_off_is_right_within_a_factor_of_two_of_its_work(scene):
     whole = trial(scene, limit=1e9, clock=Work()).seconds
-    found = trial(scene, limit=whole - 2, clock=Work())
-    assert not found.complete
-    assert whole / 2 <= found.seconds <= 40 + whole  # the steps of an attempt whose end is not known
+    cost = trial(scene, limit=whole - 2, clock=Work())
+    assert cost.kilobytes is None
+    assert whole / 2 <= cost.seconds <= 40 + whole  # the steps of an attempt whose end is not known
 
 
 def test_a_run_that_fails_has_no_forecast(scene, monkeypatch):
     def fails(_):
-        raise module.DynidError("no", remedy="")
+        raise DynidError("no", remedy="")
 
     monkeypatch.setattr("dynid.scene.run.run_scene", fails)
-    assert trial(scene) is None
-
-
-def test_an_explanation_has_the_trial_only_where_it_is_asked_for(scene, monkeypatch):
-    monkeypatch.setattr(module, "trial", lambda _: module.Trial(7.0, 3, complete=True))
-    assert explain(scene).cost.trial is None
-    assert explain(scene, trying=True).cost.seconds == 7.0
+    with pytest.raises(DynidError, match="no"):
+        trial(scene)
 
 
 def reports(*parts):

@@ -17,15 +17,13 @@ from dynid.errors import DynidError, FileError
 from dynid.progress import progress_to, report_progress
 
 if TYPE_CHECKING:
-    from dynid.scene.explanations.explanation import CostEstimate, Explanation
+    from dynid.scene.explanations.explanation import Cost, Explanation
     from dynid.scene.load import Scene
 
 #: Wall-clock seconds for each second of processor time, on a busy machine.
 _PATIENCE = 6
 #: Processor seconds beyond those of a trial run, which then reports its forecast.
 _SLACK = 0.2
-#: A part of the work is listed if it takes longer than this, s, and more than this share of the whole.
-_LEAST, _SHARE = 0.5, 0.1
 
 Send = Callable[[dict[str, Any]], object]
 
@@ -43,7 +41,7 @@ class Explained:
     code
         The exit code of a run, as far as it is known.
     cost
-        The expected cost; None where a run fails, or the explanation was cut off before.
+        The cost by a trial run; None where a run fails, or was cut off without a forecast.
     cut_off
         What was in progress where the explanation was cut off; None where it is complete.
     """
@@ -51,7 +49,7 @@ class Explained:
     lines: list[str] = field(default_factory=list)
     failure: list[str] = field(default_factory=list)
     code: int = 0
-    cost: CostEstimate | None = None
+    cost: Cost | None = None
     cut_off: str | None = None
 
 
@@ -86,7 +84,7 @@ def explained(scene: Scene, overrides: tuple[str, ...]) -> Explained:
 
 def _received(stream: Iterable[dict[str, Any]]) -> Explained:
     """Return the explanation of which a stream has the parts."""
-    from dynid.scene.explanations.explanation import CostEstimate, Trial
+    from dynid.scene.explanations.explanation import Cost
 
     answer, work = Explained(), "reading the scene"
     for message in stream:
@@ -94,13 +92,12 @@ def _received(stream: Iterable[dict[str, Any]]) -> Explained:
             case {"progress": str(text)}:
                 work = text or work
                 report_progress(text)
-            case {"lines": lines, "failure": failure, "code": code, "cost": cost}:
-                cost = None if cost is None else CostEstimate(**cost)
-                answer, work = Explained(lines, failure, code, cost), "the beginning of a trial run"
-            case {"trial": trial}:
-                if answer.cost is not None and trial is not None:
-                    answer = replace(answer, cost=replace(answer.cost, trial=Trial(*trial)))
-                return answer
+            case {"lines": lines}:
+                answer, work = replace(answer, lines=lines), "the beginning of a trial run"
+            case {"failure": failure, "code": code}:
+                return replace(answer, failure=failure, code=code)
+            case {"cost": cost}:
+                return replace(answer, cost=Cost(*cost))
             case {"unreadable": str(text)}:
                 error = DynidError(text)
                 error.exit_code = FileError.exit_code
@@ -129,48 +126,45 @@ def explain_file(send: Send, width: str, path: str, *overrides: str) -> None:
 
 
 def explain_in_parts(scene: Scene, send: Send) -> None:
-    """Send the explanation of a scene, then the forecast of a trial run where it is short."""
-    from dynid.scene.explanations.explanation import LIMIT, explain, is_tried, trial
+    """Send the explanation of a scene, then its failure, or its cost by a trial run."""
+    from dynid.scene.explanations.explanation import LIMIT, explain, trial
+    from dynid.scene.kinds.study import base_scene
 
     def report(text: str) -> None:
         send({"progress": text})
 
     began = time.process_time()
     with progress_to(report):
-        explanation = _of_study(scene) if scene.kind == "study" else explain(scene)
-        cost = explanation.cost
-        failure, code = _failure(scene, explanation)
-        numbers = cost and {
-            "parts": dict(cost.parts),
-            "megabytes": cost.megabytes,
-            "kilobytes": cost.kilobytes,
-        }
-        lines = list(explanation_lines(explanation))
-        send({"lines": lines, "failure": failure, "code": code, "cost": numbers})
-        tried = None
-        if scene.kind != "study" and cost is not None and is_tried(cost):
-            tried = trial(scene, max(0.0, LIMIT - (time.process_time() - began)), heard=report)
-        send({"trial": tried})
+        if scene.kind == "study":
+            from dynid.study.explanation import explain_study, study_cost
+            from dynid.study.plan import make_plan
 
-
-def _of_study(scene: Scene) -> Explanation:
-    from dynid.study.explanation import explain_study
-    from dynid.study.plan import make_plan
-
-    return explain_study(make_plan(scene), f"{Path(scene.source.file).stem}.h5")
-
-
-def _failure(scene: Scene, explanation: Explanation) -> tuple[list[str], int]:
-    """Return the lines that say how a run will fail, and its exit code; none where it is not known to."""
-    from dynid.scene.kinds.study import base_scene
-
-    obstacle = explanation.obstacle
-    if obstacle is None:
-        return [], 0
-    if scene.kind == "study":  # a sample that fails is a row of its file
-        return ["  the scene fails at its own values:", f"  {base_scene(scene).locate(obstacle)}", ""], 0
-    code = obstacle.exit_code
-    return [f"  a run will fail (exit code {code}):", f"  {scene.locate(obstacle)}", ""], code
+            plan, target = make_plan(scene), f"{Path(scene.source.file).stem}.h5"
+            explanation = explain_study(plan, target)
+        else:
+            explanation = explain(scene)
+        send({"lines": list(explanation_lines(explanation))})
+        obstacle = explanation.obstacle
+        if scene.kind == "study":
+            if obstacle is None:
+                send({"cost": study_cost(plan, target)})
+            else:  # a sample that fails is a row of its file
+                lines = [
+                    "  the scene fails at its own values:",
+                    f"  {base_scene(scene).locate(obstacle)}",
+                    "",
+                ]
+                send({"failure": lines, "code": 0})
+            return
+        try:
+            if obstacle is not None:
+                raise obstacle
+            send({"cost": trial(scene, max(0.0, LIMIT - (time.process_time() - began)), heard=report)})
+        except FileError:
+            raise
+        except DynidError as error:
+            lines = [f"  a run will fail (exit code {error.exit_code}):", f"  {scene.locate(error)}", ""]
+            send({"failure": lines, "code": error.exit_code})
 
 
 def explanation_lines(explanation: Explanation) -> Iterator[str]:
@@ -191,26 +185,15 @@ def cost_lines(answer: Explained, loading: float) -> Iterator[str]:
 
     cut_off = f"after {LIMIT:g} s of processor time it was at '{answer.cut_off}', which has no forecast"
     cost = answer.cost
-    if cost is None:
-        if answer.cut_off is not None:
-            yield from _paragraphs([*_hanging("cut off", f"the explanation is not complete: {cut_off}")])
-        yield ""
-        return
-    memory, file = size_text(1e6 * cost.megabytes), size_text(1e3 * cost.kilobytes)
-    seconds, large = seconds_text(loading + cost.seconds), {}
-    if answer.cut_off is not None:
-        seconds, said = f"more than {LIMIT:g} s", f" (a trial run was cut off: {cut_off})"
-    elif cost.trial is not None:
-        said = "measured by a trial run" if cost.trial.complete else "from the beginning of a trial run"
-        said = f" ({said})"
-    else:
-        said = ""
-    if answer.cut_off is None:
-        large = {name: each for name, each in cost.parts.items() if each > max(_LEAST, _SHARE * cost.seconds)}
-    total = f"{seconds}, {memory} of memory; a file of about {file}{said}"
-    in_order = sorted(large.items(), key=lambda part: -part[1])
-    shares = "; ".join(f"{name} {seconds_text(each)}" for name, each in in_order)
-    yield from _paragraphs([*_hanging("cost", total), *(_hanging("", shares) if large else ())])
+    if cost is not None:
+        seconds, memory = seconds_text(loading + cost.seconds), size_text(1e6 * cost.megabytes)
+        file = "" if cost.kilobytes is None else f"; a file of about {size_text(1e3 * cost.kilobytes)}"
+        yield from _paragraphs([*_hanging("cost", f"{seconds}, {memory} of memory{file} ({cost.source})")])
+    elif answer.cut_off is not None and not answer.lines:
+        yield from _paragraphs([*_hanging("cut off", f"the explanation is not complete: {cut_off}")])
+    elif answer.cut_off is not None:
+        text = f"more than {LIMIT:g} s (a trial run was cut off: {cut_off})"
+        yield from _paragraphs([*_hanging("cost", text)])
     yield ""
 
 

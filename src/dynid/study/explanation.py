@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 
 from dynid.progress import report_progress
 from dynid.scene.batch import why_alone
-from dynid.scene.explanations.explanation import CostEstimate, Explanation, Fact, explain, file_kilobytes
+from dynid.scene.explanations.explanation import (
+    Cost,
+    Explanation,
+    Fact,
+    explain,
+    file_kilobytes,
+    peak_megabytes,
+)
 from dynid.study.executors.base import cores
 from dynid.study.plan import Plan
 from dynid.study.run import valid_samples
 from dynid.study.work import Job, run_chunk, unpacked
 
-#: Estimated time of a sample above which no sample is tried, s.
-_PROBE = 2.0
+#: Time of the first sample above which no others are tried, s.
+_SLOW_SAMPLE = 1.0
 #: Samples that are tried after the first, whose preparation they share.
 _TRIED = 4
 
@@ -32,8 +38,7 @@ def explain_study(plan: Plan, target: str) -> Explanation:
     Returns
     -------
     Explanation
-        Causality or identifiability of the scene, and the cost of all samples that are not finished. If a
-        sample is fast, a few are run to measure their cost.
+        Causality or identifiability of the scene, and how its samples are run.
     """
     base = explain(plan.base)
     paths = list(plan.settings)
@@ -48,41 +53,32 @@ def explain_study(plan: Plan, target: str) -> Explanation:
         Fact("processes", f"{cores()}: one per core, unless --workers or --scheduler is given"),
         *base.facts,
     ]
-    if base.cost is None:
-        return Explanation(base.result, facts, None, base.obstacle)
-    first, each, kilobytes = _sample(plan, base.cost, [*range(min(plan.size, 1 + _TRIED))])
-    left = plan.size - done
-    parts = {}
-    if left:
-        workers = min(cores(), left)
-        parts = {"preparation": first, f"{left:,} samples in {workers} processes": each * left / workers}
-    cost = CostEstimate(
-        parts, base.cost.megabytes * (1 + min(cores(), max(1, left))), 40 + kilobytes * plan.size
-    )
-    return Explanation(base.result, facts, cost)
+    return Explanation(base.result, facts, base.obstacle)
 
 
-def _sample(plan: Plan, alone: CostEstimate, numbers: Sequence[int]) -> tuple[float, float, float]:
-    """Return the preparation time (s), the time of a sample (s) and its size in the file (kB)."""
-    if alone.seconds > _PROBE:
-        return 0.0, alone.seconds, alone.kilobytes / 10
-    report_progress(f"trying {len(numbers)} samples")
+def study_cost(plan: Plan, target: str) -> Cost:
+    """Return the cost of the samples of a study that are not finished, from a trial of the first few."""
+    remaining = plan.size - valid_samples(plan, target)
+    count = min(plan.size, 1 + _TRIED)
+    report_progress(f"trying {count} samples")
     job = Job.of(plan.base, plan.collect)
     began = time.thread_time()
-    outcomes = [run_chunk(job, plan.overrides(numbers[:1])).outcomes]
-    first = time.thread_time() - began
-    each = first
-    if len(numbers) > 1:
-        done = run_chunk(job, plan.overrides(numbers[1:]))
-        outcomes.append(done.outcomes)
-        each = done.seconds / (len(numbers) - 1)
-    numbers_each = max(
-        sum(value.data.nbytes for value in outcome.values.values()) / 8
-        for part in outcomes
-        for outcome in unpacked(part.content)
+    chunks = [run_chunk(job, plan.overrides([0]))]
+    first = each = time.thread_time() - began
+    if count > 1 and first < _SLOW_SAMPLE:
+        chunks.append(run_chunk(job, plan.overrides([*range(1, count)])))
+        each = chunks[-1].seconds / (count - 1)
+    size = max(
+        sum(value.data.nbytes for value in outcome.values.values())
+        for chunk in chunks
+        for outcome in unpacked(chunk.outcomes.content)
     )
-    return (
-        max(0.0, first - each),
-        each,
-        file_kilobytes(0, numbers_each + 6 + len(plan.columns)) - file_kilobytes(0, 0),
+    workers = min(cores(), max(1, remaining))
+    seconds = max(0.0, first - each) + each * remaining / workers if remaining else 0.0
+    sample = size + 8 * (6 + len(plan.columns))
+    return Cost(
+        seconds,
+        peak_megabytes() * (1 + workers),
+        file_kilobytes(40, sample * plan.size),
+        "from a trial of its first samples",
     )

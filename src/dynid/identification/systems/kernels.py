@@ -351,18 +351,3 @@ def triangles(
     read = map(plain, (by_state, by_parameter, residual, rms))
     call("dynid_triangles", samples, channels, n, p, *read, out, counts)
     return out, counts
-
-
-def pass_seconds(nodes: int, size: int, parameters: int) -> float:
-    """Return about how long a pass takes by NumPy, of which a compiled one takes a fortieth.
-
-    Parameters
-    ----------
-    nodes
-        Steps of the pass.
-    size
-        States of the model and of the signals' generators.
-    parameters
-        Number of parameters.
-    """
-    return nodes * (6e-5 + 1e-10 * 6 * (1 + 2 * parameters) * size**3)

@@ -1,12 +1,11 @@
-"""Explanation of a scene before it is run: causality or identifiability, choices, expected cost."""
+"""Explanation of a scene before it is run: causality or identifiability, choices, and a trial run."""
 
 from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cache
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -20,69 +19,6 @@ from dynid.scene.schema.base import aspects_of
 if TYPE_CHECKING:
     from dynid.scene.load import Scene
     from dynid.structure.model import StructuralModel
-
-
-# The probe of `speed` on the machine of the rates of the explanations, s.
-_REFERENCE = 1.0e-3
-# Runs that are expected to take longer, s, are not tried: parts of them may not report for minutes.
-_TRIED = 30.0
-
-
-@dataclass(frozen=True)
-class CostEstimate:
-    """Expected cost of a run.
-
-    Without a trial the time is estimated from operation counts and rates measured once, or from parts of the
-    work itself; it is right within a factor of a few, with one within a factor of two.
-
-    Parameters
-    ----------
-    parts
-        Seconds of each part of the work, without the start of the program.
-    megabytes
-        Memory of the process at its peak.
-    kilobytes
-        Size of the result's file.
-    trial
-        The beginning of the run, or the whole of it, measured.
-    """
-
-    parts: Mapping[str, float]
-    megabytes: float
-    kilobytes: float
-    trial: Trial | None = None
-
-    @property
-    def seconds(self) -> float:
-        """Seconds of all of it."""
-        return sum(self.parts.values()) if self.trial is None else self.trial.seconds
-
-
-@cache
-def speed() -> float:
-    """Return the speed of this machine over that of the rates, from a probe of milliseconds."""
-    seconds = []
-    for _ in range(5):
-        began = time.thread_time()
-        total = 0
-        for k in range(20_000):
-            total += k & 7
-        seconds.append(time.thread_time() - began)
-    return _REFERENCE / min(seconds)
-
-
-def peak_megabytes() -> float:
-    """Return the peak memory of the process so far, MB; a guess where the system does not report it."""
-    try:
-        import resource
-    except ImportError:  # not on every system
-        return 100.0
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-
-
-def file_kilobytes(arrays: int, values: float) -> float:
-    """Return the size of a result file, kB, from its numbers of arrays and values (complex ones are two)."""
-    return 8.0 + 0.8 * arrays + 8 * values / 1000
 
 
 class Fact(NamedTuple):
@@ -111,33 +47,27 @@ class Explanation:
         Causality or identifiability, where a run has them, too.
     facts
         The rest in words, in the order of the work.
-    cost
-        Expected cost of a run; None where it is bound to fail.
     obstacle
         The error that the run is bound to raise; None where none is known.
     """
 
     result: Result
     facts: Sequence[Fact]
-    cost: CostEstimate | None = None
-    obstacle: DynidError | None = field(default=None)
+    obstacle: DynidError | None = None
 
 
-def explain(scene: Scene, *, trying: bool = False) -> Explanation:
+def explain(scene: Scene) -> Explanation:
     """Return the explanation of a valid scene, of any kind but `study`.
 
     Parameters
     ----------
     scene
         The scene.
-    trying
-        True: its time is measured by a trial run, of a few seconds at the most.
 
     Returns
     -------
     Explanation
-        The model, the choices, the results and the expected cost. Where the run is bound to fail, its
-        `obstacle` is the error.
+        The model, the choices and the results. Where the run is bound to fail, its `obstacle` is the error.
 
     Raises
     ------
@@ -148,9 +78,6 @@ def explain(scene: Scene, *, trying: bool = False) -> Explanation:
         explained: Explanation = KINDS[scene.kind].load("explain")(scene)
     except (NumericalError, UsageError) as error:  # before any fact is known
         return Explanation(Result(scene.kind, scene.title), [], obstacle=error)
-    cost = explained.cost
-    if trying and cost is not None and is_tried(cost):
-        explained = replace(explained, cost=replace(cost, trial=trial(scene)))
     explained.result.attrs["scene"] = scene.source.resolved_text()  # screens look up its frequency unit
     tried = getattr(scene.model, "accuracy", None)
     if tried is None:
@@ -158,11 +85,6 @@ def explain(scene: Scene, *, trying: bool = False) -> Explanation:
     what = ", ".join(tried.alternatives or aspects_of(scene.source.data))
     fact = Fact("accuracy", f"alternatives of {what} are tried after it, for at most {tried.budget:g} s")
     return replace(explained, facts=[*explained.facts, fact])
-
-
-def is_tried(cost: CostEstimate) -> bool:
-    """Return True for a run that is expected to be short enough for a trial."""
-    return cost.seconds < _TRIED
 
 
 #: Longest trial, processor seconds.
@@ -179,12 +101,25 @@ class Report(NamedTuple):
     at: float
 
 
-class Trial(NamedTuple):
-    """The forecast of a run: its `seconds`, the `steps` that were seen, and True where it was `complete`."""
+class Cost(NamedTuple):
+    """Cost of a run by a trial.
+
+    Parameters
+    ----------
+    seconds
+        Its time without the start of the program, right within a factor of two where it is extrapolated.
+    megabytes
+        Peak memory of the process.
+    kilobytes
+        Size of the result's file; None where the trial was cut off before there was a result.
+    source
+        The origin of the figures in words, such as `measured by a trial run`.
+    """
 
     seconds: float
-    steps: int
-    complete: bool
+    megabytes: float
+    kilobytes: float | None
+    source: str
 
 
 class _Enough(BaseException):
@@ -196,8 +131,8 @@ def trial(
     limit: float = LIMIT,
     clock: Callable[[], float] = time.process_time,
     heard: Listener | None = None,
-) -> Trial | None:
-    """Return the forecast of the time of a run, which is begun and cut off at a limit.
+) -> Cost:
+    """Begin a run, cut it off at a limit, and return its cost.
 
     Parameters
     ----------
@@ -210,10 +145,10 @@ def trial(
     heard
         Receives the progress of the run, too.
 
-    Returns
-    -------
-    Trial or None
-        None if the run fails.
+    Raises
+    ------
+    DynidError
+        As of the run.
     """
     from dynid.scene.run import run_scene
 
@@ -229,12 +164,26 @@ def trial(
 
     try:
         with progress_to(hear):
-            run_scene(scene)
+            result = run_scene(scene)
     except _Enough:
-        return Trial(forecast(reports), len(reports), complete=False)
-    except DynidError:
-        return None
-    return Trial(clock() - began, len(reports), complete=True)
+        return Cost(forecast(reports), peak_megabytes(), None, "from the beginning of a trial run")
+    arrays = [array.data.nbytes for array in result.values()]
+    kilobytes = file_kilobytes(len(arrays), sum(arrays))
+    return Cost(clock() - began, peak_megabytes(), kilobytes, "measured by a trial run")
+
+
+def peak_megabytes() -> float:
+    """Return the peak memory of the process so far, MB; a guess where the system does not report it."""
+    try:
+        import resource
+    except ImportError:  # not on every system
+        return 100.0
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def file_kilobytes(arrays: int, size: float) -> float:
+    """Return the size of a result file, kB, from its number of arrays and their bytes."""
+    return 8.0 + 0.8 * arrays + size / 1000
 
 
 def forecast(reports: Sequence[Report]) -> float:

@@ -1,10 +1,9 @@
-"""Explanation of an identification: model, record, identifiability, estimator, and cost."""
+"""Explanation of an identification: model, record, identifiability and estimator."""
 
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -13,18 +12,9 @@ from dynid.defaults import ESTIMATOR, FILTER_PASSES, HUBER
 from dynid.errors import NumericalError, UsageError
 from dynid.lti.floating import guarded
 from dynid.number_format import counted
-from dynid.parameters import starts
 from dynid.progress import report_progress
 from dynid.result import Result
-from dynid.scene.explanations.explanation import (
-    CostEstimate,
-    Explanation,
-    Fact,
-    file_kilobytes,
-    node_facts,
-    peak_megabytes,
-    speed,
-)
+from dynid.scene.explanations.explanation import Explanation, Fact, node_facts
 from dynid.scene.kinds.identification import (
     expected_values,
     interest_of,
@@ -47,14 +37,8 @@ if TYPE_CHECKING:
     from dynid.scene.schema.identification import EstimatorModel, IdentificationScene, ResponseModel
     from dynid.structure.reduction.reduction import StructuralReduction
 
-#: Fits of the whole record in a search for the optimum, and the work after it in fits.
-_FITS, _AFTER = 8, 7
-#: How often a basis that follows the joints is computed.
-_ROUNDS = 3
 #: Most states of a graph that are named.
 _STATES = 12
-#: Multiplications per second with a dense model, at a frequency or an instant.
-_FLOPS = 5e8
 
 
 def explain(scene: Scene) -> Explanation:
@@ -70,24 +54,15 @@ def explain(scene: Scene) -> Explanation:
         if method is not None:
             report_progress("making the basis")
             made = method.at(expected_values(structure)).reduce(structure)
-        small = structure if made is None else made.model
         facts += _of_model(structure, made, model.reduction_method)
         facts += node_facts(structure)
-        parts: dict[str, float] = {}
-        kilobytes = 0.0
         if model.measurement is not None:
-            likelihood = _add_record(scene, result, facts, [unknown.name for unknown in structure.unknowns])
-            rounds = _ROUNDS if method is not None and method.follows_joints else 1
-            parts, values = _estimated(model.estimator, likelihood, rounds, states=2 * small.size)
-            kilobytes += file_kilobytes(75, values)
+            _add_record(scene, result, facts, [unknown.name for unknown in structure.unknowns])
         if model.responses is not None:
-            asked, costs, values = _responses(model.responses, small, len(model.excitation))
-            facts.append(Fact("responses", ", ".join(asked)))
-            parts |= costs
-            kilobytes += file_kilobytes(15, values)
+            facts.append(Fact("responses", _responses(model.responses)))
     except (NumericalError, UsageError) as error:
         return Explanation(result, facts, obstacle=error)
-    return Explanation(result, facts, CostEstimate(parts, peak_megabytes() + 3e-3 * kilobytes, kilobytes))
+    return Explanation(result, facts)
 
 
 def _explain_graph(scene: Scene) -> Explanation:
@@ -95,8 +70,6 @@ def _explain_graph(scene: Scene) -> Explanation:
     model = cast("IdentificationScene", scene.model)
     result = Result("identification", scene.title)
     facts: list[Fact] = []
-    parts: dict[str, float] = {}
-    kilobytes = 0.0
     try:
         graph, built = identified_graph(scene)
         nodes = graph.graph.nodes.values()
@@ -110,34 +83,28 @@ def _explain_graph(scene: Scene) -> Explanation:
         facts += [Fact("", part.why) for part in built.approximations]
         if model.measurement is not None:
             likelihood = _add_record(scene, result, facts, [unknown.name for unknown in graph.unknowns])
-            timed = model.measurement.frf is None
-            states = likelihood.records[0].model.states if timed else 0
-            if timed:
+            if model.measurement.frf is None:
+                states = likelihood.records[0].model.states
                 shown = [state.name for state in likelihood.records[0].system_model.states]
                 more = ", …" if len(shown) > _STATES else ""
                 order = f"{counted(states, 'state')}: {', '.join(shown[:_STATES])}{more}"
                 facts.insert(1, Fact("model", order))
-            parts, values = _estimated(model.estimator, likelihood, 1, states=states)
-            kilobytes += file_kilobytes(75, values)
         if model.graph_analysis is not None:
             from dynid.bondgraph.plan import ReducedGraph
-            from dynid.scene.explanations.bond_graph import analysis_cost
             from dynid.scene.kinds.bond_graph import graph_analysis
 
             analysis = graph_analysis(scene, model.graph_analysis, built)
             facts.append(Fact("analysis", ", ".join(sorted(analysis.results)).replace("_", " ")))
-            began = time.thread_time()
-            reduced = ReducedGraph(built.graph, analysis.inputs, analysis.outputs)
-            cost = analysis_cost(reduced, analysis, time.thread_time() - began)
-            parts |= cost.parts
-            kilobytes += cost.kilobytes
+            ReducedGraph(built.graph, analysis.inputs, analysis.outputs)  # or raises its error
     except (NumericalError, UsageError) as error:
         return Explanation(result, facts, obstacle=error)
-    return Explanation(result, facts, CostEstimate(parts, peak_megabytes() + 3e-3 * kilobytes, kilobytes))
+    return Explanation(result, facts)
 
 
 def _add_record(scene: Scene, result: Result, facts: list[Fact], names: list[str]) -> Any:
     """Add identifiability, and what is said of record and estimator; return the likelihood."""
+    from dynid.identification.estimators.origin import identifiable_origin
+
     model = cast("IdentificationScene", scene.model)
     assert model.measurement is not None
     with guarded("what the record can tell", names=names):
@@ -158,6 +125,7 @@ def _add_record(scene: Scene, result: Result, facts: list[Fact], names: list[str
         model.estimator,
         frf=model.measurement.frf is not None or model.measurement.modes is not None,
     )
+    identifiable_origin(likelihood)  # checked by a run before it begins
     return likelihood
 
 
@@ -286,77 +254,14 @@ def _of_estimator(given: EstimatorModel, *, frf: bool) -> Iterator[Fact]:
     yield Fact("estimator", f"{said[given.method]}{loss}")
 
 
-def _estimated(
-    given: EstimatorModel, likelihood: Likelihood, rounds: int, *, states: int
-) -> tuple[dict[str, float], float]:
-    """Return the seconds of each part of an estimation, and the number of values in its result.
-
-    Raises
-    ------
-    NotIdentifiable
-        As a run does before it begins.
-    """
-    from dynid.identification.estimators.origin import identifiable_origin
-    from dynid.identification.systems.kernels import pass_seconds
-
-    eta = starts(likelihood.unknowns)
-    # Once before timing: loading is no part of the work. A run checks the same before it begins.
-    identifiable_origin(likelihood)
-    began = time.thread_time()
-    likelihood.fit(eta)
-    fit = time.thread_time() - began
-    timed = [
-        record for record in likelihood.records if hasattr(record, "model") and hasattr(record.model, "line")
-    ]
-    models = [record.model for record in timed]
-    sizes = ((len(one.line.nodes), one.states + len(one.line.G), one.parameters) for one in models)
-    one_pass = sum(pass_seconds(*size) for size in sizes) / speed()
-    passes = {"auto": 1, "filter": given.passes or FILTER_PASSES.value, "invariant-imbedding": 30}
-    swept = passes.get(given.method, 0) if timed else 0
-    fits = _AFTER + (_FITS if given.method in ("auto", "output-error") or not timed else 0)
-    parts = {}
-    if swept:
-        what = (
-            "integration"
-            if given.method == "invariant-imbedding"
-            else f"{swept} filter pass{'es' * (swept > 1)}"
-        )
-        parts[what] = rounds * swept * one_pass
-    parts["maximum likelihood and error bars" if fits > _AFTER else "error bars"] = rounds * fits * fit + 0.03
-    p, values = len(eta), 0.0
-    for record in likelihood.records:
-        rows, channels = record.data.values.shape
-        histories = (2 if swept > 1 else 1) * (2 * p + 2 * states) if timed else 0
-        values += rows * (histories + (3 * states if timed else 0) + 4 * channels + 6)
-    return parts, values
-
-
-def _responses(
-    analysis: ResponseModel, small: StructuralModel, loads: int
-) -> tuple[list[str], Mapping[str, float], float]:
-    """Return the requested responses, the seconds of each part, and the number of values in them."""
-    n = float(small.size)
-    outputs = max(1, len(analysis.outputs or ()))
-    asked = []
-    parts: dict[str, float] = {}
-    values = 0.0
+def _responses(analysis: ResponseModel) -> str:
+    """Return the requested responses, with the sizes of their grids."""
+    requested = []
     if analysis.modes is not None:
-        asked.append("modes")
-        parts["modes"] = (0.01 + 15 * n**3 / 1e10) / speed()
-        values += n * min(n, analysis.modes.count or n)
+        requested.append("modes")
     if analysis.frequency is not None:
         lines = len(angular_frequencies(analysis.frequency))
-        asked.append(f"frequency response at {counted(lines, 'frequency')}")
-        dense = min(n, 1000.0) ** 3 / 3 + max(0.0, n - 1000.0) * 1e3
-        parts["frequency response"] = (
-            0.01 + min(lines, 50 if n > 1000 else lines) * (2e-5 + dense / _FLOPS / 4)
-        ) / speed()
-        values += lines * (1 + 2 * outputs * max(1, len(analysis.inputs or ()) or loads))
+        requested.append(f"frequency response at {counted(lines, 'frequency')}")
     if analysis.time is not None:
-        instants = len(record_of(analysis.time).times)
-        asked.append(f"time response at {counted(instants, 'sample')}")
-        parts["time response"] = (
-            0.01 + 100 * (2 * n) ** 3 / 1e10 + instants * (2e-6 + 4 * n**2 / _FLOPS)
-        ) / speed()
-        values += instants * (1 + outputs + max(1, loads))
-    return asked, parts, values
+        requested.append(f"time response at {counted(len(record_of(analysis.time).times), 'sample')}")
+    return ", ".join(requested)
