@@ -36,7 +36,7 @@ from dynid.structure.labels import DIRECTIONS
 from dynid.structure.model import StructuralModel
 from dynid.structure.point_joints import PointJoint, components
 from dynid.structure.points import Point, with_points
-from dynid.structure.readers.mesh import Block, SolidMesh
+from dynid.files.read_mesh import Block, SolidMesh
 from dynid.structure.reduction.methods import PartReduction, ReductionByParts
 from dynid.structure.reduction.mode_selection import Interest, ModeRange
 from dynid.structure.reduction.serep import JointAware

@@ -15,13 +15,13 @@ from scipy.io import savemat
 import dynid.hdf5
 from dynid import trial
 from dynid.errors import FileError
+from dynid.files import matlab, untrusted
+from dynid.files.read_matrix import MatrixFile, read_matrix
+from dynid.files.read_measured import read_columns
 from dynid.hdf5 import open_hdf5
 from dynid.result import Result
 from dynid.store import read_result, write_result
 from dynid.store.files import hollow, write_blocks
-from dynid.structure.readers import archives, matlab
-from dynid.structure.readers.read import MatrixFile, read_matrix
-from dynid.tables.read import read_columns
 from dynid.trial import messages, survives, work
 from tests.copies import told_by_a_copy
 
@@ -283,17 +283,17 @@ def test_a_matlab_file_that_ends_its_reader_is_refused(mat, monkeypatch, fate):
 
 
 def test_archives_of_matlab_files_are_few_and_leave_nothing(mat, monkeypatch):
-    monkeypatch.setattr(archives, "_archives", {})
+    monkeypatch.setattr(untrusted, "_archives", {})
     ends = []
-    monkeypatch.setattr(archives.atexit, "register", ends.append)
-    archives._folder.cache_clear()
-    for k in range(archives.KEPT + 2):
+    monkeypatch.setattr(untrusted.atexit, "register", ends.append)
+    untrusted._folder.cache_clear()
+    for k in range(untrusted.KEPT + 2):
         shutil.copy(mat, mat.with_name(f"{k}.mat"))
         np.testing.assert_array_equal(stiffness(mat.with_name(f"{k}.mat")), K)
-    folder = Path(archives._folder(os.getpid()))
-    assert len([*folder.iterdir()]) == archives.KEPT
-    next(iter(archives._archives.values())).unlink()  # somebody tidies the folder
-    for k in range(archives.KEPT + 2):
+    folder = Path(untrusted._folder(os.getpid()))
+    assert len([*folder.iterdir()]) == untrusted.KEPT
+    next(iter(untrusted._archives.values())).unlink()  # somebody tidies the folder
+    for k in range(untrusted.KEPT + 2):
         np.testing.assert_array_equal(stiffness(mat.with_name(f"{k}.mat")), K)
     monkeypatch.setattr(os, "getpid", lambda: -1)  # in a copy of the process
     ends[0]()
@@ -301,7 +301,7 @@ def test_archives_of_matlab_files_are_few_and_leave_nothing(mat, monkeypatch):
     monkeypatch.undo()
     ends[0]()
     assert not folder.exists()
-    archives._folder.cache_clear()
+    untrusted._folder.cache_clear()
 
 
 def test_claims_of_a_matlab_file_are_checked_before_it_is_read(tmp_path):
@@ -319,7 +319,7 @@ def test_claims_of_a_matlab_file_are_checked_before_it_is_read(tmp_path):
 def test_a_variable_that_is_too_large_harms_no_other(tmp_path, monkeypatch):
     savemat(tmp_path / "c.mat", {"K": K, "large": np.ones(500)})
     monkeypatch.setattr(matlab, "MOST_NUMBERS", 300)
-    monkeypatch.setattr("dynid.structure.readers.imported_matrix.MOST_NUMBERS", 300)
+    monkeypatch.setattr("dynid.files.untrusted.MOST_NUMBERS", 300)
     savemat(tmp_path / "c.mat", {"K": K, "large": np.ones(500)}, do_compression=True)
     np.testing.assert_array_equal(read_matrix(MatrixFile(tmp_path / "c.mat", "K"), "stiffness").matrix, K)
     with pytest.raises(FileError, match="claims a matrix of 1 x 500"):

@@ -70,8 +70,6 @@ OTHERS = {
     "lti.time_response": "steps whose rounding adds up to digits: of accuracy alone",
     "lti.recurrence": "a loop of a few steps, written out",
     "structure.modes.sparse": "beyond it an answer is refused",
-    "structure.readers.binary": "names in a file",
-    "structure.readers.exported": "a longer file is refused",
     "identification.diagnosis.instrument_mistakes": "beyond it a suggestion is left out",
 }
 

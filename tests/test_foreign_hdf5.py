@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from dynid.errors import FileError
+from dynid.files.read_matrix import matrix_file, read_matrix
 from dynid.hdf5 import Refused, check_stored, inside
 from dynid.store import read_result
-from dynid.structure.readers.read import matrix_file, read_matrix
-from tests.tables.reading import read_columns, read_signal
+from tests.files.reading import read_columns, read_signal
 
 
 def refused(call, match):

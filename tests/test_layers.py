@@ -30,7 +30,7 @@ LAYERS = [
     {"structure"},
     {"bondgraph"},
     {"identification"},
-    {"tables", "library"},
+    {"files", "library"},
     {"scene"},
     {"store", "checks", "templates", "topics"},
     {"study"},
@@ -65,7 +65,7 @@ SUGGESTIONS = "dynid.scene.yaml.source"
 LIBRARIES = {
     "click": {"cli"},  # commands
     "rich": {"cli"},  # tables on the screen
-    "h5py": {"hdf5", "store", "tables.binary", "structure.readers.binary"},  # results; users' data
+    "h5py": {"hdf5", "store", "files.hdf5_data"},  # results; users' data
     "pint": {"units"},  # units that are not built in
     "yaml": {"scene"},
     "pydantic": {"scene"},
@@ -77,7 +77,7 @@ LIBRARIES = {
     "xarray": {"result"},
     "pandas": {"result", "report.notebook"},
     "typst": {"report.figure"},
-    "meshio": {"structure.readers.foreign_mesh"},
+    "meshio": {"files.meshio_mesh"},
     "skfem": set(),  # an oracle of tests
     "matplotlib": {"report.notebook"},  # files of figures are written as SVG
 }

@@ -59,7 +59,7 @@ def test_the_suspension_is_within_a_thousandth_of_a_percent():
 
 
 def test_the_record_in_data_is_that_of_the_noisy_scene():
-    from dynid.tables.read import read_columns
+    from dynid.files.read_measured import read_columns
 
     stored = read_columns(ROOT / "data/suspension_noisy.h5", None).values
     made = dynid.run(ROOT / "configs/suspension_noisy.yaml")["identification/measurement/measured"].data

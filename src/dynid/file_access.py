@@ -10,7 +10,7 @@ import re
 import stat
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from hashlib import sha256
 from pathlib import Path
 
@@ -34,16 +34,19 @@ _PART = re.compile(r"\.dynid-(?:(?P<host>[0-9a-f]{8})-(?P<process>\d+)-)?[0-9a-f
 _ABANDONED = 600.0
 
 
-def obstacle(path: Path) -> tuple[str, str] | None:
-    """Return why a file cannot be read, and a remedy; None where no obstacle is found.
+def check_readable(path: Path, names: Sequence[str] = ()) -> None:
+    """Refuse a path that is no file, or one that cannot be read; nothing is opened: a pipe would wait.
 
-    Nothing is opened: reading a pipe would wait.
+    Raises
+    ------
+    FileError
+        With the `names` of the keys of the scene.
     """
     if not os.path.isfile(path):  # noqa: PTH113 (False, too, for a name that no file can have)
-        return "is no file", "Paths in a scene are relative to the scene's folder."
+        remedy = "Paths in a scene are relative to the scene's folder."
+        raise FileError(f"{path} is no file", remedy=remedy, names=names)
     if not os.access(path, os.R_OK):
-        return "cannot be read: Permission denied", ""
-    return None
+        raise FileError(f"{path} cannot be read: Permission denied", names=names)
 
 
 def descriptor_of(path: str, flags: int = 0, *, links: bool = False) -> int:

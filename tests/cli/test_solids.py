@@ -7,9 +7,9 @@ import pytest
 from scipy.linalg import eigh
 
 import dynid as package
+from dynid.files.read_mesh import read_mesh
 from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import load_scene
-from dynid.structure.readers.mesh import read_mesh
 from dynid.structure.solid import Material, SetSupport, solid
 from tests.structure.boxes import box
 

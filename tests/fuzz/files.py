@@ -19,12 +19,12 @@ import numpy as np
 
 import dynid
 from dynid.errors import DynidError
+from dynid.files.read_matrix import MatrixFile, read_matrix
+from dynid.files.read_measured import read_columns
 from dynid.store import write_result
-from dynid.structure.readers.read import MatrixFile, read_matrix
-from dynid.tables.read import read_columns
+from tests.files.test_matlab_and_universal_files import stored
 from tests.fuzz.record import RECORD, asked, kept_records
 from tests.structure.test_readers import WRITERS
-from tests.tables.test_matlab_and_universal_files import stored
 
 # Longer than a file is read on trial, so that what would never end is refused.
 _SECONDS = 60

@@ -19,7 +19,7 @@ import time
 from pathlib import Path
 
 #: What is instrumented: everything that meets a user's bytes.
-_READING = ("dynid.scene", "dynid.structure.readers", "dynid.store", "dynid.hdf5", "dynid.number_format")
+_READING = ("dynid.scene", "dynid.files", "dynid.store", "dynid.hdf5", "dynid.number_format")
 _SLOW = 10.0
 
 

@@ -16,8 +16,8 @@ import pytest
 from scipy.io import savemat
 
 from dynid.errors import DynidError, FileError
-from dynid.structure.readers.read import MatrixFile, read_matrix
-from dynid.tables.read import read_columns
+from dynid.files.read_matrix import MatrixFile, read_matrix
+from dynid.files.read_measured import read_columns
 from tests.fuzz.files import spoilt
 from tests.fuzz.guided import scene
 

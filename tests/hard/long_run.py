@@ -23,7 +23,7 @@ from dynid.identification.systems.record_values import data
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from tests.hard.case import Case
 from tests.hard.records import LINES, one_mass, run
 from tests.hard.scenes import graph

@@ -9,7 +9,7 @@ from dynid.identification.systems.record_values import data
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 
 LOADS = (Load(5, Multisine([100] * 3, [70, 110, 250])),)
 VELOCITIES = (Channel(2, "velocity"), Channel(3, "velocity"))

@@ -22,7 +22,7 @@ from dynid.identification.records.measurement import Measurement
 from dynid.lti.signals import Impact, Multisine, Sampled
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from tests.identification.maximum_likelihood import Element, Force, Problem, Record
 
 QUANTITIES = ("displacement", "velocity", "acceleration")

@@ -30,7 +30,7 @@ from dynid.structure.damping import ProportionalDamping
 from dynid.structure.frame import Member, beam, frame
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 
 QUANTITIES = ("displacement", "velocity", "acceleration")
 KINDS = ("beam", "chain", "frame")

@@ -14,7 +14,7 @@ from dynid.structure.frame import Member, beam, frame
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 
 
 class Rig(NamedTuple):

@@ -15,7 +15,7 @@ from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Multisine
 from dynid.parameters import Parameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 
 CHANNELS = (Channel(1, "velocity"), Channel(2, "acceleration"))
 RECORD = Measurement(0.002, 400, CHANNELS, Simulation(0.01, 3))

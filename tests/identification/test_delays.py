@@ -18,7 +18,7 @@ from dynid.lti.signals import Multisine, Sampled
 from dynid.parameters import Parameter
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 
 LATE = Dependent.parameter("late", 0.0)
 GROUP = "identification/parameters"

@@ -29,7 +29,7 @@ from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from tests.identification.cases import LOADS, VELOCITIES, run, simulated
 
 DERIVED, WIDTH = "identification/derived", 1.959963984540054

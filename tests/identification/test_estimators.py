@@ -13,7 +13,7 @@ from dynid.identification.systems.parametric_model import parametric_model
 from dynid.identification.systems.record_values import data
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import lumped
-from dynid.structure.response import Channel
+from dynid.structure.ports import Channel
 from tests.identification.cases import (
     LINKS,
     LOADS,

@@ -16,7 +16,7 @@ from dynid.identification.systems.parametric_model import parametric_model
 from dynid.lti.signals import Multisine, RecordTimes, signal
 from dynid.structure.joints import Joint
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from tests.identification.cases import (
     LOADS,
     VELOCITIES,

@@ -24,7 +24,7 @@ from dynid.parameters import Parameter
 from dynid.scene.kinds.identified_graphs import identified_graph
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from tests.bondgraph.graphs import build, parse, port
 from tests.identification.test_graph_system import MOTOR, written
 from tests.sample import sample

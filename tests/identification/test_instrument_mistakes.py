@@ -22,7 +22,7 @@ from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 
 pytestmark = pytest.mark.usefixtures("complete")
 

@@ -18,7 +18,7 @@ from dynid.identification.systems.record_values import simulated
 from dynid.lti.signals import Chirp, Impulse, Multisine, Sampled, Shifted, Step
 from dynid.parameters import Parameter, coordinates, expected
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from tests.sample import sample
 
 STEP = 0.002

@@ -20,7 +20,7 @@ from dynid.lti.signals import Multisine
 from dynid.parameters import Parameter, ParameterPrior
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from tests.identification.cases import diagnostic, parameter
 from tests.sample import sample
 

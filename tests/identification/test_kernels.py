@@ -30,7 +30,7 @@ from dynid.lti.signals import Chirp, Step
 from dynid.native import VARIABLE
 from dynid.structure.joints import Joint
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from tests.identification.cases import LOADS, VELOCITIES, simulated, suspension, unknown
 
 needs_library = pytest.mark.skipif(native.found() is None, reason="installed without the library")

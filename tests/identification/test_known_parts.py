@@ -10,10 +10,11 @@ from dynid.identification.records.measurement import Measurement
 from dynid.identification.systems.known_parts import with_known_parts
 from dynid.lti.signals import Multisine, Sampled
 from dynid.report.content.identifiability import known_parts_table
-from dynid.structure.frame import Support, beam
+from dynid.structure.assembly import Support
+from dynid.structure.frame import beam
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from tests.identification.test_delays import GROUP, Rig
 from tests.identification.test_proportional_noise import responses
 

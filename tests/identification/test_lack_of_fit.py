@@ -23,7 +23,7 @@ from dynid.lti.signals import Multisine, Sampled, Sine
 from dynid.parameters import ParameterPrior
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Load
+from dynid.structure.ports import Load
 from tests.identification.cases import diagnostic
 from tests.identification.structures import (
     MULTISINE,

@@ -20,7 +20,7 @@ from dynid.lti.signals import Multisine
 from dynid.native import VARIABLE
 from dynid.parameters import Parameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 
 STEP, SAMPLES = 0.02, 250
 AMPLITUDES, FREQUENCIES = [20.0, 15.0], [9.0, 21.0]

@@ -18,7 +18,7 @@ from dynid.lti.signals import Multisine
 from dynid.parameters import ParameterPrior
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from tests.identification.cases import diagnostic, parameter
 from tests.identification.random_structures import (
     FALSELY,

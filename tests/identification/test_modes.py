@@ -23,7 +23,7 @@ from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model import StructuralModel, Term
 from dynid.structure.modes.derivatives import lowest_modes, modal_basis
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from tests.identification.modal_cases import DOFS, chain, measured, plate, true_modes
 
 KNOWN = Scatter(0.0, 0.0, 0.0)

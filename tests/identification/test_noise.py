@@ -22,7 +22,7 @@ from dynid.identification.systems.record_values import data
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from tests.scene.example_scenes import faults_of
 
 M, C, K = 1.0, 2.4, 400.0

@@ -16,7 +16,7 @@ from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Multisine, Sine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from tests.identification.cases import (
     LINKS,
     LOADS,

@@ -9,7 +9,7 @@ from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.records.measurement import Measurement
 from dynid.lti.signals import Multisine
-from dynid.structure.response import Load
+from dynid.structure.ports import Load
 from tests.identification.cases import (
     VELOCITIES,
     diagnostic,

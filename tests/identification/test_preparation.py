@@ -13,7 +13,7 @@ from dynid.identification.systems.record_values import simulated
 from dynid.lti.signals import Chirp, Impact, Impulse, Multisine, Random, Sampled, Sine, Step
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 
 STEP, SAMPLES = 0.01, 2000
 CHANNELS = (Channel(2, "displacement"), Channel(1, "acceleration"))

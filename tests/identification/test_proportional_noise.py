@@ -9,7 +9,7 @@ from dynid.identification.identify import identify, identify_frf
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.records.measurement import Measurement
 from dynid.lti.signals import Sampled
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from tests.identification.test_delays import Rig, off
 
 CHANNELS = (Frf(Channel(1, "acceleration"), 3), Frf(Channel(3, "velocity"), 3))

@@ -17,7 +17,7 @@ from dynid.identification.systems.frf_system import frf_data
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from tests.identification.cases import diagnostic, parameter, unknown
 from tests.sample import sample
 

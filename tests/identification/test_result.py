@@ -6,7 +6,7 @@ from dynid.identification.estimators.filter_passes import Filter
 from dynid.lti.signals import Multisine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from tests.identification.cases import run, simulated
 
 PATHS = {

@@ -19,7 +19,7 @@ from dynid.identification.systems.record_values import data
 from dynid.lti.signals import Impact, Sine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from tests.identification.cases import LOADS as CASE_LOADS
 from tests.identification.cases import parameter, run, simulated, suspension
 

@@ -14,7 +14,7 @@ from dynid.identification.records.simulation import Simulation
 from dynid.identification.systems.record_values import simulated
 from dynid.lti.signals import Multisine
 from dynid.lti.time_response import propagate
-from dynid.structure.response import Channel, Load, ports
+from dynid.structure.ports import Channel, Load, ports
 from dynid.structure.state_space import state_space
 from tests.identification.cases import LOADS, VELOCITIES, diagnostic, in_bounds, parameter, suspension
 from tests.identification.cases import run as run_one

@@ -12,7 +12,8 @@ from dynid.lti.signals import Impulse, Multisine, RecordTimes, signal
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.modes import modes
-from dynid.structure.response import Channel, Load, time_response
+from dynid.structure.ports import Channel, Load
+from dynid.structure.response import time_response
 from tests.identification.cases import (
     LINKS,
     LOADS,

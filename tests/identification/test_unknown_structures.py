@@ -19,7 +19,7 @@ from dynid.structure.damping import ProportionalDamping
 from dynid.structure.frame import beam
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from tests.identification.cases import parameter
 from tests.sample import sample
 

@@ -15,7 +15,7 @@ from dynid.parameters import Parameter, ParameterPrior
 from dynid.structure.assembly import PointMass, Support
 from dynid.structure.damping import ProportionalDamping
 from dynid.structure.frame import beam
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from tests.identification.cases import diagnostic, parameter
 
 TRUE = {"EI": 200.0, "m": 3.0, "g": 1.2}

@@ -10,7 +10,7 @@ from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Chirp
 from dynid.parameters import Parameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from tests.identification.cases import diagnostic, parameter
 from tests.sample import sample
 

@@ -8,8 +8,8 @@ from scipy.linalg import eigh
 from dynid.errors import DynidError, SceneError
 from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene
+from tests.files.universal_files import complex_mode, function, mode, nodes, system, units, written
 from tests.scene.test_frf_scenes import HEAD, HERTZ, accelerances
-from tests.tables.universal_files import complex_mode, function, mode, nodes, system, units, written
 
 CHAIN = HEAD.replace(", true: 200", "").replace(", true: 1", "")
 BEAM = """\

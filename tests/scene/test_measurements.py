@@ -14,7 +14,7 @@ from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from tests.identification.cases import LOADS, suspension
 from tests.scene.example_scenes import faults_of
 from tests.scene.test_identification_scenes import SCENE as ONE

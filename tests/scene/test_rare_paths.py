@@ -13,7 +13,7 @@ from dynid.scene.kinds.modes import modal_measurement
 from dynid.scene.kinds.planning import run_plan
 from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene
-from tests.tables.universal_files import function, written
+from tests.files.universal_files import function, written
 
 DATA = Path(__file__).parents[1] / "data" / "fe"
 HEAD = """\

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from dynid.structure.readers.mesh import Block, SolidMesh
 from dynid.structure.solid_elements import ELEMENTS
+from dynid.structure.solid_mesh import Block, SolidMesh
 
 # Corners of the parts of a hexahedron.
 PARTS = {

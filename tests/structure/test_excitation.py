@@ -11,7 +11,8 @@ from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Multisine, Sampled, Step
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.response import Channel, Load, time_response
+from dynid.structure.ports import Channel, Load
+from dynid.structure.response import time_response
 
 M1, M2, K1, C1, K2, C2 = 2.0, 1.0, 300.0, 4.0, 500.0, 3.0
 T = 0.01 * np.arange(200)

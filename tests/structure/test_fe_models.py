@@ -11,17 +11,17 @@ from scipy.io import mmwrite, netcdf_file, savemat
 from scipy.sparse import csc_array
 
 from dynid.errors import FileError, UsageError
+from dynid.files import exodus
+from dynid.files.read_matrix import MatrixFile
+from dynid.files.read_structure import imported, read_nodes
 from dynid.scene.files import missing_files
 from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene
-from dynid.structure.imported import imported
+from dynid.structure import dof_order
+from dynid.structure.dof_order import ModeShapes, NodeFile
 from dynid.structure.labels import Nodes
 from dynid.structure.matrices import nothing
 from dynid.structure.modes.modes import modes
-from dynid.structure.readers import exodus, node_file
-from dynid.structure.readers.node_file import ModeShapes, NodeFile
-from dynid.structure.readers.read import MatrixFile
-from dynid.structure.readers.read_nodes import read_nodes
 
 FE = Path(__file__).parents[3] / "shared" / "data" / "fe"
 needs_data = pytest.mark.skipif(not FE.is_dir(), reason="the shared data are not here")
@@ -483,7 +483,7 @@ def test_an_order_that_nothing_confirms_is_a_guess(tmp_path):
 def test_of_a_large_stiffness_rigid_body_modes_are_not_counted(tmp_path, monkeypatch):
     rows = np.random.default_rng(5).permutation(12)
     nodes = write(tmp_path, lattice(CUBE)[::-1, ::-1], table_of(CUBE[rows], NUMBERS))
-    monkeypatch.setattr(node_file, "_MOST_COUNTED", 35)
+    monkeypatch.setattr(dof_order, "_MOST_COUNTED", 35)
     (doubt,) = built(tmp_path, nodes).nodes.doubts
     assert "is a guess that could not be confirmed" in doubt
 
@@ -498,7 +498,7 @@ def test_modes_of_the_nodes_tell_the_order_of_the_rows():
     order = generator.permutation(12)
     rows = np.arange(36).reshape(12, 3)[order].ravel()
     mixed = M[np.ix_(rows, rows)], K[np.ix_(rows, rows)]
-    labels, found = node_file.assigned(*mixed, (), NodeFile(nodes, (), ModeShapes(shapes, made.omega)))
+    labels, found = dof_order.assigned(*mixed, (), NodeFile(nodes, (), ModeShapes(shapes, made.omega)))
     assert labels == tuple(f"{NUMBERS[k]}:{along}" for k in order for along in "xyz")
     assert not found.doubts
     others = Nodes(tuple(NUMBERS), CUBE[::-1] ** 2)  # of other positions: the stiffness does not confirm it
@@ -508,7 +508,7 @@ def test_modes_of_the_nodes_tell_the_order_of_the_rows():
         NodeFile(others, (), ModeShapes(shapes, made.omega)),
     ):
         with pytest.raises(UsageError, match="none that is usual fits the stiffness"):
-            node_file.assigned(*mixed, (), wrong)
+            dof_order.assigned(*mixed, (), wrong)
 
 
 def test_notes_and_sets_of_sets_of_an_input_file(tmp_path):

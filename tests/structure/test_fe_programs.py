@@ -11,13 +11,12 @@ import pytest
 from scipy.io import netcdf_file, savemat
 
 from dynid.errors import DynidError, FileError, SceneError
+from dynid.files.read_matrix import MatrixFile, read_matrix
+from dynid.files.read_structure import imported, model_files, read_nodes
 from dynid.scene.explanations.explanation import explain
 from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene
-from dynid.structure.imported import imported
 from dynid.structure.modes.modes import modes
-from dynid.structure.readers.read import MatrixFile, read_matrix
-from dynid.structure.readers.read_nodes import model_files, read_nodes
 from tests.copies import answers
 
 DATA = Path(__file__).parents[1] / "data" / "fe"
@@ -296,7 +295,7 @@ def test_scripts_that_claim_or_hold_too_much(tmp_path, monkeypatch):
     (tmp_path / "k.m").write_text("a=[\n1 1 2;\n];\na=sparse(a(:,1),a(:,2),a(:,3),5000,4000)\n")
     with pytest.raises(FileError, match="it claims 5000 x 4000, more rows than its bytes"):
         read_matrix(MatrixFile(tmp_path / "k.m"), "stiffness")
-    monkeypatch.setattr("dynid.structure.readers.exported._LONGEST", 40)
+    monkeypatch.setattr("dynid.files.fe_exports._LONGEST", 40)
     with pytest.raises(FileError, match=r"k\.m is too large for a script of a matrix"):
         read_matrix(MatrixFile(tmp_path / "k.m"), "stiffness")
 

@@ -16,11 +16,10 @@ import numpy as np
 import pytest
 
 from dynid.errors import DynidError
-from dynid.structure.imported import imported
+from dynid.files.read_matrix import MatrixFile, load_matrix, read_matrix, shapes_in
+from dynid.files.read_structure import imported, model_files, read_nodes
 from dynid.structure.matrices import as_array
 from dynid.structure.modes.modes import modes
-from dynid.structure.readers.read import MatrixFile, load_matrix, read_matrix, shapes_in
-from dynid.structure.readers.read_nodes import model_files, read_nodes
 
 FOLDER = os.environ.get("DYNID_FOREIGN_MODELS", "")
 FE = Path(__file__).parents[3] / "shared" / "data" / "fe"

@@ -8,7 +8,8 @@ from dynid.errors import NumericalError, UsageError
 from dynid.structure.frf import Ports, frequency_response_functions
 from dynid.structure.joints import Joint
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import Channel, frequency_response
+from dynid.structure.ports import Channel
+from dynid.structure.response import frequency_response
 
 from .pencils import free_string, grid, string
 

@@ -10,8 +10,9 @@ from dynid.lti.signals import Sine
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.modes import modes
+from dynid.structure.ports import Channel, Load
 from dynid.structure.reduction.condensation import Guyan
-from dynid.structure.response import Channel, Load, frequency_response, time_response
+from dynid.structure.response import frequency_response, time_response
 from dynid.structure.state_space import massless_directions, massless_motion
 from tests.structure.oracle import built, exact, frequencies
 

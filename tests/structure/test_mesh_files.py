@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import FileError
-from dynid.structure.readers.mesh import read_mesh
+from dynid.files.read_mesh import read_mesh
 from dynid.structure.solid import Material, SetSupport, solid
 from dynid.structure.solid_elements import ELEMENTS
 from tests.structure.boxes import box
@@ -98,7 +98,7 @@ def test_nodes_have_their_numbers_of_gmsh(tmp_path, text):
 def test_numbers_that_are_not_read_are_a_doubt(tmp_path, monkeypatch):
     mesh = box("tetra", (1, 1, 1))
     meshio.write(tmp_path / "one.e", meshio.Mesh(mesh.xyz, [("tetra", mesh.blocks[0].cells)]))
-    monkeypatch.setattr("dynid.structure.readers.mesh._at", lambda *_: None)
+    monkeypatch.setattr("dynid.files.read_mesh._at", lambda *_: None)
     found = read_mesh(tmp_path / "one.e")
     assert found.numbers == tuple(range(1, 9))
     assert found.doubts == ("the numbers of nodes in one.e are not read; they count from 1",)
@@ -217,11 +217,11 @@ def test_meshes_without_known_solids_are_refused(tmp_path, cells, said):
         ("cut.msh", MSH4[:143], "ends within .Elements: it is incomplete"),
         ("far.msh", MSH2.replace("1 7 5 8 9", "1 7 5 8 4"), "a tetra has the node 4, which is not there"),
         ("empty.msh", "", "is no mesh of gmsh"),
-        ("what.xyzzy", "1 2 3\n", r"is of no format of meshes that is read\. Those end in \.msh, \.inp, "),
+        ("what.xyzzy", "1 2 3\n", r"is no file of meshes that is read\. Those end in \.bdf, "),
         (
             "what.unv",
             "    -1\n  2411\n",
-            r"is of no format of meshes that is read\. Those end in \.msh, \.inp, ",
+            r"is no file of meshes that is read\. Those end in \.bdf, ",
         ),
         ("nan.msh", MSH2.replace("8 0 1 0", "8 0 nan 0"), "a node without a finite position"),
     ],

@@ -10,8 +10,8 @@ import pytest
 
 from dynid import trial
 from dynid.errors import FileError
+from dynid.files.read_mesh import read_mesh
 from dynid.structure.matrices import as_array
-from dynid.structure.readers.mesh import read_mesh
 from dynid.structure.solid import Material, solid
 from dynid.trial import survives
 from tests.structure.boxes import box
@@ -288,7 +288,7 @@ def test_what_of_input_files_is_not_read_is_said(tmp_path, change, said):
 @pytest.mark.parametrize("keyword", ["NSET", "ELSET"])
 @pytest.mark.parametrize("form", ["itself", "doubling", "generated", "circle"])
 def test_sets_are_bounded_in_what_they_make(tmp_path, monkeypatch, keyword, form):
-    monkeypatch.setattr("dynid.structure.readers.input_file._MOST_MEMBERS", 100_000)
+    monkeypatch.setattr("dynid.files.input_file._MOST_MEMBERS", 100_000)
     sets = {
         "itself": ["s\n1\n", "s, s\n"] * 3,
         "circle": ["a\nb\n", "b\na, 1\n", "a\nb\n"],
@@ -441,6 +441,6 @@ def test_counts_of_other_formats_are_compared_with_the_size(tmp_path, monkeypatc
 def test_the_formats_are_listed_where_another_is_named(tmp_path):
     for name in ("m.unv", "m.stl", "m.node", "m"):
         Path(tmp_path / name).write_text("    -1\n  2411\n")
-        with pytest.raises(FileError, match="of no format of meshes that is read") as raised:
+        with pytest.raises(FileError, match="is no file of meshes that is read") as raised:
             read_mesh(tmp_path / name)
         assert {".msh", ".inp", ".bdf", ".vtk", ".med"} <= set(re.findall(r"\.\w+", raised.value.remedy))

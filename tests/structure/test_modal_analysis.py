@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dynid.files.read_matrix import MatrixFile
+from dynid.files.read_structure import imported
 from dynid.structure.assembly import PointMass, Support
 from dynid.structure.frame import Member, beam, frame
-from dynid.structure.imported import imported
 from dynid.structure.joints import Joint
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.modal_analysis import modal_analysis, rigid_names, summarise
 from dynid.structure.model import StructuralModel
-from dynid.structure.readers.read import MatrixFile
 from dynid.structure.solid import Material, solid
 from tests.structure.boxes import box, joined_meshes
 

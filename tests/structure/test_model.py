@@ -11,7 +11,8 @@ from dynid.structure.damping import ModalDamping
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import Channel, Load, time_response
+from dynid.structure.ports import Channel, Load
+from dynid.structure.response import time_response
 
 
 def test_joint_pattern_between_dofs_and_to_ground():

@@ -13,11 +13,11 @@ from scipy.linalg import eigh
 from scipy.sparse import coo_array, csc_array, csr_array, save_npz
 
 from dynid.errors import FileError, UsageError
+from dynid.files.read_matrix import MatrixFile, matrix_file, read_labels, read_matrix
+from dynid.files.read_structure import from_state_space, imported
 from dynid.structure.damping import ModalDamping, ProportionalDamping
-from dynid.structure.imported import from_state_space, imported
 from dynid.structure.joints import Joint
 from dynid.structure.model import StructuralModel
-from dynid.structure.readers.read import MatrixFile, matrix_file, read_labels, read_matrix
 from tests.copies import answers
 
 FE = Path(__file__).parents[3] / "shared" / "data" / "fe"
@@ -688,8 +688,8 @@ def test_full_matrices_of_matrix_market_stand_column_by_column(tmp_path):
 def test_more_than_is_read_is_refused_before_it_is(tmp_path, monkeypatch):
     savemat(tmp_path / "k.mat", {"K": K})
     np.savez(tmp_path / "k.npz", K=K)
-    for module in ("matlab", "binary"):
-        monkeypatch.setattr(f"dynid.structure.readers.{module}.MOST_NUMBERS", 5)
+    for module in ("matlab", "numpy_arrays"):
+        monkeypatch.setattr(f"dynid.files.{module}.MOST_NUMBERS", 5)
     with pytest.raises(FileError, match="is larger than the 40 bytes that are read"):
         read_matrix(MatrixFile(tmp_path / "k.mat", None), "stiffness")
     with pytest.raises(FileError, match=r"K\.npy claims \d+ bytes"):

@@ -10,7 +10,8 @@ from dynid.lti.signals import Impulse, Sine, Step
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import Channel, Load, frequency_response, time_response
+from dynid.structure.ports import Channel, Load
+from dynid.structure.response import frequency_response, time_response
 
 JOINT = Joint("j", (1, 2), JointParameter(start=100.0), 2.0)
 MODEL = lumped([2.0, 1.0], [Link((1,), 300.0, 1.0)], [JOINT])

@@ -11,12 +11,11 @@ from scipy.optimize import brentq
 from dynid.errors import Singular, UsageError
 from dynid.structure.damping import ProportionalDamping
 from dynid.structure.modes.modes import modes
-from dynid.structure.readers.mesh import Block, SolidMesh
 from dynid.structure.reduction.modal import CraigBampton
 from dynid.structure.reduction.mode_selection import ModeRange
 from dynid.structure.solid import Material, SetSupport, solid
 from dynid.structure.solid_elements import ELEMENTS
-from dynid.structure.solid_mesh import surface
+from dynid.structure.solid_mesh import Block, SolidMesh, surface
 from tests.structure.boxes import box, joined_meshes
 from tests.structure.dependent import unknowns
 

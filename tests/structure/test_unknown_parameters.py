@@ -7,17 +7,17 @@ from hypothesis import strategies as st
 from scipy.linalg import block_diag
 
 from dynid.errors import NumericalError, UsageError
+from dynid.files.read_matrix import MatrixFile
+from dynid.files.read_structure import MatrixPart, imported
 from dynid.structure.assembly import PointMass, Spring, Support, assembled_parts, damped_structure
 from dynid.structure.damping import ModalDamping, ProportionalDamping
 from dynid.structure.excitation import base_slopes, drive
 from dynid.structure.frame import Member, beam, frame
-from dynid.structure.imported import MatrixPart, imported
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.matrices import DependentMatrix
 from dynid.structure.modes.poles import pole_sensitivities
 from dynid.structure.ports import Channel, Load
-from dynid.structure.readers.read import MatrixFile
 from dynid.structure.reduction.methods import reduce
 from dynid.structure.reduction.serep import JointAware
 from dynid.structure.state_space import without_massless

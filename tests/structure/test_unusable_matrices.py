@@ -10,8 +10,8 @@ from scipy.io import mmwrite, savemat
 from scipy.sparse import coo_array, csc_array, issparse, save_npz
 
 from dynid.errors import FileError
-from dynid.structure.readers.read import MatrixFile, read_matrix
-from dynid.structure.readers.read_nodes import model_files
+from dynid.files.read_matrix import MatrixFile, read_matrix
+from dynid.files.read_structure import model_files
 
 pytestmark = pytest.mark.filterwarnings("error")
 

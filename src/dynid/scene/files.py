@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dynid.errors import Fault, FileError
-from dynid.file_access import dataset_of, obstacle
+from dynid.file_access import check_readable, dataset_of
 from dynid.scene.kind import KINDS
 from dynid.scene.yaml.parser import Path as KeyPath
 from dynid.scene.yaml.source import path_of, set_values
@@ -75,8 +75,11 @@ def _why_not(folder: Path, data: Any, place: KeyPath) -> str:
     for key in place:
         name = name[key]
     path = folder / (dataset_of(name)[0] if place[:2] == ("structure", "matrices") else name)
-    found = obstacle(path)
-    return str(FileError(f"{path} {found[0]}", remedy=found[1])) if found else ""
+    try:
+        check_readable(path)
+    except FileError as error:
+        return str(error)
+    return ""
 
 
 def moved(name: str, folder: Path, target: Path) -> str:

@@ -20,8 +20,8 @@ from dynid.number_format import counted
 from dynid.parameters import Parameter
 from dynid.structure.damping import ModalDamping, ModalPart, ModalSum, ProportionalDamping
 from dynid.structure.joints import Joint
-from dynid.structure.labels import Node, Nodes
-from dynid.structure.matrices import Array, DependentMatrix, Label, Matrix, as_array
+from dynid.structure.labels import Label, Node, Nodes
+from dynid.structure.matrices import Array, DependentMatrix, Matrix, as_array
 from dynid.structure.model import StructuralModel, Term
 
 

@@ -17,12 +17,14 @@ from dynid.progress import report_progress
 from dynid.result import Result
 from dynid.structure import correlation
 from dynid.structure.frf import Ports, frequency_response_functions
-from dynid.structure.matrices import Array, Label, as_array
+from dynid.structure.labels import Label
+from dynid.structure.matrices import Array, as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes import ModeMemory, Modes, modes, remembered_modes
+from dynid.structure.ports import Channel, ports, response_units
 from dynid.structure.reduction.methods import Reductor
 from dynid.structure.reduction.reduction import StructuralReduction
-from dynid.structure.response import Channel, common_unit, ports, response_units
+from dynid.structure.response import common_unit
 
 _PROCESS = Path("/proc/self")
 

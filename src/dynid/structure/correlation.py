@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from dynid.arithmetic.dependent import evaluated
 from dynid.structure.joints import JointTerm
-from dynid.structure.matrices import Array, Label, Matrix, as_array
+from dynid.structure.labels import Label
+from dynid.structure.matrices import Array, Matrix, as_array
 from dynid.structure.model import StructuralModel
 
 # Frequencies closer than this, relative, are one multiple frequency to double precision.

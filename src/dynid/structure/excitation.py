@@ -19,7 +19,8 @@ from dynid.lti.frequency_response import QUANTITIES
 from dynid.lti.signals import Derivative, Signal
 from dynid.lti.state_space import StateSpace
 from dynid.structure import labels
-from dynid.structure.matrices import Array, Label, Matrix, as_array
+from dynid.structure.labels import Label
+from dynid.structure.matrices import Array, Matrix, as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.ports import Channel, Load, ports
 from dynid.structure.state_space import massless_directions, massless_motion, state_space

@@ -15,7 +15,8 @@ import numpy as np
 from dynid.arithmetic.dependent import Dependent, Real
 from dynid.errors import UsageError
 from dynid.parameters import ParameterPrior
-from dynid.structure.matrices import Array, DependentMatrix, Label, as_array, entries
+from dynid.structure.labels import Label
+from dynid.structure.matrices import Array, DependentMatrix, as_array, entries
 
 Block: TypeAlias = Sequence[Sequence[Real]] | Array
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from dynid.result import Result
 from dynid.structure import labels
-from dynid.structure.matrices import Array, Label, Matrix
+from dynid.structure.labels import Label
+from dynid.structure.matrices import Array, Matrix
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes import Modes, modes
 from dynid.structure.state_space import massless

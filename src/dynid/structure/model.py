@@ -20,10 +20,9 @@ from dynid.parameters import Parameter, true_values
 from dynid.structure import labels
 from dynid.structure.damping import ModalPart, ModalSum
 from dynid.structure.joints import Joint, unit_of
-from dynid.structure.labels import Nodes
+from dynid.structure.labels import Label, Nodes
 from dynid.structure.matrices import (
     Array,
-    Label,
     Matrix,
     as_array,
     as_matrix,

@@ -15,8 +15,8 @@ import numpy as np
 from dynid.arithmetic.dependent import Real
 from dynid.errors import UsageError
 from dynid.structure.joints import Block, Joint, JointParameter
-from dynid.structure.labels import DIRECTIONS
-from dynid.structure.matrices import Array, Label
+from dynid.structure.labels import DIRECTIONS, Label
+from dynid.structure.matrices import Array
 from dynid.structure.named_dofs import Motion
 from dynid.structure.points import PlacedPoint
 

@@ -16,8 +16,8 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from dynid.errors import UsageError
-from dynid.structure.labels import DIRECTIONS, Node, Nodes, node_direction
-from dynid.structure.matrices import Array, Label, congruent
+from dynid.structure.labels import DIRECTIONS, Label, Node, Nodes, node_direction
+from dynid.structure.matrices import Array, congruent
 from dynid.structure.model import StructuralModel
 from dynid.structure.named_dofs import Motion
 

@@ -13,7 +13,8 @@ from dynid.lti.frequency_response import QUANTITIES
 from dynid.lti.signals import Impulse, Signal
 from dynid.result import common_unit
 from dynid.structure import labels
-from dynid.structure.matrices import Array, Label
+from dynid.structure.labels import Label
+from dynid.structure.matrices import Array
 from dynid.structure.model import StructuralModel
 from dynid.units import as_factor
 

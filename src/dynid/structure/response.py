@@ -12,7 +12,7 @@ from dynid.lti.time_response import propagate
 from dynid.result import Result, common_unit
 from dynid.structure.excitation import drive, inputs_of, signals_of, starting_state
 from dynid.structure.frf import Ports, frequency_response_functions
-from dynid.structure.matrices import Label
+from dynid.structure.labels import Label
 from dynid.structure.model import StructuralModel
 from dynid.structure.ports import UNITS, Channel, Load, ports, response_units, source_names
 

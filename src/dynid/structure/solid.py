@@ -21,9 +21,8 @@ from dynid.structure.joints import Joint
 from dynid.structure.labels import DIRECTIONS, Nodes
 from dynid.structure.matrices import Array, DependentMatrix, Matrix, nothing
 from dynid.structure.model import StructuralModel
-from dynid.structure.readers.mesh import Block, SolidMesh
 from dynid.structure.solid_elements import ELEMENTS, Places, integrated, stiffness
-from dynid.structure.solid_mesh import check_elements, doubled_nodes, surface
+from dynid.structure.solid_mesh import Block, SolidMesh, check_elements, doubled_nodes, surface
 from dynid.suggestions import did_you_mean, shortened
 
 # Entries of element matrices that are made at once.

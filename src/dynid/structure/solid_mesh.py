@@ -1,7 +1,9 @@
-"""Checks of solid meshes: orientation of elements, shared faces, parts, edges of the surface."""
+"""Meshes of solid elements, their orientation, shared faces, parts, and edges of the surface."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +11,6 @@ from numpy.typing import NDArray
 
 from dynid.errors import UsageError
 from dynid.structure.matrices import Array
-from dynid.structure.readers.mesh import Block, SolidMesh
 from dynid.structure.solid_elements import ELEMENTS, Places, jacobians
 
 # A Jacobian below this part of the largest of its element is zero.
@@ -17,6 +18,41 @@ _FLAT = 1e-10
 # Nodes nearer to each other than this part of the size of the mesh are at one place.
 _SAME = 1e-8
 _CHUNK = 20_000
+
+
+class Block(NamedTuple):
+    """Elements of one kind: its name in `ELEMENTS`, and the places of their nodes (e x n), from 0."""
+
+    kind: str
+    cells: Places
+
+
+@dataclass(frozen=True, eq=False)
+class SolidMesh:
+    """A mesh of solid elements.
+
+    Parameters
+    ----------
+    numbers
+        Numbers of the nodes (N).
+    xyz
+        Positions of the nodes (N x 3), m.
+    blocks
+        The elements.
+    groups
+        Named groups of elements: for each block the places of its elements in the group.
+    sets
+        Named sets of nodes, as places.
+    doubts
+        What may be wrong with the mesh, a sentence each.
+    """
+
+    numbers: tuple[int, ...]
+    xyz: Array
+    blocks: tuple[Block, ...]
+    groups: Mapping[str, tuple[Places, ...]] = field(default_factory=dict)
+    sets: Mapping[str, Places] = field(default_factory=dict)
+    doubts: tuple[str, ...] = ()
 
 
 class Surface(NamedTuple):

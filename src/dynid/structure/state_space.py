@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from dynid.errors import Singular, UsageError
 from dynid.lti.floating import guarded
 from dynid.lti.state_space import StateSpace
-from dynid.structure.labels import listed
-from dynid.structure.matrices import Array, Label, Matrix, as_array
+from dynid.structure.labels import Label, listed
+from dynid.structure.matrices import Array, Matrix, as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.dense import condense_massless
 

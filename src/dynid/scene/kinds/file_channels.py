@@ -16,17 +16,16 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from dynid.files.universal_file import UniversalFile, UniversalFunction
     from dynid.scene.load import Scene
     from dynid.scene.schema.identification import IdentificationScene
     from dynid.scene.schema.measurement import MeasurementModel, RecordModel
     from dynid.scene.schema.modes import MatchModel, MeasuredModesModel
     from dynid.scene.yaml.source import Source
-    from dynid.structure.labels import Nodes
+    from dynid.structure.labels import Label, Nodes
     from dynid.structure.matching import Matching
-    from dynid.structure.matrices import Label
     from dynid.structure.model import StructuralModel
     from dynid.structure.named_dofs import Motion
-    from dynid.tables.universal_file import UniversalFile, UniversalFunction
 
 _MOTIONS = ("displacement", "velocity", "acceleration")
 
@@ -118,25 +117,25 @@ def _names_nodes(scene: Scene, modes: MeasuredModesModel | None) -> bool:
     """Return True if modes come from a Universal File, and the scene names no DOFs of their shapes."""
     if modes is None or modes.file is None or modes.sensors is not None:
         return False
-    from dynid.tables.read import file_format
+    from dynid.files.universal_file import is_universal
 
-    return file_format(scene.folder / modes.file.path) == "uff"
+    return is_universal(scene.folder / modes.file.path)
 
 
 def _shapes(
     scene: Scene, given: MeasuredModesModel, written: Mapping[str, Any], model: _Model
 ) -> dict[str, Any]:
     """Return the keys of measured modes with the DOFs of their shapes; `written` are those in the scene."""
+    from dynid.files.read_measured import read_modes
+    from dynid.files.table import DataFile
+    from dynid.files.universal_file import UniversalFile
     from dynid.scene.schema.modes import MatchModel
     from dynid.structure.labels import node_direction
-    from dynid.tables.modal_tables import read_modes
-    from dynid.tables.read import existing
-    from dynid.tables.universal_file import UniversalFile
 
     assert given.file is not None
     place, path = "measurement.modes", scene.folder / given.file.path
     table = read_modes(path, given.file.names, f"{place}.file")
-    source = UniversalFile(existing(path, f"{place}.file"))
+    source = UniversalFile(DataFile(path, f"{place}.file"))
     test = _Test(scene, given.match or MatchModel(), place, source, model, "file")
     ends = [node_direction(dof) for dof in table.dofs]
     kept = {key: value for key, value in written.items() if key != "match"}
@@ -150,16 +149,17 @@ def _written_out(
 
     `given` is the record with what it shares with others, `written` its own keys in the scene.
     """
+    from dynid.files.table import DataFile
+    from dynid.files.universal_file import UniversalFile, is_universal
     from dynid.scene.schema.modes import MatchModel
-    from dynid.tables.read import existing, file_format
-    from dynid.tables.universal_file import UniversalFile
 
     part = given.file if given.frf is None else given.frf.file
     assert part is not None
     assert part.path is not None
     where = f"{place}.file" if given.frf is None else f"{place}.frf.file"
-    file = existing(scene.folder / part.path, where)
-    if file_format(file.path) != "uff":
+    file = DataFile(scene.folder / part.path, where)
+    if not is_universal(file.path):
+        file.check()
         file.refuse(
             "names no nodes and directions",
             "List the channels; 'all' are those of a Universal File (.uff, .unv).",
@@ -192,24 +192,16 @@ class _Test:
         self.how = self._located(lambda: _matching(match))
 
     def _nodes(self, folder: Path) -> Nodes | None:
-        from dynid.structure.readers.read_nodes import read_nodes
-        from dynid.tables.read import file_format
-        from dynid.tables.universal_geometry import read_test_nodes, test_nodes
+        from dynid.files.read_structure import read_nodes
+        from dynid.files.universal_geometry import has_nodes, nodes_of
 
         if self.match.geometry is None:
-            return None if {15, 2411}.isdisjoint(self.source.kinds) else test_nodes(self.source)
-        path, place = folder / self.match.geometry, f"{self.place}.match.geometry"
-        if file_format(path) != "uff":
-            try:
-                return read_nodes(path).nodes
-            except FileError as error:
-                raise FileError(error.problem, remedy=error.remedy, names=(place,)) from None
-        found = read_test_nodes(path, place)
-        if found is None:
-            raise FileError(
-                f"{path} holds no nodes", remedy="Data sets 15 and 2411 are read.", names=(place,)
-            )
-        return found
+            return nodes_of(self.source) if has_nodes(self.source) else None
+        try:
+            return read_nodes(folder / self.match.geometry).nodes
+        except FileError as error:
+            names = (f"{self.place}.match.geometry",)
+            raise FileError(error.problem, remedy=error.remedy, names=names) from None
 
     def _located(self, made: Any) -> Any:
         """Return what a function makes, its errors located in this part of the scene."""
@@ -227,7 +219,7 @@ class _Test:
         """Return `unit` where the scene decides it, or the quantity; else it is read with the values."""
         units = function.units
         if not function.quantity:
-            from dynid.tables.universal_file import function_units
+            from dynid.files.universal_file import function_units
 
             ends = function.response[1], function.over, function.reference[1]
             units = function_units(self.quantity(function), *ends, function.labels, self.source.units())
@@ -334,7 +326,7 @@ def _record(given: RecordModel, test: _Test) -> tuple[dict[str, Any], dict[str, 
 
 def _stored_step(test: _Test, number: int) -> float:
     """Return the mean step of a time history whose times are stored one by one."""
-    from dynid.tables.universal_file import mean_step
+    from dynid.files.universal_file import mean_step
 
     histories = [function for function in test.source.functions() if function.kind in (0, 1)]
     step = mean_step(histories[number - 1].x)

@@ -29,7 +29,8 @@ from dynid.scene.kinds.structures import add_doubts, idle_masses
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import IdentificationScene, ResponseModes
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import Channel, frequency_response, time_response
+from dynid.structure.ports import Channel
+from dynid.structure.response import frequency_response, time_response
 from dynid.structure.state_space import without_massless
 from dynid.units import angular_factor
 

@@ -18,7 +18,7 @@ from dynid.scene.kinds.signals import (
 )
 from dynid.scene.kinds.structures import number
 from dynid.scene.schema.signals import FileSignal
-from dynid.structure.response import Channel, Load
+from dynid.structure.ports import Channel, Load
 from dynid.suggestions import shortened
 from dynid.units import angular_factor
 
@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from dynid.arithmetic.dependent import Real
+    from dynid.files.frequency_responses import MeasuredResponses
+    from dynid.files.read_measured import MeasuredColumns
+    from dynid.files.table import Heading
     from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
     from dynid.identification.records.measurement import Experiment, Measurement
     from dynid.identification.records.noise import ColouredNoise
@@ -48,9 +51,6 @@ if TYPE_CHECKING:
     from dynid.scene.schema.quantities import Quantity
     from dynid.scene.schema.signals import SignalPart
     from dynid.structure.model import StructuralModel
-    from dynid.tables.frequency_responses import MeasuredResponses
-    from dynid.tables.read import MeasuredColumns
-    from dynid.tables.table import Heading
 
 
 def experiments(
@@ -148,7 +148,7 @@ def _measurement(
 
 def _samples(scene: Scene, given: RecordModel, where: str) -> MeasuredColumns:
     """Return the columns of a record's file, one for each channel."""
-    from dynid.tables.read import read_columns
+    from dynid.files.read_measured import read_columns
 
     assert given.file is not None
     path, samples, channels = scene.folder / (given.file.path or ""), given.samples or 0, given.channels or ()
@@ -382,7 +382,8 @@ def frf_measurement(
 
 def _read(scene: Scene, given: FrfModel, channels: tuple[Frf, ...]) -> MeasuredResponses:
     """Return the responses in the file of a scene: lines of the band in rad/s, one column a channel."""
-    from dynid.tables.frequency_responses import ResponseLayout, read_responses
+    from dynid.files.frequency_responses import ResponseLayout
+    from dynid.files.read_measured import read_responses
 
     file = given.file
     assert file is not None

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from dynid.identification.records.modal_measurement import ModalMeasurement, Scatter
     from dynid.scene.load import Scene
     from dynid.scene.schema.modes import MeasuredModesModel, ScatterModel
-    from dynid.structure.matrices import Label
+    from dynid.structure.labels import Label
 
 _PLACE = "measurement.modes"
 
@@ -67,7 +67,7 @@ def _from_file(scene: Scene, given: MeasuredModesModel) -> ModalMeasurement:
     """Return the modes in a file."""
     import numpy as np
 
-    from dynid.tables.modal_tables import read_modes
+    from dynid.files.read_measured import read_modes
 
     assert given.file is not None
     place = f"{_PLACE}.file"
@@ -121,10 +121,11 @@ def _sensors(scene: Scene, given: MeasuredModesModel) -> list[Label]:
 
     if not isinstance(given.sensors, SensorFileModel):
         return []
-    from dynid.tables.binary import whole_numbers
-    from dynid.tables.read import existing
+    from dynid.files.matlab import whole_numbers
+    from dynid.files.table import DataFile
 
-    file = existing(scene.folder / given.sensors.path, f"{_PLACE}.sensors")
+    file = DataFile(scene.folder / given.sensors.path, f"{_PLACE}.sensors")
+    file.check()
     return list(whole_numbers(file, given.sensors.name, "name"))
 
 

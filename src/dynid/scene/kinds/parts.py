@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     from dynid.scene.schema.joints import Axes, AxesModel, JointModel
     from dynid.scene.schema.parts import PointModel
     from dynid.structure.joints import Joint
-    from dynid.structure.labels import Nodes
-    from dynid.structure.matrices import Array, Label
+    from dynid.structure.labels import Label, Nodes
+    from dynid.structure.matrices import Array
     from dynid.structure.named_dofs import Motion
     from dynid.structure.points import Point
 

@@ -17,7 +17,7 @@ from dynid.scene.kinds.measurements import channel_of, experiments, shown
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import IdentificationScene
 from dynid.structure.model import StructuralModel
-from dynid.structure.response import UNITS
+from dynid.structure.ports import UNITS
 from dynid.units import angular_factor
 
 

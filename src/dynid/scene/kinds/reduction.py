@@ -23,6 +23,7 @@ from dynid.scene.schema.reduction import (
     result_names,
 )
 from dynid.structure.comparison import RequestedResponses, compare
+from dynid.structure.ports import Channel
 from dynid.structure.reduction.masters import Masters
 from dynid.structure.reduction.methods import (
     METHODS,
@@ -33,7 +34,6 @@ from dynid.structure.reduction.methods import (
 )
 from dynid.structure.reduction.mode_selection import Interest, ModeRange
 from dynid.structure.reduction.serep import JointAware
-from dynid.structure.response import Channel
 from dynid.units import angular_factor
 
 if TYPE_CHECKING:

@@ -57,11 +57,11 @@ from dynid.structure.correlation import frac
 from dynid.structure.frf import Ports, direct
 from dynid.structure.matrices import Array, as_array
 from dynid.structure.model import StructuralModel
+from dynid.structure.ports import ports
 from dynid.structure.reduction import stacks
 from dynid.structure.reduction.masters import indices_of, interesting
 from dynid.structure.reduction.mode_selection import Interest
 from dynid.structure.reduction.stacks import Stack, StackedReduction
-from dynid.structure.response import ports
 from dynid.units import angular_factor
 
 Overrides = Sequence[Mapping[str, Any]]

@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from dynid.files.table import Heading, TableLayout
     from dynid.lti.generator import RecordTimes, Signal
     from dynid.scene.load import Scene
     from dynid.scene.schema.base import SensitivityModel
-    from dynid.tables.table import Heading, TableLayout
 
 
 def angular_frequencies(grid: FrequencyGrid) -> NDArray[np.float64]:
@@ -106,7 +106,7 @@ def build_signals(
                 scaled = tuple(factor * one for one in given) if isinstance(given, tuple) else factor * given
                 parameters["amplitude"] = scaled
             if isinstance(part, FileSignal):
-                from dynid.tables.read import read_signal
+                from dynid.files.read_measured import read_signal
 
                 path, layout = scene.folder / part.path, layout_of(part)
                 values, heading = read_signal(path, part.column, step=record.step, place=place, layout=layout)
@@ -131,7 +131,7 @@ def build_signals(
 
 def layout_of(part: TablePlace) -> TableLayout:
     """Return the place of a table in its file."""
-    from dynid.tables.table import TableLayout
+    from dynid.files.table import TableLayout
 
     return TableLayout(part.variable, part.row, part.time, part.first, part.resample)
 

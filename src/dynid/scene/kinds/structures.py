@@ -308,7 +308,7 @@ def _space_frame(part: SpaceFrameModel, parameters: Sequence[Parameter]) -> Stru
 
 
 def _solid(folder: Path, part: SolidModel, parameters: Sequence[Parameter]) -> StructuralModel:
-    from dynid.structure.readers.mesh import read_mesh
+    from dynid.files.read_mesh import read_mesh
     from dynid.structure.solid import Material, SetSupport, solid
     from dynid.units import si_factor
 
@@ -350,9 +350,8 @@ def _attached(part: BeamModel | FrameModel) -> dict[str, Any]:
 
 
 def _matrices(folder: Path, part: MatricesModel, parameters: Sequence[Parameter]) -> StructuralModel:
-    from dynid.structure.imported import MatrixPart, from_state_space, imported
-    from dynid.structure.readers.read import matrix_file, read_labels
-    from dynid.structure.readers.read_nodes import model_files
+    from dynid.files.read_matrix import matrix_file, read_labels
+    from dynid.files.read_structure import MatrixPart, from_state_space, imported, model_files
 
     try:
         labels = read_labels(folder / part.labels) if isinstance(part.labels, str) else part.labels or ()

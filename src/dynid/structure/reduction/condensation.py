@@ -16,7 +16,8 @@ import numpy as np
 from dynid.errors import Singular, UsageError
 from dynid.lti.floating import guarded
 from dynid.number_format import frequency_text
-from dynid.structure.matrices import Array, Label, Matrix, is_sparse
+from dynid.structure.labels import Label
+from dynid.structure.matrices import Array, Matrix, is_sparse
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.pencil import StrainEnergy
 from dynid.structure.reduction.masters import Indices, Masters, masters_alone

@@ -23,7 +23,8 @@ import numpy as np
 from dynid.defaults import MASTER_COORDINATES
 from dynid.errors import NumericalError, Singular, UsageError
 from dynid.lti.floating import guarded
-from dynid.structure.matrices import Array, Label, Matrix
+from dynid.structure.labels import Label
+from dynid.structure.matrices import Array, Matrix
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.modes import modes
 from dynid.structure.reduction.condensation import (

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from dynid.defaults import MASTERS, SINGLE_MASTERS
 from dynid.errors import Singular, UsageError
 from dynid.number_format import counted
-from dynid.structure.labels import listed
-from dynid.structure.matrices import Array, Label
+from dynid.structure.labels import Label, listed
+from dynid.structure.matrices import Array
 from dynid.structure.model import StructuralModel
 from dynid.structure.reduction.mode_selection import Interest, ModeRange, selected, wanted_modes
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from dynid.errors import NumericalError, UsageError
 from dynid.number_format import counted
-from dynid.structure.labels import unsigned
-from dynid.structure.matrices import Array, Label, Matrix, congruent
+from dynid.structure.labels import Label, unsigned
+from dynid.structure.matrices import Array, Matrix, congruent
 from dynid.structure.model import StructuralModel
 from dynid.structure.reduction.condensation import Dynamic, Guyan
 from dynid.structure.reduction.irs import Irs

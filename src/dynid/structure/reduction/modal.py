@@ -14,7 +14,8 @@ import numpy as np
 
 from dynid.errors import Singular, UsageError
 from dynid.lti.floating import guarded
-from dynid.structure.matrices import Array, Label, Matrix
+from dynid.structure.labels import Label
+from dynid.structure.matrices import Array, Matrix
 from dynid.structure.model import StructuralModel
 from dynid.structure.reduction.condensation import SLAVES, Partition, constraint_modes, partition, solver
 from dynid.structure.reduction.masters import Indices, Masters, indices_of, interesting, masters_alone

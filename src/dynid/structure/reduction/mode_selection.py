@@ -12,7 +12,8 @@ import numpy as np
 from dynid.defaults import BASIS_BAND
 from dynid.errors import UsageError
 from dynid.number_format import frequency_text
-from dynid.structure.matrices import Array, Label, Matrix
+from dynid.structure.labels import Label
+from dynid.structure.matrices import Array, Matrix
 from dynid.structure.modes.modes import modes
 
 BAND = BASIS_BAND.value

@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid.structure.matrices import Array, Label, Matrix, is_sparse
+from dynid.structure.labels import Label
+from dynid.structure.matrices import Array, Matrix, is_sparse
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.pencil import StrainEnergy
 

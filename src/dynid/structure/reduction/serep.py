@@ -18,7 +18,8 @@ import numpy as np
 from dynid.defaults import MASTER_COORDINATES
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
-from dynid.structure.matrices import Array, Label, Matrix, as_array
+from dynid.structure.labels import Label
+from dynid.structure.matrices import Array, Matrix, as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.pencil import scaled
 from dynid.structure.reduction.masters import (

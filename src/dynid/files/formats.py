@@ -1,0 +1,209 @@
+"""The file formats that are read: a module of this package each, and an entry of `FORMATS`.
+
+What a file is follows from its ending, its first bytes, and what is read from it: `.dat` is a table of
+columns, or Nastran bulk data where nodes are read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from dynid.errors import FileError
+from dynid.file_access import check_readable
+from dynid.files import (
+    bulk_data,
+    exodus,
+    fe_exports,
+    frequency_responses,
+    gmsh,
+    hdf5_data,
+    input_file,
+    matlab,
+    matrix_market,
+    meshio_mesh,
+    modal_tables,
+    nastran_output,
+    node_tables,
+    numpy_arrays,
+    program_meshes,
+    text_table,
+    universal_file,
+    universal_geometry,
+)
+from dynid.files.frequency_responses import MeasuredResponses, ResponseLayout
+from dynid.files.matrix_data import Container, ImportedMatrix
+from dynid.files.mesh_data import MeshData
+from dynid.files.modal_tables import ModalTable
+from dynid.files.table import ColumnRequest, DataFile, DataTable
+from dynid.files.untrusted import read_errors
+from dynid.structure.dof_order import NodeFile
+
+Content: TypeAlias = Literal["matrix", "matrices", "nodes", "mesh", "columns", "responses", "modes"]
+
+
+@dataclass(frozen=True)
+class FileFormat:
+    """A file format and its readers, None of what its files do not hold.
+
+    Parameters
+    ----------
+    name
+        Its name.
+    extensions
+        The endings of its files.
+    matrix, matrices
+        Readers of the only matrix of a file, and of one of several.
+    nodes, mesh
+        Readers of the nodes of a structure, and of a mesh of solids, which may refer to other files.
+    columns, responses, modes
+        Readers of measured data: columns of numbers, frequency responses, modes.
+    recognised
+        Function that recognises the first bytes of a file; default: the ending suffices.
+    """
+
+    name: str
+    extensions: tuple[str, ...]
+    matrix: Callable[[Path], ImportedMatrix] | None = None
+    matrices: Container | None = None
+    nodes: Callable[[Path], NodeFile] | None = None
+    mesh: Callable[[Path, Sequence[Path]], MeshData] | None = None
+    columns: Callable[[DataFile, ColumnRequest], DataTable] | None = None
+    responses: Callable[[DataFile, ResponseLayout], MeasuredResponses] | None = None
+    modes: Callable[[DataFile, Mapping[str, str]], ModalTable] | None = None
+    recognised: Callable[[bytes], bool] | None = None
+
+
+TEXT_TABLE = FileFormat(
+    "text table",
+    (".csv", ".txt", ".dat"),
+    columns=text_table.read_columns,
+    responses=frequency_responses.from_text,
+    modes=modal_tables.from_text,
+)
+"""The format of tables with any other ending."""
+
+#: Of formats with the same ending and content the first that recognises a file reads it.
+FORMATS: tuple[FileFormat, ...] = (
+    FileFormat(
+        "Matrix Market",
+        (".mtx", ".out", ".txt", ".mmf"),
+        matrix=matrix_market.read_matrix_market,
+        recognised=matrix_market.has_banner,
+    ),
+    FileFormat("triplets", (".mtx",), matrix=matrix_market.read_triplets),
+    FileFormat("rows of a matrix", (".out", ".txt", ".mmf"), matrix=matrix_market.read_rows),
+    FileFormat("MATLAB script", (".m",), matrix=fe_exports.read_script),
+    FileFormat("CalculiX matrix", (".sti", ".mas"), matrix=fe_exports.read_calculix),
+    FileFormat(
+        "Harwell-Boeing",
+        (".hb", ".rb", ".rsa", ".rua", ".matrix", ".hbmat"),
+        matrix=fe_exports.read_harwell_boeing,
+    ),
+    FileFormat(
+        "MATLAB 7.3",
+        (".mat",),
+        matrices=hdf5_data.MATRICES,
+        nodes=node_tables.read_from(hdf5_data.MATRICES),
+        recognised=matlab.is_hdf5,
+    ),
+    FileFormat(
+        "MATLAB",
+        (".mat",),
+        matrices=matlab.MATRICES,
+        nodes=node_tables.read_from(matlab.MATRICES),
+        columns=matlab.read_columns,
+        responses=frequency_responses.from_matlab,
+        modes=modal_tables.from_matlab,
+    ),
+    FileFormat("NumPy", (".npz", ".npy"), matrices=numpy_arrays.MATRICES),
+    FileFormat(
+        "HDF5",
+        (".h5", ".hdf5"),
+        matrices=hdf5_data.MATRICES,
+        nodes=node_tables.read_from(hdf5_data.MATRICES),
+        columns=hdf5_data.read_columns,
+        responses=frequency_responses.from_hdf5,
+    ),
+    FileFormat("Nastran OUTPUT4", (".op4",), matrices=nastran_output.OUTPUT4),
+    FileFormat(
+        "Nastran OUTPUT2", (".op2",), matrices=nastran_output.OUTPUT2, nodes=nastran_output.read_nodes
+    ),
+    FileFormat(
+        "Nastran bulk data",
+        (".bdf", ".dat", ".nas", ".pch", ".asm", ".fem"),
+        matrices=bulk_data.MATRICES,
+        nodes=bulk_data.read_nodes,
+        mesh=program_meshes.read_nastran,
+    ),
+    FileFormat(
+        "Abaqus or CalculiX input file",
+        (".inp",),
+        nodes=input_file.read_nodes,
+        mesh=program_meshes.read_abaqus,
+    ),
+    FileFormat(
+        "Exodus",
+        (".exo", ".e", ".g", ".ex2", ".exii"),
+        nodes=exodus.read_nodes,
+        mesh=meshio_mesh.read_foreign,
+    ),
+    FileFormat("table of nodes", (".csv",), nodes=node_tables.read_table),
+    FileFormat("gmsh", (".msh",), mesh=gmsh.read_gmsh),
+    FileFormat("mesh of another program", (*meshio_mesh.FORMATS,), mesh=meshio_mesh.read_foreign),
+    FileFormat(
+        "Universal File",
+        universal_file.EXTENSIONS,
+        nodes=universal_geometry.read_nodes,
+        columns=universal_file.read_columns,
+        responses=frequency_responses.from_universal,
+        modes=modal_tables.from_universal,
+    ),
+    TEXT_TABLE,
+)
+
+_PLURAL = {"matrix": "matrices", "mesh": "meshes"}
+
+
+def format_of(path: Path, *contents: Content, names: Sequence[str] = ()) -> FileFormat:
+    """Return the format of a file from which one of some contents is read.
+
+    Parameters
+    ----------
+    path
+        The file.
+    *contents
+        What is read: fields of `FileFormat`.
+    names
+        Keys of the scene that name the file, for errors.
+
+    Raises
+    ------
+    FileError
+        If the file does not exist or cannot be read, or is of no format that holds such content.
+    """
+    holding = _holding(contents)
+    formats = [form for form in holding if path.suffix.lower() in form.extensions]
+    if not formats and TEXT_TABLE in holding:
+        formats = [TEXT_TABLE]
+    if not formats:
+        raise FileError(
+            f"{path} is no file of {_PLURAL.get(contents[0], contents[0])} that is read",
+            remedy=f"Those end in {', '.join(endings_of(*contents))}.",
+            names=names,
+        )
+    check_readable(path, names)
+    with read_errors(path, formats[-1].name), path.open("rb") as stream:
+        start = stream.read(1024)
+    return next(form for form in formats if form.recognised is None or form.recognised(start))
+
+
+def endings_of(*contents: Content) -> list[str]:
+    """Return the endings of the files from which one of some contents is read."""
+    return list(dict.fromkeys(ending for form in _holding(contents) for ending in form.extensions))
+
+
+def _holding(contents: Sequence[Content]) -> list[FileFormat]:
+    return [form for form in FORMATS if any(getattr(form, content) for content in contents)]

@@ -1,0 +1,305 @@
+"""HDF5 files, MATLAB 7.3 included: matrices, and datasets as tables.
+
+Sparse matrices are read as MATLAB, SciPy or AnnData store them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import DynidError, FileError
+from dynid.files.matrix_data import COMPLEX, Container, as_numbers, compressed
+from dynid.files.table import TIME, ColumnRequest, DataFile, DataTable, are_numbers
+from dynid.files.untrusted import check_claim, read_errors
+from dynid.hdf5 import Refused, check_stored, inside, open_hdf5
+from dynid.structure.matrices import Matrix
+from dynid.suggestions import did_you_mean
+
+_MAX_NAMES = 1000
+
+
+def hdf5_shapes(path: Path) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of the matrices of a file, by their paths in it."""
+    return {name: shape for name, shape in _hdf5_members(path).items() if isinstance(shape, tuple)}
+
+
+def hdf5_others(path: Path) -> dict[str, str]:
+    """Return what stands in a file beside its matrices, by path."""
+    return {name: what for name, what in _hdf5_members(path).items() if isinstance(what, str)}
+
+
+def _hdf5_members(path: Path) -> dict[str, tuple[int, ...] | str]:
+    """Return the shapes of the matrices of a file, and what else stands there, by their paths."""
+    import h5py
+
+    found: dict[str, tuple[int, ...] | str] = {}
+
+    def visit(name: str, item: Any) -> bool | None:
+        if "#" not in name and not any(name.startswith(f"{above}/") for above in found):
+            what = _contents(item)
+            if not what and isinstance(item, h5py.Dataset):
+                found[name] = tuple(item.shape)
+            elif what or (isinstance(item, h5py.Group) and _is_sparse(item)):
+                found[name] = what or _sparse_shape(item)
+        return True if len(found) > _MAX_NAMES else None
+
+    with read_errors(path, "HDF5"), open_hdf5(path) as store:
+        store.visititems(visit)
+    return found
+
+
+_CLASSES = {"char": "text", "function_handle": "a function", "string": "text", "cell": "a cell array"}
+#: Classes of numbers in MATLAB.
+_NUMBERS = (
+    "double",
+    "single",
+    "logical",
+    "int8",
+    "int16",
+    "int32",
+    "int64",
+    "uint8",
+    "uint16",
+    "uint32",
+    "uint64",
+)
+
+
+def _contents(item: Any) -> str:
+    """Return what an object is that is no matrix of real numbers; empty of such a matrix and of a group."""
+    import h5py
+
+    named = item.attrs.get("MATLAB_class", b"")
+    name = named.decode(errors="replace") if isinstance(named, bytes) else str(named)
+    if item.attrs.get("MATLAB_empty", 0):
+        return f"an empty {'array' if name in _NUMBERS else name or 'array'}"
+    if isinstance(item, h5py.Group):
+        complex_parts = _is_sparse(item) and _is_complex(item.get("data"))
+        return COMPLEX if complex_parts else ""
+    size = " x ".join(map(str, reversed(item.shape or ())))  # of MATLAB, whose axes stand the other way round
+    if name in _CLASSES:
+        return _CLASSES[name] + (f" of {size} cells" if name == "cell" else "")
+    if h5py.check_ref_dtype(item.dtype) is not None:
+        above = item.parent.attrs.get("MATLAB_class", b"")
+        if above == b"struct":
+            return f"a field of a {size} structure array"
+        return f"references to other objects ({name})" if name else "references to other objects"
+    if name and name not in _NUMBERS:
+        return f"an object of the class {name}"
+    if _is_complex(item):
+        return COMPLEX
+    if item.dtype.kind not in "iuf":
+        return "text" if item.dtype.kind in "SO" else "no plain numbers"
+    if item.shape is None or not item.size:
+        return "no numbers"
+    return "" if item.ndim == 2 else f"an array of the shape {tuple(item.shape)}"
+
+
+def _is_complex(dataset: Any) -> bool:
+    """Return True of complex numbers, also as pairs of parts, as MATLAB stores them."""
+    dtype = getattr(dataset, "dtype", None)
+    if dtype is None:
+        return False
+    fields = {name.lower()[:1] for name in dtype.names or ()}
+    return dtype.kind == "c" or fields == {"r", "i"}
+
+
+def load_hdf5(path: Path, name: str) -> Matrix:
+    """Return one matrix of a file. MATLAB's matrices are stored transposed."""
+    import h5py
+
+    with read_errors(path, "HDF5"), open_hdf5(path) as store:
+        item = inside(store, name)
+        if isinstance(item, h5py.Group) and _is_sparse(item):
+            return _hdf5_sparse(path, item)
+        if not isinstance(item, h5py.Dataset):
+            raise FileError(f"{path} has no matrix '{name}'")
+        check_claim(path, item.shape or (1,))
+        check_stored(item)
+        if what := _contents(item):
+            raise FileError(f"{path}: '{name}' holds {what}; a structural matrix is real")
+        values = as_numbers(path, name, item[()])
+        return np.asarray(values).T if "MATLAB_class" in item.attrs else values
+
+
+MATRICES = Container(hdf5_shapes, load_hdf5, hdf5_others)
+"""The reader of the matrices of a file."""
+
+
+def _is_sparse(group: Any) -> bool:
+    """Return True of a group that holds a sparse matrix, as MATLAB, SciPy or AnnData store it."""
+    return "MATLAB_sparse" in group.attrs or {"data", "indices", "indptr"} <= set(group)
+
+
+def _sparse_shape(group: Any) -> tuple[int, ...]:
+    if "MATLAB_sparse" in group.attrs:
+        columns = len(inside(group, "jc")) - 1 if "jc" in group else 0
+        return int(group.attrs["MATLAB_sparse"]), columns
+    shape = group.attrs.get("shape", _value(group, "shape", ()))
+    return tuple(int(number) for number in np.ravel(shape)[:2])
+
+
+def _hdf5_sparse(path: Path, group: Any) -> Matrix:
+    layout, shape = "matlab", _sparse_shape(group)
+    if "MATLAB_sparse" not in group.attrs:
+        named = group.attrs.get("encoding-type", _value(group, "format", "csc"))
+        layout = str(named.decode(errors="replace") if isinstance(named, bytes) else named)[:3]
+    names = ("data", "ir", "jc") if layout == "matlab" else ("data", "indices", "indptr")
+    if len(shape) != 2:
+        raise FileError(f"{path}: the sparse matrix '{group.name}' has no shape")
+    if layout == "matlab" and "data" not in group:  # MATLAB stores no entries where there are none
+        return compressed(path, shape, (np.empty(0), np.empty(0, dtype=int), _member(group, "jc")), "csc")
+    for name in names:
+        check_claim(path, getattr(inside(group, name), "shape", None) or (1,))
+    parts = tuple(_member(group, name) for name in names)
+    indices, pointers = (np.asarray(part).astype(np.int64) for part in parts[1:])
+    return compressed(path, shape, (parts[0], indices, pointers), layout.replace("matlab", "csc"))
+
+
+def _member(group: Any, name: str) -> Any:
+    """Return the values of a dataset of a group."""
+    import h5py
+
+    found = inside(group, name)
+    if not isinstance(found, h5py.Dataset):
+        raise ValueError(f"'{group.name}' has no dataset '{name}'")
+    check_stored(found)
+    return found[()]
+
+
+def _value(group: Any, name: str, default: Any) -> Any:
+    return _member(group, name) if group.get(name, getlink=True) is not None else default
+
+
+#: The datasets of the columns where a scene names none.
+_MEASURED = ("measured", "identification/measurement/measured")
+
+
+def read_columns(file: DataFile, request: ColumnRequest) -> DataTable:
+    """Return datasets as one table: the named ones, else the columns of the measured ones.
+
+    Where no dataset of times is named, it is `time` or `t` beside the first one.
+    """
+    columns, single, layout = request.columns, request.single, request.layout
+    layout.only(file, "time")
+    time = layout.time
+    if isinstance(time, int):
+        file.refuse("has datasets, no numbered columns of times", "Give its name.", key="time")
+    rows = None if request.rows is None else request.rows + (layout.first or 1) - 1
+    with _opened(file) as store:
+        named = columns is not None and not are_numbers(columns)
+        if columns is not None and named:
+            names = [str(name) for name in columns]
+        elif single and columns is None:
+            names = [name for name in _numeric(store) if name not in TIME]
+            if len(names) != 1:
+                beside = f": {', '.join(names)}" if names else ""
+                file.refuse(
+                    f"has {len(names) or 'no'} datasets of numbers beside the time{beside}",
+                    "Name the one that drives: column: NAME.",
+                    key="column",
+                )
+        else:
+            names = [next((name for name in _MEASURED if inside(store, name) is not None), _MEASURED[0])]
+        key = "column" if single else "columns"
+        lengths = {len(_found(file, store, name, key, "iuf")) for name in names}
+        parts = [np.asarray(_numbers(file, store, name, key, rows=rows), dtype=float) for name in names]
+        if (
+            len(lengths) > 1
+            or any(len(part) != len(parts[0]) for part in parts)
+            or (len(parts) > 1 and any(part.ndim != 1 for part in parts))
+        ):
+            file.refuse(f"has no columns of one length in {', '.join(names)}", key=key)
+        if single and (named or columns is None) and parts[0][:1].size > 1:
+            file.refuse(f"has {parts[0].shape[1]} columns in '{names[0]}'", "Give a number.", key=key)
+        values = np.column_stack(parts)
+        times = _times(file, store, names, lengths.pop(), time, rows)
+        return DataTable(file, [], values, None, *times, selected=named)
+
+
+@contextmanager
+def _opened(file: DataFile) -> Iterator[Any]:
+    """Open a file; errors of reading it name the file."""
+    try:
+        with open_hdf5(file.path) as store:
+            yield store
+    except Refused as error:
+        file.refuse(str(error), colon=True)
+    except DynidError:
+        raise
+    except Exception as error:  # a damaged file makes h5py raise nearly anything
+        file.refuse(f"cannot be read as HDF5: {' '.join(str(error).split())}")
+
+
+def _numeric(group: Any, kinds: str = "iuf") -> list[str]:
+    return [name for name in group if _is_table(_unless_elsewhere(group, name), kinds)]
+
+
+def _unless_elsewhere(group: Any, name: str) -> Any:
+    """Return a member of a group, None where it is in another file."""
+    try:
+        return inside(group, name)
+    except Refused:
+        return None
+
+
+def _is_table(item: Any, kinds: str) -> bool:
+    import h5py
+
+    return isinstance(item, h5py.Dataset) and item.dtype.kind in kinds and item.ndim in (1, 2)
+
+
+def _times(
+    file: DataFile, store: Any, names: Sequence[str], length: int, time: str | None, rows: int | None
+) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
+    """Return the times beside the data, and their rounding."""
+    if time is not None and _found(file, store, time, "time", "iuf").shape != (length,):
+        file.refuse(f"has {length} rows of data, but another number of times in '{time}'", key="time")
+    folder = names[0].rpartition("/")[0]
+    for name in [f"{folder}/{known}".lstrip("/") for known in TIME] if time is None else [time]:
+        beside = _unless_elsewhere(store, name)
+        if _is_table(beside, "iuf") and beside.shape == (length,):
+            check_stored(beside)
+            stored = beside[:rows]
+            times = np.asarray(stored, dtype=float)
+            coarse = float(np.finfo(stored.dtype).eps) if stored.dtype.kind == "f" else 0.0
+            return times, np.abs(np.nan_to_num(times, posinf=0, neginf=0)) * coarse
+    return None, None
+
+
+def present(file: DataFile, names: Sequence[str]) -> list[str]:
+    """Return those of these names that a file has."""
+    with _opened(file) as store:
+        return [name for name in names if inside(store, name) is not None]
+
+
+def complex_datasets(file: DataFile, name: str, key: str) -> NDArray[Any]:
+    """Return a dataset of real or complex numbers as columns."""
+    with _opened(file) as store:
+        found = _numbers(file, store, name, key, "iufc")
+    return found.reshape(len(found), -1)
+
+
+def _numbers(
+    file: DataFile, store: Any, name: str, key: str, kinds: str = "iuf", rows: int | None = None
+) -> NDArray[Any]:
+    """Return the first rows of a dataset of one or two axes, of numbers of these NumPy kinds; absent: all."""
+    found = _found(file, store, name, key, kinds)
+    check_stored(found)
+    return np.asarray(found[:rows])
+
+
+def _found(file: DataFile, store: Any, name: str, key: str, kinds: str) -> Any:
+    """Return a dataset of one or two axes, of numbers of these NumPy kinds, unread."""
+    found = inside(store, name)
+    if not _is_table(found, kinds):
+        known = _numeric(store, kinds)
+        hint = did_you_mean(name, known) or (f"; it has {', '.join(known)}" if known else "")
+        file.refuse(f"has no dataset of numbers '{name}'{hint}", key=key)
+    return found

@@ -1,0 +1,326 @@
+"""MATLAB files of versions 4 to 7.2 (`.mat`): their numeric variables, full and sparse, and nothing else.
+
+SciPy's reader ends the process at some damaged files, at others only sometimes. It runs in a separate
+process, which copies what is numbers into a NumPy archive; this process reads nothing but the archive.
+Fields of a structure are variables ``structure/field``. Version 7.3 is HDF5.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid import trial
+from dynid.errors import FileError
+from dynid.files.matrix_data import USE_REAL_PART, Container, as_numbers, compressed
+from dynid.files.table import ColumnRequest, DataFile, DataTable, are_numbers
+from dynid.files.untrusted import MOST_NUMBERS, DiedError, archived, check_claim, read_errors
+from dynid.structure.matrices import Array, Matrix, is_sparse
+from dynid.suggestions import did_you_mean
+
+_WHAT = "a MATLAB file"
+_REMEDY = "Save it again, with -v7."
+_HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+#: Classes of variables that hold no numbers, and are not read.
+_PASSED_OVER = {"char", "function", "object", "opaque", "unknown"}
+_DEEPEST = 4  # how deep structures within structures are read
+_GROWTH = 1032  # of stored bytes by decompression, at most
+#: Memory of the separate process, bytes: of itself, and at most.
+_LEAST_MEMORY, _MOST_MEMORY = 2**31, 24 * MOST_NUMBERS
+_BYTES_A_SECOND = 10_000_000  # of a file, read at least
+
+
+class MatlabVariable(NamedTuple):
+    """A variable: ``full``, ``sparse`` or ``cell``, its shape, and the names of its arrays in the archive.
+
+    Those of a sparse one are data, row indices and column starts; a cell that holds no numbers has ``""``.
+    `kind` is ``struct`` or a class of MATLAB of what is not read.
+    """
+
+    kind: str
+    shape: tuple[int, ...]
+    arrays: list[str]
+
+
+def is_hdf5(start: bytes) -> bool:
+    """Return True if the first bytes of a file are those of HDF5, also behind the header of version 7.3."""
+    return start.startswith(_HDF5_SIGNATURE) or start[512:].startswith(_HDF5_SIGNATURE)
+
+
+def shapes(path: Path) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of the numeric variables of a file, by name."""
+    return {
+        name: found.shape
+        for name, found in _variables(path).items()
+        if found.kind in _MATRICES and 0 not in found.shape
+    }
+
+
+def others(path: Path) -> dict[str, str]:
+    """Return what stands in a file beside its numeric variables, by name."""
+    return {
+        name: _contents(found)
+        for name, found in _variables(path).items()
+        if found.kind not in _MATRICES or 0 in found.shape
+    }
+
+
+_MATRICES = ("full", "sparse")
+
+
+def _contents(variable: MatlabVariable) -> str:
+    size = " x ".join(map(str, variable.shape))
+    names = {"cell": f"a cell array of {size} cells", "struct": f"a {size} structure array", "char": "text"}
+    if 0 in variable.shape:
+        return "an empty array"
+    return names.get(variable.kind, f"an object of the class {variable.kind}")
+
+
+def names(path: Path) -> list[str]:
+    """Return the names of the full numeric variables and the cell arrays of a file."""
+    found = _variables(path).items()
+    return [name for name, variable in found if variable.kind in ("full", "cell") and "/" not in name]
+
+
+def load(path: Path, name: str) -> Matrix:
+    """Return one variable of a file; no objects, functions or structures are read."""
+    variable = _variables(path)[name]
+    check_claim(path, variable.shape, 0 if variable.kind == "sparse" else None)
+    values = _values(path, variable.arrays)
+    if any(part.dtype.kind == "c" for part in values):
+        problem = f"{path}: '{name}' holds complex numbers; a structural matrix is real"
+        raise FileError(problem, remedy=USE_REAL_PART)
+    if variable.kind == "sparse":
+        return compressed(path, variable.shape, (values[0], values[1], values[2]), "csc")
+    return as_numbers(path, name, values[0])
+
+
+MATRICES = Container(shapes, load, others)
+"""The reader of the matrices of a file."""
+
+
+def arrays(path: Path, name: str) -> tuple[tuple[int, ...] | None, list[Array]]:
+    """Return the arrays of a variable: of a matrix None and itself, of cells their shape and contents.
+
+    Cells come column by column, as the file holds them. They must hold matrices of real numbers.
+    """
+    variable = _variables(path)[name]
+    check_claim(path, variable.shape)
+    cells = variable.kind == "cell"
+    found = []
+    for number, values in enumerate(_values(path, variable.arrays), 1):
+        place = f"{name}{{{number}}}" if cells else name
+        if values.dtype.kind not in "iufb":
+            raise FileError(f"{path}: '{place}' is no matrix of real numbers")
+        found.append(np.asarray(as_numbers(path, place, values)))
+    return variable.shape if cells else None, found
+
+
+def complex_matrix(path: Path, name: str) -> np.ndarray[Any, np.dtype[Any]]:
+    """Return a full matrix of real or complex numbers."""
+    variable = _variables(path)[name]
+    if variable.kind != "full":
+        raise FileError(f"{path}: '{name}' is no full matrix of numbers")
+    check_claim(path, variable.shape)
+    values = _values(path, variable.arrays)[0]
+    return values.astype(complex if values.dtype.kind == "c" else float)
+
+
+def _variables(path: Path) -> dict[str, MatlabVariable]:
+    """Return the numeric variables of a file by name."""
+    with np.load(_archive(path), allow_pickle=False) as stored:
+        if "problem" in stored:
+            raise FileError(f"{path} cannot be read as {_WHAT}: {stored['problem']}", remedy=_REMEDY)
+        index = json.loads(str(stored["index"]))
+    return {name: MatlabVariable(kind, tuple(shape), parts) for name, (kind, shape, parts) in index.items()}
+
+
+def _values(path: Path, parts: list[str]) -> list[np.ndarray[Any, np.dtype[Any]]]:
+    """Return arrays of the archive of a file; what is no numbers as text."""
+    with np.load(_archive(path), allow_pickle=False) as stored:
+        return [stored[part] if part else np.asarray("") for part in parts]
+
+
+def _archive(path: Path) -> Path:
+    """Return the archive of a file, which is written anew only where the file has changed."""
+    with read_errors(path, _WHAT):
+        facts = path.stat()
+        if facts.st_size > 8 * MOST_NUMBERS:
+            raise FileError(f"{path} is larger than the {8 * MOST_NUMBERS} bytes that are read")
+        with path.open("rb") as stream:
+            version_7_3 = is_hdf5(stream.read(1024))
+        if version_7_3:
+            raise FileError(
+                f"{path} is a MATLAB file of version 7.3, of which only matrices are read", remedy=_REMEDY
+            )
+        seconds = trial.SECONDS + facts.st_size / _BYTES_A_SECOND
+        memory = min(_LEAST_MEMORY + 2 * _GROWTH * facts.st_size, _MOST_MEMORY)
+        try:
+            return archived(path, archive, seconds=seconds, memory=memory)
+        except DiedError:
+            raise FileError(
+                f"{path} cannot be read as {_WHAT}: it is damaged, so that SciPy does not survive it",
+                remedy=_REMEDY,
+            ) from None
+
+
+def archive(path: str, target: str) -> None:
+    """Write the numeric variables of a MATLAB file, or why there are none, into a NumPy archive."""
+    import warnings
+
+    from scipy.io.matlab import loadmat, whosmat
+
+    index: dict[str, MatlabVariable] = {}
+    members: dict[str, Any] = {}
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of two variables of one name the first is read
+            bytes_held = _GROWTH * Path(path).stat().st_size
+            for name, shape, kind in whosmat(path):
+                if kind in _PASSED_OVER or name.startswith("__"):
+                    if name and not name.startswith("__"):
+                        index.setdefault(name, MatlabVariable(kind, shape, []))
+                    continue
+                count = int(np.prod(shape, dtype=object))
+                if kind != "sparse" and count * (8 if kind in ("cell", "struct") else 1) > bytes_held:
+                    raise ValueError(f"'{name}' claims {count} entries, more than its bytes")
+                # What is too large is refused where it is asked for.
+                index.setdefault(
+                    name,
+                    MatlabVariable("full" if count > MOST_NUMBERS and kind != "sparse" else "", shape, []),
+                )
+            wanted = [name for name, variable in index.items() if not variable.kind]
+            stored = loadmat(path, variable_names=wanted)
+            found = {name: variable for name, variable in index.items() if variable.kind}
+            for name in wanted:
+                _add(name, stored[name], 0, found, members)
+        np.savez(target, index=json.dumps(found), **members)
+    except Exception as error:  # whatever SciPy raises on a damaged file
+        said = " ".join(str(error).split())[:200] or type(error).__name__
+        lack = "it claims more than the memory"
+        np.savez(target, problem=lack if isinstance(error, MemoryError) else said)
+
+
+def _add(
+    name: str, value: Any, depth: int, index: dict[str, MatlabVariable], members: dict[str, Any]
+) -> None:
+    """Add a variable as SciPy returns it, with the fields of a structure, and of those within it."""
+    from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque
+
+    def kept(*parts: Any) -> list[str]:
+        places = [f"a{len(members) + k}" for k in range(len(parts))]
+        members.update(zip(places, parts, strict=True))
+        return places
+
+    if is_sparse(value):
+        value = value.tocsc()
+        index[name] = MatlabVariable("sparse", value.shape, kept(value.data, value.indices, value.indptr))
+    elif isinstance(value, MatlabFunction | MatlabObject | MatlabOpaque) or not isinstance(value, np.ndarray):
+        return
+    elif value.dtype.names:
+        if value.shape != (1, 1):
+            index[name] = MatlabVariable("struct", value.shape, [])
+        elif depth < _DEEPEST:
+            for field in value.dtype.names:
+                _add(f"{name}/{field}", value[field][0, 0], depth + 1, index, members)
+    elif value.dtype.kind == "O":
+        if not depth:
+            contents = value.ravel(order="F")
+            places = [kept(cell)[0] if _is_numeric(cell) else "" for cell in contents]
+            index[name] = MatlabVariable("cell", value.shape, places)
+    elif _is_numeric(value):
+        index[name] = MatlabVariable("full", value.shape, kept(value))
+
+
+def _is_numeric(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype.kind in "iufcb"
+
+
+def read_columns(file: DataFile, request: ColumnRequest) -> DataTable:
+    """Return named vectors as one table, or the columns of one variable.
+
+    Of a cell array a row is a table, its cells the columns.
+    """
+    columns, layout = request.columns, request.layout
+    named = columns is not None and not are_numbers(columns)
+    if columns is not None and named:
+        layout.only(file, "time")
+        wanted = [str(name) for name in columns]
+        parts = [_vector(file, name, _cells(file, name, "columns", None)[0]) for name in wanted]
+        if isinstance(layout.time, str):
+            wanted.append(layout.time)
+            parts.append(_vector(file, layout.time, _cells(file, layout.time, "time", None)[0]))
+    else:
+        known = names(file.path) if layout.variable is None else [layout.variable]
+        if len(known) != 1:
+            listed = f": {', '.join(known[:20])}" if known else ""
+            file.refuse(f"has {len(known) or 'no'} variables{listed}", "Name it: variable: NAME.")
+        variable = known[0]
+        wanted, parts = [], _cells(file, variable, "variable", layout.row)
+        if len(parts) > 1:
+            numbers = {number for number in (*(columns or ()), layout.time) if isinstance(number, int)}
+            used = numbers if columns else set()
+            rows = max((parts[k - 1].size for k in used if 1 <= k <= len(parts)), default=0)
+            parts = [
+                _vector(file, variable, cell) if not used or k in used else np.full(rows, np.nan)
+                for k, cell in enumerate(parts, 1)
+            ]
+        elif min(parts[0].shape) == 1:
+            parts = [parts[0].reshape(-1, 1)]
+    if any(len(part) != len(parts[0]) for part in parts):
+        lengths = ", ".join(str(len(part)) for part in parts)
+        file.refuse(f"has columns of different lengths: {lengths}", key="columns" if named else "variable")
+    table = DataTable(file, wanted, np.column_stack(parts), selected=named)
+    return table if layout.time is None else table.timed_by(table.find(layout.time, "time"))
+
+
+def complex_columns(file: DataFile, wanted: Sequence[str], key: str) -> NDArray[Any]:
+    """Return the first variable of these names as columns of real or complex numbers."""
+    known = names(file.path)
+    name = next((name for name in wanted if name in known), wanted[0])
+    if name not in known:
+        hint = did_you_mean(name, known) or (f"; it has {', '.join(known[:20])}" if known else "")
+        file.refuse(f"has no variable '{name}'{hint}", key=key)
+    values = complex_matrix(file.path, name)
+    return values.reshape(-1, 1) if min(values.shape) == 1 else values
+
+
+def whole_numbers(file: DataFile, name: str, key: str) -> list[int]:
+    """Return a variable of whole numbers, such as those of DOFs."""
+    values = complex_columns(file, [name], key).ravel()
+    if len(broken := values[values != np.round(values.real)]):
+        file.refuse(
+            f"has {broken[0]:g} in '{name}', no whole number",
+            "Number the DOFs, or name them in the scene: modes: {sensors: [12:z, …]}.",
+            key=key,
+        )
+    return [int(value) for value in values.real]
+
+
+def _cells(file: DataFile, name: str, key: str, row: int | None) -> list[Array]:
+    """Return the arrays of a variable: one, or those of a row of cells."""
+    known = names(file.path)
+    if name not in known:
+        hint = did_you_mean(name, known) or (f"; it has {', '.join(known[:20])}" if known else "")
+        file.refuse(f"has no variable '{name}'{hint}", key=key)
+    shape, found = arrays(file.path, name)
+    if shape is None:
+        if row is not None:
+            file.refuse(f"holds a matrix in '{name}', no rows of cells", key="row")
+        return found
+    if row is None and shape[0] > 1:
+        file.refuse(f"has {shape[0]} rows of cells in '{name}'", "Give it: row: NUMBER.", key=key)
+    if row is not None and row > shape[0]:
+        file.refuse(f"has {shape[0]} rows of cells in '{name}', no row {row}", key="row")
+    return found[(row or 1) - 1 :: shape[0]]
+
+
+def _vector(file: DataFile, name: str, values: Array) -> Array:
+    if values.size != max(values.shape):
+        file.refuse(f"has {values.shape[0]} x {values.shape[1]} numbers in '{name}', not a column of them")
+    return np.asarray(values.ravel())

@@ -1,0 +1,118 @@
+"""Matrices as files hold them: what readers return, and their checks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from dynid.errors import FileError
+from dynid.files.untrusted import check_claim, read_errors
+from dynid.structure.labels import Label
+from dynid.structure.matrices import Matrix, is_sparse
+
+_LAYOUTS = ("csc", "csr", "coo")
+
+COMPLEX = "complex numbers"
+"""Descriptions of entries that are no real matrix."""
+
+USE_REAL_PART = "Save its real part; its imaginary part describes damping, in a matrix of its own."
+"""The remedy for a complex matrix."""
+
+
+@dataclass(frozen=True, eq=False)
+class ImportedMatrix:
+    """A matrix as it is stored in a file.
+
+    Attributes
+    ----------
+    matrix
+        Array or sparse matrix.
+    labels
+        Labels of rows and columns, where the format has them.
+    at_least
+        True where the format does not state the size: rows and columns at the end may be missing.
+    """
+
+    matrix: Matrix
+    labels: tuple[Label, ...] = ()
+    at_least: bool = False
+
+
+def _nothing_else(_: Path) -> dict[str, str]:
+    return {}
+
+
+class Container(NamedTuple):
+    """The reader of a format that holds several matrices: their shapes by name, and one of them.
+
+    `others` says by name what stands in the file that is no real matrix.
+    """
+
+    shapes: Callable[[Path], dict[str, tuple[int, ...]]]
+    load: Callable[[Path, str], Matrix | ImportedMatrix]
+    others: Callable[[Path], dict[str, str]] = _nothing_else
+
+    def matrix(self, path: Path, name: str) -> ImportedMatrix:
+        """Return one matrix of a file, by its name."""
+        matrix = self.load(path, name)
+        return matrix if isinstance(matrix, ImportedMatrix) else ImportedMatrix(matrix)
+
+
+def as_numbers(path: Path, name: str, values: Any) -> Matrix:
+    """Return a matrix of real numbers in double precision from the object that a library has read.
+
+    Raises
+    ------
+    FileError
+        If it holds something else.
+    """
+    where = f"{path}{f': {name!r}' if name else ''}"
+    dtype = getattr(values, "dtype", None)
+    if dtype is None or dtype.kind not in "iufb":
+        kind = COMPLEX if dtype is not None and dtype.kind == "c" else "no plain numbers"
+        remedy = USE_REAL_PART if kind == COMPLEX else ""
+        raise FileError(f"{where} holds {kind}; a structural matrix is real", remedy=remedy)
+    if values.ndim != 2:
+        raise FileError(f"{where} has {values.ndim} dimensions; a matrix has two")
+    if is_sparse(values):
+        from scipy.sparse import csc_array  # loaded already: the matrix is sparse
+
+        return csc_array(values, dtype=np.float64)
+    return np.asarray(values, dtype=np.float64)
+
+
+def compressed(path: Path, shape: Any, parts: tuple[Any, Any, Any], layout: str) -> Matrix:
+    """Return a sparse matrix out of its stored arrays, which are not trusted.
+
+    These are data, indices and indptr; of coordinates (``coo``) data, rows and columns, from 0.
+
+    Raises
+    ------
+    FileError
+        If they contradict each other.
+    """
+    from scipy.sparse import coo_array, csc_array, csr_array
+
+    rows, columns = (int(number) for number in np.asarray(shape).ravel())
+    if layout not in _LAYOUTS:
+        raise FileError(f"{path} holds a sparse matrix of layout {layout!r}; {', '.join(_LAYOUTS)} are read")
+    data, *places = (np.asarray(part).ravel() for part in parts)
+    check_claim(path, (rows, columns), len(data))
+    numbers = as_numbers(path, "data", data[None, :])
+    assert isinstance(numbers, np.ndarray)
+    with read_errors(path, "a sparse matrix"):
+        if layout == "coo":
+            result: Matrix = coo_array((numbers[0], tuple(places)), shape=(rows, columns)).tocsc()
+            return result
+        if (
+            np.diff(places[1]) < 0
+        ).any():  # SciPy looks only where the last pointer says that there is anything
+            raise ValueError("the row or column pointers do not increase")
+        matrix = {"csc": csc_array, "csr": csr_array}[layout]((numbers[0], *places), shape=(rows, columns))
+        matrix.check_format(full_check=True)
+        result = matrix.tocsc()
+    return result

@@ -1,0 +1,217 @@
+"""Nastran OUTPUT2 and OUTPUT4 (`.op2`, `.op4`), read by pyyeti: matrices, nodes, orders of DOFs."""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from dynid.errors import FileError
+from dynid.files.matrix_data import Container, as_numbers
+from dynid.files.untrusted import check_claim, read_errors
+from dynid.structure.dof_order import DofOrder, NodeFile
+from dynid.structure.labels import DIRECTIONS, Label, Node, Nodes
+from dynid.structure.matrices import Array, Matrix
+
+_WHAT = "Nastran OUTPUT2"
+#: The sets whose DOFs a matrix may have, in the order in which they are tried.
+_SETS = ("a", "l", "f", "n", "g")
+
+
+def op2_shapes(path: Path) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of the matrices of a file, by name; of several with one name ``NAME@1`` and so on."""
+    with read_errors(path, _WHAT, claims=True), _opened(path) as stored:
+        return {name: size for name, (size, _) in _listed(stored).items()}
+
+
+def load_op2(path: Path, name: str) -> Matrix:
+    """Return one matrix of a file."""
+    with read_errors(path, _WHAT, claims=True), _opened(path) as stored:
+        size, number = _listed(stored)[name]
+        check_claim(path, size)
+        bare = name.partition("@")[0]
+        return as_numbers(path, name, stored.rdop2mats([bare], which=number)[bare])
+
+
+def _listed(stored: Any) -> dict[str, tuple[tuple[int, ...], int]]:
+    """Return size and number (from 0) of the matrices by name."""
+    found: dict[str, tuple[tuple[int, ...], int]] = {}
+    for name, blocks in stored.dbnames.items():
+        sizes = [tuple(int(number) for number in block[2]) for block in blocks]
+        for number, size in enumerate(sizes):
+            if min(size) > 0:
+                found[name if len(sizes) == 1 else f"{name}@{number + 1}"] = size, number
+    return found
+
+
+def read_nodes(path: Path) -> NodeFile:
+    """Return the nodes of a file, and the orders of DOFs of its a-set, l-set, f-set, n-set and g-set.
+
+    Raises
+    ------
+    FileError
+        If it cannot be read, has no nodes, or several superelements.
+    """
+    with read_errors(path, _WHAT, claims=True):
+        with _opened(path) as stored:
+            blocks = set(stored.dbnames)
+            several = max(len(stored.dbnames.get(name, ())) for name in ("BGPDT", "BGPDTS"))
+            with_sets = bool(blocks & {"USETTAB", "USET0", "USET"})
+            tables = stored.rdn2cop2() if with_sets else None
+        if tables is None and several > 1:
+            raise FileError(
+                f"{path} has the nodes of {several} superelements",
+                remedy="Give the bulk data of one of them (.pch, .asm), or a table of nodes (.csv).",
+            )
+        if tables is None and blocks & {"GEOM1", "GEOM1S"}:
+            from pyyeti.nastran import op2  # heavy import, of an optional package
+
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                tables = op2.rdpostop2(str(path), getougv1=False)
+        table = None if tables is None else tables.get("uset")
+        if isinstance(table, Mapping):
+            if len(table) > 1:
+                raise FileError(
+                    f"{path} has {len(table)} superelements: {', '.join(map(str, sorted(table)))}",
+                    remedy="Give the bulk data of one of them (.pch, .asm), or a table of nodes (.csv).",
+                )
+            table = next(iter(table.values()), None)
+        if table is None or not len(table):
+            raise FileError(
+                f"{path} has no nodes", remedy="Give bulk data (.bdf, .pch), or a table of nodes (.csv)."
+            )
+        return _of_table(table, _SETS if with_sets else ("g",))
+
+
+def _of_table(table: Any, sets: Sequence[str]) -> NodeFile:
+    """Return the nodes of pyyeti's table: a row a DOF, by node and component; positions in the first."""
+    from pyyeti.nastran import n2p  # heavy import, of an optional package
+
+    index, rows = table.index.to_frame().to_numpy(), table[["x", "y", "z"]].to_numpy(dtype=float)
+    motions = n2p.rbgeom_uset(table)
+    first = np.flatnonzero(index[:, 1] == 1)
+    numbers = [int(node) for node in index[first, 0]]
+    axes: dict[Node, Array] = {}
+    for node, row in zip(numbers, first, strict=True):
+        own = motions[row : row + 3, :3]
+        if not np.array_equal(own, np.eye(3)):
+            axes[node] = own
+    labels: list[Label] = [
+        f"{int(node)}:{DIRECTIONS[int(component) - 1]}" if component else int(node)
+        for node, component in index
+    ]
+    orders = []
+    for name in sets:
+        kept = np.flatnonzero(n2p.mksetpv(table, "p", name)) if name != "g" else np.arange(len(labels))
+        if len(kept):
+            orders.append(DofOrder(f"{name}-set", tuple(labels[place] for place in kept), stated=True))
+    return NodeFile(Nodes(tuple(numbers), rows[first], axes), tuple(orders))
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Open a file by pyyeti, whose warnings about tables that are not wanted are left out."""
+    op2 = nastran_module("op2", path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        with op2.OP2(str(path)) as stored:
+            yield stored
+
+
+def op4_shapes(path: Path) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of the matrices of a file, by name."""
+    with _reading_op4(path):
+        names, sizes, *_ = nastran_module("op4", path).OP4().dir(str(path), verbose=False)
+        if twice := [name for name, count in Counter(names).items() if count > 1]:
+            raise FileError(
+                f"{path} has several matrices named {twice[0]}", remedy="Give a file with one of them."
+            )
+        return {name: tuple(size) for name, size in zip(names, sizes, strict=True)}
+
+
+@contextmanager
+def _reading_op4(path: Path) -> Iterator[None]:
+    """Check the records of a file, and turn pyyeti's warnings about it, too, into errors.
+
+    At a file that ends too early pyyeti warns, and returns what it has read so far: often zeros.
+    """
+    with read_errors(path, "Nastran OUTPUT4", claims=True), warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        _check_records(path)
+        yield
+
+
+def _check_records(path: Path) -> None:
+    """Refuse a binary file whose records are not as long as they say, or that ends within a matrix.
+
+    Each record stands between two counts of its bytes. A matrix starts with one of its sizes and its name,
+    and ends with a record of the column behind its last.
+    """
+    with path.open("rb") as stream:
+        start = stream.read(4)
+        orders: tuple[Literal["little", "big"], ...] = ("little", "big")
+        order = next((order for order in orders if int.from_bytes(start, order) in _HEADERS), None)
+        if order is None:
+            return  # of text
+        total, waiting = path.stat().st_size, 0
+        place = 0
+        while place < total:
+            stream.seek(place)
+            size = int.from_bytes(stream.read(4), order)
+            word = 8 if int.from_bytes(start, order) == _HEADERS[1] else 4
+            first = int.from_bytes(stream.read(word), order)
+            stream.seek(place + 4 + size)
+            if place + 8 + size > total or int.from_bytes(stream.read(4), order) != size:
+                raise ValueError(
+                    f"the record at byte {place} is not complete: the file is truncated, or damaged"
+                )
+            waiting = first + 1 if not waiting else 0 if first == waiting else waiting
+            place += 8 + size
+        if waiting:
+            raise ValueError("it ends within a matrix: the file is truncated")
+
+
+#: Bytes of the first record of a matrix: of 32-bit words, of 64-bit words.
+_HEADERS = (24, 48)
+
+
+def load_op4(path: Path, name: str) -> Matrix:
+    """Return one matrix of a file, sparse where it is stored so."""
+    with _reading_op4(path):
+        check_claim(path, op4_shapes(path)[name], path.stat().st_size)
+        stored = (
+            nastran_module("op4", path)
+            .OP4()
+            .load(str(path), [name], into="dct", justmatrix=True, sparse=True)[name]
+        )
+        return as_numbers(path, name, stored)
+
+
+OUTPUT2 = Container(op2_shapes, load_op2)
+OUTPUT4 = Container(op4_shapes, load_op4)
+"""The readers of the matrices of a file."""
+
+
+def nastran_module(name: str, path: Path) -> Any:
+    """Return a module of pyyeti, an optional package, to read a Nastran file.
+
+    Raises
+    ------
+    FileError
+        If pyyeti is not installed.
+    """
+    try:
+        with np.printoptions():  # which pyyeti changes for all
+            return import_module(f"pyyeti.nastran.{name}")
+    except ImportError:
+        raise FileError(
+            f"{path} is a Nastran file, which needs the package pyyeti",
+            remedy="Install it: pip install 'dynid[formats]'.",
+        ) from None

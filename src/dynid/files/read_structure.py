@@ -1,0 +1,281 @@
+"""Structures and their nodes from files: mass, damping and stiffness, a state space, or a whole model."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from dynid.arithmetic.dependent import Real
+from dynid.defaults import DENSE_STRUCTURES
+from dynid.errors import FileError, UsageError
+from dynid.file_access import check_readable
+from dynid.files.formats import endings_of, format_of
+from dynid.files.matrix_data import ImportedMatrix
+from dynid.files.node_tables import POSITIONS
+from dynid.files.read_matrix import MatrixFile, check_real, named_as, read_matrix, read_state_space, shapes_in
+from dynid.number_format import counted
+from dynid.parameters import Parameter
+from dynid.structure.assembly import damped_structure
+from dynid.structure.damping import ModalDamping, ProportionalDamping
+from dynid.structure.dof_order import NodeFile, assigned
+from dynid.structure.joints import Joint
+from dynid.structure.labels import Label, Nodes
+from dynid.structure.matrices import (
+    NAMES,
+    DependentMatrix,
+    Matrix,
+    as_array,
+    as_matrix,
+    nothing,
+    triplets,
+)
+from dynid.structure.model import StructuralModel
+from dynid.structure.recovery import recovered
+
+
+class MatrixPart(NamedTuple):
+    """A matrix in a file, and the number that it is multiplied by."""
+
+    file: MatrixFile
+    factor: Real = 1.0
+
+
+def imported(
+    mass: MatrixFile | Sequence[MatrixPart],
+    stiffness: MatrixFile | Sequence[MatrixPart],
+    damping: MatrixFile | Sequence[MatrixPart] | ProportionalDamping | ModalDamping | None = None,
+    *,
+    labels: Sequence[Label] = (),
+    joints: Iterable[Joint] = (),
+    parameters: Iterable[Parameter] = (),
+    nodes: Path | None = None,
+) -> StructuralModel:
+    """Return the structure of matrices in files.
+
+    Formats without a size (triplets) take that of the largest matrix, those with labels are brought into
+    one order: DOFs that a matrix does not name have none of it.
+
+    Parameters
+    ----------
+    mass, stiffness, damping
+        The files, or the parts that each matrix is the sum of; damping may be made from the other two
+        instead.
+    labels
+        Labels of the DOFs; absent: those of the files, else 1 … n.
+    joints
+        The joints.
+    parameters
+        Unknown parameters, on which factors and damping may depend.
+    nodes
+        A file of nodes, which also gives labels ``NODE:DIR`` where no others are known.
+
+    Raises
+    ------
+    FileError
+        If a file cannot be read; its `names` start with the matrix concerned (``mass``, ``stiffness``, …).
+    UsageError
+        If the matrices are not those of a structure.
+    """
+    given = {"mass": mass, "damping": damping, "stiffness": stiffness}
+    files = {(role, place): part for role, parts in given.items() for place, part in enumerate(_parts(parts))}
+    parts = {}
+    for key in sorted(files, key=lambda key: ["mass", "stiffness", "damping"].index(key[0])):
+        try:
+            parts[key] = read_matrix(files[key].file, key[0])
+        except FileError as error:
+            raise FileError(error.problem, remedy=error.remedy, names=(key[0], *error.names)) from None
+    found, matrices = _aligned(parts)
+    n = matrices["stiffness", 0].shape[0]
+    names = tuple(labels) or found
+    if len(names) not in (0, n):
+        raise UsageError(f"{counted(len(names), 'DOF label')} for {counted(n, 'DOF')}", names=("labels",))
+    dense = n <= DENSE_STRUCTURES.value or all(isinstance(matrix, np.ndarray) for matrix in matrices.values())
+    size = matrices["mass", 0].shape[0]
+    M, K, C = (
+        _sum(role, [(files[key].factor, one) for key, one in matrices.items() if key[0] == role], size, dense)
+        for role in ("mass", "stiffness", "damping")
+    )
+    known = None
+    if nodes is not None:
+        names, known = _with_nodes(nodes, M.reference, K.reference, names)
+    law = damping if isinstance(damping, ProportionalDamping | ModalDamping) else None
+    return damped_structure(M, C, K, law, joints, names, parameters, known)
+
+
+def _with_nodes(
+    path: Path, M: Matrix, K: Matrix, labels: tuple[Label, ...]
+) -> tuple[tuple[Label, ...], Nodes]:
+    """Return labels of DOFs and the nodes of a file."""
+    try:
+        file = read_nodes(path)
+    except FileError as error:
+        raise FileError(error.problem, remedy=error.remedy, names=("nodes", *error.names)) from None
+    return assigned(M, K, labels, file)
+
+
+def _parts(
+    given: MatrixFile | Sequence[MatrixPart] | ProportionalDamping | ModalDamping | None,
+) -> Sequence[MatrixPart]:
+    if isinstance(given, MatrixFile):
+        return [MatrixPart(given)]
+    return given if isinstance(given, Sequence) else []
+
+
+def _sum(role: str, parts: Sequence[tuple[Real, Matrix]], n: int, dense: bool) -> DependentMatrix:
+    """Return the sum of the parts of a matrix."""
+    letter = {name: letter for letter, name in NAMES.items()}[role]
+    total = None
+    for factor, matrix in parts:
+        sized = as_matrix(letter, as_array(matrix) if dense else matrix, n, sparse=not dense)
+        part = DependentMatrix(sized).times(factor)
+        total = part if total is None else total + part
+    return total or DependentMatrix(nothing(n, sparse=not dense))
+
+
+def from_state_space(
+    path: Path,
+    names: Mapping[str, str] | None = None,
+    *,
+    labels: Sequence[Label] = (),
+    joints: Iterable[Joint] = (),
+) -> StructuralModel:
+    """Return the structure that a state space in a file describes; see `recovered`.
+
+    Parameters
+    ----------
+    path
+        The file, of a format that holds several matrices.
+    names
+        Names of ``A``, ``B`` and ``C`` in it, where they differ. B and C are used where they exist.
+    labels, joints
+        As of `imported`.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read.
+    UsageError, NumericalError
+        As `recovered`.
+    """
+    parts = {name: as_array(matrix) for name, matrix in read_state_space(path, names or {}).items()}
+    M, C, K, _ = recovered(parts["A"], parts.get("B"), parts.get("C"))
+    return StructuralModel(M, C, K, tuple(joints), tuple(labels))
+
+
+Key: TypeAlias = tuple[str, int]
+
+
+def _aligned(parts: Mapping[Key, ImportedMatrix]) -> tuple[tuple[Label, ...], dict[Key, Matrix]]:
+    """Bring matrices into one order and size; return the labels, if the files have any."""
+    roles = sorted(parts, key=lambda key: ["stiffness", "mass", "damping"].index(key[0]))
+    order = list(dict.fromkeys(label for key in roles for label in parts[key].labels))
+    places = {label: place for place, label in enumerate(order)}
+    n = max([len(order), *(part.matrix.shape[0] for part in parts.values())])
+    matrices: dict[Key, Matrix] = {}
+    for key, part in parts.items():
+        if not (part.labels or part.at_least):
+            matrices[key] = part.matrix
+            continue
+        from scipy.sparse import coo_array  # loaded already: the reader made a sparse matrix
+
+        moved = np.array([places[label] for label in part.labels], dtype=int)
+        rows, columns, values = triplets(part.matrix)
+        if len(moved):
+            rows, columns = moved[rows], moved[columns]
+        matrices[key] = coo_array((values, (rows, columns)), shape=(n, n)).tocsc()
+    return tuple(order), matrices
+
+
+def read_nodes(path: Path) -> NodeFile:
+    """Return the nodes of a file.
+
+    Parameters
+    ----------
+    path
+        The file: Nastran bulk data (`.bdf`, `.dat`, `.nas`, `.pch`, `.asm`) or OUTPUT2 (`.op2`), Exodus
+        (`.exo`, `.e`, `.g`), Abaqus or CalculiX (`.inp`), MATLAB or HDF5, or a table (`.csv`).
+
+    Raises
+    ------
+    FileError
+        If it cannot be read, or has no nodes.
+    """
+    reader = format_of(path, "nodes").nodes
+    assert reader is not None
+    try:
+        return reader(path)
+    except UsageError as error:  # of the nodes themselves: two have one number
+        raise FileError(f"{path}: {error.problem}", remedy=error.remedy) from None
+
+
+#: Files of nodes that may stand beside OUTPUT4.
+_BESIDE = (".pch", ".asm", ".bdf", ".dat", ".nas", ".op2", ".csv")
+
+#: Endings of stiffness and mass beside an input file: of CalculiX, of Abaqus.
+_PAIRS = ((".sti", ".mas"), ("_STIF1.mtx", "_MASS1.mtx"), ("STIF1.mtx", "MASS1.mtx"))
+
+
+class ModelFiles(NamedTuple):
+    """The files of a model."""
+
+    mass: MatrixFile
+    stiffness: MatrixFile
+    damping: MatrixFile | None
+    nodes: Path | None
+
+
+def model_files(path: Path) -> ModelFiles:
+    """Return the files of a model.
+
+    Parameters
+    ----------
+    path
+        A file of several matrices, which also holds the nodes (OUTPUT2, bulk data with DMIG, MATLAB, HDF5) or
+        has them beside it in a file of the same name (OUTPUT4); or an input file of CalculiX or Abaqus
+        (`.inp`), which has the matrices beside it.
+
+    Raises
+    ------
+    FileError
+        If it is neither, or a file is missing.
+    """
+    if path.suffix.lower() == ".inp":
+        check_readable(path)
+        for stiffness, mass in _PAIRS:
+            pair = [path.with_name(path.stem + ending) for ending in (mass, stiffness)]
+            if all(file.is_file() for file in pair):
+                return ModelFiles(MatrixFile(pair[0]), MatrixFile(pair[1]), None, path)
+        raise FileError(
+            f"{path} has no matrices beside it",
+            remedy=f"Looked for {', '.join(path.stem + ending for ending, _ in _PAIRS)}.",
+        )
+    endings = endings_of("matrices")
+    if path.suffix.lower() not in endings:
+        raise FileError(
+            f"{path} is no file of a whole model",
+            remedy=f"Those end in .inp, {', '.join(endings)}; else name mass, stiffness and nodes.",
+        )
+    shapes = shapes_in(path)
+    own = named_as(shapes, "stiffness")
+    check_real(path, "damping", named_as(shapes, "damping"), required=False)
+    damping = next(
+        (name for name in named_as(shapes, "damping") if own and shapes[name] == shapes[own[0]]), ""
+    )
+    matrices = MatrixFile(path)
+    return ModelFiles(
+        matrices, matrices, MatrixFile(path, damping) if damping else None, _nodes_beside(path, [*shapes])
+    )
+
+
+def _nodes_beside(path: Path, names: list[str]) -> Path | None:
+    kind = path.suffix.lower()
+    if kind == ".op4":
+        return next((file for end in _BESIDE if (file := path.with_suffix(end)).is_file()), None)
+    if kind in (".mat", ".h5", ".hdf5"):
+        there = any(name.rpartition("/")[2].lower() in POSITIONS for name in names)
+        beside = path.with_suffix(".csv")
+        return path if there else beside if beside.is_file() else None
+    return path

@@ -1,0 +1,345 @@
+"""Nodes (data sets 15, 2411, 2412, 18, 2420, 82) and mode shapes (55, 2414) in Universal Files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid.errors import FileError
+from dynid.files.table import DataFile
+from dynid.files.universal_file import UniversalFile
+from dynid.structure.dof_order import NodeFile
+from dynid.structure.labels import DIRECTIONS, Nodes
+
+Array = NDArray[np.float64]
+
+#: Types of coordinate systems in data sets 18 and 2420.
+_CARTESIAN, _CYLINDRICAL = 0, 1
+#: Systems that need no definition: files without one mean the basic system by them.
+_BASIC = (0, 1)
+#: How far the axes of a system may be from orthonormal: data sets 18 have six digits.
+_DIGITS = 1e-4
+#: Descriptors of shell elements in data sets 2412, whose edges are drawn; those of two nodes are lines.
+_SHELLS = range(41, 100)
+
+
+class CoordinateSystem(NamedTuple):
+    """Coordinate system of a test: `origin` (3), `axes` (3 x 3, rows in basic coordinates), and its type."""
+
+    origin: Array
+    axes: Array
+    kind: int = _CARTESIAN
+
+    def basic(self, points: Array) -> Array:
+        """Return points of the system (... x 3) in basic coordinates."""
+        return np.asarray(points @ self.axes + self.origin)
+
+    def at(self, point: Array) -> Array | None:
+        """Return the axes of the system at a point, rows; of a cylindrical one radial, tangential, axial.
+
+        None on the axis of a cylindrical system, where there are none.
+        """
+        if self.kind == _CARTESIAN:
+            return self.axes
+        across = (self.axes @ (point - self.origin))[:2]
+        distance = float(np.hypot(*across))
+        if distance <= 1e-12 * float(np.abs(point - self.origin).max(initial=0.0)) or not distance:
+            return None
+        cosine, sine = across / distance
+        return np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]]) @ self.axes
+
+
+def read_nodes(path: Path) -> NodeFile:
+    """Return the nodes of a test in a Universal File.
+
+    Parameters
+    ----------
+    path
+        The file. Positions are those of data sets 15, in the node's definition system, and 2411, in the
+        system of the part; axes are those of its displacement system (18, 2420). Lengths are brought to
+        metres by the record of units (164).
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, has no nodes, contradicts itself, or uses systems that it does not define.
+    """
+    source = UniversalFile(DataFile(path))
+    if not has_nodes(source):
+        source.file.refuse("holds no nodes", "Data sets 15 and 2411 are read.")
+    return NodeFile(nodes_of(source), ())
+
+
+def has_nodes(source: UniversalFile) -> bool:
+    """Return True if a Universal File has the nodes of a test."""
+    return not {15, 2411}.isdisjoint(source.kinds)
+
+
+def nodes_of(source: UniversalFile) -> Nodes:
+    """Return the nodes of a test; as `read_nodes`."""
+    with source.errors():
+        return _nodes(source)
+
+
+def _nodes(source: UniversalFile) -> Nodes:
+    file, systems = source.file, _systems(source)
+    found: dict[int, tuple[Array, int]] = {}
+    for one in source.sets(15, 2411):
+        columns = [np.asarray(one[key], dtype=float) for key in ("node_nums", "def_cs", "disp_cs", *"xyz")]
+        if len({len(column) for column in columns}) > 1:
+            file.refuse(f"a data set {one['type']} has rows of different lengths", "It is damaged.")
+        for number, defined, moving, *xyz in zip(*columns, strict=True):
+            node, point = _whole(file, number, "node number"), np.array(xyz)
+            if one["type"] == 15:
+                point = _defining(file, systems, _whole(file, defined, "system"), node).basic(point)
+            if node in found and not np.array_equal(found[node][0], point):
+                file.refuse(f"node {node} has two positions", "Leave one of them.")
+            found[node] = point, _whole(file, moving, "system")
+    axes: dict[int | str, Array] = {}
+    for node, (point, number) in found.items():
+        system = _system(file, systems, number, node)
+        rows = system.at(point)
+        if rows is None:
+            file.refuse(f"node {node} lies on the axis of system {number}, where no direction is radial")
+        if not np.array_equal(rows, np.eye(3)):
+            axes[node] = rows
+    xyz_m = np.array([point for point, _ in found.values()]).reshape(-1, 3) / source.units().length
+    lines = [line for line in _lines(source) if found.keys() >= set(line) and line[0] != line[1]]
+    return Nodes(tuple(found), xyz_m, axes, {}, tuple(dict.fromkeys(lines)))
+
+
+def _whole(file: DataFile, number: float, what: str) -> int:
+    """Return a number of a node or system, which files print as one with a fraction."""
+    if not np.isfinite(number) or number != int(number) or number < 0:
+        file.refuse(f"has the {what} {number:g}", "It is damaged: such numbers are whole.")
+    return int(number)
+
+
+def _system(
+    file: DataFile, systems: Mapping[int, CoordinateSystem], number: int, node: int
+) -> CoordinateSystem:
+    """Return a coordinate system that a node uses."""
+    if number in systems:
+        return systems[number]
+    if number in _BASIC:
+        return CoordinateSystem(np.zeros(3), np.eye(3))
+    file.refuse(
+        f"node {node} uses the coordinate system {number}, which the file does not define",
+        "Export the systems too (data set 18 or 2420).",
+    )
+
+
+def _defining(
+    file: DataFile, systems: Mapping[int, CoordinateSystem], number: int, node: int
+) -> CoordinateSystem:
+    system = _system(file, systems, number, node)
+    if system.kind != _CARTESIAN:
+        file.refuse(
+            f"node {node} is placed in system {number}, which is not Cartesian", "Export Cartesian positions."
+        )
+    return system
+
+
+def _systems(source: UniversalFile) -> dict[int, CoordinateSystem]:
+    """Return the coordinate systems of a file by their numbers."""
+    found: dict[int, CoordinateSystem] = {}
+    for one in source.sets(2420):
+        columns = one["CS_sys_labels"], one["CS_types"], one["CS_matrices"]
+        for number, kind, matrix in zip(*columns, strict=True):
+            found[int(number)] = _checked(source.file, int(number), int(kind), matrix[3], matrix[:3])
+    given = {}
+    for one in source.sets(18):
+        rows = zip(*(one[key] for key in ("cs_num", "cs_type", "ref_cs_num")), strict=True)
+        points = zip(*(one[key] for key in ("ref_o", "x_point", "xz_point")), strict=True)
+        for (number, kind, reference), three in zip(rows, points, strict=True):
+            given[int(number)] = int(kind), int(reference), three
+    for number in given:
+        found.setdefault(number, _by_points(source.file, given, number, ()))
+    return found
+
+
+def _by_points(
+    file: DataFile,
+    given: Mapping[int, tuple[int, int, Sequence[Array]]],
+    number: int,
+    above: tuple[int, ...],
+) -> CoordinateSystem:
+    """Return a system that is given by its origin, a point on +x and one on the +xz plane, in another."""
+    if number == 0:
+        return CoordinateSystem(np.zeros(3), np.eye(3))
+    if number in above or number not in given:
+        file.refuse(f"system {above[-1]} refers to system {number}, which does not resolve", "It is damaged.")
+    kind, reference, points = given[number]
+    base = _by_points(file, given, reference, (*above, number))
+    if base.kind != _CARTESIAN:
+        file.refuse(f"system {number} is placed in system {reference}, which is not Cartesian")
+    origin, on_x, on_xz = (base.basic(np.asarray(point, dtype=float)) for point in points)
+    x, z = on_x - origin, on_xz - origin
+    y = np.cross(z, x)
+    rows = [axis / (np.linalg.norm(axis) or 1.0) for axis in (x, y, np.cross(x, y))]
+    return _checked(file, number, kind, origin, rows)
+
+
+def _checked(file: DataFile, number: int, kind: int, origin: Array, axes: Iterable[Any]) -> CoordinateSystem:
+    """Return a system whose axes are orthonormal and right-handed, their last digits corrected."""
+    rows = np.array([*axes], dtype=float)
+    if kind not in (_CARTESIAN, _CYLINDRICAL):
+        file.refuse(f"system {number} is spherical (type {kind})", "Export Cartesian or cylindrical systems.")
+    good = rows.shape == (3, 3) and np.isfinite(rows).all() and np.isfinite(origin).all()
+    if not good or not np.allclose(rows @ rows.T, np.eye(3), atol=_DIGITS) or np.linalg.det(rows) < 0:
+        file.refuse(f"the axes of system {number} are not orthonormal and right-handed", "It is damaged.")
+    if np.array_equal(rows, np.eye(3)):
+        return CoordinateSystem(np.asarray(origin, dtype=float), rows, kind)
+    left, _, right = np.linalg.svd(rows)
+    return CoordinateSystem(np.asarray(origin, dtype=float), left @ right, kind)
+
+
+def _lines(source: UniversalFile) -> Iterable[tuple[int, int]]:
+    """Yield the edges to draw: trace lines, beams, and the outlines of shells."""
+    file = source.file
+    for one in source.sets(82):
+        trace = [_whole(file, number, "node number") for number in one["nodes"]]
+        # Some programs pad the list with zeros: the count says how many of them belong to it.
+        trace = trace[: int(one["n_nodes"])]
+        yield from ((a, b) for a, b in pairwise(trace) if a and b)  # 0: the pen is up
+    with suppress(FileError):  # pyuff reads no elements of more than eight nodes, and lines are for pictures
+        for one in source.sets(2412):
+            for element in (
+                element for kind, found in one.items() if isinstance(kind, int) for element in found
+            ):
+                nodes = element["nodes_nums"]
+                if len(nodes) == 2:
+                    yield nodes[0], nodes[1]
+                elif element["fe_descriptor"] in _SHELLS and len(nodes) in (3, 4):
+                    yield from zip(nodes, [*nodes[1:], nodes[0]], strict=True)
+
+
+#: Analyses whose results are modes: normal ones, and complex ones of first and second order.
+_NORMAL, _COMPLEX = 2, (3, 7)
+#: Results that are motions: unknown, general, displacement, velocity, acceleration.
+_MOTIONS = (0, 1, 8, 11, 12)
+#: Where the values of a data set 2414 are: at nodes.
+_AT_NODES = 1
+
+
+class MeasuredShape(NamedTuple):
+    """A mode of a test: ``frequency`` (rad/s, of the undamped mode), ``damping`` ratio, and shape.
+
+    `damping` is None where the file gives none (0). `shape` has by node and direction, such as ``(20, "z")``,
+    a real or complex number; its scale is arbitrary. Directions are those of the node's own axes.
+    """
+
+    frequency: float
+    damping: float | None
+    shape: Mapping[tuple[int, str], complex]
+
+
+def read_shapes(file: DataFile) -> list[MeasuredShape]:
+    """Return the modes in a Universal File (data sets 55 and 2414), in the order of their frequencies.
+
+    Directions in which all nodes of all modes have exactly 0 were not measured, and are left out; the same
+    holds for a direction of one node.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, is damaged, or holds no mode.
+    """
+    source = UniversalFile(file)
+    length = source.units().length
+    with source.errors():
+        modes = [
+            MeasuredShape(*_frequency(source.file, one), _shape(source.file, one, length))
+            for one in source.sets(55, 2414)
+            if _is_mode(one)
+        ]
+    if not modes:
+        source.file.refuse("holds no mode shapes", "Data sets 55 and 2414 of modes at nodes are read.")
+    seen = {dof for mode in modes for dof, value in mode.shape.items() if value}
+    if not seen:
+        source.file.refuse("has mode shapes that are zero")
+    kept = [
+        mode._replace(shape={dof: value for dof, value in mode.shape.items() if dof in seen})
+        for mode in modes
+    ]
+    return sorted(kept, key=lambda mode: mode.frequency)
+
+
+def _is_mode(data_set: Mapping[str, Any]) -> bool:
+    if data_set["type"] == 2414:
+        result, at_nodes = data_set["result_type"], data_set["dataset_location"] == _AT_NODES
+    else:
+        result, at_nodes = data_set["spec_data_type"], True
+    return at_nodes and result in _MOTIONS and data_set["analysis_type"] in (_NORMAL, *_COMPLEX)
+
+
+def _frequency(file: DataFile, data_set: Mapping[str, Any]) -> tuple[float, float | None]:
+    """Return the undamped frequency of a mode (rad/s) and its damping ratio."""
+    record = data_set["type"] == 2414
+    eigenvalue = 0j
+    if data_set["analysis_type"] in _COMPLEX:
+        parts = (data_set.get(f"record13_field{k}", 0.0) for k in (1, 2)) if record else None
+        eigenvalue = complex(*parts) if parts else complex(data_set["eig"])
+    if eigenvalue:
+        frequency, damping = abs(eigenvalue), -eigenvalue.real / abs(eigenvalue)
+    else:
+        names = (
+            (f"record12_field{k}" for k in (2, 5, 6))
+            if record
+            else ("freq", "modal_damp_vis", "modal_damp_his")
+        )
+        hertz, viscous, hysteretic = (float(data_set.get(name) or 0.0) for name in names)
+        # A loss factor is twice the ratio of a viscous damper with the same loss at resonance.
+        frequency, damping = 2 * math.pi * hertz, viscous or hysteretic / 2
+    if not (math.isfinite(frequency) and frequency > 0):
+        file.refuse(f"a mode shape has the frequency {frequency / 2 / math.pi:g} Hz", "It is damaged.")
+    if not (math.isfinite(damping) and 0 <= damping < 1):
+        file.refuse(
+            f"the mode at {frequency / 2 / math.pi:g} Hz has the damping ratio {damping:g}",
+            "A ratio is from 0 to 1, not in per cent.",
+        )
+    return frequency, damping or None
+
+
+def _shape(file: DataFile, data_set: Mapping[str, Any], length: float) -> dict[tuple[int, str], complex]:
+    """Return the values of a shape by node and direction; translations in m for rotations in rad."""
+    found = {}
+    for node, values in _values(file, data_set):
+        for direction, value in zip(DIRECTIONS, values, strict=False):
+            if not np.isfinite(value):
+                file.refuse(f"the shape at node {node} is not finite", "It is damaged.")
+            number = complex(value) / (1.0 if direction.startswith("r") else length)
+            found[node, direction] = number if number.imag else number.real
+    return found
+
+
+def _values(file: DataFile, data_set: Mapping[str, Any]) -> Iterator[tuple[int, Any]]:
+    """Yield the nodes of a mode with their three or six values."""
+    nodes = [int(node) for node in data_set["node_nums"]]
+    if len(set(nodes)) < len(nodes):
+        twice = next(node for at, node in enumerate(nodes) if node in nodes[:at])
+        file.refuse(f"a mode shape has node {twice} twice", "It is damaged.")
+    if data_set["type"] == 55:
+        columns = [data_set[f"r{k}"] for k in range(1, 7) if f"r{k}" in data_set]
+        if any(len(column) != len(nodes) for column in columns):
+            file.refuse("a mode shape has fewer values than nodes", "It is damaged.")
+        yield from zip(nodes, zip(*columns, strict=True), strict=True)
+        return
+    count = data_set["number_of_data_values_for_the_data_component"]
+    is_complex = data_set["data_type"] in (5, 6)
+    if count not in (3, 6):
+        file.refuse(f"a mode shape has {count} values a node; 3 or 6 are read")
+    rows = data_set["data_at_node"]
+    if len(rows) != len(nodes):
+        file.refuse("a mode shape has fewer values than nodes", "It is damaged.")
+    for node, row in zip(nodes, rows, strict=True):
+        if len(row) != count * (2 if is_complex else 1):
+            file.refuse(f"the shape at node {node} has {len(row)} values", "It is damaged.")
+        yield node, row[::2] + 1j * row[1::2] if is_complex else row
