@@ -22,7 +22,7 @@ AGAIN = "run `python docs/architecture.py`"
 
 # From the lowest up; a package may import every layer below its own, and none beside it.
 LAYERS = [
-    {"_version", "errors", "suggestions", "number_format", "file_access", "trial", "hdf5"}
+    {"_version", "arrays", "errors", "suggestions", "number_format", "file_access", "trial", "hdf5"}
     | {"result", "model_scope", "defaults", "native", "progress", "units"},
     {"arithmetic"},
     {"parameters"},

@@ -14,9 +14,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import UsageError
-
-Array = NDArray[np.float64]
 
 Scale = Literal["log", "linear"]
 

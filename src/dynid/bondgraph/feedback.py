@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from dynid.arithmetic.ldl import reference
 from dynid.arithmetic.numbers import coded
 from dynid.arithmetic.numbers import rounded as rounded_number
+from dynid.arrays import ComplexArray
 from dynid.bondgraph.control import PADE_ORDER, Loop, close_loops, pade
 from dynid.bondgraph.frequency_response import frequency_response
 from dynid.bondgraph.graph import BondGraph, Port
@@ -45,7 +46,6 @@ from dynid.lti.stability import NO_SOLUTION, Verdict, combined, verdict
 if TYPE_CHECKING:
     from dynid.arithmetic.real_field import RealField
 
-Complex = NDArray[np.complex128]
 #: Condition of I + L above which a pole lies on the axis.
 _SINGULAR = 1e12
 #: Ratios of delays that are fractions of small numbers but for the rounding of irrational ones (320 bits).
@@ -343,7 +343,7 @@ def rational(functions: Sequence[QuasiPolynomial], order: int) -> list[Any]:
 
 def delayed_response(
     opened: BondGraph, loops: Sequence[Loop], inputs: Sequence[str], outputs: Sequence[Port]
-) -> Callable[[NDArray[np.float64]], Complex]:
+) -> Callable[[NDArray[np.float64]], ComplexArray]:
     """Return the frequency response of a graph with feedback, with the delays as they are.
 
     The response without the delays is certified; the delays turn what is fed back by exp(-jωτ) - 1. Where
@@ -357,9 +357,9 @@ def delayed_response(
     closed = close_loops(opened, loops)
     outputs = [closed.variables.get(port, port) for port in outputs]
     approximate = ReducedGraph(closed.graph, inputs, outputs, traced=False)
-    bases: dict[bool, Callable[[NDArray[np.float64]], Complex]] = {}
+    bases: dict[bool, Callable[[NDArray[np.float64]], ComplexArray]] = {}
 
-    def evaluate(omega: NDArray[np.float64]) -> Complex:
+    def evaluate(omega: NDArray[np.float64]) -> ComplexArray:
         response = np.zeros((len(omega), len(outputs), len(inputs)), dtype=complex)
         rest = omega == 0  # there the approximants are exact
         response[rest] = frequency_response(approximate, omega[rest])
@@ -377,7 +377,7 @@ def delayed_response(
 
 def _turned_response(
     opened: BondGraph, loops: Sequence[Loop], inputs: Sequence[str], outputs: Sequence[Port], *, cut: bool
-) -> Callable[[NDArray[np.float64]], Complex]:
+) -> Callable[[NDArray[np.float64]], ComplexArray]:
     """Return the response with delays, from that of the graph whose delayed loops are prompt, or cut."""
     taken = {*opened.nodes, *(name for loop in loops for name in (loop.reference, loop.setpoint)), *inputs}
     late, base = list[tuple[int, str]](), list[Loop]()
@@ -399,7 +399,7 @@ def _turned_response(
     shown, own = [rows.index(port) for port in outputs], [rows.index(port) for port in measured]
     driven, fed = [columns.index(name) for name in inputs], [columns.index(probe) for _, probe in late]
 
-    def evaluate(omega: NDArray[np.float64]) -> Complex:
+    def evaluate(omega: NDArray[np.float64]) -> ComplexArray:
         whole = frequency_response(reduced, omega)
         s = (1j * omega).astype(np.complex128)
         turns = np.stack([_answer(loops[number], s, cut=cut) for number, _ in late], axis=-1)
@@ -417,7 +417,7 @@ def _turned_response(
     return evaluate
 
 
-def _answer(loop: Loop, s: Complex, *, cut: bool) -> Complex:
+def _answer(loop: Loop, s: ComplexArray, *, cut: bool) -> ComplexArray:
     """Return the controller times exp(-s τ), less the controller without its delay unless that is cut."""
     top, bottom = (
         np.polyval([float(reference(c)) for c in p], s) for p in (loop.numerator, loop.denominator)

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from dynid.arrays import Array
 
 
 #: The matrices, in the order of `ParametricEquations.at`.

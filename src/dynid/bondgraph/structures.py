@@ -13,11 +13,12 @@ import numpy as np
 
 from dynid.arithmetic.ldl import Indefinite, Square
 from dynid.arithmetic.numbers import to_fraction
+from dynid.arrays import Array
 from dynid.bondgraph.fields import Expansion, FieldType, identifier, symmetric_squares
 from dynid.defaults import STRUCTURES_IN_GRAPHS
 from dynid.errors import UsageError
 from dynid.structure import labels
-from dynid.structure.matrices import NAMES, Array, Label, Matrix, triplets
+from dynid.structure.matrices import NAMES, Label, Matrix, triplets
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes import modes
 from dynid.structure.reduction.reduction import StructuralReduction

@@ -15,6 +15,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from dynid.arrays import Array
 from dynid.errors import FileError
 from dynid.files.fe_text import Reference, included, opened, real
 from dynid.files.matrix_data import COMPLEX, Container, ImportedMatrix
@@ -23,7 +24,6 @@ from dynid.files.untrusted import read_errors
 from dynid.number_format import counted
 from dynid.structure.dof_order import DofOrder, NodeFile
 from dynid.structure.labels import DIRECTIONS, Label, Node, Nodes
-from dynid.structure.matrices import Array
 
 _CONSTRAINTS = (
     "SPC", "SPC1", "SPCD", "MPC", "RBE1", "RBE2", "RBE3", "RBAR", "RBAR1", "RROD", "RJOINT", "RTRPLT",

@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from dynid.arrays import Array
 from dynid.errors import FileError
 from dynid.files.mesh_data import edges
 from dynid.files.untrusted import check_claim, read_errors
 from dynid.hdf5 import check_stored, open_hdf5
 from dynid.structure.dof_order import ModeShapes, NodeFile
 from dynid.structure.labels import Nodes
-from dynid.structure.matrices import Array
 
 _WHAT = "Exodus"
 _SHAPES = {

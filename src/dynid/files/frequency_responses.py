@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array, ComplexArray
 from dynid.files.hdf5_data import complex_datasets, present
 from dynid.files.matlab import complex_columns
 from dynid.files.table import DataFile, Heading
@@ -17,8 +18,6 @@ from dynid.files.text_table import complex_number, read_text
 from dynid.files.universal_file import UniversalFunction, read_functions
 from dynid.units import split_heading
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 ColumnName: TypeAlias = str | int
 
 #: Names of a column of frequencies; a unit may stand behind it in brackets.

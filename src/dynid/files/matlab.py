@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid import trial
+from dynid.arrays import Array
 from dynid.errors import FileError
 from dynid.files.matrix_data import USE_REAL_PART, Container, as_numbers, compressed
 from dynid.files.table import ColumnRequest, DataFile, DataTable, are_numbers
 from dynid.files.untrusted import MOST_NUMBERS, DiedError, archived, check_claim, read_errors
-from dynid.structure.matrices import Array, Matrix, is_sparse
+from dynid.structure.matrices import Matrix, is_sparse
 from dynid.suggestions import did_you_mean
 
 _WHAT = "a MATLAB file"

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dynid.structure.matrices import Array
+from dynid.arrays import Array
 from dynid.structure.solid_elements import Places
 
 

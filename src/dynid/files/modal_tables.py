@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.files import matlab
 from dynid.files.matlab import complex_columns, whole_numbers
@@ -22,8 +23,6 @@ from dynid.files.text_table import complex_number, read_text
 from dynid.files.universal_geometry import read_shapes
 from dynid.structure.labels import Label
 from dynid.units import angular_factor, si_factor, unit_fits, unit_of_field
-
-Array = NDArray[np.float64]
 
 #: Quantities of a file of modes, which are also the names under which they are looked for.
 QUANTITIES = ("frequency", "frequency_std", "eigenvalue", "eigenvalue_std", "damping", "damping_std", "shape")

@@ -12,12 +12,13 @@ from typing import Any, Literal
 
 import numpy as np
 
+from dynid.arrays import Array
 from dynid.errors import FileError
 from dynid.files.matrix_data import Container, as_numbers
 from dynid.files.untrusted import check_claim, read_errors
 from dynid.structure.dof_order import DofOrder, NodeFile
 from dynid.structure.labels import DIRECTIONS, Label, Node, Nodes
-from dynid.structure.matrices import Array, Matrix
+from dynid.structure.matrices import Matrix
 
 _WHAT = "Nastran OUTPUT2"
 #: The sets whose DOFs a matrix may have, in the order in which they are tried.

@@ -16,12 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
+from dynid.arrays import Array
 from dynid.errors import FileError
 from dynid.files.matrix_data import Container
 from dynid.files.untrusted import read_errors
 from dynid.structure.dof_order import DofOrder, NodeFile
 from dynid.structure.labels import DIRECTIONS, Node, Nodes, node_direction
-from dynid.structure.matrices import Array, as_array
+from dynid.structure.matrices import as_array
 
 #: Bytes of a table, at most.
 _MAX_BYTES = 1_000_000_000

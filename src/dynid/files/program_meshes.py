@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
+from dynid.arrays import Array
 from dynid.errors import FileError
 from dynid.files import bulk_data, input_file
 from dynid.files.fe_text import check_reference
 from dynid.files.mesh_data import MeshData, members
 from dynid.files.untrusted import read_errors
-from dynid.structure.matrices import Array
 from dynid.structure.solid_elements import Places
 
 _ABAQUS = {

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from dynid.arrays import Array
 from dynid.errors import FileError
 from dynid.files import exodus
 from dynid.files.formats import format_of
 from dynid.files.mesh_data import members
-from dynid.structure.matrices import Array
 from dynid.structure.solid_elements import ELEMENTS, Places
 from dynid.structure.solid_mesh import Block, SolidMesh
 

@@ -10,15 +10,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import FileError
 from dynid.files.table import DataFile
 from dynid.files.universal_file import UniversalFile
 from dynid.structure.dof_order import NodeFile
 from dynid.structure.labels import DIRECTIONS, Nodes
-
-Array = NDArray[np.float64]
 
 #: Types of coordinate systems in data sets 18 and 2420.
 _CARTESIAN, _CYLINDRICAL = 0, 1

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array, ComplexArray
 from dynid.errors import DynidError
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.lti.exponential import balance
@@ -24,9 +25,6 @@ from dynid.lti.state_space import Matrices, ParametricSystem, single
 from dynid.number_format import counted
 from dynid.parameters import Parameter, named, rates
 from dynid.structure.ports import ratio
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Half width of a 95 % band in standard deviations; the tails beyond it.
 HALF_WIDTH, _TAIL = 1.959963984540054, 0.025

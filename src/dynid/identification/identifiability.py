@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import NotIdentifiable
 from dynid.identification.diagnosis.equivalent_optima import expected_optima
 from dynid.identification.diagnosis.posterior import channels_of_records
@@ -37,8 +37,6 @@ from dynid.result import Result
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.poles import PoleSensitivities, pole_sensitivities
 from dynid.structure.response import common_unit
-
-Array = NDArray[np.float64]
 
 #: Noise over RMS that is assumed where nothing is known of it.
 NOMINAL_NOISE = 0.01

@@ -15,8 +15,8 @@ from itertools import count
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import Diverged, DynidError, NotIdentifiable, UsageError
 from dynid.identification.diagnosis.equivalent_optima import DECIDED, OptimaSearch, deciding_sensors
 from dynid.identification.diagnosis.instrument_mistakes import instrument_mistakes
@@ -51,8 +51,6 @@ from dynid.parameters import Parameter, named, starts
 from dynid.result import Result
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
-
-Array = NDArray[np.float64]
 
 # Starts around an estimate from which other optima are looked for where a parameter is not identifiable, and
 # the factor within which they lie.

@@ -15,11 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import NotIdentifiable
 from dynid.identification.least_squares import least_squares, thin_svd, without_state
 from dynid.number_format import sentence
-
-Array = NDArray[np.float64]
 
 # Part of a blind direction below which a parameter has no share in it; equality of coefficients.
 _SHARE, _EQUAL = 1e-3, 1e-2

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.lti.floating import finite
 from dynid.native import call, compiled
-
-Array = NDArray[np.float64]
 
 # Rank of the initial states: singular values, in the scales of their prior, below this part of the largest
 # are zero.

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.defaults import WHITENESS
 from dynid.identification.statistics import (
     autocovariances,
@@ -21,8 +22,6 @@ from dynid.identification.statistics import (
     root_mean_square,
     standardised,
 )
-
-Array = NDArray[np.float64]
 
 # Residuals below this part of the channel's RMS are explained whatever their colour (holds, reduced models).
 _EXPLAINED = 0.03

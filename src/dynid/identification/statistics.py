@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from dynid.arrays import Array
 
 # Most terms of a continued fraction (they grow with the root of the degrees of freedom), how close its values
 # are to be, and the least number that is divided by.

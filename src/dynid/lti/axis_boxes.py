@@ -14,11 +14,9 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array, ComplexArray
 from dynid.errors import Undecided
 from dynid.lti.quasi_polynomials import Balls
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Round-off of a double.
 _EPS = 2.0**-52

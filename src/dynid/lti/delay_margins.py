@@ -16,8 +16,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dynid.arrays import Array
 from dynid.errors import Undecided
-from dynid.lti.axis_boxes import Array, AxisFunctions, Expansion, Sum, Work, chunks, grid, halves
+from dynid.lti.axis_boxes import AxisFunctions, Expansion, Sum, Work, chunks, grid, halves
 from dynid.lti.delay_stability import COUNT, lower_powers_below, stability
 from dynid.lti.difference_operator import critical_gains, gap, least_separation
 from dynid.lti.margins import LIMIT, Margins, lag, largest_of

@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from dynid.arrays import Array
 from dynid.errors import Undecided
-from dynid.lti.axis_boxes import Array, AxisFunctions, Work, chunks, float_log, grid, halves
+from dynid.lti.axis_boxes import AxisFunctions, Work, chunks, float_log, grid, halves
 from dynid.lti.difference_operator import VARIABLES, separation
 from dynid.lti.quasi_polynomials import PRECISION, Balls, QuasiPolynomial, RefinedRoot, refined_root
 from dynid.lti.stability import Verdict

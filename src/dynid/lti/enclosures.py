@@ -22,7 +22,6 @@ from typing import Any
 
 import numpy as np
 from flint import acb, arb, arb_poly, ctx
-from numpy.typing import NDArray
 
 #: First and largest working precision, and relative accuracy of a returned part, bits.
 _PRECISION, _MAX_PRECISION, _ACCURACY = 128, 1 << 16, 64
@@ -36,7 +35,6 @@ _ROUNDS, _NEARBY, _SPREAD = 40, 1e-6, 1e9
 _RANGE = 900
 #: Bits to which a start close to a root agrees with it, steps from there, and the largest precision for them.
 _CLOSE, _CLOSE_STEPS, _CLOSE_PRECISION = 28, 4, 4096
-Complex = NDArray[np.complex128]
 
 
 def enclosures(polynomial: Any, starts: Sequence[complex] | None = None, *, sides: bool = True) -> list[Any]:

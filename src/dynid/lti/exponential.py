@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import NumericalError
-
-Array = NDArray[np.float64]
 
 _DEGREE = 16
 # The Taylor remainder at this norm is 0.8^17 / 17! = 6e-17.

@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import NumericalError
-
-Array = NDArray[np.float64]
 
 #: Order of the Taylor polynomials.
 _ORDER = 10

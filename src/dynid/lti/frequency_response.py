@@ -15,14 +15,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dynid.arrays import Array, ComplexArray
 from dynid.errors import Singular, UsageError
 from dynid.lti.exponential import balance, rescaled
 from dynid.lti.floating import guarded
 from dynid.lti.state_space import StateSpace
 from dynid.number_format import frequency_text
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 QUANTITIES = {"displacement": 0, "velocity": 1, "acceleration": 2}
 """Output quantities and their powers of i omega (receptance, mobility, accelerance)."""

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dynid.arrays import Array
 from dynid.errors import UsageError
-
-Array = NDArray[np.float64]
 
 TAYLOR_DEGREE = 18
 """Degree of Taylor polynomials: where (frequency x step) <= 1 the first omitted term is 1/19! = 8e-18."""

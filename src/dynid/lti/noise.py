@@ -10,11 +10,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dynid.arrays import Array
 from dynid.defaults import HOLD
 from dynid.errors import UsageError
 from dynid.lti.generator import (
     TAYLOR_DEGREE,
-    Array,
     RecordTimes,
     SmoothSignal,
     polynomial_generator,

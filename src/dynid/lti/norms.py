@@ -14,11 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array, ComplexArray
 from dynid.lti.exponential import balance, rescaled
 from dynid.lti.state_space import ParametricSystem
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Real parts below this part of a pole, or of the size of A, are on the imaginary axis.
 _ON_AXIS, _ROUNDING = 1e-11, 1e-14

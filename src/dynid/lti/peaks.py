@@ -14,16 +14,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dynid.arrays import Array, ComplexArray
 from dynid.errors import NumericalError
 
 if TYPE_CHECKING:
     from dynid.result import Result
 
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 #: Returns a response, shape (omega, output, input), at ascending angular frequencies in rad/s.
 ResponseFunction = Callable[[Array], ComplexArray]
 

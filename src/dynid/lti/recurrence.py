@@ -11,9 +11,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from dynid.arrays import Array
 
 # Number of steps below which single steps are as fast.
 _SHORT = 8

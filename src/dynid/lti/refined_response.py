@@ -13,16 +13,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dynid.arrays import Array
 from dynid.errors import NumericalError
 from dynid.lti.generator import Signal
 from dynid.lti.signals import Random
 from dynid.lti.state_space import StateSpace
 from dynid.lti.time_response import TimeResponse, propagate
 from dynid.lti.timeline import Timeline, timeline
-
-Array = NDArray[np.float64]
 
 #: Relative changes of an output: up to the first it is accepted, beyond the second an error is raised.
 _TRUSTED, _REFUSED = 1e-10, 1e-3

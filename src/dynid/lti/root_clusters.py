@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from dynid.arrays import Array, ComplexArray
+
 #: Smallest singular values of P at points, over the size of its rounding: up to 1 a point may be a root.
 Resolution = Callable[[ComplexArray], Array]
 

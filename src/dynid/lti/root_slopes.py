@@ -15,12 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array, ComplexArray
 from dynid.lti.exponential import balance, rescaled
 from dynid.lti.root_clusters import Resolution, RootCluster, root_clusters
 from dynid.lti.state_space import ParametricSystem
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 # Relative size below which a singular value or a direct term is rounding.
 _ROUNDING = 1e-10

@@ -10,7 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from dynid.lti.generator import Array, RecordTimes, Signal, require
+from dynid.arrays import Array
+from dynid.lti.generator import RecordTimes, Signal, require
 from dynid.lti.noise import Random, Sampled, WhiteNoise
 from dynid.lti.waveforms import Chirp, Impact, Impulse, Multisine, Sine, Step
 

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dynid.arrays import Array
 from dynid.errors import UsageError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

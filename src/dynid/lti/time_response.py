@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dynid.arrays import Array, ComplexArray
 from dynid.defaults import LONG_STEPS
 from dynid.errors import NumericalError, UsageError
 from dynid.lti.exponential import accurate_exponential, balance, exponential, rescaled
@@ -21,9 +22,6 @@ from dynid.lti.state_space import StateSpace
 from dynid.lti.timeline import Timeline, timeline
 from dynid.lti.waveforms import sum_lines
 from dynid.number_format import root_text
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 # A Fourier line nearer to a pole than this part of its frequency is propagated with its generator: the
 # particular and the homogeneous solution would cancel there.

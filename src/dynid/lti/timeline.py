@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.lti.generator import Signal
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 # Most substeps of a signal: seconds for a response, minutes for a filter.

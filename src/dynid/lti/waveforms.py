@@ -11,18 +11,16 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array, ComplexArray
 from dynid.errors import UsageError
 from dynid.lti.generator import (
     TAYLOR_DEGREE,
-    Array,
     SmoothSignal,
     inside,
     polynomial_generator,
     require,
     require_finite,
 )
-
-ComplexArray = NDArray[np.complex128]
 
 MOST_LINES = 1_000_000
 """Most Fourier lines of a signal."""

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arithmetic.dependent import Dependent, Real, like_terms
+from dynid.arrays import Array
 from dynid.defaults import DENSE_STRUCTURES
 from dynid.errors import UsageError
 from dynid.number_format import counted
@@ -21,7 +22,7 @@ from dynid.parameters import Parameter
 from dynid.structure.damping import ModalDamping, ModalPart, ModalSum, ProportionalDamping
 from dynid.structure.joints import Joint
 from dynid.structure.labels import Label, Node, Nodes
-from dynid.structure.matrices import Array, DependentMatrix, Matrix, as_array
+from dynid.structure.matrices import DependentMatrix, Matrix, as_array
 from dynid.structure.model import StructuralModel, Term
 
 

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_matrix, triu
 from scipy.sparse.linalg import SuperLU, splu
 
+from dynid.arrays import Array
 from dynid.defaults import BACKEND, FULL_ROWS, LARGE_MATRICES
 from dynid.errors import NumericalError, Singular, UsageError
 from dynid.native import call, compiled
 from dynid.suggestions import did_you_mean
 
-Array = NDArray[np.float64]
 Order: TypeAlias = NDArray[np.int32]
 
 # A pivot that is a smaller part of its column's largest entry is rounding, and has no sign.

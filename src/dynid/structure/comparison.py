@@ -13,12 +13,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.progress import report_progress
 from dynid.result import Result
 from dynid.structure import correlation
 from dynid.structure.frf import Ports, frequency_response_functions
 from dynid.structure.labels import Label
-from dynid.structure.matrices import Array, as_array
+from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes import ModeMemory, Modes, modes, remembered_modes
 from dynid.structure.ports import Channel, ports, response_units

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arithmetic.dependent import evaluated
+from dynid.arrays import Array
 from dynid.structure.joints import JointTerm
 from dynid.structure.labels import Label
-from dynid.structure.matrices import Array, Matrix, as_array
+from dynid.structure.matrices import Matrix, as_array
 from dynid.structure.model import StructuralModel
 
 # Frequencies closer than this, relative, are one multiple frequency to double precision.

@@ -21,9 +21,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dynid.arithmetic.dependent import Dependent, Real, evaluated
+from dynid.arrays import Array
 from dynid.errors import NumericalError, UsageError
 from dynid.number_format import counted
-from dynid.structure.matrices import Array, DependentMatrix, Matrix, as_array, combined
+from dynid.structure.matrices import DependentMatrix, Matrix, as_array, combined
 from dynid.structure.modes.modes import modes
 
 _MOST_MODAL = 3000

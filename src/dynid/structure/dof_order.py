@@ -13,10 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.number_format import counted
 from dynid.structure.labels import DIRECTIONS, Label, Nodes, node_direction
-from dynid.structure.matrices import Array, Matrix, as_array, is_sparse, nothing
+from dynid.structure.matrices import Matrix, as_array, is_sparse, nothing
 
 
 class DofOrder(NamedTuple):

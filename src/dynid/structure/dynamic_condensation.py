@@ -19,10 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array, ComplexArray
 from dynid.lti.frequency_response import checked_solve
-from dynid.structure.matrices import Array
-
-ComplexArray = NDArray[np.complex128]
 
 # Elimination pays where at most this part of the coordinates is kept.
 _KEPT = 0.6

@@ -14,13 +14,14 @@ from functools import partial
 
 import numpy as np
 
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.lti.frequency_response import QUANTITIES
 from dynid.lti.signals import Derivative, Signal
 from dynid.lti.state_space import StateSpace
 from dynid.structure import labels
 from dynid.structure.labels import Label
-from dynid.structure.matrices import Array, Matrix, as_array
+from dynid.structure.matrices import Matrix, as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.ports import Channel, Load, ports
 from dynid.structure.state_space import massless_directions, massless_motion, state_space

@@ -8,8 +8,9 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csc_array, issparse
 
+from dynid.arrays import Array
 from dynid.errors import NumericalError, Singular, UsageError
-from dynid.structure.backends import Array, BareFactors, Order, backend_for, bare
+from dynid.structure.backends import BareFactors, Order, backend_for, bare
 
 # Backward error (normwise) above which a solution is refined, and above which it is refused.
 _FINE, _WORST = 1e-14, 1e-11

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dynid.arithmetic.dependent import Dependent, Real, hypot
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
 from dynid.parameters import Parameter
@@ -33,7 +34,7 @@ from dynid.structure.assembly import (
 from dynid.structure.damping import ModalDamping, ProportionalDamping
 from dynid.structure.joints import Joint
 from dynid.structure.labels import Nodes
-from dynid.structure.matrices import Array, DependentMatrix, pattern_sum
+from dynid.structure.matrices import DependentMatrix, pattern_sum
 from dynid.structure.model import StructuralModel
 
 

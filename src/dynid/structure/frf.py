@@ -14,12 +14,13 @@ from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dynid.arrays import Array, ComplexArray
 from dynid.defaults import DENSE_STRUCTURES, FEW_FREQUENCIES
 from dynid.errors import DynidError, NumericalError, Singular, UsageError
 from dynid.lti.frequency_response import WORST_CONDITION, on_a_pole, second_order_response
-from dynid.structure.matrices import Array, Matrix, as_array, is_sparse
+from dynid.structure.matrices import Matrix, as_array, is_sparse
 from dynid.structure.modes.modes import modes
 from dynid.structure.modes.pencil import scaled, times
 from dynid.suggestions import did_you_mean
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from dynid.structure.factorisation import Factorisation
     from dynid.structure.modes.pencil import Pencil
 
-ComplexArray = NDArray[np.complex128]
 
 METHODS = ("auto", "direct", "modal")
 """Methods to compute a response."""

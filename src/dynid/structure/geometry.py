@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.result import Result
 from dynid.structure.labels import DIRECTIONS, Label, Node, node_direction
-from dynid.structure.matrices import Array
 from dynid.structure.model import StructuralModel
 
 GROUP = "structure/geometry"

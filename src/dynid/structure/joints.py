@@ -13,10 +13,11 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from dynid.arithmetic.dependent import Dependent, Real
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.parameters import ParameterPrior
 from dynid.structure.labels import Label
-from dynid.structure.matrices import Array, DependentMatrix, as_array, entries
+from dynid.structure.matrices import DependentMatrix, as_array, entries
 
 Block: TypeAlias = Sequence[Sequence[Real]] | Array
 

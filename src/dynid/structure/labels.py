@@ -17,13 +17,12 @@ from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.number_format import counted
 from dynid.suggestions import did_you_mean
 
-Array = NDArray[np.float64]
 Label: TypeAlias = int | str
 """The own label of a DOF, or another name of it."""
 

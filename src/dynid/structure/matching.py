@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.structure.labels import DIRECTIONS, Label, Node, Nodes, node_direction
-from dynid.structure.matrices import Array
 from dynid.structure.model import StructuralModel
 from dynid.structure.named_dofs import Motion
 from dynid.suggestions import shortened

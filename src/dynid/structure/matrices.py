@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arithmetic.dependent import Dependent, Real, like_terms
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.structure.labels import Label as Label
 
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     Sparse: TypeAlias = csc_array[np.float64]
 
 
-Array = NDArray[np.float64]
 Matrix: TypeAlias = "Array | Sparse"
 
 NAMES = {"M": "mass", "C": "damping", "K": "stiffness"}

@@ -7,10 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dynid.arrays import Array
 from dynid.result import Result
 from dynid.structure import labels
 from dynid.structure.labels import Label
-from dynid.structure.matrices import Array, Matrix
+from dynid.structure.matrices import Matrix
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes import Modes, modes
 from dynid.structure.state_space import massless

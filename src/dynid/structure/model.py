@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dynid.arithmetic.dependent import Dependent, evaluated
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
 from dynid.parameters import Parameter, true_values
@@ -21,15 +22,7 @@ from dynid.structure import labels
 from dynid.structure.damping import ModalPart, ModalSum
 from dynid.structure.joints import Joint, unit_of
 from dynid.structure.labels import Label, Nodes
-from dynid.structure.matrices import (
-    Array,
-    Matrix,
-    as_array,
-    as_matrix,
-    check_semidefinite,
-    congruent,
-    is_sparse,
-)
+from dynid.structure.matrices import Matrix, as_array, as_matrix, check_semidefinite, congruent, is_sparse
 from dynid.structure.named_dofs import Motion, NamedDofs
 
 # Beyond this a matrix with all its zeros is not made: 5000 x 5000 takes 0.2 GB.

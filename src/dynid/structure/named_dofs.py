@@ -8,10 +8,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.structure import labels
 from dynid.structure.labels import Label
-from dynid.structure.matrices import Array
 
 Motion: TypeAlias = Mapping[Label, float]
 """A weighted sum of displacements: weights by the DOFs' own labels; a force on it has the same weights."""

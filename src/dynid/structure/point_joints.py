@@ -13,10 +13,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from dynid.arithmetic.dependent import Real
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.structure.joints import Block, Joint, JointParameter
 from dynid.structure.labels import DIRECTIONS, Label
-from dynid.structure.matrices import Array
 from dynid.structure.named_dofs import Motion
 from dynid.structure.points import PlacedPoint
 

@@ -15,9 +15,10 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.structure.labels import DIRECTIONS, Label, Node, Nodes, node_direction
-from dynid.structure.matrices import Array, congruent
+from dynid.structure.matrices import congruent
 from dynid.structure.model import StructuralModel
 from dynid.structure.named_dofs import Motion
 

@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 
 from dynid.arithmetic.dependent import Real
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.lti.frequency_response import QUANTITIES
 from dynid.lti.signals import Impulse, Signal
 from dynid.result import common_unit
 from dynid.structure import labels
 from dynid.structure.labels import Label
-from dynid.structure.matrices import Array
 from dynid.structure.model import StructuralModel
 from dynid.units import as_factor
 

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dynid.arrays import Array
 from dynid.errors import NumericalError, UsageError
 from dynid.lti.floating import guarded
-from dynid.structure.matrices import Array
 
 # The relative contradiction that rounded numbers of a state space may contain.
 _ROUNDED = 1e-6

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from dynid.lti.floating import guarded
 from dynid.lti.time_response import propagate
@@ -27,8 +27,6 @@ __all__ = [
     "source_names",
     "time_response",
 ]
-
-Array = NDArray[np.float64]
 
 
 @guarded("the frequency response")

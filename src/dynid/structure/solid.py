@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arithmetic.dependent import Dependent, Real
+from dynid.arrays import Array
 from dynid.defaults import DENSE_STRUCTURES
 from dynid.errors import UsageError
 from dynid.lti.floating import guarded
@@ -19,7 +20,7 @@ from dynid.structure.assembly import damped_structure, not_negative
 from dynid.structure.damping import ModalDamping, ProportionalDamping
 from dynid.structure.joints import Joint
 from dynid.structure.labels import DIRECTIONS, Nodes
-from dynid.structure.matrices import Array, DependentMatrix, Matrix, nothing
+from dynid.structure.matrices import DependentMatrix, Matrix, nothing
 from dynid.structure.model import StructuralModel
 from dynid.structure.solid_elements import ELEMENTS, Places, integrated, stiffness
 from dynid.structure.solid_mesh import Block, SolidMesh, check_elements, doubled_nodes, surface

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.structure.matrices import Array
+from dynid.arrays import Array
 
 Exponents = tuple[tuple[int, int, int], ...]
 

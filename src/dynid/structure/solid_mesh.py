@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import UsageError
-from dynid.structure.matrices import Array
 from dynid.structure.solid_elements import ELEMENTS, Places, jacobians
 
 # A Jacobian below this part of the largest of its element is zero.

@@ -18,10 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from dynid.bench.benchmark import DATA, Alternative, Benchmark
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from dynid.arrays import Array
 
 _FILE = "measured/robot_arm.dat"
 _SCENE = """\

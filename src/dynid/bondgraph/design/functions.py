@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.arithmetic.numbers import LARGEST
+from dynid.arrays import Array, ComplexArray
 from dynid.bondgraph.design.request import (
     Criterion,
     Design,
@@ -28,9 +28,6 @@ from dynid.lti.root_slopes import poles, zeros
 from dynid.lti.state_space import Matrices, ParametricSystem, single
 from dynid.number_format import frequency_text
 from dynid.parameters import Parameter
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: A parameter without limits is searched in this range of its start, as a logarithm or in multiples of it.
 SPAN = 1e6

@@ -7,9 +7,8 @@ S. Mehrotra, SIAM J. Optim. 2 (1992) 575–601; J. Nocedal, S. J. Wright, Numeri
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from dynid.arrays import Array
 
 _STEPS, _GAP = 60, 1e-14
 

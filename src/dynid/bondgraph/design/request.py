@@ -14,8 +14,8 @@ from itertools import combinations
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array, ComplexArray
 from dynid.bondgraph.graph import Port
 from dynid.parameters import Parameter
 
@@ -156,9 +156,6 @@ class Design:
         """The norms to minimise."""
         return tuple(one for one in self.targets if isinstance(one, Criterion))
 
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: Imaginary parts below this part of a root are those of a real one.
 _REAL = 1e-9

@@ -15,11 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.bondgraph.design.functions import DesignFunctions, Evaluation
 from dynid.bondgraph.design.quadratic import quadratic_program
 from dynid.errors import NumericalError
-
-Array = NDArray[np.float64]
 
 #: Largest residual of a target that is met.
 MET = 1e-9

@@ -7,16 +7,14 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.bondgraph.design.functions import DesignFunctions, Evaluation
 from dynid.bondgraph.design.request import Design, Reached, RootTarget, Target, residual_count
 from dynid.bondgraph.design.search import MET, Solution, meet_roots, minimise
 from dynid.errors import NumericalError, Unreachable
 from dynid.number_format import counted
 from dynid.progress import tracked
-
-Array = NDArray[np.float64]
 
 #: Solutions whose coordinates differ by less are one; norms that differ by less, relative, are equal.
 _SAME, _EQUAL = 1e-6, 1e-7

@@ -22,9 +22,7 @@ from dynid.bondgraph.operating_point.newton import equilibrated
 from dynid.errors import NumericalError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from dynid.arrays import Array
 
 _RANK = 1e-11
 _ZERO = Fraction(0)

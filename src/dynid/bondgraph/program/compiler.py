@@ -20,11 +20,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.bondgraph.program.doubled import (
     LANES,
     POWERS,
     ROWS,
-    Array,
     Integers,
     Real,
     TapeOperation,

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.native import call, compiled
 
-Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 #: Frequencies in a block of the library: a few cache lines of each row, so that the registers alive stay in

@@ -12,12 +12,9 @@ from dynid.bondgraph.graph import GraphUnits
 from dynid.result import Result
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from dynid.arrays import Array
     from dynid.bondgraph.design.functions import DesignFunctions, Evaluation
     from dynid.bondgraph.design.solve import Designed
-
-    Array = NDArray[np.float64]
 
 GROUP = "bond_graph/design"
 #: Points of the responses where the scene has no frequencies, and their range beyond the poles.

@@ -14,13 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array, ComplexArray
 from dynid.bondgraph.frequency_response import frequency_response
 from dynid.bondgraph.graph import ACTIVATED, STORAGES, BondGraph, GraphUnits, Port, bond_sign, unit_quotient
 from dynid.bondgraph.plan import ReducedGraph
 from dynid.result import Result
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 #: The part whose elements stand for controllers.
 CONTROL = "control"

@@ -26,11 +26,8 @@ from dynid.errors import NumericalError
 from dynid.result import Result
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from dynid.arrays import Array
     from dynid.lti.generator import Signal
-
-    Array = NDArray[np.float64]
 
 
 GROUP = "bond_graph/operating_point"

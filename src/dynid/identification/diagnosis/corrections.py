@@ -6,13 +6,11 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.identification.estimators.maximum_likelihood import refine
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.time_record import TimeRecord
-
-Array = NDArray[np.float64]
 
 #: Gain of the logarithm of the likelihood: at least, and for each channel that is corrected.
 LEAST_GAIN, GAIN_EACH = 20.0, 7.0

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import DynidError
 from dynid.identification.diagnosis.symmetry import (
     Permutation,
@@ -38,8 +39,6 @@ from dynid.lti.floating import guarded
 from dynid.parameters import named
 from dynid.structure.model import StructuralModel
 from dynid.structure.response import Channel
-
-Array = NDArray[np.float64]
 
 #: Difference of the logarithm of the posterior from which it decides: odds of 150 to 1.
 DECIDED = 5.0

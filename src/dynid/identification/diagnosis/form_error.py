@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.defaults import LACK_OF_FIT
 from dynid.errors import DynidError
 from dynid.identification.diagnosis.posterior import Posterior
@@ -26,8 +26,6 @@ from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.modal_record import ModalRecord
 from dynid.identification.likelihood.priors import Priors
 from dynid.number_format import p_text
-
-Array = NDArray[np.float64]
 
 # Error with which the search begins: a fit for the scatter alone is led by the values of the smallest one.
 _COMPROMISE = 0.1

@@ -11,9 +11,9 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.arithmetic.dependent import Dependent
+from dynid.arrays import Array
 from dynid.errors import DynidError
 from dynid.identification.diagnosis.corrections import (
     FEW_STEPS,
@@ -31,7 +31,6 @@ from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.lti.signals import Sampled
 from dynid.number_format import with_error
 
-Array = NDArray[np.float64]
 Places = tuple[tuple[int, int], ...]
 """Channels, each by the places of its record and of itself."""
 

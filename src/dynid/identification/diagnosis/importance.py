@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import DynidError, UsageError
 from dynid.identification.diagnosis.posterior import Posterior
 from dynid.identification.least_squares import STATE_RANK, thin_svd
@@ -28,8 +28,6 @@ from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
 from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.parameters import values
-
-Array = NDArray[np.float64]
 
 #: Samples of the posterior, and the shape of the weights above which it is not Gaussian enough.
 DRAWS, RELIABLE = 1000, 0.7

@@ -22,8 +22,8 @@ from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import DynidError
 from dynid.identification.diagnosis.corrections import (
     FEW_STEPS,
@@ -46,8 +46,6 @@ from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.systems.band_limited_system import BAND
 from dynid.units import GRAVITY
-
-Array = NDArray[np.float64]
 
 _COMMON = (-1.0, GRAVITY, 1 / GRAVITY, 1000.0, 1e-3)
 _FACTORS = np.array([sign * one for sign in (1, -1) for one in (1, GRAVITY, 1 / GRAVITY, 1000, 1e-3)])

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.statistics import root_mean_square
 from dynid.parameters import Parameter, named, rates, values
@@ -21,8 +22,6 @@ from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
 from dynid.structure.response import common_unit
 from dynid.structure.state_space import without_massless
-
-Array = NDArray[np.float64]
 
 # Most DOFs of a full model as the reference; of a larger one so many times the reduced coordinates.
 _MOST_DOFS, _FINER = 48, 3

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.defaults import NOISE_CONTRADICTED, NOISE_MATTERS, OUTLIER
 from dynid.errors import Diverged, DynidError, NotIdentifiable
 from dynid.identification.diagnosis.limited_posterior import LimitedPosterior
@@ -44,7 +45,6 @@ if TYPE_CHECKING:
     from dynid.identification.diagnosis.model_error import ModelError
     from dynid.identification.diagnosis.proportional_noise import GrowingResiduals
 
-Array = NDArray[np.float64]
 
 # Residuals above this part of a channel's RMS invalidate the estimates if they are not noise …
 _INVALID = 0.5

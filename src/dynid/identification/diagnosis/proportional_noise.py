@@ -14,8 +14,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.defaults import LACK_OF_FIT, RESIDUAL_GROWTH
 from dynid.errors import DynidError
 from dynid.identification.estimators.maximum_likelihood import refine, with_noise
@@ -28,8 +28,6 @@ from dynid.identification.records.frf_measurement import unstacked
 from dynid.identification.residual_tests import is_coloured, whiteness
 from dynid.number_format import p_text, with_error
 from dynid.parameters import rates, values
-
-Array = NDArray[np.float64]
 
 # Rank correlations below this one do not matter, however significant.
 _MATTERS = 0.2

@@ -18,8 +18,8 @@ from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import DynidError
 from dynid.identification.likelihood.frf_record import FrfLikelihood
 from dynid.identification.likelihood.likelihood import Likelihood
@@ -27,7 +27,6 @@ from dynid.identification.systems.parametric_model import Model
 from dynid.lti.floating import guarded
 from dynid.structure.model import StructuralModel
 
-Array = NDArray[np.float64]
 Permutation = tuple[int, ...]
 """Places of the images of the parameters: the value of parameter k goes to parameter `permutation[k]`."""
 

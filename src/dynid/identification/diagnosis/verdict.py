@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.defaults import HEAVY_TAILS, LACK_OF_FIT, OFFSET
 from dynid.identification.diagnosis.equivalent_optima import DECIDED
 from dynid.identification.diagnosis.posterior import UNCERTAIN, ChannelOfRecord, Posterior
@@ -17,8 +17,6 @@ from dynid.identification.residual_tests import ResidualShape, is_coloured, whit
 from dynid.identification.statistics import chi_squared_tail
 from dynid.number_format import frequency_text, p_text, quantity, share_text, short_percent
 from dynid.parameters import Parameter, coordinates
-
-Array = NDArray[np.float64]
 
 # Levels of the warnings: a correlation, an error in standard errors, a part of the samples that are missing
 # or stand at the channel's extreme.

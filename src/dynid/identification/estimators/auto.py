@@ -28,8 +28,8 @@ from itertools import cycle
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.defaults import AGREEING_STARTS, MOST_STARTS
 from dynid.errors import DynidError
 from dynid.identification.estimators.estimate import Estimate, EstimationStage, Sweep
@@ -46,8 +46,6 @@ from dynid.identification.systems.band_limited_system import BAND
 from dynid.lti.floating import guarded
 from dynid.parameters import logarithmic
 from dynid.progress import report_progress, tracked
-
-Array = NDArray[np.float64]
 
 # Rounds of starts: how many are drawn, how far from the given start (a factor), and how many are tried.
 _ROUNDS = ((256, 20.0, 1 / 3), (512, 100.0, 1 / 3), (1024, 300.0, 1 / 3))

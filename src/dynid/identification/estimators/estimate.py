@@ -6,16 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, Self, TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
-
+from dynid.arrays import Array
 from dynid.identification.estimators.filter import Pass
 from dynid.identification.likelihood.lack_of_fit import ModelComparison
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.time_record import TimeLikelihood
-
-Array = NDArray[np.float64]
-
 
 Sweep: TypeAlias = Sequence[Pass]
 """One pass over each record, in order."""

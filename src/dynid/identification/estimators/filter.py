@@ -25,8 +25,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.defaults import LINEARISED
 from dynid.errors import Diverged
 from dynid.identification.information import RECORD
@@ -35,8 +35,6 @@ from dynid.identification.likelihood.time_record import stored_rows
 from dynid.identification.systems.parametric_model import DirectTerm, ParametricModel
 from dynid.native import call, compiled, structure
 from dynid.parameters import Parameter, logarithmic
-
-Array = NDArray[np.float64]
 
 #: How far a coordinate may move before steps are linearised anew: in its standard deviations, and at most.
 PART, MOST = LINEARISED.value, 0.1

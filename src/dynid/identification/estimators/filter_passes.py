@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.defaults import FILTER_PASSES
 from dynid.errors import UsageError
 from dynid.identification.estimators.estimate import Estimate, EstimationStage, Sweep
@@ -21,8 +21,6 @@ from dynid.identification.estimators.filter import Pass, filter_pass, thinned
 from dynid.identification.likelihood.priors import InitialState
 from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
 from dynid.progress import report_progress, tracked
-
-Array = NDArray[np.float64]
 
 # The first pass assumes a noise that falls from twice the RMS to a twentieth, over an eighth of the record:
 # far from the optimum early samples must not narrow the covariance, since the linearisation is wrong there.

@@ -18,8 +18,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import Diverged, UsageError
 from dynid.identification.estimators.estimate import Estimate, EstimationStage
 from dynid.identification.estimators.filter import Pass, check_run_away
@@ -28,8 +28,6 @@ from dynid.identification.information import RECORD
 from dynid.identification.likelihood.priors import InitialState
 from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
 from dynid.progress import report_progress
-
-Array = NDArray[np.float64]
 
 #: Terms of the exponential series between two nodes of the record's timeline.
 _TERMS = 12

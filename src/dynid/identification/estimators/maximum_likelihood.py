@@ -25,8 +25,8 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.defaults import HUBER
 from dynid.errors import Diverged, DynidError, UsageError
 from dynid.identification.estimators.estimate import Estimate, EstimationStage
@@ -39,8 +39,6 @@ from dynid.identification.residual_tests import robust_deviation
 from dynid.identification.statistics import root_mean_square
 from dynid.lti.floating import guarded
 from dynid.progress import report_progress
-
-Array = NDArray[np.float64]
 
 #: Longest step of a coordinate in its unit: of a logarithm a factor of 4.5.
 _LONGEST = 1.5

@@ -15,14 +15,12 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.identification.estimators.auto import Search, drawn_starts, guided
 from dynid.identification.estimators.estimate import Estimate
 from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.modal_record import ModalGuide, ModalRecord
-
-Array = NDArray[np.float64]
 
 # Frequencies nearer than this part have one span, on the way to an optimum.
 _WIDE = 0.15

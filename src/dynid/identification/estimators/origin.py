@@ -6,15 +6,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import DynidError
 from dynid.identification.information import Information
 from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.lti.floating import guarded
 from dynid.parameters import rates, starts, values
-
-Array = NDArray[np.float64]
 
 # How far from the starts parameters are looked for that hide there, in units: by a factor of 1.3 to 1.6.
 _BESIDE = 0.25

@@ -17,6 +17,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.identification.information import Information, information
 from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
@@ -29,8 +30,6 @@ from dynid.identification.systems.prediction import Trajectory, free_prediction,
 from dynid.lti.floating import finite
 from dynid.lti.recurrence import recurrence
 from dynid.parameters import Parameter
-
-Array = NDArray[np.float64]
 
 # The prior of the initial states of segments has this part of the information of one value of RMS size:
 # states that are not observable in a segment stay those of the forced response.

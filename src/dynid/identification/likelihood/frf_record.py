@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array, ComplexArray
 from dynid.defaults import DENSE_STRUCTURES, SEARCH_WORK
 from dynid.identification.information import RESPONSE, Observed
 from dynid.identification.likelihood.likelihood import Likelihood
@@ -41,9 +41,6 @@ from dynid.identification.systems.parametric_model import Model, freed_coordinat
 from dynid.identification.systems.prediction import Trajectory
 from dynid.number_format import frequency_text
 from dynid.parameters import Parameter, named
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 # Multiplications of one evaluation beyond which known masses and stiffnesses are not considered: they act at
 # all DOFs, so that nothing is condensed.

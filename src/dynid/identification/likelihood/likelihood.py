@@ -16,13 +16,12 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.identification.information import Information, joint_information
 from dynid.identification.likelihood.priors import PULL, Priors
 from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
 from dynid.identification.residual_tests import whiteness
 from dynid.parameters import Parameter, coordinates, truths
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from typing import Any, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.identification.information import MODAL_SURVEY, Observed
 from dynid.identification.likelihood.likelihood import Likelihood
@@ -38,8 +39,6 @@ from dynid.identification.systems.prediction import Trajectory
 from dynid.parameters import Parameter, named, rates, starts
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.derivatives import ModalSolution, has_damping, lowest_modes
-
-Array = NDArray[np.float64]
 
 #: Frequencies nearer to each other, relative, have one span of shapes.
 CLOSE = 1e-4

@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.identification.records.modal_measurement import ModalMeasurement
 from dynid.structure.correlation import mac, paired
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.derivatives import ModalSolution, has_damping, lowest_modes, modal_basis
-
-Array = NDArray[np.float64]
 
 # Modes beside the measured ones that are computed, so that crossings are seen; up to which part of the
 # highest measured frequency; and the most of them.

@@ -17,9 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.parameters import Parameter
-
-Array = NDArray[np.float64]
 
 # Information of the records on a parameter, relative to that of its prior, below which the two are not
 # compared.

@@ -16,6 +16,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.defaults import HUBER
 from dynid.identification.information import RECORD, Information, Observed, information
 from dynid.identification.likelihood.saturated_model import SaturatedCoordinates
@@ -25,8 +26,6 @@ from dynid.identification.systems.instruments import CalibrationDerivatives
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.prediction import Trajectory
 from dynid.parameters import Parameter, rates, values
-
-Array = NDArray[np.float64]
 
 #: Part of its variance that parameters leave of a value, or combination, below which no error shows in it.
 HIDDEN = 0.05

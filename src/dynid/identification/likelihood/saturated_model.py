@@ -19,13 +19,12 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array, ComplexArray
 from dynid.defaults import SATURATED
 from dynid.lti.recurrence import recurrence
 from dynid.lti.signals import Multisine, Signal
 from dynid.native import call, compiled
 
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 Labels: TypeAlias = tuple[NDArray[np.int_], NDArray[np.int_], ComplexArray, Array]
 """Kinds, groups, poles and rates of columns."""
 

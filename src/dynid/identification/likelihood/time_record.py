@@ -11,6 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.identification.information import Information, information
 from dynid.identification.least_squares import (
     STATE_RANK,
@@ -61,8 +62,6 @@ from dynid.identification.systems.prediction import (
 from dynid.lti.recurrence import recurrence
 from dynid.parameters import Parameter, rates, starts, values
 from dynid.structure.response import Channel
-
-Array = NDArray[np.float64]
 
 # The prior lets every channel be this many times larger than measured.
 _WIDE = 10.0

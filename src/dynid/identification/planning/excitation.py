@@ -14,8 +14,8 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import Singular, UsageError
 from dynid.identification.identifiability import ExpectedTimeRecords
 from dynid.identification.information import information
@@ -33,9 +33,6 @@ from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.modes import modes
 from dynid.structure.response import Load, common_unit
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 # Poles below this part of the largest are at zero.
 _AT_REST = 1e-9

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, Port
 from dynid.errors import UsageError
 from dynid.identification.identifiability import (
@@ -34,8 +34,6 @@ from dynid.structure import labels
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
 from dynid.structure.response import UNITS, Channel, common_unit
-
-Array = NDArray[np.float64]
 
 # The variable that all bonds of a junction share.
 _COMMON: dict[str, Literal["e", "f"]] = {"0": "e", "1": "f"}

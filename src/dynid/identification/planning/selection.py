@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from dynid.arrays import Array
 
 # Root of the prior information on a coordinate: a factor of e^1000 either way. It makes first choices
 # comparable from which not all parameters are identifiable, and is negligible beside that of any record.

@@ -11,15 +11,13 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dynid.arrays import Array, ComplexArray
 from dynid.errors import UsageError
 from dynid.identification.records.simulation import Simulation, check_finite, per_channel
 from dynid.structure.matrices import Label
 from dynid.structure.ports import ratio
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 # Least deviation of a line, as a part of the largest.
 _LEAST_DEVIATION = 1e-6

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.identification.records.noise import Autoregression, ColouredNoise
 from dynid.identification.records.simulation import Simulation, check_finite, per_channel
@@ -17,8 +18,6 @@ from dynid.identification.statistics import root_mean_square
 from dynid.lti.signals import Random, RecordTimes, WhiteNoise
 from dynid.structure.matrices import Label
 from dynid.structure.response import Channel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

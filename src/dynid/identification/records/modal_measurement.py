@@ -9,10 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.structure.matrices import Label
-
-Array = NDArray[np.float64]
 
 #: Quantities of a mode, in the order of the channels.
 QUANTITIES = ("frequency", "damping", "shape")

@@ -19,10 +19,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.defaults import NOISE_VALUES
 from dynid.errors import UsageError
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 #: The highest order that is tried, and that may be given.

@@ -16,14 +16,13 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.identification.records.measurement import Experiment, as_estimated
 from dynid.identification.records.noise import ColouredNoise
 from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Chirp, Impact, Impulse, Multisine, Sampled, Step
 from dynid.structure.response import Load
-
-Array = NDArray[np.float64]
 
 # Remainder of a filter's response where the ends of a record are cut off.
 _TAIL = 1e-5

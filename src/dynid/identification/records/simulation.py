@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arithmetic.numbers import LARGEST
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.identification.records.noise import Autoregression
 from dynid.identification.statistics import root_mean_square
 from dynid.structure.matrices import Label
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import DynidError
 from dynid.identification.derived import (
     FEW_SAMPLES,
@@ -52,8 +52,6 @@ from dynid.identification.records.noise import Autoregression
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.result import Result
 from dynid.structure.response import common_unit
-
-Array = NDArray[np.float64]
 
 #: Group of the derived quantities.
 DERIVED = "identification/derived"

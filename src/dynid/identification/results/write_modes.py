@@ -40,6 +40,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import DynidError
 from dynid.identification.diagnosis.form_error import FormError
 from dynid.identification.diagnosis.posterior import Posterior
@@ -54,8 +55,6 @@ from dynid.result import Result
 from dynid.structure.correlation import comac, complexity
 from dynid.structure.model import StructuralModel
 from dynid.units import angular_factor
-
-Array = NDArray[np.float64]
 
 # What a fit to a part of the data may raise: the rest may not determine the parameters.
 _FAILURES = (DynidError, ArithmeticError, np.linalg.LinAlgError)

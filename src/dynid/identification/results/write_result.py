@@ -68,8 +68,8 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.defaults import HUBER
 from dynid.identification.diagnosis.importance import DRAWS, PosteriorCheck, likelihood_size, posterior_check
 from dynid.identification.diagnosis.posterior import Posterior
@@ -93,8 +93,6 @@ from dynid.result import Result
 from dynid.structure.correlation import frac
 from dynid.structure.excitation import inputs_of
 from dynid.structure.response import common_unit, source_names
-
-Array = NDArray[np.float64]
 
 _PARAMETERS, _STAGES = "identification/parameters", "identification/stages"
 _DIAGNOSTICS = "identification/diagnostics"

@@ -14,15 +14,13 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array, ComplexArray
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.structure_system import StructureSystem
 from dynid.lti.floating import finite
 from dynid.structure.dynamic_condensation import ActiveCoordinates
-from dynid.structure.matrices import Array, as_array
-
-ComplexArray = NDArray[np.complex128]
+from dynid.structure.matrices import as_array
 
 #: Modes up to this multiple of the highest line are kept at first.
 BAND = 3.0

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array, ComplexArray
 from dynid.errors import NotIdentifiable, UsageError
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, stacked, unstacked
 from dynid.identification.records.measurement import RecordData
@@ -19,9 +19,6 @@ from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.parametric_model import Model, freed_model, system_of
 from dynid.parameters import Parameter, named, rates, true_values
 from dynid.structure.model import StructuralModel
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 # The most numbers that the solutions at all lines may take.
 _MOST_NUMBERS = 100_000_000

@@ -12,22 +12,20 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.arithmetic.dependent import Real
+from dynid.arrays import Array, ComplexArray
 from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, GraphUnits, Port, port_fault
 from dynid.bondgraph.parametric_equations import ParametricEquations, ParametricResponse
 from dynid.bondgraph.plan import ReducedGraph
 from dynid.errors import Singular, UsageError
 from dynid.identification.records.simulation import Simulation
-from dynid.identification.systems.linear_system import ComplexArray, LinearSystem, StateVariable
+from dynid.identification.systems.linear_system import LinearSystem, StateVariable
 from dynid.lti.signals import Impulse, Signal
 from dynid.lti.state_space import Matrices, StateSpace
 from dynid.lti.time_response import TimeResponse, propagate
 from dynid.parameters import Parameter, true_values
 from dynid.suggestions import did_you_mean
-
-Array = NDArray[np.float64]
 
 #: Derivatives of a sampled input that are no impulses at the samples, by its hold.
 _SMOOTH_HOLDS = {"zero": 0, "linear": 1, "spline": 3}

@@ -17,13 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arithmetic.dependent import Dependent, Real, evaluated
+from dynid.arrays import Array
 from dynid.lti.floating import finite
 from dynid.lti.signals import Shifted, Signal
 from dynid.lti.state_space import Matrices
 from dynid.parameters import Parameter
 from dynid.result import Result
-
-Array = NDArray[np.float64]
 
 
 class Numbers(NamedTuple):

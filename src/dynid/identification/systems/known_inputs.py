@@ -12,15 +12,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.arithmetic.dependent import Real
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.identification.systems.instruments import Instruments
 from dynid.lti.signals import Derivative, Sampled, Shifted, Signal
 from dynid.parameters import Parameter, named
-
-Array = NDArray[np.float64]
 
 # Part of a sampling step by which a sample may lie outside and still count as known: round-off of times.
 _ROUND_OFF = 1e-6

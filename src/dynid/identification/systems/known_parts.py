@@ -11,15 +11,13 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid.arithmetic.dependent import Dependent
+from dynid.arrays import Array
 from dynid.parameters import Parameter
 from dynid.structure.matrices import Matrix, as_array
 from dynid.structure.model import StructuralModel, Term
 from dynid.structure.response import Channel
-
-Array = NDArray[np.float64]
 
 # Most masses, springs or sensors that are taken one by one; DOFs beyond which none are.
 _MAX_PARTS, _MAX_DOFS = 24, 400

@@ -15,15 +15,13 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array, ComplexArray
 from dynid.identification.records.simulation import Simulation
 from dynid.lti.frequency_response import on_a_pole
 from dynid.lti.signals import Signal
 from dynid.lti.state_space import Matrices, StateSpace
 from dynid.lti.time_response import TimeResponse
 from dynid.parameters import Parameter
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
 
 
 class StateVariable(NamedTuple):

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arithmetic.dependent import Dependent
+from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.identification.systems.instruments import Instruments, RecordSampling
 from dynid.identification.systems.known_inputs import KnownSamples, continued, known_samples
@@ -31,7 +32,6 @@ from dynid.lti.timeline import Timeline, timeline
 from dynid.parameters import Parameter, named, rates, values
 from dynid.structure.model import StructuralModel
 
-Array = NDArray[np.float64]
 T = TypeVar("T", bound=np.generic)
 Model: TypeAlias = StructuralModel | SystemModel
 Rebuild: TypeAlias = Callable[[Mapping[str, float]], StructuralModel]

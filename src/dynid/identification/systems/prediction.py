@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.identification.systems.parametric_model import ParametricModel, Transition
 from dynid.lti.recurrence import free_response, recurrence
 from dynid.native import compiled
@@ -16,7 +17,6 @@ from dynid.native import compiled
 if TYPE_CHECKING:
     from dynid.identification.systems.kernels import Linear
 
-Array = NDArray[np.float64]
 Steps: TypeAlias = "list[Transition] | Linear"
 """The steps of all lengths at some parameters, as NumPy or as kernels have them."""
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import NotIdentifiable
 from dynid.identification.records.measurement import Measurement, RecordData
 from dynid.identification.records.noise import Autoregression
@@ -22,8 +22,6 @@ from dynid.structure.excitation import drive, signals_of, starting_state
 from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.response import Channel
-
-Array = NDArray[np.float64]
 
 
 def data(

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array, ComplexArray
 from dynid.errors import Singular, UsageError
 from dynid.identification.systems.linear_system import Affine, LinearSystem, StateVariable
 from dynid.lti.exponential import balance, rescaled
@@ -21,12 +22,10 @@ from dynid.lti.state_space import Matrices
 from dynid.number_format import frequency_text
 from dynid.structure.dynamic_condensation import ActiveCoordinates, CondensedLines, condensed_lines
 from dynid.structure.excitation import Excitation, base_slopes, drive, prescribed_state, signals_of
-from dynid.structure.matrices import Array, as_array
+from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.response import Channel, Load
 from dynid.structure.state_space import massless_motion
-
-ComplexArray = NDArray[np.complex128]
 
 
 class StructureSystem(LinearSystem):

@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import ComplexArray
 from dynid.defaults import SPARSE_REFINEMENT
 from dynid.errors import Singular, Undecided
 
 Real = NDArray[np.float64]
 Indices = NDArray[np.intp]
-Complex = NDArray[np.complex128]
 EPSILON = float(np.finfo(float).eps)
 #: Sweeps that scale rows and columns; steps of inverse iteration.
 _SWEEPS, _STEPS = 12, 3
@@ -53,7 +53,7 @@ class FiniteEigenvalues:
         Number of eigenvalues at infinity.
     """
 
-    values: Complex
+    values: ComplexArray
     bounds: Real
     infinite: int
 
@@ -88,7 +88,7 @@ def finite_eigenvalues(
     blocks = diagonal_blocks(abs(F) + abs(G))
     if blocks is None:
         raise Singular("the pencil's determinant is identically zero", remedy="Check the equations.")
-    parts: list[tuple[Complex, Real]] = [(np.zeros(0, complex), np.zeros(0))]
+    parts: list[tuple[ComplexArray, Real]] = [(np.zeros(0, complex), np.zeros(0))]
     if single := [block for block in blocks if len(block[0]) == 1]:
         at = tuple(np.concatenate(part) for part in zip(*single, strict=True))
         f, g = np.ravel(F[at]), np.ravel(G[at])
@@ -141,7 +141,7 @@ def diagonal_blocks(pattern: Any) -> list[tuple[Indices, Indices]] | None:
     return [(order[a:b], np.sort(partner[order[a:b]])) for a, b in pairwise(starts)]
 
 
-def settle_origin(value: Complex, bound: Real, origin: int | None) -> None:
+def settle_origin(value: ComplexArray, bound: Real, origin: int | None) -> None:
     """Set the smallest eigenvalues to 0, as many as are known to be."""
     if origin is None:
         return
@@ -153,7 +153,7 @@ def settle_origin(value: Complex, bound: Real, origin: int | None) -> None:
     bound[:origin] = 0
 
 
-def _block_eigenvalues(F: Any, G: Any, *, known: bool, sparse: bool | None) -> tuple[Complex, Real]:
+def _block_eigenvalues(F: Any, G: Any, *, known: bool, sparse: bool | None) -> tuple[ComplexArray, Real]:
     """Return eigenvalues and error bounds of one irreducible block; `known`: their total is known."""
     from scipy.linalg import eigvals
 
@@ -236,7 +236,7 @@ def _deflated(F: Real, G: Real, *, known: bool) -> tuple[Real, Real]:
     return F, G
 
 
-def _refined(F: Any, G: Any, starts: Complex) -> tuple[Complex, Real]:
+def _refined(F: Any, G: Any, starts: ComplexArray) -> tuple[ComplexArray, Real]:
     """Refine eigenvalues on the pencil itself and bound their errors; conjugates share the work."""
     if not np.isfinite(starts).all():
         raise Undecided("rounding hides whether an eigenvalue is infinite", remedy=EXACT)
@@ -284,7 +284,7 @@ def _rayleigh_quotient_iteration(F: Any, G: Any, z: complex, room: float) -> tup
     return z, float(_ROUNDINGS * EPSILON * rounding / abs(slope) + abs(step))
 
 
-def _solved(P: Any, u: Complex, v: Complex) -> tuple[Complex, Complex]:
+def _solved(P: Any, u: ComplexArray, v: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
     """Return P^-H u and P^-1 v; not finite where P is singular to the last bit."""
     if isinstance(P, np.ndarray):
         from scipy.linalg.lapack import zgetrf, zgetrs

@@ -10,13 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.defaults import CALIBRATION
 from dynid.number_format import headed, percent, quantity, time_text
 from dynid.report.content.blocks import ReportSection, Statement, TextTable, more
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
-
-Floats = NDArray[np.float64]
 
 GROUP = "identification/identifiability"
 _CONSIDERED = "identification/considered"
@@ -213,10 +212,10 @@ class CalibrationEffects(NamedTuple):
 
     parameters: list[str]
     changes: list[str]
-    moves: Floats
-    deviations: Floats
+    moves: Array
+    deviations: Array
     kinds: NDArray[np.str_]
-    seen_from: Floats
+    seen_from: Array
 
 
 def calibration_effects(result: Result) -> CalibrationEffects | None:
@@ -256,7 +255,7 @@ def calibration_effects(result: Result) -> CalibrationEffects | None:
     return CalibrationEffects(labels, changes, moves, in_errors, np.array(kinds), _seen_from(result, sizes))
 
 
-def _seen_from(result: Result, sizes: Floats) -> Floats:
+def _seen_from(result: Result, sizes: Array) -> Array:
     """Return the changes from which residuals show them, of quantities whose changes are these (q).
 
     There a test of as many squares as the redundancy has even odds: chi-squared, by E. B. Wilson and M. M.

@@ -7,8 +7,8 @@ from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.report.content.identification import is_rejected, lacks_fit
 from dynid.report.diagrams.responses import degrees, frequencies
 from dynid.report.figure import Figure, FigureTable, Picture, table_of
@@ -29,8 +29,6 @@ from dynid.report.plot import (
 if TYPE_CHECKING:
     from dynid.result import Result
 
-
-Floats = NDArray[np.float64]
 
 GROUP = "identification/parameters"
 #: Columns of the table: names of the arrays, and headings.
@@ -245,13 +243,13 @@ def _channels(result: Result, group: str) -> list[str]:
     return labels_with_units(result, group, "channel", measured.shape[1], measured.units)
 
 
-def _misfit(measured: Floats, predicted: Floats) -> Floats:
+def _misfit(measured: Array, predicted: Array) -> Array:
     """Return the size of the residual of each channel, relative to its signal, NaN where it has none."""
     size, left = (np.linalg.norm(np.nan_to_num(one), axis=0) for one in (measured, measured - predicted))
     return np.asarray(np.divide(left, size, out=np.full(size.shape, np.nan), where=size > 0))
 
 
-def _drawn_channels(result: Result, misfit: Floats) -> tuple[list[int], str]:
+def _drawn_channels(result: Result, misfit: Array) -> tuple[list[int], str]:
     """Return the channels that are drawn, and which of all they are, in words.
 
     Where the model lacks fit, the channel that it misses most is the first.

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import ComplexArray
 from dynid.number_format import counted
 from dynid.report.diagrams.responses import ROW, decibels, frequencies, rounded_locus
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture, evenly_spaced, table_of
@@ -35,8 +36,7 @@ if TYPE_CHECKING:
     from dynid.result import Result
 
 
-Complex = NDArray[np.complex128]
-Roots = tuple[str, Complex, NDArray[np.float64]]
+Roots = tuple[str, ComplexArray, NDArray[np.float64]]
 TRANSFER_FUNCTION = "bond_graph/transfer_function"
 #: Ratio of successive magnitudes above which the smaller roots have a subplot of their own.
 _FAR = 25.0

@@ -9,8 +9,9 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dynid.arrays import Array, ComplexArray
 from dynid.report.content.design import DESIGN
 from dynid.report.content.modes import DERIVED, is_requested
 from dynid.report.figure import Figure, Picture, table_of
@@ -23,9 +24,7 @@ if TYPE_CHECKING:
     from dynid.result import Result
     from dynid.units import FrequencyUnit
 
-Floats = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-NamedResponse = tuple[str, Complex]
+NamedResponse = tuple[str, ComplexArray]
 #: Most curves in one diagram; most subplots of a Nyquist grid in a row and in all; most of time responses.
 CURVES, ROW, LOCI, OUTPUTS = 7, 3, 12, 12
 
@@ -46,11 +45,11 @@ class Frequencies:
         The unit in which they are shown, that of the scene.
     """
 
-    omega: Floats
+    omega: Array
     unit: FrequencyUnit
 
     @property
-    def shown(self) -> Floats:
+    def shown(self) -> Array:
         """The frequencies in the unit in which they are shown."""
         return self.omega / (2 * math.pi) if self.unit.name == "Hz" else self.omega
 
@@ -62,7 +61,7 @@ class Frequencies:
         return PlotAxis(frequency_label(self.unit), log=wide)
 
     @property
-    def columns(self) -> dict[str, Floats]:
+    def columns(self) -> dict[str, Array]:
         """Their columns in a table."""
         found = {"angular frequency (rad/s)": self.omega}
         return found | {frequency_label(self.unit): self.shown}
@@ -73,14 +72,14 @@ def frequencies(result: Result, path: str) -> Frequencies:
     return Frequencies(result[path].data, frequency_unit(result))
 
 
-def decibels(values: Complex) -> Floats:
+def decibels(values: ComplexArray) -> Array:
     """Return 20 log10 |values|; NaN where it is not finite."""
     with np.errstate(divide="ignore", invalid="ignore"):
         found = 20 * np.log10(np.abs(values))
     return np.where(np.isfinite(found), found, np.nan)
 
 
-def degrees(values: Complex) -> Floats:
+def degrees(values: ComplexArray) -> Array:
     """Return the phase, unwrapped along the frequencies; NaN where it is undefined."""
     known = np.isfinite(values) & (values != 0)
     phase = np.full(len(values), np.nan)
@@ -213,7 +212,7 @@ def _nyquist(at: Frequencies, curves: Sequence[NamedResponse], units: Sequence[s
     return Picture(svg, about, table_of(columns))
 
 
-def rounded_locus(values: Complex, at: Floats) -> tuple[Complex, Floats]:
+def rounded_locus(values: ComplexArray, at: Array) -> tuple[ComplexArray, Array]:
     """Return a locus with points between the samples where it bends, and its parameter at all of them.
 
     Parameters
@@ -296,7 +295,7 @@ def _time_response(result: Result, group: str) -> Picture:
     return Picture(svg, about, table_of({"time (s)": time, **dict(shown), **also, **moving}))
 
 
-def _range(data: Floats) -> str:
+def _range(data: Array) -> str:
     """Return the least and the largest value as text."""
     return f"{short(np.nanmin(data))} … {short(np.nanmax(data))}"
 

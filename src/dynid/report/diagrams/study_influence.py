@@ -7,8 +7,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.number_format import general
 from dynid.report.diagrams.study_samples import StudyNumbers
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture
@@ -20,7 +20,6 @@ from dynid.study.analysis.influence import Influences
 if TYPE_CHECKING:
     from dynid.result import Result
 
-Floats = NDArray[np.float64]
 _PANELS, _BARS = 8, 12
 
 
@@ -154,7 +153,7 @@ def _indices(numbers: StudyNumbers, name: str, title: str) -> Picture:
     return Picture(svg, about, FigureTable(columns, tuple(rows)))
 
 
-def _whiskers(place: Floats, low: Floats, high: Floats) -> Curve:
+def _whiskers(place: Array, low: Array, high: Array) -> Curve:
     """Return horizontal lines between the ends of standard errors, of parts from 0 to 100 %."""
     gap = np.full(len(place), np.nan)
     x = np.column_stack([np.clip(low, 0, 100), np.clip(high, 0, 100), gap]).ravel()

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.number_format import counted
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture, evenly_spaced, table_of
 from dynid.report.notation import labelled, short
@@ -38,7 +39,6 @@ from dynid.suggestions import short_paths
 if TYPE_CHECKING:
     from dynid.result import Result
 
-Floats = NDArray[np.float64]
 #: Most entries of an array that are shown one by one, greatest size of an array with entries shown, and most
 #: numbers in all.
 ENTRIES, LONGEST, COLUMNS = 8, 64, 24
@@ -56,7 +56,7 @@ class StudyVariable(NamedTuple):
     name: str
     path: str
     units: str
-    values: Floats
+    values: Array
     log: bool = False
 
     @property
@@ -260,7 +260,7 @@ def _counts(number: StudyVariable) -> Bars:
     return Bars(middles, np.full(len(counts), low), tops, "", "s1", thick)
 
 
-def _histogram(values: Floats, most: int, log: bool = False) -> tuple[NDArray[np.intp], Floats]:
+def _histogram(values: Array, most: int, log: bool = False) -> tuple[NDArray[np.intp], Array]:
     """Return the counts of values in at most so many bins, and the edges; also of nearly equal values."""
     if log:
         counts, edges = _histogram(np.log(values), most)

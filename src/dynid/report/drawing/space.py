@@ -11,8 +11,8 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.report.drawing.structure import pin, plane_geometry
 from dynid.report.figure import CellValue, Figure, FigureTable, Picture
 from dynid.report.svg import SMALL, Point, Svg, path_of, text_width
@@ -21,7 +21,6 @@ from dynid.structure.geometry import outer_lines
 if TYPE_CHECKING:
     from dynid.result import Result
 
-Array = NDArray[np.float64]
 
 GROUP = "structure/geometry"
 #: Azimuth and elevation of the eye, degrees.

@@ -7,12 +7,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from dynid.arrays import Array
 from dynid.report.notation import raised, short
 from dynid.report.svg import SMALL, text_width
-
-Floats = NDArray[np.float64]
 
 #: Least distance between two labels, and height of a line, px.
 _APART = 10.0
@@ -110,7 +109,7 @@ class Scale:
     high: float
     log: bool = False
 
-    def share(self, values: ArrayLike) -> Floats:
+    def share(self, values: ArrayLike) -> Array:
         """Return the positions of values between the ends, 0 … 1; NaN where a logarithm is undefined."""
         data = np.asarray(values, dtype=float)
         if not self.log:

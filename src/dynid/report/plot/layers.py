@@ -10,6 +10,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dynid.arrays import Array
 from dynid.report.plot.axis import Scale
 from dynid.report.svg import SERIES, SMALL, Point, Svg, path_of, plain, text_width
 
@@ -340,13 +341,11 @@ def _rounded(x: NDArray[np.float64], y: NDArray[np.float64]) -> list[Point]:
     return list(zip(np.round(x, 1).tolist(), np.round(y, 1).tolist(), strict=True))
 
 
-Floats = NDArray[np.float64]
-
 #: Greatest distance from the line between its neighbours, px, at which a point is dropped.
 NEAR = 0.08
 
 
-def runs(x: Floats, y: Floats, *also: Floats) -> Iterator[tuple[Floats, ...]]:
+def runs(x: Array, y: Array, *also: Array) -> Iterator[tuple[Array, ...]]:
     """Yield the runs of finite points of a line, with other values at the points."""
     known = np.isfinite(x) & np.isfinite(y)
     edges = np.flatnonzero(np.diff(known.astype(np.int8), prepend=0, append=0))
@@ -354,7 +353,7 @@ def runs(x: Floats, y: Floats, *also: Floats) -> Iterator[tuple[Floats, ...]]:
         yield x[start:stop], y[start:stop], *(values[start:stop] for values in also)
 
 
-def by_column(x: Floats, y: Floats) -> NDArray[np.intp]:
+def by_column(x: Array, y: Array) -> NDArray[np.intp]:
     """Return the indices of the first, lowest, highest and last point of each pixel column.
 
     Parameters
@@ -385,7 +384,7 @@ def _firsts(ascending: NDArray[np.intp]) -> NDArray[np.intp]:
     return np.flatnonzero(np.diff(ascending, prepend=ascending[:1] - 1))
 
 
-def straightened(x: Floats, y: Floats, near: float = NEAR) -> NDArray[np.intp]:
+def straightened(x: Array, y: Array, near: float = NEAR) -> NDArray[np.intp]:
     """Return the indices of the points that remain when those on straight stretches are dropped.
 
     Extremes of y and the ends always remain; no dropped point is further than `near` from the line.
@@ -412,7 +411,7 @@ def straightened(x: Floats, y: Floats, near: float = NEAR) -> NDArray[np.intp]:
     return np.array([*kept, count - 1])
 
 
-def decimated(x: Floats, y: Floats, near: float = NEAR) -> tuple[Floats, Floats]:
+def decimated(x: Array, y: Array, near: float = NEAR) -> tuple[Array, Array]:
     """Return the decimated points of a line, px; one that goes back in x keeps a point every 0.5 px."""
     if len(x) > 2 and np.all(np.diff(x) >= 0):
         kept = by_column(x, y)
@@ -423,7 +422,7 @@ def decimated(x: Floats, y: Floats, near: float = NEAR) -> tuple[Floats, Floats]
     return x[kept], y[kept]
 
 
-def spread(x: Floats, y: Floats) -> NDArray[np.intp]:
+def spread(x: Array, y: Array) -> NDArray[np.intp]:
     """Return the indices of points of a line every 0.5 px along it, and of its end."""
     moved = np.hypot(np.diff(x), np.diff(y))
     place = np.floor(np.concatenate([[0.0], np.cumsum(moved)]) / 0.5).astype(np.int64)

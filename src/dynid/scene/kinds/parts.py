@@ -22,13 +22,13 @@ from dynid.suggestions import did_you_mean
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from dynid.arrays import Array
     from dynid.scene.load import Scene
     from dynid.scene.schema.identification import IdentificationScene
     from dynid.scene.schema.joints import Axes, AxesModel, JointModel
     from dynid.scene.schema.parts import PointModel
     from dynid.structure.joints import Joint
     from dynid.structure.labels import Label, Nodes
-    from dynid.structure.matrices import Array
     from dynid.structure.named_dofs import Motion
     from dynid.structure.points import Point
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from dynid.arithmetic.dependent import Dependent, Real
 from dynid.arithmetic.expression import Expression
 from dynid.arithmetic.numbers import Number
+from dynid.arrays import Array
 from dynid.defaults import DENSE_MODES
 from dynid.errors import DynidError, SceneError
 from dynid.result import Variable
@@ -55,7 +56,7 @@ from dynid.scene.schema.reduction import (
 from dynid.scene.yaml.source import path_of, set_values
 from dynid.structure.correlation import frac
 from dynid.structure.frf import Ports, direct
-from dynid.structure.matrices import Array, as_array
+from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.ports import ports
 from dynid.structure.reduction import stacks

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.errors import Singular, UsageError
 from dynid.structure.modes.pencil import Pencil, StrainEnergy
-
-Array = NDArray[np.float64]
 
 # A spread of eigenvalues beyond which the low ones lose digits to the high ones in one decomposition.
 _SPREAD = 1e4

@@ -19,14 +19,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array, ComplexArray
 from dynid.errors import NumericalError, Singular
 from dynid.lti.floating import guarded
-from dynid.structure.matrices import Array, Matrix, as_array, is_sparse
+from dynid.structure.matrices import Matrix, as_array, is_sparse
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.modes import modes
 from dynid.structure.modes.poles import EQUAL, STILL, lowest_oscillating, second_order_poles
 
-ComplexArray = NDArray[np.complex128]
 Vectors = NDArray[Any]
 """Vectors in columns, real without damping."""
 

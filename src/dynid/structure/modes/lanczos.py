@@ -9,12 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
+from dynid.arrays import Array
 from dynid.errors import Diverged
-
-Array = NDArray[np.float64]
 
 # Residual of a converged pair, relative to its eigenvalue, whose own error is of the square of that.
 _CONVERGED = 1e-10

@@ -21,15 +21,13 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dynid.arrays import Array, ComplexArray
 from dynid.errors import NumericalError
 from dynid.lti.floating import guarded
-from dynid.structure.matrices import Array, as_array
+from dynid.structure.matrices import as_array
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.modes import modes
-
-ComplexArray = NDArray[np.complex128]
 
 STILL = 1e-9
 """Poles with a smaller imaginary part, relative, do not oscillate."""

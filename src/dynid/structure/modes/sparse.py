@@ -17,11 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csc_array
 
+from dynid.arrays import Array
 from dynid.errors import Diverged, NumericalError, Singular
 from dynid.number_format import frequency_text
 from dynid.structure.backends import BACKENDS, Order, backend_for
 from dynid.structure.factorisation import Factorisation, factorise
-from dynid.structure.matrices import Array, Matrix, combined, is_sparse
+from dynid.structure.matrices import Matrix, combined, is_sparse
 from dynid.structure.modes.dense import by_windows
 from dynid.structure.modes.lanczos import largest
 from dynid.structure.modes.pencil import Pencil, StrainEnergy, absolute, times, too_many

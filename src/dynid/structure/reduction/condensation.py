@@ -13,11 +13,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dynid.arrays import Array
 from dynid.errors import Singular, UsageError
 from dynid.lti.floating import guarded
 from dynid.number_format import frequency_text
 from dynid.structure.labels import Label
-from dynid.structure.matrices import Array, Matrix, is_sparse
+from dynid.structure.matrices import Matrix, is_sparse
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.pencil import StrainEnergy
 from dynid.structure.reduction.masters import Indices, Masters, masters_alone

@@ -13,11 +13,11 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.defaults import MASTERS, SINGLE_MASTERS
 from dynid.errors import Singular, UsageError
 from dynid.number_format import counted
 from dynid.structure.labels import Label, listed
-from dynid.structure.matrices import Array
 from dynid.structure.model import StructuralModel
 from dynid.structure.reduction.mode_selection import Interest, ModeRange, selected, wanted_modes
 

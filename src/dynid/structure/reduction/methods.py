@@ -13,10 +13,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from dynid.arrays import Array
 from dynid.errors import NumericalError, UsageError
 from dynid.number_format import counted
 from dynid.structure.labels import Label, unsigned
-from dynid.structure.matrices import Array, Matrix, congruent
+from dynid.structure.matrices import Matrix, congruent
 from dynid.structure.model import StructuralModel
 from dynid.structure.reduction.condensation import Dynamic, Guyan
 from dynid.structure.reduction.irs import Irs

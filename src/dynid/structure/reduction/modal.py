@@ -12,10 +12,11 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
+from dynid.arrays import Array
 from dynid.errors import Singular, UsageError
 from dynid.lti.floating import guarded
 from dynid.structure.labels import Label
-from dynid.structure.matrices import Array, Matrix
+from dynid.structure.matrices import Matrix
 from dynid.structure.model import StructuralModel
 from dynid.structure.reduction.condensation import SLAVES, Partition, constraint_modes, partition, solver
 from dynid.structure.reduction.masters import Indices, Masters, indices_of, interesting, masters_alone

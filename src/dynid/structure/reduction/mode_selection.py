@@ -9,11 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dynid.arrays import Array
 from dynid.defaults import BASIS_BAND
 from dynid.errors import UsageError
 from dynid.number_format import frequency_text
 from dynid.structure.labels import Label
-from dynid.structure.matrices import Array, Matrix
+from dynid.structure.matrices import Matrix
 from dynid.structure.modes.modes import modes
 
 BAND = BASIS_BAND.value

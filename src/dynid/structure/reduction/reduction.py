@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynid.arrays import Array
 from dynid.structure.labels import Label
-from dynid.structure.matrices import Array, Matrix, is_sparse
+from dynid.structure.matrices import Matrix, is_sparse
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.pencil import StrainEnergy
 

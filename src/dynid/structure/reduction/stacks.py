@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.defaults import MASTER_COORDINATES
-from dynid.structure.matrices import Array
 from dynid.structure.modes.pencil import StrainEnergy
 from dynid.structure.reduction.masters import HOPELESS
 

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
+
 Columns = Mapping[str, NDArray[Any]]
 
 
@@ -120,8 +122,6 @@ def one_at_a_time(inputs: Columns) -> OneAtATime | None:
     return OneAtATime(np.flatnonzero(differing == 0), varied)
 
 
-Floats = NDArray[np.float64]
-
 #: Explained share of the variance above which a linear model is reliable.
 TRUSTED = 0.9
 #: Condition number of the inputs' correlations above which the inputs are not distinguishable.
@@ -134,13 +134,13 @@ _ROUNDING = 1e-12
 _DECADE = 10.0
 
 
-def is_even(values: Floats) -> bool:
+def is_even(values: Array) -> bool:
     """Return True if ascending values are evenly spaced."""
     steps = np.diff(values)
     return bool(np.ptp(steps) <= 1e-6 * np.abs(steps).max())
 
 
-def is_logarithmic(column: Floats) -> bool:
+def is_logarithmic(column: Array) -> bool:
     """Return True if an input is spaced by its logarithm: on a grid, or around the median of its samples."""
     levels = np.unique(column)
     if len(levels) < 3 or not levels[0] > 0 or not np.isfinite(levels[-1]) or is_even(levels):
@@ -213,7 +213,7 @@ class Tornado:
     remark: str
 
 
-def tornado(inputs: Mapping[str, NDArray[Any]], values: Floats) -> Tornado | None:
+def tornado(inputs: Mapping[str, NDArray[Any]], values: Array) -> Tornado | None:
     """Return the tornado of one result.
 
     Parameters
@@ -258,7 +258,7 @@ def tornado(inputs: Mapping[str, NDArray[Any]], values: Floats) -> Tornado | Non
     return _averaged({name: column[known].astype(float) for name, column in numbers.items()}, values[known])
 
 
-def _averaged(inputs: Mapping[str, Floats], y: Floats) -> Tornado | None:
+def _averaged(inputs: Mapping[str, Array], y: Array) -> Tornado | None:
     varying = {name: x for name, x in inputs.items() if len(x) and x.min() < x.max() and np.isfinite(x).all()}
     n = len(y)
     if not varying or n < len(varying) + 2:
@@ -294,7 +294,7 @@ def _averaged(inputs: Mapping[str, Floats], y: Floats) -> Tornado | None:
 
 
 def _bar(
-    name: str, column: Floats, slope: float, own: Floats, errors: Floats, within: tuple[float, float]
+    name: str, column: Array, slope: float, own: Array, errors: Array, within: tuple[float, float]
 ) -> Bar:
     """Return the bar between the samples with the lowest and those with the highest values of an input."""
     ordered, count = np.sort(column), max(1, round(_END * len(column)))

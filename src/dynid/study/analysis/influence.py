@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.study.analysis.design import SaltelliDesign, saltelli_design, sortable
 from dynid.study.analysis.table import StudyTable
-
-Floats = NDArray[np.float64]
 
 _MOST_BINS = 50
 _FEWEST_A_BIN = 10
@@ -43,15 +42,15 @@ class Indices:
         Number of samples used.
     """
 
-    first: Floats
-    first_error: Floats
-    total: Floats | None
-    total_error: Floats | None
+    first: Array
+    first_error: Array
+    total: Array | None
+    total_error: Array | None
     estimator: str
     samples: int
 
 
-def from_design(a: Floats, b: Floats, mixed: Floats) -> Indices | None:
+def from_design(a: Array, b: Array, mixed: Array) -> Indices | None:
     """Return the indices from Saltelli's design.
 
     Parameters
@@ -89,7 +88,7 @@ def from_design(a: Floats, b: Floats, mixed: Floats) -> Indices | None:
     return Indices(first, first_error, total, total_error, words, n * (len(mixed) + 2))
 
 
-def from_samples(inputs: Sequence[NDArray[np.intp]], values: Floats) -> Indices | None:
+def from_samples(inputs: Sequence[NDArray[np.intp]], values: Array) -> Indices | None:
     """Return the first-order indices from any samples whose inputs are independent of each other.
 
     Parameters
@@ -156,7 +155,7 @@ def _varies(variance: float, mean: float) -> bool:
     return bool(variance > (4 * np.finfo(float).eps * abs(mean)) ** 2)
 
 
-def _ratio(part: Floats, power: Floats, variance: float) -> tuple[Floats, Floats]:
+def _ratio(part: Array, power: Array, variance: float) -> tuple[Array, Array]:
     """Return mean(part) / mean(power) for each row, and its standard error."""
     share = part.mean(axis=-1) / variance
     slope = (part - share[:, None] * power) / variance
@@ -164,7 +163,7 @@ def _ratio(part: Floats, power: Floats, variance: float) -> tuple[Floats, Floats
 
 
 def correlations(
-    inputs: Sequence[Floats], results: Sequence[Floats], ranks: bool = False
+    inputs: Sequence[Array], results: Sequence[Array], ranks: bool = False
 ) -> NDArray[np.float64]:
     """Return the correlation of each input with each result.
 
@@ -197,7 +196,7 @@ def correlations(
     return found
 
 
-def scatter(x: Floats, y: Floats, most: int = 5000) -> tuple[Floats, Floats]:
+def scatter(x: Array, y: Array, most: int = 5000) -> tuple[Array, Array]:
     """Return at most `most` pairs for a scatter diagram, evenly selected in the order of the plan."""
     known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
     if len(known) > most:

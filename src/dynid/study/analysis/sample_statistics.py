@@ -13,6 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.arrays import Array
 from dynid.result import Result
 from dynid.study.analysis.table import RESULTS, STATISTICS, StudyTable, as_numbers
 
@@ -21,13 +22,12 @@ QUANTILES = {"min": 0.0, "p05": 0.05, "median": 0.5, "p95": 0.95, "max": 1.0}
 #: Names of the statistics, in the order of a table.
 NAMES = ("mean", "std", *QUANTILES, "count")
 
-Floats = NDArray[np.float64]
 Direction = Literal["max", "min", "abs"]
 
 _VALUES = 2**22  # values in memory at a time
 
 
-def statistics(values: Floats) -> dict[str, Floats | NDArray[np.int64]]:
+def statistics(values: Array) -> dict[str, Array | NDArray[np.int64]]:
     """Return moments and quantiles of each entry over the samples.
 
     Parameters
@@ -59,7 +59,7 @@ def statistics(values: Floats) -> dict[str, Floats | NDArray[np.int64]]:
     return {"mean": mean, "std": std, **quantiles, "count": count.astype(np.int64)}
 
 
-def quantile(ordered: Floats, count: NDArray[np.int64], share: float) -> Floats:
+def quantile(ordered: Array, count: NDArray[np.int64], share: float) -> Array:
     """Return a quantile of the first `count` of ordered values along the last axis."""
     if not ordered.shape[-1]:
         return np.full(count.shape, np.nan)
@@ -72,11 +72,11 @@ def quantile(ordered: Floats, count: NDArray[np.int64], share: float) -> Floats:
     return np.where((low == high) | (place == below), low, between)
 
 
-def _sum(values: Floats, known: NDArray[np.bool_]) -> Floats:
+def _sum(values: Array, known: NDArray[np.bool_]) -> Array:
     return np.asarray(np.sum(values, axis=-1, where=known))
 
 
-def worst(values: Floats, direction: Direction = "max") -> int | None:
+def worst(values: Array, direction: Direction = "max") -> int | None:
     """Return the index of the worst value: the largest, the smallest, or the largest magnitude.
 
     The first of equal ones; None if all are NaN.
@@ -85,7 +85,7 @@ def worst(values: Floats, direction: Direction = "max") -> int | None:
     return int(np.argmax(judged)) if not np.isnan(values).all() else None
 
 
-def worst_entries(values: Floats, direction: Direction = "max") -> Floats:
+def worst_entries(values: Array, direction: Direction = "max") -> Array:
     """Return the worst value of each row; NaN for a row without values."""
     if not values.shape[1]:
         return np.full(len(values), np.nan)
@@ -93,7 +93,7 @@ def worst_entries(values: Floats, direction: Direction = "max") -> Floats:
     return np.take_along_axis(values, places[:, None], axis=1)[:, 0]
 
 
-def _judged(values: Floats, direction: Direction) -> Floats:
+def _judged(values: Array, direction: Direction) -> Array:
     """Return values whose largest is the worst; missing ones are -inf."""
     judged = {"max": values, "min": -values, "abs": np.abs(values)}[direction]
     known = ~np.isnan(judged)
