@@ -1,20 +1,31 @@
 """Known masses, stiffnesses and the clock: slopes of the estimates against estimates with other values."""
 
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
 
+from dynid.arithmetic.dependent import Dependent
+from dynid.bondgraph.graph import BondGraph
 from dynid.identification.identify import identify, identify_frf
+from dynid.identification.identify_modes import identify_modes
+from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.simulation import Simulation
+from dynid.identification.systems.graph_system import IdentifiedGraph
 from dynid.identification.systems.known_parts import with_known_parts
+from dynid.identification.systems.record_values import data
 from dynid.lti.signals import Multisine, Sampled
+from dynid.parameters import Parameter
 from dynid.report.content.identifiability import known_parts_table
 from dynid.structure.assembly import Support
 from dynid.structure.frame import beam
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.ports import Channel, Load
+from tests.bondgraph.graphs import build, parse, port
+from tests.identification.modal_cases import measured as survey_of
 from tests.identification.test_delays import GROUP, Rig
 from tests.identification.test_proportional_noise import responses
 
@@ -138,3 +149,102 @@ def test_matrices_that_are_no_networks_are_taken_as_a_whole():
     slopes = freed.slopes({"tip.k": 100.0}, ["mass of the structure", "stiffness of the structure"])
     np.testing.assert_allclose(slopes[0]["M"], model.M, rtol=1e-12)
     np.testing.assert_allclose(slopes[1]["K"], model.K, rtol=1e-12)
+
+
+def electric(factors=()):
+    """An RLC ladder behind a source, R1 and C2 unknown; `factors` of the values of other storages by node."""
+    types, values, pairs = parse(
+        "Se U, 1 a, R R1 3, I L1 1/50, 0 b, C C1 1/2000, 1 d, I L2 1/80, 0 f, C C2 1/900, R R2 8",
+        "U -> a, a -> R1, a -> L1, a -> b, b -> C1, b -> d, d -> L2, d -> f, f -> C2, f -> R2",
+    )
+    values |= {name: values[name] * factor for name, factor in dict(factors).items()}
+    graph, unknown = build(types, values, pairs), {"R1": 3.0, "C2": 1 / 900}
+    nodes = [
+        replace(node, dependent=Dependent.parameter(name, node.value)) if name in unknown else node
+        for name, node in graph.nodes.items()
+    ]
+    parameters = [Parameter(name, 1.1 * value, true=value) for name, value in unknown.items()]
+    return IdentifiedGraph(BondGraph(nodes, graph.bonds), parameters)
+
+
+def ladder(omega):
+    """Current of L1 and voltage of C2 for a unit of voltage, from the impedances."""
+    s = 1j * omega
+    last = 1 / (1 / 8 + s / 900)
+    second = s / 80 + last
+    first = 1 / (s / 2000 + 1 / second)
+    current = 1 / (3 + s / 50 + first)
+    return np.column_stack([current, current * first / second * last])
+
+
+VOLTS = Multisine((2.0, 2.0, 2.0), (60.0, 150.0, 330.0))
+
+
+def of_graph_record(model, values):
+    channels = tuple(model.channel(port(name)) for name in ("L1.f", "C2.e"))
+    measured = Measurement(0.002, 600, channels, values, start=1.0)
+    return identify(model, [model.load("U", VOLTS)], measured)
+
+
+def of_graph_responses(model, values):
+    omega = np.linspace(30.0, 400.0, 90)
+    functions = [Frf(model.channel(port(name)), "U") for name in ("L1.f", "C2.e")]
+    return identify_frf(model, FrfMeasurement(omega, functions, values))
+
+
+@pytest.mark.parametrize("estimated", [of_graph_record, of_graph_responses])
+def test_known_storages_of_a_graph_bias_by_their_slopes(estimated):
+    """Records of the graph itself, identified with other inductances and capacitances."""
+    model = electric()
+    if estimated is of_graph_record:
+        source = Simulation(0.01, 4, 1.0)
+        channels = tuple(model.channel(port(name)) for name in ("L1.f", "C2.e"))
+        values = data(model, [model.load("U", VOLTS)], Measurement(0.002, 600, channels, source)).values
+    else:
+        values = ladder(np.linspace(30.0, 400.0, 90))
+        rng = np.random.default_rng(3)
+        values += 0.01 * np.abs(values).mean(axis=0) * (rng.standard_normal((2, *values.shape)).T @ (1, 1j)).T
+    found = estimated(model, values)
+    names = found[f"{CONSIDERED}/quantity"].data.tolist()
+    slopes = dict(zip(names, found[f"{CONSIDERED}/slope"].data.T, strict=True))
+    known = {"inertia of L1": "L1", "compliance of C1": "C1", "inertia of L2": "L2"}
+    assert {name for name in names if name.startswith(("inertia", "compliance"))} == set(known)
+    for name, node in known.items():
+        ends = [estimated(electric({node: 1 + sign * Fraction(1, 10**4)}), values) for sign in (1, -1)]
+        logs = [np.log(end[f"{GROUP}/estimate"].data) for end in ends]
+        np.testing.assert_allclose(slopes[name], (logs[0] - logs[1]) / 2e-4, rtol=0.05, atol=0.02)
+
+
+def test_known_parts_of_modal_surveys_bias_by_their_slopes():
+    """Surveys of a chain identified with other masses and springs, or by an analyser whose clock is off."""
+    masses, springs = np.array([2.0, 1.4, 1.0, 0.6]), np.array([5e4, 4e4, 3e4])
+
+    def model(mass=1.0, spring=1.0, at=0):
+        m, k = masses.copy(), springs.copy()
+        m[at] *= mass
+        k[min(at, 2)] *= spring
+        links = [Link((1,), k[0], 0.0), Link((2, 3), k[1], 0.0), Link((3, 4), k[2], 0.0)]
+        return lumped(m.tolist(), links, [Joint("bolt", (1, 2), JointParameter(start=3e4, true=3.5e4))])
+
+    survey = survey_of(model(), seed=6, modes=(0, 1, 2), dofs=(1, 2, 4), scatter=(0.001, 0.05, 0.01))
+    found = identify_modes(model(), survey)
+    names = found[f"{CONSIDERED}/quantity"].data.tolist()
+    slopes = dict(zip(names, found[f"{CONSIDERED}/slope"].data[0], strict=True))
+    cases = {f"mass of DOF {k + 1}": ("mass", k) for k in range(4)}
+    cases |= {
+        "stiffness from DOF 1 to ground": ("spring", 0),
+        "stiffness between DOFs 3 and 4": ("spring", 2),
+    }
+    for name, (part, at) in cases.items():
+        ends = [
+            identify_modes(
+                model(**{part: 1 + sign * 1e-4, "at": at}),
+                survey,
+            )
+            for sign in (1, -1)
+        ]
+        logs = [np.log(end[f"{GROUP}/estimate"].data[0]) for end in ends]
+        assert slopes[name] == pytest.approx((logs[0] - logs[1]) / 2e-4, rel=0.05, abs=0.02)
+    ends = [identify_modes(model(), replace(survey, omega=survey.omega / (1 + e))) for e in (1e-5, -1e-5)]
+    logs = [np.log(end[f"{GROUP}/estimate"].data[0]) for end in ends]
+    assert slopes["clock"] == pytest.approx((logs[0] - logs[1]) / 2e-5, rel=0.05)

@@ -8,14 +8,16 @@ modelled.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from fractions import Fraction
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from dynid.arithmetic.dependent import Real
+from dynid.arithmetic.dependent import Dependent, Real
 from dynid.arrays import Array, ComplexArray
-from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, GraphUnits, Port, port_fault
+from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, GraphUnits, Node, Port, port_fault
 from dynid.bondgraph.parametric_equations import ParametricEquations, ParametricResponse
 from dynid.bondgraph.plan import ReducedGraph
 from dynid.errors import Singular, UsageError
@@ -27,6 +29,8 @@ from dynid.lti.time_response import TimeResponse, propagate
 from dynid.parameters import Parameter, true_values
 from dynid.suggestions import did_you_mean
 
+# Most known storages whose values are considered one by one.
+_MAX_STORAGES = 24
 #: Derivatives of a sampled input that are no impulses at the samples, by its hold.
 _SMOOTH_HOLDS = {"zero": 0, "linear": 1, "spline": 3}
 
@@ -136,6 +140,24 @@ class IdentifiedGraph:
     def with_parameters(self, parameters: Sequence[Parameter]) -> IdentifiedGraph:
         """Return the model with other unknown and considered parameters."""
         return IdentifiedGraph(self.graph, parameters, self.initial, self.variables)
+
+    def with_known_storages(self, parameters: Sequence[Parameter]) -> IdentifiedGraph:
+        """Return the model with other `parameters`, and an unknown factor, 1, of each known I and C.
+
+        Those of fields and structures, and of graphs with many storages, have none.
+        """
+        nodes, factors = self.graph.nodes, dict[str, Node]()
+        for name, node in nodes.items():
+            if node.type in STORAGES and node.dependent is None and not node.part and node.value:
+                factor = f"{'inertia' if node.type == 'I' else 'compliance'} of {name}"
+                dependent = Dependent.parameter(factor, Fraction(1)) * node.value
+                factors[factor] = replace(node, dependent=dependent)
+        if len(factors) > _MAX_STORAGES:
+            return self.with_parameters(parameters)
+        changed = nodes | {node.name: node for node in factors.values()}
+        graph = BondGraph(changed.values(), self.graph.bonds)
+        known = [Parameter(factor, 1.0) for factor in factors]
+        return IdentifiedGraph(graph, (*parameters, *known), self.initial, self.variables)
 
     def load(self, source: str, signal: Signal, gain: Real = 1.0, delay: Real = 0.0) -> SourceLoad:
         """Return the load of a source, with its unit.

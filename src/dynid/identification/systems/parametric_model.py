@@ -22,7 +22,7 @@ from dynid.errors import UsageError
 from dynid.identification.systems.instruments import Instruments, RecordSampling
 from dynid.identification.systems.known_inputs import KnownSamples, continued, known_samples
 from dynid.identification.systems.known_parts import with_known_parts
-from dynid.identification.systems.linear_system import Affine, LinearSystem, SystemModel
+from dynid.identification.systems.linear_system import Affine, LinearSystem, StateVariable, SystemModel
 from dynid.identification.systems.structure_system import StructureSystem
 from dynid.lti.exponential import balance, exponential, exponential_with_derivatives, rescaled
 from dynid.lti.signals import Derivative, Sampled, Signal
@@ -421,32 +421,41 @@ def parametric_model(
         instruments=instruments,
         sampling=sampling,
         considered=tuple(one for one in model.parameters if one.std is not None),
-        free=partial(_freed, model, loads, channels),
+        free=partial(_freed, model, loads, channels, system.states),
     )
 
 
 def _freed(
-    model: Model, loads: Sequence[Any], channels: Sequence[Any]
+    model: Model, loads: Sequence[Any], channels: Sequence[Any], states: Sequence[StateVariable]
 ) -> tuple[LinearSystem, Instruments] | None:
-    """Return system and instruments with what is considered among the unknown parameters."""
-    freed = freed_model(model, channels)
-    if freed is None:
-        return None
-    names = [one.name for one in freed.unknowns]
-    return system_of(freed, loads, channels), Instruments.of(names, loads, channels)
+    """Return system and instruments with what is considered among the unknown parameters.
+
+    Known values are left out where other values of them would give a graph other states.
+    """
+    for known in (True, False):
+        freed = freed_model(model, channels, known=known)
+        if freed is None:
+            continue
+        system = system_of(freed, loads, channels)
+        if tuple(system.states) == tuple(states):
+            names = [one.name for one in freed.unknowns]
+            return system, Instruments.of(names, loads, channels)
+    return None
 
 
 def freed_model(model: Model, channels: Sequence[Any], *, known: bool = True) -> Model | None:
     """Return a model whose considered parameters are unknown; None where it has none.
 
-    `known`: of a structure also the known masses, stiffnesses, and masses at the sensors of `channels`.
+    `known`: of a structure also the known masses, stiffnesses, and masses at the sensors of `channels`; of a
+    graph the known storages.
     """
     parameters = [one.freed() for one in model.parameters]
     if known and isinstance(model, StructuralModel):
         return with_known_parts(model, parameters, channels)
-    if all(one.std is None for one in model.parameters):
-        return None
-    return model.with_parameters(parameters)
+    freed = model.with_parameters(parameters)
+    if known and not isinstance(freed, StructuralModel):
+        freed = freed.with_known_storages(parameters)
+    return freed if len(freed.unknowns) > len(model.unknowns) else None
 
 
 def _spread(signal: Signal, factor: float, first: float) -> Signal:

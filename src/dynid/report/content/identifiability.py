@@ -274,7 +274,7 @@ def _kind(name: str) -> str:
     """Return the kind of a quantity by its name; names of parameters have no blanks."""
     if name == "trigger delay":
         return "delay"
-    if name == "clock" or name.startswith(("mass ", "stiffness ")):
+    if name == "clock" or name.startswith(("mass ", "stiffness ", "inertia ", "compliance ")):
         return "known"
     return "sensor" if name.startswith("gain of") else "load" if " gain of " in name else "parameter"
 
