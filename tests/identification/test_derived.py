@@ -76,7 +76,7 @@ def test_nothing_is_derived_where_nothing_is_requested():
 
 def test_the_truth_is_in_most_bands(result):
     """At the true values of the parameters every mode is within twice its band."""
-    from dynid.structure.modes.poles import pole_sensitivities
+    from dynid.structure.poles import pole_sensitivities
     from tests.identification.cases import suspension
 
     model = suspension()

@@ -21,8 +21,8 @@ from dynid.parameters import Parameter, ParameterPrior, starts
 from dynid.structure.correlation import comac, mac, paired
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
+from dynid.structure.mode_derivatives import lowest_modes, modal_basis
 from dynid.structure.model import StructuralModel, Term
-from dynid.structure.modes.derivatives import lowest_modes, modal_basis
 from dynid.structure.ports import Channel, Load
 from tests.identification.modal_cases import DOFS, chain, measured, plate, true_modes
 

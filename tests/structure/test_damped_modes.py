@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.sparse import csc_array
 
+from dynid.structure.mode_derivatives import lowest_modes
 from dynid.structure.model import StructuralModel
-from dynid.structure.modes.derivatives import lowest_modes
 
 
 @pytest.mark.parametrize("damper", [3e5, 1e7])

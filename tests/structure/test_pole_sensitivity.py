@@ -5,7 +5,7 @@ import pytest
 
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
-from dynid.structure.modes.poles import pole_sensitivities
+from dynid.structure.poles import pole_sensitivities
 
 
 def chain(joints, masses=(2, 2, 1.5, 1, 1), ground=True):

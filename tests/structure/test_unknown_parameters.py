@@ -16,7 +16,7 @@ from dynid.structure.frame import Member, beam, frame
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.matrices import DependentMatrix
-from dynid.structure.modes.poles import pole_sensitivities
+from dynid.structure.poles import pole_sensitivities
 from dynid.structure.ports import Channel, Load
 from dynid.structure.reduction.methods import reduce
 from dynid.structure.reduction.serep import JointAware

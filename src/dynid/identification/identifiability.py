@@ -35,7 +35,7 @@ from dynid.lti.floating import guarded
 from dynid.parameters import coordinates, named, rates, starts, truths, values
 from dynid.result import Result
 from dynid.structure.model import StructuralModel
-from dynid.structure.modes.poles import PoleSensitivities, pole_sensitivities
+from dynid.structure.poles import PoleSensitivities, pole_sensitivities
 from dynid.structure.response import common_unit
 
 #: Noise over RMS that is assumed where nothing is known of it.

@@ -42,8 +42,8 @@ from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.parametric_model import freed_coordinates, freed_model, system_of
 from dynid.identification.systems.prediction import Trajectory
 from dynid.parameters import Parameter, named, rates, starts
+from dynid.structure.mode_derivatives import ModalSolution, has_damping, lowest_modes
 from dynid.structure.model import StructuralModel
-from dynid.structure.modes.derivatives import ModalSolution, has_damping, lowest_modes
 from dynid.structure.ports import Channel
 
 #: Frequencies nearer to each other, relative, have one span of shapes.

@@ -17,8 +17,8 @@ from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.identification.records.modal_measurement import ModalMeasurement
 from dynid.structure.correlation import mac, paired
+from dynid.structure.mode_derivatives import ModalSolution, has_damping, lowest_modes, modal_basis
 from dynid.structure.model import StructuralModel
-from dynid.structure.modes.derivatives import ModalSolution, has_damping, lowest_modes, modal_basis
 
 # Modes beside the measured ones that are computed, so that crossings are seen; up to which part of the
 # highest measured frequency; and the most of them.

@@ -25,7 +25,7 @@ from dynid.lti.floating import guarded
 from dynid.structure.matrices import Matrix, as_array, is_sparse
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes.modes import modes
-from dynid.structure.modes.poles import EQUAL, STILL, lowest_oscillating, second_order_poles
+from dynid.structure.poles import EQUAL, STILL, lowest_oscillating, second_order_poles
 
 Vectors = NDArray[Any]
 """Vectors in columns, real without damping."""
