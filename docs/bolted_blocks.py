@@ -20,8 +20,8 @@ import numpy as np
 
 from dynid.errors import DynidError
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.identify import identify_all, posterior_of
-from dynid.identification.identify_modes import ModalProblem
+from dynid.identification.identify import identify, posterior_of
+from dynid.identification.problem import Problem
 from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.modal_measurement import ModalMeasurement, Scatter
 from dynid.identification.records.simulation import Simulation
@@ -190,10 +190,7 @@ class Laboratory:
     def errors(self, seed: int) -> dict[str, tuple[float, float]]:
         """Return by parameter the error of its logarithm in standard errors, and its standard error."""
         survey, experiment = self.test(seed)
-        problem = ModalProblem.of(self.model, survey, [experiment])
-        posterior, _ = posterior_of(
-            problem.model, problem.model, problem.likelihood, OutputError(), None, problem.likelihood_of, []
-        )
+        posterior, _ = posterior_of(Problem.of(self.model, [experiment, survey]), OutputError())
         result = add_identification(Selection("identification", PARAMETERS), posterior)
         true = self.truth.true_values()
         return {
@@ -264,7 +261,7 @@ def coverage(laboratory: Laboratory, seeds: int) -> Iterator[str]:
 def undetermined(truth: StructuralModel) -> str:
     """Return what an identification says that loads and measures the plane of symmetry only."""
     laboratory = Laboratory.of(truth, in_plane=True)
-    result = identify_all(laboratory.model, [laboratory.test(1)[1]])
+    result = identify(laboratory.model, [laboratory.test(1)[1]])
     return str(result["identification/diagnostics/warnings"].data[0])
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dynid.identification.identify import identify
-from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.simulation import Simulation
 from dynid.identification.systems.record_values import data
 from dynid.lti.signals import Multisine
@@ -40,7 +40,7 @@ def recorded(noise_ratio=0.0, seed=1, **options):
 
 
 def run(model=None, measurement=None, loads=LOADS, **options):
-    return identify(model or suspension(), loads, measurement or simulated(), **options)
+    return identify(model or suspension(), Experiment(loads, measurement or simulated()), **options)
 
 
 def parameter(result, name):

@@ -18,7 +18,7 @@ import numpy as np
 
 from dynid.errors import Diverged, NotIdentifiable
 from dynid.identification.identify import identify
-from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.lti.signals import Impact, Multisine, Sampled
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
@@ -126,7 +126,7 @@ def suite(case, estimator=None):
     channels = tuple(Channel(dof + 1, QUANTITIES[order]) for dof, order in problem.channels)
     measurement = Measurement(problem.step, problem.samples, channels, case.record.values)
     model = lumped(problem.masses.tolist(), links, joints)
-    return identify(model, [Load(force.dof + 1, signal)], measurement, estimator)
+    return identify(model, Experiment([Load(force.dof + 1, signal)], measurement), estimator)
 
 
 class Judgement(NamedTuple):

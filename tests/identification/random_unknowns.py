@@ -19,7 +19,7 @@ from dynid.arithmetic.dependent import Dependent
 from dynid.errors import Diverged, DynidError
 from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.maximum_likelihood import refine
-from dynid.identification.identifiability import expected_time_records
+from dynid.identification.problem import Problem
 from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.simulation import Simulation
 from dynid.lti.floating import guarded
@@ -172,7 +172,7 @@ def judged(seed):
     """Identify a random structure from its starts and from the truth, and compare."""
     this = case(seed)
     model = this.structure(this.factors)
-    likelihood = expected_time_records(model, [Experiment(this.loads, this.measurement)]).likelihood
+    likelihood = Problem.of(model, [Experiment(this.loads, this.measurement)]).likelihood
     true = coordinates(likelihood.unknowns, truths(likelihood.unknowns))
     try:
         known = refine(likelihood, true, 100).fit

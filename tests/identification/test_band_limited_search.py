@@ -8,7 +8,7 @@ import pytest
 from dynid.arithmetic.dependent import Dependent
 from dynid.identification.estimators import auto
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.identify import identify_frf
+from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.records.simulation import Simulation
 from dynid.identification.systems.band_limited_system import BAND, band_limited
@@ -82,7 +82,7 @@ class Evaluations:
 @cache
 def measured(factor, seed=1, ratio=0.02, estimator=None, **options):
     source = Simulation(ratio, seed, noise_by_line=True) if ratio else Simulation()
-    return identify_frf(whole_beam(factor), FrfMeasurement(LINES, FUNCTIONS, source, **options), estimator)
+    return identify(whole_beam(factor), FrfMeasurement(LINES, FUNCTIONS, source, **options), estimator)
 
 
 def assert_same(found, other):
@@ -113,7 +113,7 @@ def test_a_band_that_is_too_narrow_is_widened(monkeypatch):
     """Noise that is taken for white leaves a lack of fit: only the whole model can confirm an optimum."""
     once, tried, limit = auto.FrfAuto(multi_start=False), [], auto.FrfLikelihood.band_limited
     few = FrfMeasurement(LINES[::2], FUNCTIONS, Simulation(0.02, 3, noise_by_line=True))
-    expected = identify_frf(whole_beam(0.99), few, once)
+    expected = identify(whole_beam(0.99), few, once)
 
     def recorded(likelihood, band):
         tried.append(band)
@@ -121,7 +121,7 @@ def test_a_band_that_is_too_narrow_is_widened(monkeypatch):
 
     monkeypatch.setattr(auto, "BAND", 0.05)
     monkeypatch.setattr(auto.FrfLikelihood, "band_limited", recorded)
-    assert_same(identify_frf(whole_beam(0.99), few, once), expected)
+    assert_same(identify(whole_beam(0.99), few, once), expected)
     assert tried[:2] == [0.05, 0.1]
 
 

@@ -14,7 +14,7 @@ from scipy.linalg import expm
 from dynid.identification.diagnosis import posterior
 from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.maximum_likelihood import Huber
-from dynid.identification.identify import identify_all, identify_frf
+from dynid.identification.identify import identify
 from dynid.identification.planning.plan import PlanRequest, plan
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.records.measurement import Experiment, Measurement
@@ -243,7 +243,7 @@ def slopes(result):
 
 def found_by_dynid(records, noises, model=None, **options):
     each = [record.experiment(noise) for record, noise in zip(records, noises, strict=True)]
-    return slopes(identify_all(model or structure(), each, **options))
+    return slopes(identify(model or structure(), each, **options))
 
 
 def assert_slopes(found, records, noises, tolerance, **known):
@@ -306,7 +306,7 @@ def test_missing_samples_have_no_part():
     made, noise = SHAKEN.simulated()
     gone = made.measured.copy()
     gone[::5, 1] = np.nan
-    part = slopes(identify_all(structure(), [replace(made, measured=gone).experiment(noise)]))
+    part = slopes(identify(structure(), [replace(made, measured=gone).experiment(noise)]))
     sums = sum(part[f"gain of {channel}"] for channel in ("1.velocity", "4.acceleration"))
     assert sums == pytest.approx(-part["acceleration gain of base"], rel=1e-7)
     whole = found_by_dynid([made], [noise])
@@ -358,7 +358,7 @@ def test_slopes_of_frequency_responses_are_those_of_estimating_anew():
     measured = responses(TRUE)
     noise = 0.01 * np.sqrt(np.mean(np.abs(measured) ** 2, axis=0))
     channels = tuple(Frf(Channel(dof, what), force) for dof, what, force in FRFS)
-    result = identify_frf(structure(), FrfMeasurement(LINES, channels, measured, noise.tolist()))
+    result = identify(structure(), FrfMeasurement(LINES, channels, measured, noise.tolist()))
     found = slopes(result)
 
     def estimate(name, change):
@@ -397,7 +397,7 @@ def test_samples_that_a_robust_loss_bounds_have_no_part():
             (dof, *given) if dof != 4 else (dof, [factor * a for a in given[0]], given[1])
             for dof, *given in made.loads
         ]
-        return identify_all(structure(), [replace(made, loads=moved).experiment(None)], Huber(Auto()))
+        return identify(structure(), [replace(made, loads=moved).experiment(None)], Huber(Auto()))
 
     step = 1e-3
     ahead, behind = (np.log(parameter(run(np.exp(sign * step)), "estimate")) for sign in (1, -1))
@@ -410,7 +410,7 @@ def test_samples_that_a_robust_loss_bounds_have_no_part():
 def test_a_plan_predicts_the_slopes():
     loads, measured = LOADS, simulated(1e-6, samples=300)
     planned = plan(suspension(), [Experiment(loads, measured)], PlanRequest(sensors=1, lines=1))
-    found = identify_all(suspension(), [Experiment(loads, measured)])
+    found = identify(suspension(), [Experiment(loads, measured)])
     # The channels' weights differ: the plan knows the noise, 300 residuals determine it to 4 %.
     for name, slope in slopes_of(planned, found).items():
         assert slope[0] == pytest.approx(slope[1], abs=0.02 * np.abs(slope[1]).max()), name
@@ -439,11 +439,11 @@ def test_slopes_are_computed_only_where_they_are_wanted(monkeypatch):
 
     experiment = Experiment(LOADS, simulated(0.05, samples=200))
     into = Selection("identification", ["identification/considered/slope"])
-    found = identify_all(suspension(), [experiment], into=into)
+    found = identify(suspension(), [experiment], into=into)
     assert found["identification/considered/slope"].data.shape == (4, 13)
     monkeypatch.setattr(posterior, "calibration_slopes", refused)
     into = Selection("identification", ["identification/parameters/estimate"])
-    identify_all(suspension(), [experiment], into=into)
+    identify(suspension(), [experiment], into=into)
 
 
 def result_with(slope, change, errors, quantities=("force gain of 5", "trigger delay", "gain of 2.velocity")):

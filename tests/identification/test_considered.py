@@ -6,10 +6,9 @@ from scipy.linalg import eigh
 
 from dynid import load_scene, run
 from dynid.arithmetic.dependent import Dependent
-from dynid.identification.identify import identify, identify_frf
-from dynid.identification.identify_modes import identify_modes
+from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.modal_measurement import ModalMeasurement
 from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Multisine
@@ -50,8 +49,8 @@ def chain(m, c, std=None):
 
 def estimated(model, kind, truth=None):
     if kind == "record":
-        return identify(model, LOADS, RECORD, truth=truth)
-    return identify_modes(model, SURVEY) if kind == "survey" else identify_frf(model, RESPONSES, truth=truth)
+        return identify(model, Experiment(LOADS, RECORD), truth=truth)
+    return identify(model, SURVEY) if kind == "survey" else identify(model, RESPONSES, truth=truth)
 
 
 @pytest.mark.parametrize("kind", ["record", "responses", "survey"])

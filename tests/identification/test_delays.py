@@ -11,7 +11,7 @@ from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.imbedding import InvariantImbedding
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identifiability import identifiability
-from dynid.identification.identify import identify, identify_all
+from dynid.identification.identify import identify
 from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.preparation import BandPass, prepare
 from dynid.lti.signals import Multisine, Sampled
@@ -97,8 +97,9 @@ def unknown_delay(seed: int, estimator=None):
     model = rig.model(Parameter("late", 0.0, late * rig.step, scale="linear"))
     result = identify(
         model,
-        [Load(3, Sampled(rig.force(), rig.step))],
-        Measurement(rig.step, rig.samples, channels, source),
+        Experiment(
+            [Load(3, Sampled(rig.force(), rig.step))], Measurement(rig.step, rig.samples, channels, source)
+        ),
         estimator,
     )
     return result, late
@@ -143,7 +144,9 @@ def test_known_delays_leave_out_the_samples_whose_inputs_are_not_known(delays, f
     values = [rig.noisy(rig.recorded(*kind, late * rig.step), 0.02) for kind, late in each]
     channels = tuple(Channel(*kind, delay=late * rig.step) for kind, late in each)
     load = Load(3, Sampled(rig.force(force * rig.step), rig.step), delay=-force * rig.step)
-    result = identify(rig.model(), [load], Measurement(rig.step, 500, channels, np.column_stack(values)))
+    result = identify(
+        rig.model(), Experiment([load], Measurement(rig.step, 500, channels, np.column_stack(values)))
+    )
     assert left_out(result) == sum(expected)
     times = result["identification/measurement/time"].data
     np.testing.assert_allclose(times[0], expected[0] * rig.step, rtol=1e-12)
@@ -163,7 +166,9 @@ def test_invariant_imbedding_takes_known_delays(late):
     source = np.column_stack([rig.noisy(column, 0.02) for column in values])
     load = Load(3, Sampled(rig.force(), rig.step))
     estimator = InvariantImbedding(tolerance=1e-3)
-    result = identify(rig.model(), [load], Measurement(rig.step, 120, channels, source), estimator)
+    result = identify(
+        rig.model(), Experiment([load], Measurement(rig.step, 120, channels, source)), estimator
+    )
     assert left_out(result) == 2
     assert np.all(result[f"{GROUP}/error_percent"].data < [0.5, 5])
 
@@ -179,7 +184,7 @@ def test_each_of_several_records_leaves_out_its_own():
         channels = (Channel(3, "velocity"), channel)
         load = Load(3, Sampled(rig.force(start=start), rig.step))
         experiments.append(Experiment([load], Measurement(rig.step, rig.samples, channels, source)))
-    result = identify_all(rig.model(late), experiments)
+    result = identify(rig.model(late), experiments)
     assert np.abs(off(result)).max() < 4.5
     groups = [f"identification/measurement/record_{k}" for k in (1, 2)]
     assert [left_out(result, group) for group in groups] == [3, 4]
@@ -194,10 +199,10 @@ def test_a_record_that_begins_later_leaves_out_only_what_its_force_needs():
     whole = Experiment([load], Measurement(rig.step, 900, channels, values))
     filtered = prepare(whole, [BandPass(0.0, 1.05 * float(rig.omega[-1]), 4)])
     assert filtered.measurement.start > 0
-    assert left_out(identify(rig.model(), *filtered, OutputError())) == 2
+    assert left_out(identify(rig.model(), filtered, OutputError())) == 2
     # A force that was recorded from before the record on is known wherever its delayed channels need it.
     later = Measurement(rig.step, 800, channels, values[100:], start=100 * rig.step)
-    result = identify(rig.model(), [load], later)
+    result = identify(rig.model(), Experiment([load], later))
     assert left_out(result) == 0
     assert np.abs(off(result)).max() < 4.5
 
@@ -208,7 +213,9 @@ def test_signals_in_closed_form_act_from_the_beginning_on():
     sines = Multisine(np.abs(rig.lines).tolist(), rig.omega.tolist(), phases.tolist())
     channels = (Channel(1, "velocity"), Channel(3, "velocity", delay=1.7 * rig.step))
     values = np.column_stack([rig.recorded(1, "velocity", 0.0), rig.recorded(3, "velocity", 1.7 * rig.step)])
-    result = identify(rig.model(), [Load(3, sines)], Measurement(rig.step, rig.samples, channels, values))
+    result = identify(
+        rig.model(), Experiment([Load(3, sines)], Measurement(rig.step, rig.samples, channels, values))
+    )
     assert left_out(result) == 2
     assert np.abs(result[f"{GROUP}/error_percent"].data).max() < 1e-6
 
@@ -218,7 +225,7 @@ def test_delays_that_leave_no_sample_are_refused():
     channels = (Channel(1, "velocity", delay=59.5 * rig.step),)
     measurement = Measurement(rig.step, 60, channels, rig.recorded(1, "velocity", 0.0)[:, None])
     with pytest.raises(UsageError, match="leave 0 of 60 samples at which every input is known"):
-        identify(rig.model(), [Load(3, Sampled(rig.force(), rig.step))], measurement)
+        identify(rig.model(), Experiment([Load(3, Sampled(rig.force(), rig.step))], measurement))
 
 
 def test_bounds_before_the_fit_take_the_same_samples():

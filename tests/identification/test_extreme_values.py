@@ -8,7 +8,7 @@ from dynid.errors import Diverged, DynidError, NotIdentifiable, NumericalError, 
 from dynid.identification.estimators.filter import filter_pass, run_away
 from dynid.identification.identify import identify
 from dynid.identification.likelihood.priors import InitialState
-from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.simulation import Simulation
 from dynid.identification.statistics import chi_squared_tail, root_mean_square
 from dynid.identification.systems import parametric_model as cost
@@ -46,7 +46,7 @@ def two_masses(link, quantity, *, masses=(1, 1), samples=30, kind="random", seed
     }
     channels = (Channel(1, quantity), Channel(2, quantity))
     loads = [Load(1, signal(kind, words[kind], record))]
-    return identify(model, loads, Measurement(0.002, samples, channels, Simulation(0.02, seed)))
+    return identify(model, Experiment(loads, Measurement(0.002, samples, channels, Simulation(0.02, seed))))
 
 
 def assert_finite(result):
@@ -201,5 +201,5 @@ def test_an_anomaly_while_identifying_names_the_parameters():
     model = lumped([1e-300], [Link((1,), 1e4, 1)], [Joint("j", (1,), unknown(1e4), unknown(1.0))])
     measurement = Measurement(0.002, 30, (Channel(1, "acceleration"),), Simulation(0.02, 1))
     with pytest.raises(NumericalError) as caught:
-        identify(model, [Load(1, Multisine([1e300], [70]))], measurement)
+        identify(model, Experiment([Load(1, Multisine([1e300], [70]))], measurement))
     assert caught.value.names

@@ -11,8 +11,8 @@ from dynid import defaults
 from dynid.errors import Diverged, NotIdentifiable, Singular, UsageError
 from dynid.identification.estimators import auto
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.identifiability import frf_identifiability
-from dynid.identification.identify import identify_frf
+from dynid.identification.identifiability import identifiability
+from dynid.identification.identify import identify
 from dynid.identification.likelihood import frf_record
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.records.simulation import Simulation
@@ -29,9 +29,7 @@ CHANNELS = tuple(Frf(Channel(dof, "acceleration"), 5) for dof in (2, 3))
 
 def run(factor=0.5, noise=0.0, seed=1, channels=CHANNELS, omega=LINES, **options):
     """Identify the suspension from its own responses."""
-    return identify_frf(
-        suspension(factor), FrfMeasurement(omega, channels, Simulation(noise, seed)), **options
-    )
+    return identify(suspension(factor), FrfMeasurement(omega, channels, Simulation(noise, seed)), **options)
 
 
 @cache
@@ -84,7 +82,7 @@ def test_a_search_that_nothing_ends_is_cut_off_with_a_remedy(monkeypatch):
     asked = []
     monkeypatch.setattr(FrfSystem, "response", counting(asked, FrfSystem.response))
     monkeypatch.setattr(auto, "AGREEING_STARTS", defaults.Limit(100, ""))
-    result = identify_frf(suspension(0.5), FrfMeasurement(LINES, CHANNELS, values))
+    result = identify(suspension(0.5), FrfMeasurement(LINES, CHANNELS, values))
     assert diagnostic(result, "verdict").startswith("NOT converged: the search was cut off")
     assert re.search(
         "cut off after [0-9]+ evaluations.*start nearer", "\n".join(diagnostic(result, "warnings"))
@@ -135,7 +133,7 @@ def test_intervals_cover_and_the_error_is_the_bound():
 def test_missing_lines_are_left_out():
     values = exact().copy()
     values[::7, 0] = np.nan
-    result = identify_frf(suspension(), FrfMeasurement(LINES, CHANNELS, values))
+    result = identify(suspension(), FrfMeasurement(LINES, CHANNELS, values))
     assert parameter(result, "estimate") == pytest.approx([2e4, 20, 2e4, 20], rel=1e-10)
     assert np.isnan(result["identification/measurement/measured"].data[::7, 0]).all()
 
@@ -152,7 +150,7 @@ def test_deviations_by_line_weigh_the_lines():
     deviation[:100] = 1.0  # below 155 rad/s the sensor was disturbed
     measured = FrfMeasurement(LINES, CHANNELS, noisy(deviation), deviation=deviation)
     given, estimated = (
-        identify_frf(suspension(0.9), case, OutputError())
+        identify(suspension(0.9), case, OutputError())
         for case in (measured, replace(measured, deviation=None))
     )
     worse = parameter(estimated, "standard_error") / parameter(given, "standard_error")
@@ -166,16 +164,16 @@ def test_of_deviations_known_up_to_a_factor_the_factor_is_estimated():
     deviation = np.full(exact().shape, 0.01)
     deviation[:100] = 0.3
     case = FrfMeasurement(LINES, CHANNELS, noisy(deviation), deviation=deviation)
-    known = parameter(identify_frf(suspension(), case), "standard_error")
+    known = parameter(identify(suspension(), case), "standard_error")
     ratio = replace(case, deviation=50 * deviation, relative=True)
-    assert parameter(identify_frf(suspension(), ratio), "standard_error") == pytest.approx(known, rel=0.15)
+    assert parameter(identify(suspension(), ratio), "standard_error") == pytest.approx(known, rel=0.15)
 
 
 def test_a_model_that_is_wrong_is_said_to_be():
     stiffer = (Link((1,), 2.4e4, 20), *LINKS[1:])
     truth = suspension(links=stiffer)
     case = FrfMeasurement(LINES[::4], CHANNELS, Simulation(0.01, 1))
-    result = identify_frf(suspension(), case, OutputError(), truth=truth)
+    result = identify(suspension(), case, OutputError(), truth=truth)
     assert not diagnostic(result, "converged")
     assert "NOT converged" in diagnostic(result, "verdict")
     [coloured] = [said for said in diagnostic(result, "warnings") if said.startswith("the residuals of")]
@@ -186,7 +184,7 @@ def test_a_model_that_is_wrong_is_said_to_be():
 @pytest.mark.usefixtures("complete", "poor_starts")
 def test_units_that_are_wrong_leave_nothing_explained():
     with pytest.raises(Diverged, match="invalid"):  # accelerances that are given as receptances
-        identify_frf(
+        identify(
             suspension(),
             FrfMeasurement(LINES, tuple(Frf(Channel(dof, "displacement"), 5) for dof in (2, 3)), exact()),
         )
@@ -196,14 +194,14 @@ def test_a_dead_response_is_named():
     values = exact().copy()
     values[:, 1] = 0
     with pytest.raises(NotIdentifiable, match=r"3\.acceleration/5 is nothing but zeros"):
-        identify_frf(suspension(), FrfMeasurement(LINES, CHANNELS, values))
+        identify(suspension(), FrfMeasurement(LINES, CHANNELS, values))
 
 
 def test_what_the_responses_cannot_see_is_named():
     joints = [Joint("seen", (2, 3), unknown(2e4), unknown(20.0)), Joint("apart", (6,), unknown(1e4), None)]
     links = (*LINKS, Link((3, 4), 2e4, 20), Link((6,), 1e3, 1))
     model = lumped((*MASSES, 1), links, joints)
-    result = identify_frf(model, FrfMeasurement(LINES, CHANNELS, Simulation(0.01)))
+    result = identify(model, FrfMeasurement(LINES, CHANNELS, Simulation(0.01)))
     assert diagnostic(result, "verdict").startswith("NOT converged: apart.k is not identifiable")
     assert parameter(result, "identifiable").tolist() == [True, True, False]
     assert parameter(result, "estimate")[2] == parameter(result, "start")[2]
@@ -215,26 +213,26 @@ def test_parameters_that_act_as_one_are_named():
     joints = [Joint(name, (2, 3), unknown(1e4), None) for name in ("one", "other")]
     model = lumped(MASSES, (*LINKS, Link((3, 4), 2e4, 20)), joints)
     with pytest.raises(NotIdentifiable, match=r"one\.k, other\.k cannot be distinguished"):
-        identify_frf(model, FrfMeasurement(LINES, CHANNELS, Simulation(0.01)))
+        identify(model, FrfMeasurement(LINES, CHANNELS, Simulation(0.01)))
 
 
 def test_a_line_on_an_undamped_pole_is_refused():
     model = lumped((1,), (), [Joint("spring", (1,), JointParameter(start=50.0, true=100.0))])
     at_pole = FrfMeasurement(np.array([5.0, 10.0, 20.0]), (Frf(Channel(1, "displacement"), 1),))
     with pytest.raises(Singular, match="10 rad/s"):
-        identify_frf(model, at_pole)
+        identify(model, at_pole)
 
 
 def test_an_undamped_structure_is_identified_between_its_poles():
     model = lumped((1,), (), [Joint("spring", (1,), JointParameter(start=50.0, true=100.0))])
     beside = FrfMeasurement(np.array([5.0, 9.0, 20.0]), (Frf(Channel(1, "displacement"), 1),))
-    assert parameter(identify_frf(model, beside), "estimate") == pytest.approx([100], rel=1e-10)
+    assert parameter(identify(model, beside), "estimate") == pytest.approx([100], rel=1e-10)
 
 
 def test_a_prior_and_a_bound_count():
     c = JointParameter(start=10, true=20.0, low=5, high=15)
     joints = [Joint("j2", (2, 3), unknown(2e4), c), Joint("j3", (3, 4), unknown(2e4), unknown(20.0))]
-    result = identify_frf(
+    result = identify(
         lumped(MASSES, LINKS, joints), FrfMeasurement(LINES[::4], CHANNELS, Simulation(0.01, 1))
     )
     assert parameter(result, "estimate")[1] == pytest.approx(15)
@@ -251,13 +249,13 @@ def test_what_is_too_large_to_solve_is_refused_with_the_remedy():
     links = [Link((k, k + 1), 1e4, 1) for k in range(1, 600)]
     model = lumped(masses, links, [Joint("foot", (1,), unknown(1e4), unknown(1.0))])
     with pytest.raises(UsageError, match="too many to solve") as refusal:
-        identify_frf(model, FrfMeasurement(LINES, CHANNELS, Simulation(0.01)))
+        identify(model, FrfMeasurement(LINES, CHANNELS, Simulation(0.01)))
     assert "Reduce the structure" in refusal.value.remedy
 
 
 def test_before_the_run_the_information_is_that_of_the_run():
     measurement = FrfMeasurement(LINES, CHANNELS, Simulation(0.05, 1))
-    result = frf_identifiability(suspension(), measurement)
+    result = identifiability(suspension(), measurement)
     found = result["identification/identifiability/bound"].data
     assert found == pytest.approx(parameter(run(noise=0.05), "cramer_rao"), rel=1e-9)
 

@@ -13,9 +13,9 @@ from dynid.arithmetic.dependent import Dependent
 from dynid.bondgraph.graph import BondGraph
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.identify import identify, identify_frf
+from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.simulation import Simulation
 from dynid.identification.systems.graph_system import IdentifiedGraph
 from dynid.identification.systems.record_values import data
@@ -68,10 +68,14 @@ def both(structure, graph, force, measured, step, samples, estimator, settle=10.
     channels = tuple(Channel(dof, "velocity") for dof in measured)
     simulation = Simulation(0.05, seed, settle)
     values = data(structure, loads, Measurement(step, samples, channels, simulation)).values
-    one = identify(structure, loads, Measurement(step, samples, channels, values, start=settle), estimator)
+    one = identify(
+        structure, Experiment(loads, Measurement(step, samples, channels, values, start=settle)), estimator
+    )
     loads = [graph.load("F", force)]
     channels = tuple(graph.channel(port(f"m{dof}.f")) for dof in measured)
-    other = identify(graph, loads, Measurement(step, samples, channels, values, start=settle), estimator)
+    other = identify(
+        graph, Experiment(loads, Measurement(step, samples, channels, values, start=settle)), estimator
+    )
     return one, other
 
 
@@ -134,7 +138,10 @@ def identified(model, outputs, seed, noise=0.02):
     volts = Multisine((4.0, 4.0, 4.0, 3.0, 3.0), (8.0, 37.0, 91.0, 240.0, 700.0))
     channels = tuple(model.channel(port(output)) for output in outputs)
     return identify(
-        model, [model.load("U", volts)], Measurement(0.001, 1000, channels, Simulation(noise, seed, 1.0))
+        model,
+        Experiment(
+            [model.load("U", volts)], Measurement(0.001, 1000, channels, Simulation(noise, seed, 1.0))
+        ),
     )
 
 
@@ -169,7 +176,7 @@ def test_what_no_channel_depends_on_is_named():
         ["J", "k", "m"],
     )
     measurement = Measurement(0.1, 300, (model.channel(port("m.f")),), Simulation(0.02, 1, 5.0))
-    result = identify(model, [model.load("w", Multisine((1.0, 1.0), (0.3, 0.9)))], measurement)
+    result = identify(model, Experiment([model.load("w", Multisine((1.0, 1.0), (0.3, 0.9)))], measurement))
     assert numbers(result, "parameters/identifiable").tolist() == [False, True, True]
     assert any(text.startswith("J is not identifiable") for text in numbers(result, "diagnostics/warnings"))
     assert not numbers(result, "diagnostics/converged")
@@ -180,7 +187,7 @@ def test_a_motor_is_identified_from_frequency_responses():
     names = ("Ra", "L", "Km", "J", "flex", "JL")
     model = motor(names, (0.6, 1.5, 0.7, 2.0, 0.5, 1.4))
     functions = tuple(Frf(model.channel(port(output)), "U") for output in ("L.f", "JL.f"))
-    result = identify_frf(model, FrfMeasurement(np.geomspace(2, 2000, 120), functions, Simulation(0.02, 1)))
+    result = identify(model, FrfMeasurement(np.geomspace(2, 2000, 120), functions, Simulation(0.02, 1)))
     deviations = (numbers(result, "parameters/estimate") - numbers(result, "parameters/true")) / numbers(
         result, "parameters/cramer_rao"
     )

@@ -9,9 +9,9 @@ from dynid.errors import Diverged, DynidError
 from dynid.identification import identify as identification
 from dynid.identification.diagnosis.instrument_mistakes import instrument_mistakes
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.identify import Experiment, _suggesting, identify, identify_all, identify_frf
+from dynid.identification.identify import _suggesting, identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, unstacked
-from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.simulation import Simulation
 from dynid.identification.systems.frf_system import frf_data
 from dynid.identification.systems.record_values import data
@@ -60,7 +60,7 @@ def said(values, driven=None, structure=None):
     measured = Measurement(STEP, SAMPLES, CHANNELS, values)
     try:
         driving = load(force(1) if driven is None else driven)
-        found = identify(structure or model(), driving, measured, OutputError())
+        found = identify(structure or model(), Experiment(driving, measured), OutputError())
     except DynidError as error:
         return error.remedy.split("The lack of fit is ")[1:]
     every = found["identification/diagnostics/warnings"].data
@@ -179,7 +179,7 @@ def test_delays_of_records_are_in_their_own_steps():
         measured = Measurement(step, SAMPLES, CHANNELS, values)
         experiments.append(Experiment(load(force(seed), step), measured))
     try:
-        found = identify_all(model(), experiments, OutputError())
+        found = identify(model(), experiments, OutputError())
         every = " ".join(found["identification/diagnostics/warnings"].data)
     except DynidError as error:
         every = str(error)
@@ -202,7 +202,7 @@ def test_a_factor_of_a_frequency_response_is_suggested(factor, expected):
     simulated = FrfMeasurement(omega, channels, Simulation(0.03, 3))
     values = unstacked(frf_data(model(), simulated).values)
     try:
-        found = identify_frf(model(), FrfMeasurement(omega, channels, values * [1, factor]))
+        found = identify(model(), FrfMeasurement(omega, channels, values * [1, factor]))
         every = " ".join(found["identification/diagnostics/warnings"].data)
     except DynidError as error:
         every = str(error)
@@ -221,7 +221,7 @@ def suggested_of_good_records(monkeypatch, seeds):
     monkeypatch.setattr(identification, "_checked", checked)
     for seed in seeds:
         simulation = Measurement(STEP, SAMPLES, CHANNELS, Simulation(0.05, seed))
-        identify(model(), load(force(seed)), simulation, OutputError())
+        identify(model(), Experiment(load(force(seed)), simulation), OutputError())
     assert len(found) == len(seeds)
     return [one for one in found if one]
 
@@ -250,7 +250,7 @@ def test_a_reversed_sensor_is_suggested_after_a_start_too_far_away_to_show_it():
     simulation = Measurement(1 / 1024, 1024, channels, Simulation(0.02, 1))
     good = data(chain, driven, simulation).values
     with pytest.raises(DynidError) as error:
-        identify(chain, driven, Measurement(1 / 1024, 1024, channels, good * [1, -1]))
+        identify(chain, Experiment(driven, Measurement(1 / 1024, 1024, channels, good * [1, -1])))
     cause, _, general = error.value.remedy.partition("(gain: -1)? ")
     assert (
         cause == "The lack of fit is explained where 3.acceleration is -1 times the model: a reversed sensor "

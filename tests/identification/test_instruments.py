@@ -6,9 +6,9 @@ import pytest
 from dynid.arithmetic.dependent import Dependent
 from dynid.errors import UsageError
 from dynid.identification.estimators.imbedding import InvariantImbedding
-from dynid.identification.identify import identify, identify_frf
+from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.simulation import Simulation
 from dynid.identification.systems.frf_system import FrfSystem
 from dynid.identification.systems.instruments import RecordSampling
@@ -103,7 +103,7 @@ def test_derivatives_are_those_of_the_prediction_but_for_free_motions(kind):
 
 @pytest.mark.parametrize("kind", sample(SIGNALS, 1, "chirp"))
 def test_gains_offsets_and_delays_are_estimated_within_their_bounds(kind):
-    result = identify(model(), loads(kind), measurement(noise=0.02))
+    result = identify(model(), Experiment(loads(kind), measurement(noise=0.02)))
     group = "identification/parameters"
     estimate, true, bound = (result[f"{group}/{name}"].data for name in ("estimate", "true", "cramer_rao"))
     assert np.all(np.abs(estimate - true) < 4.5 * bound)
@@ -118,7 +118,7 @@ def test_compiled_kernels_take_gains_and_offsets(monkeypatch):
     for wish in "01":
         monkeypatch.setenv("DYNID_COMPILED", wish)
         record = Measurement(STEP, 300, channels, Simulation(0.02, 1))
-        result = identify(model(parameters), [Load(3, SIGNALS["multisine"])], record)
+        result = identify(model(parameters), Experiment([Load(3, SIGNALS["multisine"])], record))
         found.append(result["identification/parameters/estimate"].data)
     np.testing.assert_allclose(*found, rtol=1e-7)
 
@@ -143,7 +143,7 @@ def test_frequency_responses_turn_by_the_delay_and_grow_by_the_gain():
             slopes[..., column], change / 2e-6, atol=1e-6 * np.abs(change / 2e-6).max()
         )
     record = FrfMeasurement(omega, (Frf(channel, 3),), Simulation(0.02, 1))
-    result = identify_frf(model(parameters), record)
+    result = identify(model(parameters), record)
     estimate, true, bound = (
         result[f"identification/parameters/{name}"].data for name in ("estimate", "true", "cramer_rao")
     )
@@ -173,4 +173,4 @@ def test_what_cannot_be_delayed_is_refused():
     with pytest.raises(UsageError, match="impulse cannot be delayed"):
         Shifted(Impulse(1.0), 0.1)
     with pytest.raises(UsageError, match="imbedding takes no delays that are unknown"):
-        identify(model(), loads("multisine"), measurement(noise=0.02), InvariantImbedding())
+        identify(model(), Experiment(loads("multisine"), measurement(noise=0.02)), InvariantImbedding())

@@ -8,10 +8,10 @@ import pytest
 
 from dynid.arithmetic.dependent import Dependent
 from dynid.identification.diagnosis.symmetry import interchangeable, like_parameters, symmetries
-from dynid.identification.identifiability import expected_time_records, frf_identifiability
-from dynid.identification.identify import identify, identify_all, identify_frf
-from dynid.identification.identify_modes import identify_modes
+from dynid.identification.identifiability import expected_records, identifiability
+from dynid.identification.identify import identify
 from dynid.identification.planning.plan import plan
+from dynid.identification.problem import Problem
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.modal_measurement import ModalMeasurement
@@ -69,7 +69,7 @@ def assert_permuted(result, k, tolerance=5):
 @pytest.mark.parametrize(("arms", "known"), [(2, True), (2, False), (3, True)])
 def test_every_optimum_of_equal_arms_is_reported(arms, known):
     k, c = [9e3, 24e3, 55e3][:arms], [2.0, 3.0, 5.0][:arms] if not known else [2.0] * arms
-    result = identify(star(k, c, known=known), [Load(1, SINES)], measured())
+    result = identify(star(k, c, known=known), Experiment([Load(1, SINES)], measured()))
     assert diagnostic(result, "equivalent_optima") == len(list(permutations(k)))
     assert_permuted(result, k)
     assert not diagnostic(result, "converged")
@@ -88,7 +88,7 @@ def test_every_optimum_of_equal_arms_is_reported(arms, known):
 
 def test_stiffness_and_damping_of_a_joint_are_exchanged_together():
     k, c = [9e3, 24e3], [2.0, 6.0]
-    result = identify(star(k, c, known=False), [Load(1, SINES)], measured())
+    result = identify(star(k, c, known=False), Experiment([Load(1, SINES)], measured()))
     own = dict(zip(parameter(result, "name"), optima(result).T, strict=True))
     order = np.argsort(own["arm1.k"])
     np.testing.assert_allclose(own["arm1.c"][order], c, rtol=0.2)
@@ -102,14 +102,14 @@ def test_no_false_pair_where_the_arms_have_different_masses(seed):
     k = 10 ** rng.uniform(3.8, 4.8, 2)
     masses = [1.0, float(1 + rng.choice([-1, 1]) * rng.uniform(0.1, 0.6))]
     model = star(k, [2.0, 2.0], masses=masses, seed=seed)
-    result = identify(model, [Load(1, SINES)], measured(seed + 1))
+    result = identify(model, Experiment([Load(1, SINES)], measured(seed + 1)))
     assert diagnostic(result, "equivalent_optima") == 1
     assert not [text for text in diagnostic(result, "warnings") if "interchangeable" in text]
 
 
 def test_a_sensor_on_an_arm_decides():
     k = [9e3, 24e3]
-    result = identify(star(k, [2.0, 2.0]), [Load(1, SINES)], measured(dof=2))
+    result = identify(star(k, [2.0, 2.0]), Experiment([Load(1, SINES)], measured(dof=2)))
     assert diagnostic(result, "equivalent_optima") == 1
     assert diagnostic(result, "converged")
     np.testing.assert_allclose(parameter(result, "estimate"), k, rtol=0.02)
@@ -119,7 +119,9 @@ def test_a_sensor_on_an_arm_decides():
 def test_a_prior_decides_whatever_the_start(starts):
     k = [9e3, 24e3]
     priors = [ParameterPrior(1.1 * k[0], 0.2), None]
-    result = identify(star(k, [2.0, 2.0], starts=starts, priors=priors), [Load(1, SINES)], measured())
+    result = identify(
+        star(k, [2.0, 2.0], starts=starts, priors=priors), Experiment([Load(1, SINES)], measured())
+    )
     np.testing.assert_allclose(parameter(result, "estimate"), k, rtol=0.02)
     assert diagnostic(result, "converged")
     assert diagnostic(result, "equivalent_optima") == 2
@@ -133,7 +135,7 @@ def test_a_prior_decides_whatever_the_start(starts):
 def test_a_limit_of_one_of_three_leaves_the_others_interchangeable():
     k, c = [8e3, 21e3, 52e3], [2.0, 3.0, 4.5]
     model = star(k, c, known=False, limits=[(1e3, 1.4e4), (None, None), (None, None)])
-    result = identify(model, [Load(1, SINES)], measured())
+    result = identify(model, Experiment([Load(1, SINES)], measured()))
     assert diagnostic(result, "equivalent_optima") == 6
     assert len(optima(result)) == 6  # none twice, where a search beside an image ends at another
     assert np.isfinite(result.value(f"{OPTIMA}/log_posterior")).sum() == 2
@@ -146,20 +148,22 @@ def test_a_limit_of_one_of_three_leaves_the_others_interchangeable():
 def test_the_named_sensors_decide(arms):
     k = [8e3, 15e3, 29e3, 56e3][:arms]
     model = star(k, [2.0] * arms)
-    result = identify(model, [Load(1, SINES)], measured())
+    result = identify(model, Experiment([Load(1, SINES)], measured()))
     (said,) = [text for text in diagnostic(result, "warnings") if "interchangeable" in text]
     named = re.search(r"sensors? at (.*?), (?:a prior|priors)", said)[1].split(" or ")[0]
     dofs = [int(name) for name in re.findall(r"DOF (\d+)", named)]
     dofs = dofs if " and " in named else dofs[:1]
     assert len(dofs) == arms - 1
-    more = identify(model, [Load(1, SINES)], measured(dof=[1, *dofs]))
+    more = identify(model, Experiment([Load(1, SINES)], measured(dof=[1, *dofs])))
     assert diagnostic(more, "equivalent_optima") == 1
 
 
 def test_a_wide_prior_does_not_decide_but_chooses():
     k = [9e3, 24e3]
     priors = [ParameterPrior(k[0], 1.0), None]
-    result = identify(star(k, [2.0, 2.0], starts=k[::-1], priors=priors), [Load(1, SINES)], measured())
+    result = identify(
+        star(k, [2.0, 2.0], starts=k[::-1], priors=priors), Experiment([Load(1, SINES)], measured())
+    )
     np.testing.assert_allclose(parameter(result, "estimate"), k, rtol=0.02)
     assert not diagnostic(result, "converged")
     assert -5 < result.value(f"{OPTIMA}/log_posterior")[1] < 0
@@ -168,7 +172,9 @@ def test_a_wide_prior_does_not_decide_but_chooses():
 def test_a_limit_decides():
     k = [9e3, 24e3]
     limits = [(5e3, 15e3), (None, None)]
-    result = identify(star(k, [2.0, 2.0], starts=[14e3, 20e3], limits=limits), [Load(1, SINES)], measured())
+    result = identify(
+        star(k, [2.0, 2.0], starts=[14e3, 20e3], limits=limits), Experiment([Load(1, SINES)], measured())
+    )
     assert diagnostic(result, "converged")
     np.testing.assert_allclose(parameter(result, "estimate"), k, rtol=0.02)
 
@@ -176,7 +182,7 @@ def test_a_limit_decides():
 def test_equal_starts_of_interchangeable_parameters_are_no_reason_to_refuse():
     """They are a saddle between two optima, at which their derivatives are the same."""
     k = [9e3, 24e3]
-    result = identify(star(k, [2.0, 2.0], starts=[15e3, 15e3]), [Load(1, SINES)], measured())
+    result = identify(star(k, [2.0, 2.0], starts=[15e3, 15e3]), Experiment([Load(1, SINES)], measured()))
     assert_permuted(result, k)
 
 
@@ -186,15 +192,15 @@ def test_frequency_responses_and_several_records():
     lines = FrfMeasurement(
         np.linspace(20, 300, 80), (Frf(Channel(1, "acceleration"), 1),), Simulation(0.02, 1)
     )
-    assert_permuted(identify_frf(model, lines), k)
+    assert_permuted(identify(model, lines), k)
     apart = FrfMeasurement(
         np.linspace(20, 300, 80), (Frf(Channel(2, "acceleration"), 1),), Simulation(0.02, 1)
     )
-    assert diagnostic(identify_frf(model, apart), "equivalent_optima") == 1
+    assert diagnostic(identify(model, apart), "equivalent_optima") == 1
     same = [Experiment([Load(1, SINES)], measured(seed)) for seed in (1, 2)]
-    assert_permuted(identify_all(model, same), k)
+    assert_permuted(identify(model, same), k)
     other = Experiment([Load(1, SINES)], measured(3, dof=2))
-    assert diagnostic(identify_all(model, [same[0], other]), "equivalent_optima") == 1
+    assert diagnostic(identify(model, [same[0], other]), "equivalent_optima") == 1
 
 
 def frequencies(k, masses=(2.0, 1.0, 1.0)):
@@ -209,12 +215,12 @@ def test_natural_frequencies_alone():
     k = [9e3, 24e3]
     model = star(k, [2.0, 2.0])
     omega = frequencies(k) * (1 + 1e-3 * np.array([0.5, -0.3, 0.4]))
-    result = identify_modes(model, ModalMeasurement(omega, omega_std=1e-3 * omega))
+    result = identify(model, ModalMeasurement(omega, omega_std=1e-3 * omega))
     assert_permuted(result, k, tolerance=8)
     shaped = ModalMeasurement(
         frequencies(k), (1, 2), np.array([[1.0, 1.0, 1.0], [1.3, -0.4, -2.0]]), omega_std=1e-3 * omega
     )
-    assert diagnostic(identify_modes(model, shaped), "equivalent_optima") == 1
+    assert diagnostic(identify(model, shaped), "equivalent_optima") == 1
 
 
 def test_two_optima_that_no_permutation_relates():
@@ -226,7 +232,7 @@ def test_two_optima_that_no_permutation_relates():
     ]
     square = np.linalg.eigvalsh(np.array([[k1 + k2, -k2], [-k2, k2]]))
     omega = np.sqrt(square) * (1 + 1e-4 * np.array([1, -1]))
-    result = identify_modes(lumped([1.0, 1.0], [], joints), ModalMeasurement(omega, omega_std=1e-3 * omega))
+    result = identify(lumped([1.0, 1.0], [], joints), ModalMeasurement(omega, omega_std=1e-3 * omega))
     found = optima(result)[np.argsort(optima(result)[:, 1])]
     np.testing.assert_allclose(found, [[k1, k2], [2 * k2, k1 / 2]], rtol=5e-3)
 
@@ -240,7 +246,7 @@ def test_symmetries_of_nested_groups():
         joints.append(Joint(f"{name}2", (first, second), JointParameter(start=2e4, true=2e4), 1.0))
     joints += [Joint(f"s{n}", (1, 5 + n), JointParameter(start=3e4, true=3e4), 1.0) for n in (1, 2)]
     model = lumped([2.0, 1.0, 0.5, 1.0, 0.5, 0.7, 0.7], [Link((1,), 5e3, 3.0)], joints)
-    expected = expected_time_records(model, [Experiment([Load(1, SINES)], measured())])
+    expected = expected_records(Problem.of(model, [Experiment([Load(1, SINES)], measured())]).likelihood)
     names = [one.name for one in model.unknowns]
     found = symmetries(expected.likelihood, like_parameters(model), expected.fit.eta)
     groups = {tuple(map(tuple, sets)) for sets in interchangeable(names, found)}
@@ -254,7 +260,7 @@ def test_a_parameter_elsewhere_in_the_structure():
     unknowns = [Parameter(name, 1.2 * value, true=value) for name, value in true.items()]
     links = [Link((1,), 5e3, 3.0), Link((1, 2), p["ka"], 2.0), Link((1, 3), p["kb"], 2.0)]
     model = lumped([2.0, p["ma"], p["mb"]], links, parameters=unknowns)
-    result = identify(model, [Load(1, SINES)], measured())
+    result = identify(model, Experiment([Load(1, SINES)], measured()))
     found = optima(result)
     assert len(found) == 2
     np.testing.assert_array_equal(found[1], found[0][[2, 3, 0, 1]])
@@ -283,5 +289,5 @@ def test_frequency_responses_are_explained_alike():
     lines = FrfMeasurement(
         np.linspace(20, 300, 80), (Frf(Channel(1, "acceleration"), 1),), Simulation(0.02, 1)
     )
-    result = frf_identifiability(star([9e3, 24e3, 55e3], [2.0] * 3), lines)
+    result = identifiability(star([9e3, 24e3, 55e3], [2.0] * 3), lines)
     assert result.value("identification/identifiability/interchangeable/optima") == 6

@@ -37,7 +37,7 @@ def test_errors_are_as_small_as_any_can_be_and_as_large_as_they_are_said_to_be(n
 def test_intervals_of_joints_from_frequency_responses():
     """The frame of the benchmark with 2 % proportional noise; 2,000 records with DYNID_RECORDS=2000."""
     from dynid.bench.cases import structure_response
-    from dynid.identification.identify import identify_frf
+    from dynid.identification.identify import identify
     from dynid.identification.systems.frf_system import FrfSystem
 
     count = int(os.environ.get("DYNID_RECORDS", "200"))
@@ -47,7 +47,7 @@ def test_intervals_of_joints_from_frequency_responses():
     for seed in range(count):
         noise = np.random.default_rng(1000 + seed).standard_normal((2, *clean.shape)) / np.sqrt(2)
         values = clean * (1 + 0.02 * (noise[0] + 1j * noise[1]))
-        result = identify_frf(case.model, replace(case.measurement, source=values))
+        result = identify(case.model, replace(case.measurement, source=values))
         assert result.value("identification/diagnostics/converged"), seed
         estimate, deviation = (
             result[f"identification/parameters/{part}"].data for part in ("estimate", "standard_error")

@@ -8,10 +8,9 @@ import pytest
 
 from dynid.arithmetic.dependent import Dependent
 from dynid.bondgraph.graph import BondGraph
-from dynid.identification.identify import identify, identify_frf
-from dynid.identification.identify_modes import identify_modes
+from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.simulation import Simulation
 from dynid.identification.systems.graph_system import IdentifiedGraph
 from dynid.identification.systems.known_parts import with_known_parts
@@ -47,13 +46,13 @@ def of_record(rig, model, clock=0.0, noise=0.005):
     step = rig.step * (1 + clock)
     channels = (Channel(1, "acceleration"), Channel(3, "velocity"))
     measured = Measurement(step, rig.samples, channels, values)
-    return identify(model, [Load(3, Sampled(rig.force(), step))], measured)
+    return identify(model, Experiment([Load(3, Sampled(rig.force(), step))], measured))
 
 
 def of_responses(rig, model, clock=0.0, noise=0.005):
     rig.rng = np.random.default_rng(1)
     measured = responses(rig, lambda size: noise * size.mean(axis=0))
-    return identify_frf(model, replace(measured, omega=measured.omega / (1 + clock)))
+    return identify(model, replace(measured, omega=measured.omega / (1 + clock)))
 
 
 CHANGES = {
@@ -95,7 +94,7 @@ def test_a_clock_beside_inputs_that_keep_their_own_time():
     channels = (Channel(1, "acceleration"), Channel(3, "velocity"))
     for clock in (0.0, 2e-6, -2e-6):
         measured = Measurement(rig.step * (1 + clock), 400, channels, values)
-        found.append(identify(chain(rig), [load], measured))
+        found.append(identify(chain(rig), Experiment([load], measured)))
     names = found[0][f"{CONSIDERED}/quantity"].data.tolist()
     slope = found[0][f"{CONSIDERED}/slope"].data[:, names.index("clock")]
     logs = [np.log(result[f"{GROUP}/estimate"].data) for result in found[1:]]
@@ -183,13 +182,13 @@ VOLTS = Multisine((2.0, 2.0, 2.0), (60.0, 150.0, 330.0))
 def of_graph_record(model, values):
     channels = tuple(model.channel(port(name)) for name in ("L1.f", "C2.e"))
     measured = Measurement(0.002, 600, channels, values, start=1.0)
-    return identify(model, [model.load("U", VOLTS)], measured)
+    return identify(model, Experiment([model.load("U", VOLTS)], measured))
 
 
 def of_graph_responses(model, values):
     omega = np.linspace(30.0, 400.0, 90)
     functions = [Frf(model.channel(port(name)), "U") for name in ("L1.f", "C2.e")]
-    return identify_frf(model, FrfMeasurement(omega, functions, values))
+    return identify(model, FrfMeasurement(omega, functions, values))
 
 
 @pytest.mark.parametrize("estimated", [of_graph_record, of_graph_responses])
@@ -227,7 +226,7 @@ def test_known_parts_of_modal_surveys_bias_by_their_slopes():
         return lumped(m.tolist(), links, [Joint("bolt", (1, 2), JointParameter(start=3e4, true=3.5e4))])
 
     survey = survey_of(model(), seed=6, modes=(0, 1, 2), dofs=(1, 2, 4), scatter=(0.001, 0.05, 0.01))
-    found = identify_modes(model(), survey)
+    found = identify(model(), survey)
     names = found[f"{CONSIDERED}/quantity"].data.tolist()
     slopes = dict(zip(names, found[f"{CONSIDERED}/slope"].data[0], strict=True))
     cases = {f"mass of DOF {k + 1}": ("mass", k) for k in range(4)}
@@ -237,7 +236,7 @@ def test_known_parts_of_modal_surveys_bias_by_their_slopes():
     }
     for name, (part, at) in cases.items():
         ends = [
-            identify_modes(
+            identify(
                 model(**{part: 1 + sign * 1e-4, "at": at}),
                 survey,
             )
@@ -245,6 +244,6 @@ def test_known_parts_of_modal_surveys_bias_by_their_slopes():
         ]
         logs = [np.log(end[f"{GROUP}/estimate"].data[0]) for end in ends]
         assert slopes[name] == pytest.approx((logs[0] - logs[1]) / 2e-4, rel=0.05, abs=0.02)
-    ends = [identify_modes(model(), replace(survey, omega=survey.omega / (1 + e))) for e in (1e-5, -1e-5)]
+    ends = [identify(model(), replace(survey, omega=survey.omega / (1 + e))) for e in (1e-5, -1e-5)]
     logs = [np.log(end[f"{GROUP}/estimate"].data[0]) for end in ends]
     assert slopes["clock"] == pytest.approx((logs[0] - logs[1]) / 2e-5, rel=0.05)

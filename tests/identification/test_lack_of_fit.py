@@ -8,7 +8,7 @@ import pytest
 
 from dynid.errors import NumericalError
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.identify import identify, identify_all
+from dynid.identification.identify import identify
 from dynid.identification.likelihood.saturated_model import (
     ChannelColumns,
     RegressorKind,
@@ -50,7 +50,7 @@ def verdicts(result):
 
 
 def noise_only(rig, seed, noise=None):
-    return verdicts(identify(rig.model, rig.loads, rig.measured(rig.noise(seed), noise)))
+    return verdicts(identify(rig.model, Experiment(rig.loads, rig.measured(rig.noise(seed), noise))))
 
 
 def recorded(rig, ratio=0.02, seed=7, truth=None, loads=None):
@@ -63,7 +63,7 @@ def recorded(rig, ratio=0.02, seed=7, truth=None, loads=None):
 
 def found(rig, values, **options):
     start = replace(rig.measured(values), start=rig.settle)
-    return identify(rig.model, rig.loads, start, OutputError(), **options)
+    return identify(rig.model, Experiment(rig.loads, start), OutputError(), **options)
 
 
 # --- the tail of Fisher's F -----------------------------------------------------------------------
@@ -222,7 +222,7 @@ def test_a_fault_in_one_channel_is_found_there():
 @pytest.mark.parametrize("ratio", sample([0.0, 0.1], 0, 0.1))
 def test_a_right_model_explains_its_record(name, ratio):
     rig = RIGS[name]
-    result = identify(rig.model, rig.loads, rig.simulated(ratio, 12))
+    result = identify(rig.model, Experiment(rig.loads, rig.simulated(ratio, 12)))
     said = verdicts(result)
     assert said["converged"] == (said["optimum"] and said["explained"] and said["redundancy"] > 0)
     assert said["converged"], said
@@ -240,7 +240,10 @@ def test_a_right_model_is_called_lacking_as_rarely_as_the_level_says(name):
     small values contradicts the level; the one-sided Kolmogorov–Smirnov test looks for it.
     """
     rig = RIGS[name]
-    said = [verdicts(identify(rig.model, rig.loads, rig.simulated(0.1, 50 + seed))) for seed in range(60)]
+    said = [
+        verdicts(identify(rig.model, Experiment(rig.loads, rig.simulated(0.1, 50 + seed))))
+        for seed in range(60)
+    ]
     p = np.sort([each["lack_of_fit_p"] for each in said])
     assert p.min() > 1e-5
     # Of 60 uniform numbers this distance exceeds sqrt(log(1000) / 120) = 0.24 once in a thousand.
@@ -256,13 +259,13 @@ def test_missing_samples_and_several_records():
     records = [
         Experiment(rig.loads, replace(rig.measured(values), start=rig.settle)) for values in (y, other)
     ]
-    said = verdicts(identify_all(rig.model, records, OutputError()))
+    said = verdicts(identify(rig.model, records, OutputError()))
     assert said["converged"]
     assert said["redundancy"] == 2 * 12 - 4
     other[:, 0] *= 1.2
-    assert verdicts(identify_all(rig.model, records[:1], OutputError()))["lack_of_fit_p"] > 1e-3
+    assert verdicts(identify(rig.model, records[:1], OutputError()))["lack_of_fit_p"] > 1e-3
     records[1] = Experiment(rig.loads, replace(rig.measured(other), start=rig.settle))
-    assert verdicts(identify_all(rig.model, records, OutputError()))["lack_of_fit_p"] < 1e-6
+    assert verdicts(identify(rig.model, records, OutputError()))["lack_of_fit_p"] < 1e-6
 
 
 def test_a_force_by_samples_and_many_lines_count_as_broadband():
@@ -292,7 +295,7 @@ def test_a_channel_that_sees_nothing_but_noise_does_not_spoil_the_others():
     rig = RIGS["suspension, multisine"]._replace(model=suspension(damped=False))
     silent = Simulation([0.02, 30.0], 1, rig.settle)
     measurement = replace(rig.simulated(0.0, 0), source=silent)
-    said = verdicts(identify(rig.model, rig.loads, measurement, OutputError()))
+    said = verdicts(identify(rig.model, Experiment(rig.loads, measurement), OutputError()))
     assert said["converged"]
     assert said["redundancy"] == 4  # three lines in the other channel, two unknowns
 

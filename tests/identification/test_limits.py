@@ -11,7 +11,7 @@ from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.imbedding import InvariantImbedding
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.identify_modes import identify_modes
+from dynid.identification.identify import identify
 from dynid.identification.likelihood.priors import Priors
 from dynid.identification.records.modal_measurement import ModalMeasurement, Scatter
 from dynid.parameters import Parameter
@@ -192,7 +192,7 @@ def test_fewer_values_than_unknowns_within_limits():
     for start in (0.7, 1.0, 1.4):
         rng = np.random.default_rng(6)
         model, true = grounded(rng, 1.6, start)
-        result = identify_modes(model, survey(true, rng))
+        result = identify(model, survey(true, rng))
         assert diagnostic(result, "optimum")
         assert diagnostic(result, "redundancy") == 0
         assert not diagnostic(result, "converged")
@@ -218,7 +218,7 @@ def test_messages_of_modal_surveys_speak_of_modes():
         [],
         [Joint(name, dofs_of(name), JointParameter(start=value)) for name, value in true.items()],
     )
-    result = identify_modes(model, survey(true, rng))
+    result = identify(model, survey(true, rng))
     said = " ".join([*diagnostic(result, "warnings"), *cautions(result), diagnostic(result, "verdict")])
     assert "modes or sensors" in said
     for word in ("sample", "initial state", "record", "excit", "channel"):
@@ -250,7 +250,7 @@ def test_intervals_of_modes_at_limits_cover():
     for seed in range(200):
         rng = np.random.default_rng([seed, 12])
         model, whole = limited_chain(rng, 0.06)
-        result = identify_modes(model, measured(whole, seed, scatter=(0.004, 0.05, 0.04)))
+        result = identify(model, measured(whole, seed, scatter=(0.004, 0.05, 0.04)))
         true = parameter(result, "true")
         inside += ((parameter(result, "low") <= true) & (true <= parameter(result, "high"))).tolist()
     assert 0.93 <= np.mean(inside) <= 0.97

@@ -13,7 +13,7 @@ from dynid.identification.estimators.auto import Search, drawn_starts
 from dynid.identification.estimators.segments import in_segments
 from dynid.identification.identify import identify
 from dynid.identification.likelihood.priors import Priors
-from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.lti.signals import Multisine
 from dynid.parameters import ParameterPrior
 from dynid.structure.joints import Joint, JointParameter
@@ -170,7 +170,8 @@ def duffing(cubic, seed=0):
     joint = Joint("j", (1,), JointParameter(start=100.0), JointParameter(start=3.0))
     channels = (Channel(1, "displacement"),)
     return identify(
-        lumped([1.0], [], [joint]), [Load(1, signal)], Measurement(0.02, 1000, channels, y[:, None])
+        lumped([1.0], [], [joint]),
+        Experiment([Load(1, signal)], Measurement(0.02, 1000, channels, y[:, None])),
     )
 
 

@@ -13,9 +13,9 @@ from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.imbedding import InvariantImbedding
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.identify import identify, identify_frf
+from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.simulation import Simulation
 from dynid.identification.systems.frf_system import FrfSystem
 from dynid.identification.systems.parametric_model import parametric_model
@@ -76,7 +76,7 @@ def as_blocks():
 def test_a_factor_of_the_spring_pattern_is_the_scalar_joint(monkeypatch, kernels, estimator, samples):
     monkeypatch.setenv(VARIABLE, kernels)
     one, other = (
-        identify(model, LOADS, simulated(0.05, samples=samples), estimator)
+        identify(model, Experiment(LOADS, simulated(0.05, samples=samples)), estimator)
         for model in (scalar(), as_blocks())
     )
     # The logarithms differ by a constant, that is by rounding, which the integration of eqs 19 and 20
@@ -92,7 +92,7 @@ def test_the_scalar_joint_is_found_from_responses_too():
     measured = FrfMeasurement(
         np.linspace(20, 300, 60), (Frf(Channel(2, "velocity"), 5),), Simulation(0.03, 2)
     )
-    one, other = (identify_frf(model, measured) for model in (scalar(), as_blocks()))
+    one, other = (identify(model, measured) for model in (scalar(), as_blocks()))
     for name in ("estimate", "standard_error", "cramer_rao"):
         assert np.array([2e4, 10.0]) * parameter(other, name) == pytest.approx(parameter(one, name), rel=1e-9)
 
@@ -180,7 +180,11 @@ def test_a_bushing_of_three_dofs_is_found_within_its_bars(rank):
     channels = (Channel(1, "acceleration"), Channel(3, "velocity"))
     errors = np.array(
         [
-            in_bounds(identify(model, loads, Measurement(0.003, 250, channels, Simulation(0.05, seed, 1.0))))
+            in_bounds(
+                identify(
+                    model, Experiment(loads, Measurement(0.003, 250, channels, Simulation(0.05, seed, 1.0)))
+                )
+            )
             for seed in range(16)
         ]
     )
@@ -193,11 +197,11 @@ def test_a_dense_joint_is_found_full_and_reduced(seed):
     model = dense(seed)
     channels = tuple(Channel(dof, "acceleration") for dof in (1, 3, 4))
     measured = simulated(0.02, seed, samples=400, channels=channels)
-    assert np.abs(in_bounds(identify(model, LOADS, measured))).max() < 4
+    assert np.abs(in_bounds(identify(model, Experiment(LOADS, measured)))).max() < 4
     # With all modes kept a reduction is another choice of coordinates.
     small = reduce(model, "craig-bampton", masters=[1, 2, 3, 5], modes=[1])
     full, other = (
-        identify(each, LOADS, replace(measured, source=Simulation(0.02, seed, 10.0)), truth=model)
+        identify(each, Experiment(LOADS, replace(measured, source=Simulation(0.02, seed, 10.0))), truth=model)
         for each in (model, small)
     )
     assert parameter(other, "estimate") == pytest.approx(parameter(full, "estimate"), rel=1e-7)

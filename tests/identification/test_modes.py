@@ -10,7 +10,8 @@ from dynid.arithmetic.dependent import Dependent
 from dynid.cli.summary import identification
 from dynid.errors import UsageError
 from dynid.identification.estimators.modal_search import ModalSearch
-from dynid.identification.identify_modes import ModalProblem, identify_modes
+from dynid.identification.identifiability import identifiability
+from dynid.identification.identify import identify
 from dynid.identification.likelihood.modal_record import ModalLikelihood, ModalRecord
 from dynid.identification.likelihood.paired_modes import _turned
 from dynid.identification.records.measurement import Experiment, Measurement
@@ -78,7 +79,7 @@ def test_derivatives_of_predicted_modes_are_exact(damped, complex_shapes):
 @pytest.mark.parametrize("damped", [False, True])
 def test_survey_without_scatter_gives_the_true_values(damped):
     model = chain(0.6, damping=damped)
-    result = identify_modes(model, measured(model, noise=0.0, damping=damped, model_error=KNOWN))
+    result = identify(model, measured(model, noise=0.0, damping=damped, model_error=KNOWN))
     np.testing.assert_allclose(parameter(result, "estimate"), parameter(result, "true"), rtol=1e-5)
     np.testing.assert_allclose(modes(result, "mac"), 1.0, rtol=1e-12)
     np.testing.assert_allclose(modes(result, "frequency_error"), 0.0, atol=1e-6)
@@ -89,7 +90,7 @@ def test_scale_and_sign_of_shapes_have_no_effect():
     model, modal = chain(), measured(chain(), model_error=KNOWN)
     factor = np.array([3.0, -0.01, 1e5, -7.0])
     other = replace(modal, shape=modal.shape * factor, shape_std=modal.shape_std * np.abs(factor))
-    first, second = (parameter(identify_modes(model, one), "estimate") for one in (modal, other))
+    first, second = (parameter(identify(model, one), "estimate") for one in (modal, other))
     np.testing.assert_allclose(first, second, rtol=1e-9)
 
 
@@ -97,7 +98,7 @@ def test_standard_errors_are_those_of_the_linearised_model():
     """Against the information of all values with the scales as unknowns, by differences."""
     model = chain()
     modal = measured(model, noise=0.0, model_error=KNOWN)
-    result = identify_modes(model, modal)
+    result = identify(model, modal)
     eta, scatter = truth(model), modal.deviations()
 
     def predicted(point):
@@ -125,7 +126,7 @@ def test_modes_that_cross_are_paired_by_their_shapes():
     model = model.with_parameters(
         [replace(model.parameters[0], start=150.0), replace(model.parameters[1], start=80.0)]
     )
-    result = identify_modes(model, measured(model, modes=(0, 1, 2, 3), dofs=(1, 2, 3, 4), model_error=KNOWN))
+    result = identify(model, measured(model, modes=(0, 1, 2, 3), dofs=(1, 2, 3, 4), model_error=KNOWN))
     assert modes(result, "model_mode_start").tolist() == [2, 1, 4, 3]
     assert modes(result, "model_mode").tolist() == [1, 2, 3, 4]
     assert np.all(np.abs(parameter(result, "estimate") / parameter(result, "true") - 1) < 0.02)
@@ -135,14 +136,14 @@ def test_a_wrong_order_in_the_survey_does_no_harm():
     model = chain()
     orders = ((0, 1, 2), (2, 0, 1))
     surveys = [measured(model, modes=order, noise=0.0, model_error=KNOWN) for order in orders]
-    first, second = (identify_modes(model, one) for one in surveys)
+    first, second = (identify(model, one) for one in surveys)
     np.testing.assert_allclose(parameter(first, "estimate"), parameter(second, "estimate"), rtol=1e-5)
     assert modes(second, "model_mode").tolist() == [3, 1, 2]
 
 
 def test_a_mode_that_was_not_measured_is_left_out():
     model = chain(0.7)
-    result = identify_modes(model, measured(model, modes=(0, 2, 3), noise=0.0, model_error=KNOWN))
+    result = identify(model, measured(model, modes=(0, 2, 3), noise=0.0, model_error=KNOWN))
     assert modes(result, "model_mode").tolist() == [1, 3, 4]
     np.testing.assert_allclose(parameter(result, "estimate"), parameter(result, "true"), rtol=1e-5)
 
@@ -154,19 +155,17 @@ def test_shapes_of_equal_modes_are_compared_by_their_span():
     turn = np.array([[np.cos(0.6), -np.sin(0.6)], [np.sin(0.6), np.cos(0.6)]])
     shapes = modal.shapes.copy()
     shapes[:, :2], shapes[:, 2:] = shapes[:, :2] @ turn, shapes[:, 2:] @ turn
-    result = identify_modes(model, replace(modal, shape=shapes, shape_std=0.02 * np.ones(shapes.shape)))
+    result = identify(model, replace(modal, shape=shapes, shape_std=0.02 * np.ones(shapes.shape)))
     np.testing.assert_allclose(parameter(result, "estimate"), [100.0, 100.0], rtol=1e-6)
     np.testing.assert_allclose(modes(result, "mac"), 1.0, rtol=1e-9)
     phases = np.exp(1j * np.array([0.3, 2.0, -1.0, 0.7]))
-    other = identify_modes(
-        model, replace(modal, shape=shapes * phases, shape_std=0.02 * np.ones(shapes.shape))
-    )
+    other = identify(model, replace(modal, shape=shapes * phases, shape_std=0.02 * np.ones(shapes.shape)))
     np.testing.assert_allclose(parameter(other, "estimate"), [100.0, 100.0], rtol=1e-6)
 
 
 def test_nearly_equal_modes_have_finite_errors():
     model = plate(1 + 1e-7)
-    result = identify_modes(model, measured(model, dofs=(1, 2, 3, 4), model_error=KNOWN))
+    result = identify(model, measured(model, dofs=(1, 2, 3, 4), model_error=KNOWN))
     assert np.all(parameter(result, "standard_error") < 1.0)
     assert np.all(np.abs(parameter(result, "estimate") - 100) < 5 * parameter(result, "standard_error"))
 
@@ -175,12 +174,12 @@ def test_frequencies_alone_and_missing_sensors():
     model = chain()
     modal = measured(model, noise=0.0, model_error=KNOWN)
     alone = ModalMeasurement(modal.omega, omega_std=modal.omega_std, model_error=KNOWN)
-    result = identify_modes(model, alone)
+    result = identify(model, alone)
     np.testing.assert_allclose(parameter(result, "estimate"), parameter(result, "true"), rtol=1e-6)
     assert "identification/modes/mac" not in result
     shapes = modal.shape.copy()
     shapes[1, 0] = shapes[2, 3] = np.nan
-    result = identify_modes(model, replace(modal, shape=shapes))
+    result = identify(model, replace(modal, shape=shapes))
     np.testing.assert_allclose(parameter(result, "estimate"), parameter(result, "true"), rtol=1e-6)
 
 
@@ -190,9 +189,9 @@ def test_scatter_of_zero_is_raised_to_the_floor():
     modal = measured(model, model_error=KNOWN)
     std = modal.shape_std.copy()
     std[0] = 0.0
-    result = identify_modes(model, replace(modal, shape_std=std))
+    result = identify(model, replace(modal, shape_std=std))
     wanted = replace(modal, shape_std=np.maximum(std, 0.02 * modal.sizes))
-    other = identify_modes(model, wanted)
+    other = identify(model, wanted)
     np.testing.assert_allclose(parameter(result, "estimate"), parameter(other, "estimate"), rtol=1e-12)
 
 
@@ -203,11 +202,11 @@ def test_records_and_modes_add_up():
     loads = (Load(6, Multisine([50.0] * 3, [30.0, 90.0, 160.0])),)
     channels = (Channel(2, "acceleration"), Channel(5, "acceleration"))
     taken = Experiment(loads, Measurement(0.005, 300, channels, Simulation(0.05, 4)))
-    both = identify_modes(model, modal, [taken])
+    both = identify(model, [taken, modal])
     assert diagnostic(both, "converged")
     off = np.abs(parameter(both, "estimate") - parameter(both, "true")) / parameter(both, "standard_error")
     assert np.all(off < 4)
-    alone = identify_modes(model, modal)
+    alone = identify(model, modal)
     lost = [
         name
         for name, yes in zip(parameter(alone, "name"), parameter(alone, "identifiable"), strict=True)
@@ -222,18 +221,18 @@ def test_records_and_modes_add_up():
 def test_error_of_the_form_is_proposed_only_where_the_scatter_is_contradicted():
     """With the errors that the warning names the fit passes under its own statistical model."""
     model = chain()
-    right = identify_modes(model, measured(model, seed=5))
+    right = identify(model, measured(model, seed=5))
     assert "identification/modes/model_error_needed" not in right
     modal = measured(model, seed=5)
     rng = np.random.default_rng(2)
     off = replace(modal, omega=modal.omega * (1 + 0.05 * rng.standard_normal(4)))
-    wrong = identify_modes(model, off)
+    wrong = identify(model, off)
     assert diagnostic(wrong, "lack_of_fit_p") < 1e-3
     assert np.all(modes(wrong, "model_error") == 0)
     needed = modes(wrong, "model_error_needed")
     assert 0.01 < needed[0] < 0.2
     assert f"model_error: {{frequency: {needed[0]:.2g}" in "\n".join(diagnostic(wrong, "warnings"))
-    stated = identify_modes(model, replace(off, model_error=Scatter(needed[0], 0.0, needed[1])))
+    stated = identify(model, replace(off, model_error=Scatter(needed[0], 0.0, needed[1])))
     assert diagnostic(stated, "converged")
     assert diagnostic(stated, "lack_of_fit_p") > 0.05
     assert "model_error" not in "\n".join(diagnostic(stated, "warnings"))
@@ -249,14 +248,14 @@ def test_verdict_is_the_chi_squared_test_of_the_weights_of_the_fit(form):
     model = chain()
     form_error = Scatter(form[0], 0.0, form[1])
     modal = measured(model, 8, 0.3, model_error=form_error, floors=KNOWN)
-    result = identify_modes(model, modal)
+    result = identify(model, modal)
     spread = np.hypot(modal.omega_std, form[0] * modal.omega)
     squares = np.sum(((modes(result, "frequency") - modes(result, "frequency_measured")) / spread) ** 2)
     spread = np.hypot(modal.shape_std / np.abs(modal.shape).max(axis=0), form[1])
     squares += np.sum(((modes(result, "shape") - modes(result, "shape_measured")) / spread) ** 2)
     assert float(modes(result, "chi2")) == pytest.approx(squares, rel=1e-9)
     assert modes(result, "chi2_degrees") == 4 + 16 - 4 - 2
-    shapes = identify_modes(model, replace(modal, omega_std=1e4 * modal.omega))
+    shapes = identify(model, replace(modal, omega_std=1e4 * modal.omega))
     rest = float(modes(shapes, "chi2"))
     tails = scipy.stats.chi2.sf([squares - rest, rest], [4, 10])
     assert diagnostic(result, "lack_of_fit_p") == pytest.approx(1 - (1 - min(tails)) ** 2, rel=0.02)
@@ -265,14 +264,14 @@ def test_verdict_is_the_chi_squared_test_of_the_weights_of_the_fit(form):
 def test_leverage_is_what_an_error_of_a_frequency_moves_its_prediction():
     """Each frequency moved by itself; a residual falls short of an error by the root of 1 - h."""
     model, modal = chain(), measured(chain(), seed=4, noise=0.0, floors=KNOWN)
-    result = identify_modes(model, modal)
+    result = identify(model, modal)
     leverage = modes(result, "frequency_leverage")
     step = 0.05 * modal.omega_std
     for k in range(4):
         moved = [replace(modal, omega=modal.omega + sign * step * np.eye(4)[k]) for sign in (1, -1)]
-        ends = [modes(identify_modes(model, one), "frequency")[k] for one in moved]
+        ends = [modes(identify(model, one), "frequency")[k] for one in moved]
         assert (ends[0] - ends[1]) / (2 * step[k]) == pytest.approx(leverage[k], abs=2e-3)
-    off = identify_modes(model, replace(modal, omega=modal.omega + 6 * modal.omega_std * np.eye(4)[1]))
+    off = identify(model, replace(modal, omega=modal.omega + 6 * modal.omega_std * np.eye(4)[1]))
     assert modes(off, "frequency_studentised")[1] == pytest.approx(6 * np.sqrt(1 - leverage[1]), rel=0.02)
 
 
@@ -280,12 +279,10 @@ def test_a_wrong_frequency_is_named_and_one_that_cannot_show_is_said():
     """The fourth frequency is off; of two modes for two unknowns the parameters follow both frequencies."""
     modal = measured(chain(), seed=9)
     off = replace(modal, omega=modal.omega + 8 * modal.omega_std * np.eye(4)[3])
-    said = "\n".join(diagnostic(identify_modes(chain(), off), "warnings"))
+    said = "\n".join(diagnostic(identify(chain(), off), "warnings"))
     assert "farthest off is the frequency of mode 4" in said
     assert "without it the rest is scatter" in said
-    few = identify_modes(
-        chain(), measured(chain(), 3, modes=(1, 2), dofs=DOFS[:2], scatter=(0.001, 0.05, 0.2))
-    )
+    few = identify(chain(), measured(chain(), 3, modes=(1, 2), dofs=DOFS[:2], scatter=(0.001, 0.05, 0.2)))
     leverage = modes(few, "frequency_leverage")
     assert np.all(leverage > 0.8)
     said = "\n".join(modes(few, "statements").tolist())
@@ -296,7 +293,7 @@ def test_verdict_on_the_optimum_does_not_depend_on_the_start():
     """Many starts of a chain whose second frequency is off end elsewhere; that is no doubt of its optimum."""
     modal = measured(chain(), seed=12)
     off = replace(modal, omega=modal.omega * (1 + 0.03 * np.eye(4)[1]))
-    results = [identify_modes(chain(factor), off) for factor in (0.25, 0.9, 4.0)]
+    results = [identify(chain(factor), off) for factor in (0.25, 0.9, 4.0)]
     assert {bool(diagnostic(one, "lacks_fit")) for one in results} == {True}
     assert (
         len({(bool(diagnostic(one, "optimum")), bool(diagnostic(one, "converged"))) for one in results}) == 1
@@ -308,7 +305,7 @@ def test_verdict_on_the_optimum_does_not_depend_on_the_start():
 def test_priors_count_in_the_verdict_and_are_named_where_they_decide():
     """Means that are 20 % off with 2 %: with wider priors the scatter explains the survey."""
     modal = measured(chain(), seed=3)
-    narrow, wide = (identify_modes(chain(prior=(1.2, deviation)), modal) for deviation in (0.02, 0.3))
+    narrow, wide = (identify(chain(prior=(1.2, deviation)), modal) for deviation in (0.02, 0.3))
     assert diagnostic(narrow, "lack_of_fit_p") < 1e-3
     assert "or give wider priors of upper.k" in "\n".join(diagnostic(narrow, "warnings"))
     assert diagnostic(wide, "converged")
@@ -319,7 +316,7 @@ def test_estimate_does_not_depend_on_the_start():
     """Far starts lead to wrong pairs; the estimate and the verdict are the same."""
     found = []
     for factor in (0.3, 0.8, 1.0, 3.2):
-        result = identify_modes(chain(factor), measured(chain(), seed=11, scatter=(0.0004, 0.05, 0.03)))
+        result = identify(chain(factor), measured(chain(), seed=11, scatter=(0.0004, 0.05, 0.03)))
         assert diagnostic(result, "converged")
         found.append(parameter(result, "estimate"))
     error = parameter(result, "standard_error")
@@ -339,7 +336,7 @@ def test_rejections_at_five_percent(off):
         moved = np.zeros(4)
         moved[[0, 1, 3][seed % 3]] = off * 0.002 * (-1) ** seed
         factor = [0.4, 1.0, 2.5][seed // 3 % 3]
-        result = identify_modes(chain(factor), replace(modal, omega=modal.omega * (1 + moved)))
+        result = identify(chain(factor), replace(modal, omega=modal.omega * (1 + moved)))
         rejected.append(float(diagnostic(result, "lack_of_fit_p")) < 0.05)
     assert np.mean(rejected) >= 0.9 if off else 0.02 <= np.mean(rejected) <= 0.08
 
@@ -362,7 +359,7 @@ def test_basis_of_modes_and_derivatives_has_both_exactly():
 def test_sparse_structure_gives_the_same_estimate():
     model = chain(0.8)
     modal = measured(model, model_error=KNOWN)
-    dense, sparse = (identify_modes(one, modal) for one in (model, model.stored_sparse()))
+    dense, sparse = (identify(one, modal) for one in (model, model.stored_sparse()))
     np.testing.assert_allclose(parameter(dense, "estimate"), parameter(sparse, "estimate"), rtol=1e-5)
     errors = [parameter(one, "standard_error") for one in (dense, sparse)]
     np.testing.assert_allclose(*errors, rtol=1e-4)
@@ -389,22 +386,21 @@ def test_coordinate_mac_names_the_sensor_that_disagrees():
 def test_damping_without_a_damper_is_refused():
     modal = replace(measured(chain()), damping=np.full(4, 0.01))
     with pytest.raises(UsageError, match="the structure has no damping"):
-        identify_modes(chain(), modal)
+        identify(chain(), modal)
 
 
 def test_more_modes_than_the_model_has_are_refused():
     modal = ModalMeasurement(np.linspace(10, 100, 9))
     with pytest.raises(UsageError, match="9 modes are measured, but the model has 6"):
-        identify_modes(chain(), modal)
+        identify(chain(), modal)
 
 
 def test_forecast_of_the_bounds_is_that_of_the_estimate():
-    from dynid.identification.identifiability import modal_identifiability
 
     model, modal = chain(), measured(chain(), noise=0.0, model_error=KNOWN)
-    found = modal_identifiability(ModalProblem.of(model, modal))
+    found = identifiability(model, modal)
     bound = found.value("identification/identifiability/bound")
-    result = identify_modes(model, modal)
+    result = identify(model, modal)
     np.testing.assert_allclose(bound, parameter(result, "cramer_rao"), rtol=1e-6)
 
 
@@ -457,7 +453,7 @@ def test_frequencies_that_veer_are_passed():
     """From the other side of the veering the shapes have to change over."""
     model = veering(112.0, 98.0)
     modal = measured(model, noise=0.3, dofs=(1, 2, 3, 4), model_error=KNOWN)
-    result = identify_modes(model, modal)
+    result = identify(model, modal)
     off = np.abs(parameter(result, "estimate") - parameter(result, "true"))
     assert np.all(off < 4 * parameter(result, "standard_error"))
     assert np.all(modes(result, "mac") > 0.99)
@@ -466,7 +462,7 @@ def test_frequencies_that_veer_are_passed():
 
 def test_expanded_shapes_are_those_of_all_dofs():
     model = chain()
-    result = identify_modes(model, measured(model, noise=0.0, model_error=KNOWN))
+    result = identify(model, measured(model, noise=0.0, model_error=KNOWN))
     _, shapes = true_modes(model)
     np.testing.assert_allclose(np.diag(mac(modes(result, "expanded"), shapes[:, :4])), 1.0, rtol=1e-8)
     at = np.array([model.row(dof) for dof in DOFS]) @ modes(result, "expanded")
@@ -479,15 +475,13 @@ def test_frequency_that_the_rest_does_not_replace_has_no_prediction():
 
     joints = [Joint(name, at, JointParameter(start=900.0)) for name, at in (("a", (1,)), ("b", (1, 2)))]
     model = lumped([1.0, 1.0], [], joints)
-    result = identify_modes(model, ModalMeasurement(np.array([20.0, 52.0])))
+    result = identify(model, ModalMeasurement(np.array([20.0, 52.0])))
     for name in ("error", "deviation", "by_scatter"):
         assert np.isnan(modes(result, f"left_out_{name}")).all()
     heads, rows = modal_table(result)
     assert [row[heads.index("left out")] for row in rows] == ["-", "-"]
     assert "identification/parameters/estimate" in result
-    whole = identify_modes(
-        chain(), replace(measured(chain(), noise=0.0), shape=None, shape_std=None, dofs=())
-    )
+    whole = identify(chain(), replace(measured(chain(), noise=0.0), shape=None, shape_std=None, dofs=()))
     np.testing.assert_allclose(modes(whole, "left_out_error"), 0.0, atol=1e-4)
 
 
@@ -513,7 +507,7 @@ def test_whiteness_of_records_stands_beside_modes():
     loads = (Load(6, Multisine([50.0] * 3, [30.0, 90.0, 160.0])),)
     channels = (Channel(2, "acceleration"), Channel(5, "acceleration"))
     taken = Experiment(loads, Measurement(0.005, 300, channels, Simulation(0.05, 4)))
-    result = identify_modes(model, measured(model, model_error=KNOWN), [taken])
+    result = identify(model, [taken, measured(model, model_error=KNOWN)])
     names = [str(name) for name in diagnostic(result, "channel")]
     there = [not name.startswith("modes.") for name in names]
     assert there.count(True) == 2
@@ -577,7 +571,7 @@ def test_scatter_of_a_damping_ratio_of_zero_is_the_one_that_counts():
     modal = measured(model, noise=0.0, damping=True, model_error=KNOWN)
     ratio, std = modal.damping.copy(), modal.damping_std.copy()
     ratio[1], std[1] = 0.0, 0.05
-    result = identify_modes(model, replace(modal, damping=ratio, damping_std=std))
+    result = identify(model, replace(modal, damping=ratio, damping_std=std))
     assert modes(result, "damping_std")[1] == pytest.approx(0.05)
 
 
@@ -588,7 +582,7 @@ def test_modes_with_both_records_and_responses_are_refused():
     taken = Experiment(loads, Measurement(0.005, 30, (Channel(2, "acceleration"),), Simulation(0.05, 4)))
     responses = object.__new__(FrfMeasurement)
     with pytest.raises(UsageError, match="not with both"):
-        identify_modes(chain(), measured(chain()), [taken], responses)
+        identify(chain(), [taken, responses, measured(chain())])
 
 
 @pytest.mark.parametrize(
@@ -623,7 +617,7 @@ def test_what_the_data_know_better_than_the_priors():
     modal = ModalMeasurement(
         poles.imag[kept], (1, 2, 3), shapes[:3, kept], omega_std=0.002 * poles.imag[kept], model_error=KNOWN
     )
-    result = identify_modes(model, modal)
+    result = identify(model, modal)
     said = list(modes(result, "statements"))
     strength = modes(result, "directions/strength")
     assert np.all(strength[:2] > 10)
@@ -639,7 +633,7 @@ def test_what_the_data_know_better_than_the_priors():
 def test_the_screen_has_the_first_measured_modes_and_what_they_say(monkeypatch):
     from dynid.report.content.modes import modal_table
 
-    result = identify_modes(chain(), measured(chain(), seed=5))
+    result = identify(chain(), measured(chain(), seed=5))
     monkeypatch.setattr(identification, "_MODES", 3)
     screen = "\n".join(identification.lines(result))
     _, rows = modal_table(result)

@@ -13,7 +13,7 @@ from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.imbedding import InvariantImbedding
 from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identifiability import identifiability
-from dynid.identification.identify import identify, identify_frf
+from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.simulation import Simulation
@@ -140,20 +140,22 @@ def assert_found(result):
     ids=lambda one: one.name,
 )
 def test_every_estimator_of_records_takes_it(estimator):
-    assert_found(identify(model(0.7), [Source(Chirp(1.0, 0.5, 15.0, 10.0))], measurement(), estimator))
+    assert_found(
+        identify(model(0.7), Experiment([Source(Chirp(1.0, 0.5, 15.0, 10.0))], measurement()), estimator)
+    )
 
 
 def test_frequency_responses_take_it():
     lines = FrfMeasurement(
         np.linspace(0.5, 20, 60), tuple(Frf(one, "u") for one in CHANNELS), Simulation(0.02, 2)
     )
-    assert_found(identify_frf(model(0.5), lines))
+    assert_found(identify(model(0.5), lines))
 
 
 def test_its_identifiability_is_its_bound():
     loads, own = [Source(Chirp(1.0, 0.5, 15.0, 10.0))], measurement()
     found = identifiability(model(0.7), [Experiment(loads, own)])
-    bound = identify(model(0.7), loads, own).value("identification/parameters/cramer_rao")
+    bound = identify(model(0.7), Experiment(loads, own)).value("identification/parameters/cramer_rao")
     np.testing.assert_allclose(found.value("identification/identifiability/bound"), bound, rtol=1e-6)
     poles = found.value("identification/identifiability/modal_sensitivity/pole")
     exact = np.linalg.eigvals(Ladder((), [], CHANNELS).at(TRUE).A)

@@ -9,7 +9,7 @@ import dynid
 from dynid.errors import UsageError
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
-from dynid.identification.identify import identify, identify_all, identify_frf
+from dynid.identification.identify import identify
 from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.records.measurement import Experiment, Measurement
@@ -43,7 +43,7 @@ def measured(noise=None, seed=1, samples=400, channels=BOTH[:1], colour=COLOUR, 
 
 
 def run(noise=None, estimator=None, **options):
-    return identify(oscillator(), LOADS, measured(noise, **options), estimator)
+    return identify(oscillator(), Experiment(LOADS, measured(noise, **options)), estimator)
 
 
 def parameters(result, *names):
@@ -159,7 +159,7 @@ def test_channels_are_correlated_with_each_other():
     gap[::9, 0] = np.nan
     for each in (values, gap):
         line = Measurement(0.05, 1000, channels, each, ColouredNoise(1, correlated=True), start=5.0)
-        result = identify(oscillator(), LOADS, line)
+        result = identify(oscillator(), Experiment(LOADS, line))
         assert noise_of(result, "correlation")[0, 1] == pytest.approx(0.8, abs=0.05)
         np.testing.assert_allclose(noise_of(result, "coefficients"), [[0.7], [0.7]], atol=0.08)
         np.testing.assert_allclose(noise_of(result, "innovation"), 0.1 * clean.std(axis=0), rtol=0.1)
@@ -167,7 +167,7 @@ def test_channels_are_correlated_with_each_other():
 
 def test_every_record_has_its_own_noise():
     first, second = measured(ColouredNoise(), samples=800), measured(ColouredNoise(), 2, 800, colour=())
-    result = identify_all(oscillator(), [Experiment(LOADS, one) for one in (first, second)])
+    result = identify(oscillator(), [Experiment(LOADS, one) for one in (first, second)])
     assert noise_of(result, "order").tolist() == [2, 0]
 
 
@@ -202,7 +202,7 @@ def responses(seed=1, ratio=0.1, noise=None, proportional=True):
 
 
 def test_noise_in_proportion_to_a_response_is_weighted_by_the_response_of_the_model():
-    result = identify_frf(oscillator(), responses())
+    result = identify(oscillator(), responses())
     estimate, error, bound = parameters(result, "estimate", "standard_error", "cramer_rao")
     assert noise_of(result, "ratio")[0] == pytest.approx(0.1, rel=0.2)
     np.testing.assert_allclose(error, bound, rtol=0.2)
@@ -217,13 +217,13 @@ def test_noise_in_proportion_to_a_response_is_weighted_by_the_response_of_the_mo
 
 
 def test_a_given_ratio_is_tested_and_white_noise_would_be_wrong():
-    given = identify_frf(oscillator(), responses(noise=0.1))
+    given = identify(oscillator(), responses(noise=0.1))
     assert float(given.value("identification/diagnostics/noise_p")) > 0.01
     np.testing.assert_allclose(*parameters(given, "standard_error", "cramer_rao"), rtol=0.05)
-    white = identify_frf(oscillator(), responses(proportional=False))
+    white = identify(oscillator(), responses(proportional=False))
     error, bound = parameters(white, "standard_error", "cramer_rao")
     assert np.all(error < 0.5 * bound)
-    robust = identify_frf(oscillator(), responses(), Huber(OutputError()))
+    robust = identify(oscillator(), responses(), Huber(OutputError()))
     assert bool(robust.value("identification/diagnostics/converged"))
 
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from dynid.errors import NotIdentifiable
-from dynid.identification.identifiability import expected_time_records, identifiability
+from dynid.identification.identifiability import expected_records, identifiability
 from dynid.identification.information import collinear_groups
 from dynid.identification.planning.excitation import candidate_sines, exact_bounds, grid
 from dynid.identification.planning.plan import PlanRequest, candidate_sensors, every_channel, plan
 from dynid.identification.planning.selection import Candidates, select
+from dynid.identification.problem import Problem
 from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Multisine, Sine
@@ -75,7 +76,7 @@ def closed_form(omega, samples, amplitude, sigma):
 
 def test_a_sine_in_a_single_mass_has_the_information_of_the_closed_form():
     model, experiment = single()
-    expected = expected_time_records(model, [experiment])
+    expected = expected_records(Problem.of(model, [experiment]).likelihood)
     found = candidate_sines(model, experiment, expected, [1])
     sigma = float(expected.noise[0][0])
     for at in range(0, len(found.omega), 40):
@@ -89,27 +90,29 @@ def test_a_sine_in_a_single_mass_has_the_information_of_the_closed_form():
 
 def test_bounds_of_settled_sines_are_those_of_a_record_that_has_settled():
     model, experiment = single()
-    expected = expected_time_records(model, [experiment])
+    expected = expected_records(Problem.of(model, [experiment]).likelihood)
     direct = exact_bounds(model, experiment, expected, [Load(1, Multisine([5.0], [17.0]))])
     np.testing.assert_allclose(direct, expected.information().bounds(), rtol=1e-9)
 
 
 def test_what_sensors_tell_is_the_information_of_records_with_them():
-    expected = expected_time_records(suspension(), [CASE])
+    expected = expected_records(Problem.of(suspension(), [CASE]).likelihood)
     found = candidate_sensors(suspension(), CASE, expected, every_channel(suspension()))
     assert len(found.channels) == 15
     for names in (
         VELOCITIES,
         (Channel(1, "acceleration"), Channel(4, "displacement"), Channel(5, "velocity")),
     ):
-        direct = expected_time_records(suspension(), [Experiment(LOADS, simulated(0.05, channels=names))])
+        direct = expected_records(
+            Problem.of(suspension(), [Experiment(LOADS, simulated(0.05, channels=names))]).likelihood
+        )
         np.testing.assert_allclose(
             found.candidates.bounds(found.places(names)), direct.information().bounds(), rtol=1e-6
         )
 
 
 def test_the_noise_of_candidates_may_be_given_by_quantity():
-    expected = expected_time_records(suspension(), [CASE])
+    expected = expected_records(Problem.of(suspension(), [CASE]).likelihood)
     found = candidate_sensors(
         suspension(), CASE, expected, every_channel(suspension()), {"acceleration": 0.5}
     )
@@ -125,7 +128,7 @@ def test_a_sensor_that_sees_no_motion_is_left_out():
         [Load(1, Sine(1.0, 9.0))], Measurement(0.01, 500, (Channel(1, "velocity"),), Simulation(0.05))
     )
     found = candidate_sensors(
-        model, experiment, expected_time_records(model, [experiment]), every_channel(model)
+        model, experiment, expected_records(Problem.of(model, [experiment]).likelihood), every_channel(model)
     )
     assert found.still == ("2.displacement", "2.velocity", "2.acceleration")
 
@@ -281,7 +284,7 @@ def planned():
 
 
 def test_the_best_sensors_are_those_of_all_pairs(planned):
-    expected = expected_time_records(suspension(), [CASE])
+    expected = expected_records(Problem.of(suspension(), [CASE]).likelihood)
     found = candidate_sensors(suspension(), CASE, expected, every_channel(suspension()))
     worth = {pair: found.candidates.worth(pair) for pair in combinations(range(15), 2)}
     best = max(worth, key=worth.get)
@@ -312,7 +315,9 @@ def test_the_best_lines_keep_what_they_promise(planned):
         for dof, omega in zip(planned.value(f"{group}/choice_dof"), frequencies, strict=True)
     ]
     noise = planned.value(f"{GROUP}/noise/deviation")
-    expected = expected_time_records(suspension(), [Experiment(loads, simulated(0.05, settle=58.0))])
+    expected = expected_records(
+        Problem.of(suspension(), [Experiment(loads, simulated(0.05, settle=58.0))]).likelihood
+    )
     bounds = expected.likelihood.information(expected.fit, [noise]).bounds()
     np.testing.assert_allclose(bounds, planned.value(f"{group}/best_bound"), rtol=1e-6)
     assert np.all(bounds < planned.value(f"{group}/present_bound"))

@@ -9,7 +9,7 @@ import pytest
 from dynid.errors import UsageError
 from dynid.identification.diagnosis import importance
 from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
-from dynid.identification.identify import identify_frf
+from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.records.measurement import Measurement
 from dynid.identification.records.simulation import Simulation
@@ -110,7 +110,7 @@ def frf(prior=None, noise=2e-4):
     measurement = FrfMeasurement(
         np.linspace(5, 40, 30), (Frf(Channel(1, "displacement"), 1),), Simulation(0.05, 2), noise
     )
-    return identify_frf(one_mass(joint), measurement, further=CHECK), measurement
+    return identify(one_mass(joint), measurement, further=CHECK), measurement
 
 
 def test_the_evidence_of_responses_is_the_integral_over_the_prior():

@@ -57,7 +57,7 @@ def recorded(signal, values=None, **options):
 
 def errors(experiment):
     """Relative errors of the estimates."""
-    result = identify(structure(), *experiment, estimator=OutputError())
+    result = identify(structure(), experiment, estimator=OutputError())
     estimate = result["identification/parameters/estimate"].data
     return np.abs(estimate / [K, C] - 1)
 
@@ -134,7 +134,7 @@ def test_the_record_tells_what_was_done_to_it(shaken):
     assert cut * STEP == pytest.approx(measurement.start)
     assert measurement.samples == -(-(SAMPLES - 2 * cut) // 4)
     assert len(prepared.loads[0].signal.values) == SAMPLES - 2 * cut
-    result = identify(structure(), *prepared, estimator=OutputError())
+    result = identify(structure(), prepared, estimator=OutputError())
     attrs = result.group_attrs["identification/measurement"]
     assert attrs["prepared"] == "detrend constant; decimate 4"
     assert attrs["start"] == measurement.start
@@ -203,7 +203,7 @@ def test_error_bars_are_those_of_the_band_that_is_left(shaken, steps, known, rec
     for _ in range(records):
         noisy = shaken + noise * generator.standard_normal(shaken.shape)
         experiment = prepare(recorded(FORCE, noisy, noise=list(noise) if known else None), steps)
-        result = identify(structure(), *experiment, estimator=OutputError())
+        result = identify(structure(), experiment, estimator=OutputError())
         get = {
             name: result[f"identification/parameters/{name}"].data for name in ("estimate", "standard_error")
         }

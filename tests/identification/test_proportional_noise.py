@@ -5,9 +5,9 @@ import pytest
 from scipy.stats import spearmanr
 
 from dynid.identification.diagnosis.proportional_noise import rank_correlation
-from dynid.identification.identify import identify, identify_frf
+from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.lti.signals import Sampled
 from dynid.structure.ports import Channel, Load
 from tests.identification.test_delays import Rig, off
@@ -33,7 +33,7 @@ def warnings(result) -> str:
 def test_noise_in_proportion_is_suggested_with_the_result_that_it_gives(seed):
     rig = Rig(seed)
     measured = responses(rig, lambda size: 0.02 * size)
-    result = identify_frf(rig.model(), measured)
+    result = identify(rig.model(), measured)
     said = warnings(result)
     assert (
         "State noise: {kind: proportional} in the measurement: with that the model has no lack of fit" in said
@@ -42,7 +42,7 @@ def test_noise_in_proportion_is_suggested_with_the_result_that_it_gives(seed):
     assert "outlier" not in said
     # The result that is announced is that of the noise as it is then stated.
     stated = FrfMeasurement(measured.omega, CHANNELS, measured.source, proportional=True)
-    result = identify_frf(rig.model(), stated)
+    result = identify(rig.model(), stated)
     assert result.value("identification/diagnostics/converged")
     assert not result.value("identification/diagnostics/lacks_fit")
     assert np.abs(off(result)).max() < 4.5
@@ -53,7 +53,7 @@ def test_noise_in_proportion_is_suggested_with_the_result_that_it_gives(seed):
 
 @pytest.mark.parametrize("seed", [3, *(pytest.param(s, marks=pytest.mark.slow) for s in range(4, 24))])
 def test_noise_of_one_deviation_suggests_nothing(seed):
-    result = identify_frf(Rig(seed).model(), responses(Rig(seed), lambda size: 0.02 * size.mean(axis=0)))
+    result = identify(Rig(seed).model(), responses(Rig(seed), lambda size: 0.02 * size.mean(axis=0)))
     assert "grow" not in warnings(result)
     assert not result.value("identification/diagnostics/lacks_fit")
 
@@ -61,7 +61,7 @@ def test_noise_of_one_deviation_suggests_nothing(seed):
 def test_a_wrong_model_is_not_excused_by_the_noise():
     rig = Rig(7)
     wrong = rig.masses * [1.0, 1.0, 1.02]
-    said = warnings(identify_frf(rig.model(), responses(rig, lambda size: 2e-3 * size.mean(axis=0), wrong)))
+    said = warnings(identify(rig.model(), responses(rig, lambda size: 2e-3 * size.mean(axis=0), wrong)))
     assert "no lack of fit" not in said
     assert "the model lacks fit" in said
 
@@ -74,7 +74,7 @@ def test_samples_whose_noise_grows_with_the_response_are_named(proportional):
     values = values + 0.03 * size * rig.rng.standard_normal(values.shape)
     channels = (Channel(1, "velocity"), Channel(3, "velocity"))
     load = Load(3, Sampled(rig.force(), rig.step))
-    result = identify(rig.model(), [load], Measurement(rig.step, rig.samples, channels, values))
+    result = identify(rig.model(), Experiment([load], Measurement(rig.step, rig.samples, channels, values)))
     assert ("with the response: noise in proportion to it?" in warnings(result)) == proportional
 
 
@@ -94,8 +94,8 @@ def test_rank_correlations_are_those_of_scipy():
 def test_a_lack_of_fit_that_nothing_explains_names_a_nonlinear_joint():
     rig = Rig(7)
     size = lambda size: 2e-3 * size.mean(axis=0)  # noqa: E731
-    wrong = warnings(identify_frf(rig.model(), responses(rig, size, rig.masses * [1.0, 1.0, 1.02])))
+    wrong = warnings(identify(rig.model(), responses(rig, size, rig.masses * [1.0, 1.0, 1.02])))
     assert "nonlinear joint" in wrong
-    assert "nonlinear joint" not in warnings(identify_frf(rig.model(), responses(rig, size)))
-    explained = warnings(identify_frf(rig.model(), responses(rig, lambda size: 0.02 * size)))
+    assert "nonlinear joint" not in warnings(identify(rig.model(), responses(rig, size)))
+    explained = warnings(identify(rig.model(), responses(rig, lambda size: 0.02 * size)))
     assert "nonlinear joint" not in explained

@@ -7,7 +7,7 @@ from scipy.optimize import least_squares
 
 from dynid.identification.estimators.auto import Auto, FrfAuto
 from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
-from dynid.identification.identify import identify_all, identify_frf
+from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement, unstacked
 from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.preparation import BandPass, Detrend, prepare
@@ -42,7 +42,7 @@ def record(seed=1, samples=600, ratio=0.04):
 def answered(values, noise=None, estimator=None, prepared=(), start=1.0):
     measurement = Measurement(0.002, len(values), CHANNELS, values, noise=noise, start=start)
     experiment = prepare(Experiment(LOADS, measurement), prepared)
-    return identify_all(two_masses(), [experiment], estimator)
+    return identify(two_masses(), [experiment], estimator)
 
 
 def warnings(result):
@@ -254,7 +254,7 @@ def frf(seed, spoil=0.0, loss=None, noise=None):
     measurement = FrfMeasurement(
         omega, channels, values, noise=None if noise is None else list(noise * level)
     )
-    return identify_frf(two_masses(), measurement, loss or FrfAuto()), omega[31]
+    return identify(two_masses(), measurement, loss or FrfAuto()), omega[31]
 
 
 def test_frequency_responses_have_the_same_tests_and_loss():

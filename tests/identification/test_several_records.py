@@ -8,8 +8,8 @@ from dynid.errors import NotIdentifiable, UsageError
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.estimators.imbedding import InvariantImbedding
 from dynid.identification.estimators.maximum_likelihood import OutputError
-from dynid.identification.identify import Experiment, identify_all
-from dynid.identification.records.measurement import Measurement
+from dynid.identification.identify import identify
+from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.simulation import Simulation
 from dynid.identification.systems.record_values import simulated
 from dynid.lti.signals import Multisine
@@ -42,8 +42,8 @@ def decays(count=3, samples=400):
 
 
 def test_two_records_have_more_information_than_either():
-    both = identify_all(suspension(), [ONE, OTHER])
-    alone = [identify_all(suspension(), [each]) for each in (ONE, OTHER)]
+    both = identify(suspension(), [ONE, OTHER])
+    alone = [identify(suspension(), [each]) for each in (ONE, OTHER)]
     together = parameter(both, "cramer_rao")
     best = np.minimum(*(parameter(result, "cramer_rao") for result in alone))
     assert np.all(together < best)
@@ -52,7 +52,7 @@ def test_two_records_have_more_information_than_either():
 
 
 def test_a_record_twice_halves_the_variance_and_changes_no_estimate():
-    once, twice = run_one(measurement=measured(0.05)), identify_all(suspension(), [ONE, ONE])
+    once, twice = run_one(measurement=measured(0.05)), identify(suspension(), [ONE, ONE])
     np.testing.assert_allclose(parameter(twice, "estimate"), parameter(once, "estimate"), rtol=1e-6)
     np.testing.assert_allclose(
         parameter(twice, "cramer_rao"), parameter(once, "cramer_rao") / np.sqrt(2), rtol=1e-9
@@ -74,7 +74,7 @@ def test_a_simulated_ring_down_starts_from_its_initial_motion():
 @pytest.mark.parametrize("estimator", [None, OutputError(), Filter(2)], ids=lambda e: e and e.name)
 def test_free_decays_from_unknown_states_identify_the_joints(estimator):
     model, experiments = decays()
-    result = identify_all(model, experiments, estimator)
+    result = identify(model, experiments, estimator)
     error = parameter(result, "estimate") - parameter(result, "true")
     assert np.abs(error / parameter(result, "standard_error")).max() < 4
     np.testing.assert_allclose(
@@ -84,7 +84,7 @@ def test_free_decays_from_unknown_states_identify_the_joints(estimator):
 
 def test_one_free_decay_is_enough():
     model, experiments = decays(1, 800)
-    result = identify_all(model, experiments)
+    result = identify(model, experiments)
     error = parameter(result, "estimate") - parameter(result, "true")
     assert np.abs(error / parameter(result, "standard_error")).max() < 4
     assert diagnostic(result, "converged")
@@ -92,12 +92,12 @@ def test_one_free_decay_is_enough():
 
 
 def test_imbedding_takes_one_record_after_the_other():
-    result = identify_all(suspension(0.8), [SHORT, OTHER], InvariantImbedding(tolerance=1e-3))
+    result = identify(suspension(0.8), [SHORT, OTHER], InvariantImbedding(tolerance=1e-3))
     assert np.abs(parameter(result, "error_percent")).max() < 10
 
 
 def test_every_record_has_its_groups():
-    result = identify_all(suspension(), [ONE, OTHER], Filter(2))
+    result = identify(suspension(), [ONE, OTHER], Filter(2))
     group = "identification/measurement"
     assert result[f"{group}/record_1/measured"].data.shape == (800, 2)
     assert result[f"{group}/record_2/predicted"].data.shape == (300, 1)
@@ -116,8 +116,8 @@ def test_a_parameter_may_be_identifiable_from_one_record_alone():
     """A record of one sample has too little information alone; beside a good one it does no harm."""
     short = Experiment(LOADS, Measurement(0.002, 1, VELOCITIES, Simulation(0.05, 1, 10.0)))
     with pytest.raises(NotIdentifiable):
-        identify_all(suspension(), [short])
-    result = identify_all(suspension(), [ONE, short])
+        identify(suspension(), [short])
+    result = identify(suspension(), [ONE, short])
     alone = run_one(measurement=measured(0.05))
     # A hundredth of a standard error is what an iteration may leave.
     np.testing.assert_allclose(parameter(result, "estimate"), parameter(alone, "estimate"), rtol=1e-4)
@@ -125,7 +125,7 @@ def test_a_parameter_may_be_identifiable_from_one_record_alone():
 
 def test_no_record_is_refused():
     with pytest.raises(UsageError, match="no record"):
-        identify_all(suspension(), [])
+        identify(suspension(), [])
 
 
 @pytest.mark.parametrize(

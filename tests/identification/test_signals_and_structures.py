@@ -6,7 +6,7 @@ import pytest
 from dynid.errors import Diverged, NotIdentifiable, UsageError
 from dynid.identification.estimators.filter_passes import Filter
 from dynid.identification.identify import identify
-from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Impulse, Multisine, RecordTimes, signal
 from dynid.structure.joints import Joint, JointParameter
@@ -97,7 +97,9 @@ def test_a_free_structure_and_a_free_decay():
     true = {"a.k": 5e3, "a.c": 5.0}
     y = time_response(model, [], channels, t, values=true, displacement={1: 0.01}, velocity={2: 0.2})
     result = identify(
-        model, [], Measurement(0.005, 300, channels, y.value("structure/time_response/response")), Filter(3)
+        model,
+        Experiment([], Measurement(0.005, 300, channels, y.value("structure/time_response/response"))),
+        Filter(3),
     )
     # Each pass leaves 1/600, the weight of its prior, of the last one's error.
     assert parameter(result, "error_percent").max() < 1e-4

@@ -6,10 +6,9 @@ import pytest
 from dynid import load_scene, run
 from dynid.arithmetic.dependent import Dependent
 from dynid.errors import NotIdentifiable
-from dynid.identification.identify import identify, identify_frf
-from dynid.identification.identify_modes import identify_modes
+from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
-from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.modal_measurement import ModalMeasurement
 from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Multisine
@@ -58,7 +57,7 @@ def test_a_damper_without_effect_leaves_the_others():
     soft = Joint("soft", (1,), JointParameter(start=6e3, true=9e3), JointParameter(start=6.0, true=9.0))
     apart = Joint("apart", (3,), 2e3, JointParameter(start=2.0, true=3.0))
     links = [Link((1, 2), 2e4, 3.0)]
-    result = identify(lumped([1.0, 0.5, 1.0], links, [soft, apart]), [Load(1, SINES)], measured())
+    result = identify(lumped([1.0, 0.5, 1.0], links, [soft, apart]), Experiment([Load(1, SINES)], measured()))
     assert names_of(result, identifiable=False) == ["apart.c"]
     assert parameter(result, "estimate")[2] == 2.0  # its start
     assert_others_are_right(result)
@@ -67,13 +66,13 @@ def test_a_damper_without_effect_leaves_the_others():
     assert "conditional" in result.group_attrs["identification/parameters"]["error_bars"]
     record = result.value("identification/measurement/measured")
     again = Measurement(0.004, 800, (Channel(1, "velocity"),), record)
-    same = identify(lumped([1.0, 0.5], links, [soft]), [Load(1, SINES)], again)
+    same = identify(lumped([1.0, 0.5], links, [soft]), Experiment([Load(1, SINES)], again))
     for name in ("estimate", "standard_error"):
         np.testing.assert_allclose(parameter(result, name)[:2], parameter(same, name), rtol=2e-3)
 
 
 def test_a_prior_determines_what_the_record_does_not():
-    result = identify(pair(prior=ParameterPrior(4.0, 0.1)), [Load(1, SINES)], measured())
+    result = identify(pair(prior=ParameterPrior(4.0, 0.1)), Experiment([Load(1, SINES)], measured()))
     assert names_of(result, identifiable=False) == []
     assert diagnostic(result, "converged")
     assert parameter(result, "estimate")[2] == pytest.approx(4.0, rel=0.02)
@@ -89,7 +88,7 @@ def series(starts, **more):
 
 
 def test_springs_in_series_show_their_combination_and_leave_the_third():
-    result = identify(series({"ka": 1.5e3, "kb": 7e3, "kg": 7e3}), [Load(1, SINES)], measured())
+    result = identify(series({"ka": 1.5e3, "kb": 7e3, "kg": 7e3}), Experiment([Load(1, SINES)], measured()))
     assert names_of(result, identifiable=True) == ["kg"]
     assert_others_are_right(result)
     (said,) = [text for text in diagnostic(result, "warnings") if "cannot be distinguished" in text]
@@ -103,7 +102,7 @@ def test_where_nothing_is_identifiable_the_record_is_refused():
     joints = [Joint(name, (1, 2), JointParameter(start=1e3, true=2e3)) for name in ("one", "other")]
     model = lumped([1.0, 0.5], [Link((1,), 5e3, 3.0), Link((1, 2), 0.0, 1.0)], joints)
     with pytest.raises(NotIdentifiable, match=r"one\.k \+ other\.k"):
-        identify(model, [Load(1, SINES)], measured())
+        identify(model, Experiment([Load(1, SINES)], measured()))
 
 
 def test_starts_are_those_of_the_scene_where_another_value_is_held():
@@ -113,7 +112,9 @@ def test_starts_are_those_of_the_scene_where_another_value_is_held():
         Joint("soft", (1,), first, JointParameter(start=6.0, true=9.0)),
         Joint("light", (2,), 4e3, JointParameter(start=80.0, true=1e-4)),
     ]
-    result = identify(lumped([1.0, 0.7], [Link((1, 2), 2e4, 1.0)], joints), [Load(1, SINES)], measured())
+    result = identify(
+        lumped([1.0, 0.7], [Link((1, 2), 2e4, 1.0)], joints), Experiment([Load(1, SINES)], measured())
+    )
     assert names_of(result, identifiable=False) == ["light.c"]
     assert parameter(result, "start").tolist() == [6e3, 6.0, 80.0]
     assert parameter(result, "estimate")[2] < 1.0
@@ -128,7 +129,7 @@ def test_frequency_responses_and_modes():
     ]
     model = lumped([1.0, 0.5, 1.0], [Link((1,), 5e3, 3.0), Link((3,), 1e3, 1.0)], joints)
     lines = FrfMeasurement(np.linspace(20, 250, 60), (Frf(Channel(1, "velocity"), 1),), Simulation(0.02, 1))
-    result = identify_frf(model, lines)
+    result = identify(model, lines)
     assert names_of(result, identifiable=False) == ["far.k"]
     assert_others_are_right(result)
     # The first three natural frequencies do not depend on dampers.
@@ -136,7 +137,7 @@ def test_frequency_responses_and_modes():
     K = np.array([[9e3 + 2.1e4, -2.1e4], [-2.1e4, 2.1e4]])
     root = np.diag([1.0, 2**0.5])
     omega = np.sqrt(np.linalg.eigvalsh(root @ K @ root)) * (1 + 1e-3 * np.array([1, -1]))
-    result = identify_modes(damped, ModalMeasurement(omega, omega_std=2e-3 * omega))
+    result = identify(damped, ModalMeasurement(omega, omega_std=2e-3 * omega))
     assert names_of(result, identifiable=True) == ["soft.k"]
     assert_others_are_right(result)
     assert parameter(result, "estimate").tolist()[1:] == [6.0, 2.0]

@@ -8,8 +8,9 @@ import pytest
 from dynid.arithmetic.dependent import Dependent
 from dynid.errors import NotIdentifiable
 from dynid.identification.estimators.auto import Auto
-from dynid.identification.identifiability import expected_time_records, identifiability
+from dynid.identification.identifiability import identifiability
 from dynid.identification.identify import identify
+from dynid.identification.problem import Problem
 from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Chirp, Multisine
@@ -58,7 +59,7 @@ def errors_over_bounds(channels, seeds, factor=1.0):
     found = []
     for seed in seeds:
         measurement = Measurement(0.002, 400, CHANNELS[channels], Simulation(0.02, seed))
-        likelihood = expected_time_records(unknown_beam(factor), [Experiment(LOADS, measurement)]).likelihood
+        likelihood = Problem.of(unknown_beam(factor), [Experiment(LOADS, measurement)]).likelihood
         true = coordinates(likelihood.unknowns, truths(likelihood.unknowns))
         fit = Auto().run(likelihood, starts(likelihood.unknowns)).fit
         bound = likelihood.information(likelihood.at_truth, [likelihood.records[0].data.noise]).deviations()
@@ -97,7 +98,7 @@ def test_a_common_factor_of_all_matrices_and_an_unknown_force_is_a_group():
     loads = [Load(1, Chirp(10.0, 3.0, 30.0, 6.0), gain=p["g"])]
     words = r"m, k, c, g cannot be distinguished in this record, which shows only m/g, k/g, c/g"
     with pytest.raises(NotIdentifiable, match=words) as raised:
-        identify(model, loads, measurement)
+        identify(model, Experiment(loads, measurement))
     assert set(raised.value.names) == set(true)
     found = identifiability(model, [Experiment(loads, measurement)])
     group = "identification/identifiability/groups"
@@ -137,7 +138,7 @@ def test_tied_joints_give_one_estimate_with_the_information_of_both():
     loads = [Load(1, Chirp(10.0, 20.0, 90.0, 2.0)), Load(2, Chirp(10.0, 20.0, 90.0, 2.0))]
     channels = (Channel(1, "velocity"), Channel(2, "velocity"))
     measurement = Measurement(0.005, 400, channels, Simulation(0.03, 4))
-    one, two = (identify(tied(shared), loads, measurement) for shared in (True, False))
+    one, two = (identify(tied(shared), Experiment(loads, measurement)) for shared in (True, False))
     separate, bar = parameter(two, "cramer_rao"), parameter(one, "cramer_rao")
     assert bar[0] < separate.min()
     np.testing.assert_allclose(bar[0] ** -2, np.sum(separate**-2.0), rtol=1e-9)

@@ -6,7 +6,7 @@ import pytest
 from dynid.arithmetic.dependent import Dependent
 from dynid.identification.estimators.auto import Auto
 from dynid.identification.estimators.maximum_likelihood import Huber
-from dynid.identification.identify import identify, identify_all, identify_frf
+from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.simulation import Simulation
@@ -51,7 +51,7 @@ def assert_within_bounds(result):
 def test_a_prior_counts_as_one_more_measurement():
     """Of one unknown: information adds up, and the estimate is the mean weighted by it."""
     prior = {"EI": {"prior": ParameterPrior(200.2, 0.001)}}
-    alone, both = (identify(cantilever("EI", **more), LOADS, record(TIP)) for more in ({}, prior))
+    alone, both = (identify(cantilever("EI", **more), Experiment(LOADS, record(TIP))) for more in ({}, prior))
     assert_within_bounds(alone)
     log, error = (
         [float(np.log(parameter(one, "estimate")[0])) for one in (alone, both)],
@@ -65,7 +65,7 @@ def test_a_prior_counts_as_one_more_measurement():
 
 
 def test_an_estimate_stops_at_a_limit_and_says_so():
-    result = identify(cantilever("EI", "m", EI={"high": 190.0}), LOADS, record(TIP))
+    result = identify(cantilever("EI", "m", EI={"high": 190.0}), Experiment(LOADS, record(TIP)))
     assert parameter(result, "at_bound").tolist() == [True, False]
     assert parameter(result, "estimate")[0] == pytest.approx(190, rel=1e-12)
 
@@ -73,15 +73,17 @@ def test_an_estimate_stops_at_a_limit_and_says_so():
 def test_a_gain_unknown_in_one_of_two_records():
     measured = Channel("w_2", "velocity", gain=NUMBERS["g"])
     records = [Experiment(LOADS, record(measured, seed=2)), Experiment(LOADS, record(TIP, seed=3))]
-    assert_within_bounds(identify_all(cantilever("EI", "m", "g"), records))
+    assert_within_bounds(identify(cantilever("EI", "m", "g"), records))
 
 
 def test_a_robust_loss_with_unknown_stiffness_and_mass():
-    clean = identify(cantilever("EI", "m"), LOADS, record(TIP))
+    clean = identify(cantilever("EI", "m"), Experiment(LOADS, record(TIP)))
     values = clean.value("identification/measurement/measured").copy()
     values[[30, 90, 150]] += values.std()  # 50 deviations of the noise
     spoilt = record(TIP, values=values)
-    plain, robust = (identify(cantilever("EI", "m"), LOADS, spoilt, one) for one in (None, Huber(Auto())))
+    plain, robust = (
+        identify(cantilever("EI", "m"), Experiment(LOADS, spoilt), one) for one in (None, Huber(Auto()))
+    )
     wanted, error = parameter(clean, "estimate"), parameter(clean, "standard_error")
     off = [np.abs((parameter(one, "estimate") - wanted) / error).max() for one in (plain, robust)]
     assert off[1] < 1 < off[0]
@@ -89,4 +91,4 @@ def test_a_robust_loss_with_unknown_stiffness_and_mass():
 
 def test_frequency_responses_with_unknown_stiffness_and_mass():
     measurement = FrfMeasurement(np.linspace(1.0, 14.0, 80), (Frf(TIP, "w_2"),), Simulation(0.02, 1))
-    assert_within_bounds(identify_frf(cantilever("EI", "m"), measurement))
+    assert_within_bounds(identify(cantilever("EI", "m"), measurement))

@@ -5,7 +5,7 @@ import pytest
 
 from dynid.arithmetic.dependent import Dependent
 from dynid.identification.identify import identify
-from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Chirp
 from dynid.parameters import Parameter
@@ -32,7 +32,7 @@ def two_masses(k=300.0, c=2.0, d=ABSENT, scale="log"):
 
 
 def run(model, seed, noise=0.02):
-    return identify(model, LOADS, Measurement(0.02, 300, CHANNELS, Simulation(noise, seed)))
+    return identify(model, Experiment(LOADS, Measurement(0.02, 300, CHANNELS, Simulation(noise, seed))))
 
 
 def said(result, words):

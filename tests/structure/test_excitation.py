@@ -6,7 +6,7 @@ import pytest
 from dynid.errors import UsageError
 from dynid.identification.estimators.auto import Auto
 from dynid.identification.identify import identify
-from dynid.identification.records.measurement import Measurement
+from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Multisine, Sampled, Step
 from dynid.structure.joints import Joint, JointParameter
@@ -93,7 +93,7 @@ def test_joints_are_identified_from_base_motion(load):
     joint = Joint("j", (1, 2), JointParameter(start=250, true=K2), JointParameter(start=1, true=C2))
     channels = (Channel(2, "acceleration"), Channel(2, "displacement", 1))
     measurement = Measurement(0.01, 300, channels, Simulation(0.02, 1))
-    result = identify(chain([joint]), [load], measurement, Auto())
+    result = identify(chain([joint]), Experiment([load], measurement), Auto())
     error = result["identification/parameters/estimate"].data - [K2, C2]
     assert np.all(np.abs(error) < 4 * result["identification/parameters/cramer_rao"].data)
     assert result.value("identification/diagnostics/converged")
@@ -111,7 +111,7 @@ def test_what_is_prescribed_is_no_nuisance():
     clean = y(chain(), loads[:1], [Channel(2, "displacement")])
     noisy = clean + 1e-4 * np.random.default_rng(1).standard_normal(clean.shape)
     measurement = Measurement(0.01, 60, (Channel(2, "displacement"),), noisy[:60], 1e-4)
-    results = [identify(chain([joint]), [load], measurement) for load in loads]
+    results = [identify(chain([joint]), Experiment([load], measurement)) for load in loads]
     bounds = [result["identification/parameters/standard_error"].data for result in results]
     assert np.all(bounds[0] < bounds[1])
     assert np.all(bounds[1] < bounds[2])

@@ -15,21 +15,15 @@ from dynid.identification.diagnosis.posterior import channels_of_records
 from dynid.identification.diagnosis.symmetry import interchangeable
 from dynid.identification.diagnosis.verdict import deciding_text, interchange_text
 from dynid.identification.estimators.origin import identifiable_origin
-from dynid.identification.identify_modes import ModalProblem
 from dynid.identification.information import Information
 from dynid.identification.least_squares import thin_svd
-from dynid.identification.likelihood.frf_record import frf_likelihood
 from dynid.identification.likelihood.lack_of_fit import compare_models
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.modal_record import ModalRecord
-from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
-from dynid.identification.records.frf_measurement import FrfMeasurement
-from dynid.identification.records.measurement import Experiment, as_estimated
-from dynid.identification.systems.frf_system import frf_data
+from dynid.identification.problem import Measured, Problem
 from dynid.identification.systems.instruments import add_calibration_slopes, calibration_slopes
 from dynid.identification.systems.linear_system import LinearSystem
-from dynid.identification.systems.parametric_model import Model, parametric_model
-from dynid.identification.systems.record_values import data
+from dynid.identification.systems.parametric_model import Model, Rebuild
 from dynid.lti.exponential import balance, rescaled
 from dynid.lti.floating import guarded
 from dynid.parameters import coordinates, named, rates, starts, truths, values
@@ -93,50 +87,6 @@ class ExpectedRecords:
         return self.likelihood.information(self.fit, self.noise)
 
 
-@dataclass(frozen=True, eq=False)
-class ExpectedTimeRecords(ExpectedRecords):
-    """Expected records of time.
-
-    Attributes
-    ----------
-    likelihood
-        Model and records.
-    """
-
-    likelihood: TimeLikelihood
-
-
-def expected_time_records(
-    model: Model,
-    experiments: Sequence[Experiment],
-    truth: Model | None = None,
-) -> ExpectedTimeRecords:
-    """Predict records at the true values where all are known, else at the starts.
-
-    Parameters
-    ----------
-    model
-        The structure the estimator works with.
-    experiments
-        Loads and channels; initial states are those of the measured records.
-    truth
-        The structure that simulated records are made with; absent: `model`.
-
-    Raises
-    ------
-    NotIdentifiable, UsageError
-        As of `identify`.
-    """
-    records = []
-    for loads, measurement in experiments:
-        measured = data(truth or model, loads, measurement)
-        known = as_estimated(loads, measurement.record)
-        one = parametric_model(model, known, measurement.channels, measurement.record.times)
-        records.append(TimeRecord.of(one, measured, Experiment(loads, measurement), len(experiments)))
-    likelihood = TimeLikelihood(tuple(records))
-    return ExpectedTimeRecords(likelihood, *_expectation(likelihood))
-
-
 def expected_records(likelihood: Likelihood) -> ExpectedRecords:
     """Return the expected records at the true values where all are known, else at the starts."""
     return ExpectedRecords(likelihood, *_expectation(likelihood))
@@ -178,18 +128,19 @@ def _beside_starts(likelihood: Likelihood) -> Array:
 
 def identifiability(
     model: Model,
-    experiments: Sequence[Experiment],
+    measurements: Measured | Sequence[Measured],
     truth: Model | None = None,
+    rebuild: Rebuild | None = None,
 ) -> Result:
-    """Return the identifiability of the unknown parameters from records, by their Fisher information.
+    """Return the identifiability of the unknown parameters from measurements, by their Fisher information.
 
     Initial states count as unknown, and so does the noise level (at no cost: the information on it is
     independent of that on the parameters); forces, known joints and the rest of the structure count as known.
 
     Parameters
     ----------
-    model, experiments, truth
-        As of `expected_time_records`.
+    model, measurements, truth, rebuild
+        As of `identify`.
 
     Returns
     -------
@@ -199,7 +150,8 @@ def identifiability(
         a parameter is not identifiable), `relative_bound_known_state` (were the initial states known),
         `condition` and `singular_value` of the scaled information; `groups/{group, parameters, seen, blind}`:
         parameters that are ill conditioned (above 1000) or collinear, their identifiable combination, and
-        the relative changes that are not identifiable; `noise/{channel, deviation, bound}`;
+        the relative changes that are not identifiable; `noise/{channel, deviation, bound}`, of frequency
+        responses of real and imaginary part each, over the deviation by line where that is given;
         `modal_sensitivity/{mode, omega, zeta, omega_by_parameter, zeta_by_parameter}`: exact derivatives of
         size and damping ratio of each pole; where unknowns are interchangeable,
         `interchangeable/{set, optima, undecided}`: which, the number of optima with equal likelihood, and how
@@ -212,44 +164,9 @@ def identifiability(
     """
     names = [unknown.name for unknown in model.unknowns]
     with guarded(f"the identifiability of {', '.join(names)}", names=names):
-        expected = with_true_noise(expected_time_records(model, experiments, truth))
-        return identifiability_result(model, expected, channels_of(experiments))
-
-
-def frf_identifiability(
-    model: Model,
-    measurement: FrfMeasurement,
-    truth: Model | None = None,
-) -> Result:
-    """Return the identifiability of the unknown parameters from frequency response functions.
-
-    Parameters
-    ----------
-    model, measurement, truth
-        As of `dynid.identification.identify.identify_frf`.
-
-    Returns
-    -------
-    Result
-        As of `identifiability`; there is no initial state to know. The deviation of the noise is that of real
-        and imaginary part each, over the deviation by line where that is given.
-    """
-    names = [unknown.name for unknown in model.unknowns]
-    with guarded(f"the identifiability of {', '.join(names)}", names=names):
-        likelihood = frf_likelihood(model, measurement, frf_data(truth or model, measurement))
-        channels = [(frf.name, frf.unit) for frf in measurement.channels]
-        return identifiability_result(model, with_true_noise(expected_records(likelihood)), channels)
-
-
-def modal_identifiability(problem: ModalProblem) -> Result:
-    """Return the identifiability of the unknown parameters from measured modes, as `identifiability` does."""
-    expected = with_true_noise(expected_records(problem.likelihood))
-    return identifiability_result(problem.model, expected, channels_of_likelihood(expected.likelihood))
-
-
-def channels_of_likelihood(likelihood: Likelihood) -> list[tuple[str, str]]:
-    """Return the names and units of the channels of all records, modes among them."""
-    return [(place.name, place.unit) for place in channels_of_records(likelihood.records)]
+        problem = Problem.of(model, measurements, truth=truth, rebuild=rebuild)
+        expected = with_true_noise(expected_records(problem.likelihood))
+        return identifiability_result(problem.model, expected)
 
 
 def add_expected_slopes(result: Result, expected: ExpectedRecords) -> None:
@@ -266,30 +183,8 @@ def add_expected_slopes(result: Result, expected: ExpectedRecords) -> None:
     add_calibration_slopes(result, found._replace(slopes=slopes), relative)
 
 
-def channels_of(experiments: Sequence[Experiment]) -> list[tuple[str, str]]:
-    """Return the names and units of the channels of all records."""
-    several = len(experiments) > 1
-    return [
-        (f"record_{k}.{channel.name}" if several else channel.name, channel.unit)
-        for k, experiment in enumerate(experiments, 1)
-        for channel in experiment.measurement.channels
-    ]
-
-
-def identifiability_result(
-    model: Model, expected: ExpectedRecords, channels: Sequence[tuple[str, str]]
-) -> Result:
-    """Return the identifiability of the parameters from expected records, as `identifiability` does.
-
-    Parameters
-    ----------
-    model
-        The structure.
-    expected
-        The expected records.
-    channels
-        Names and units of all channels.
-    """
+def identifiability_result(model: Model, expected: ExpectedRecords) -> Result:
+    """Return the identifiability of the parameters from expected records, as `identifiability` does."""
     result = Result("identification")
     group, dims = "identification/identifiability", ("parameter",)
     unknowns, records = expected.likelihood.unknowns, expected.likelihood.records
@@ -324,11 +219,11 @@ def identifiability_result(
     _add_groups(result, information)
     _add_interchangeable(result, model, expected)
     # The bound on the deviation of the noise is sigma over the root of twice the number of values.
-    names, units = zip(*channels, strict=True)
-    unit = common_unit(units)
+    channels = channels_of_records(records)
+    unit = common_unit(channel.unit for channel in channels)
     counts = [np.count_nonzero(~np.isnan(part.residual), axis=0) for part in expected.fit.parts]
     deviation = np.concatenate(expected.noise)
-    result.add_axis(f"{group}/noise/channel", names)
+    result.add_axis(f"{group}/noise/channel", [channel.name for channel in channels])
     result.add(f"{group}/noise/deviation", deviation, ("channel",), unit)
     result.add(f"{group}/noise/bound", deviation / np.sqrt(2 * np.concatenate(counts)), ("channel",), unit)
     if isinstance(model, StructuralModel):

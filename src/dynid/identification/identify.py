@@ -8,8 +8,8 @@ Source: K. T. Yang 1997.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import count
 from typing import Any
@@ -17,39 +17,31 @@ from typing import Any
 import numpy as np
 
 from dynid.arrays import Array
-from dynid.errors import Diverged, DynidError, NotIdentifiable, UsageError
+from dynid.errors import Diverged, DynidError, NotIdentifiable
 from dynid.identification.diagnosis.equivalent_optima import DECIDED, OptimaSearch, deciding_sensors
+from dynid.identification.diagnosis.form_error import FormError, needed_form_error
 from dynid.identification.diagnosis.instrument_mistakes import instrument_mistakes
 from dynid.identification.diagnosis.posterior import Posterior
 from dynid.identification.diagnosis.proportional_noise import growing_residuals
 from dynid.identification.diagnosis.symmetry import distinct_kinds, like_parameters
 from dynid.identification.estimators.auto import Auto, FrfAuto, drawn_starts
 from dynid.identification.estimators.estimate import Estimate, EstimationStage, Estimator, Sweep
-from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
-from dynid.identification.estimators.origin import Origin, identifiable_origin
-from dynid.identification.likelihood.frf_record import FrfLikelihood, frf_likelihood
+from dynid.identification.estimators.maximum_likelihood import Huber
+from dynid.identification.estimators.modal_search import ModalSearch
+from dynid.identification.estimators.origin import identifiable_origin
+from dynid.identification.likelihood.frf_record import FrfLikelihood
 from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
-from dynid.identification.records.frf_measurement import FrfMeasurement
-from dynid.identification.records.measurement import Experiment, Measurement, RecordData, as_estimated
-from dynid.identification.records.simulation import Simulation
+from dynid.identification.problem import Measured, Problem, SharedRecords
+from dynid.identification.results.write_modes import add_modes
+from dynid.identification.results.write_rejected import raise_rejected
 from dynid.identification.results.write_result import Further, add_identification
-from dynid.identification.systems.frf_system import frf_data
-from dynid.identification.systems.instruments import Instruments, with_spreads
-from dynid.identification.systems.parametric_model import (
-    Model,
-    ParametricModel,
-    Rebuild,
-    parametric_model,
-    unknowns_of,
-    with_fixed,
-)
-from dynid.identification.systems.record_values import data, simulated, true_states
+from dynid.identification.systems.parametric_model import Model, Rebuild, unknowns_of, with_fixed
+from dynid.identification.systems.record_values import true_states
 from dynid.lti.floating import guarded
 from dynid.number_format import sentence
 from dynid.parameters import Parameter, named, starts
 from dynid.result import Result
-from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
 
 # Starts around an estimate from which other optima are looked for where a parameter is not identifiable, and
@@ -61,68 +53,13 @@ _SETTLED, _LEAST = 0.01, 1e-6
 _MOST_ROUNDS = 10
 
 
-@dataclass(frozen=True, eq=False)
-class SharedRecords:
-    """Noise-free records, models and likelihood shared by identifications that differ in noise alone.
-
-    Attributes
-    ----------
-    clean
-        Of each record the values without noise (times x channels); None of one that is not simulated.
-    models
-        The model of each record; none where models differ.
-    ideal
-        The records without their noise, checked to be identifiable; None where models differ.
-    """
-
-    clean: Sequence[Array | None]
-    models: Sequence[ParametricModel] = ()
-    ideal: Likelihood | None = None
-
-    @classmethod
-    def of(
-        cls, model: Model, experiments: Sequence[Experiment], truth: Model, *, same: bool
-    ) -> SharedRecords:
-        """Simulate the records without noise; `same`: build also the models, which are the same in all.
-
-        Raises
-        ------
-        DynidError
-            As of `identify_all`.
-        """
-        with guarded("what the records share"):
-            clean = [
-                simulated(truth, *one).outputs if isinstance(one.measurement.source, Simulation) else None
-                for one in experiments
-            ]
-            if not same or any(values is None for values in clean):
-                return cls(clean)
-            models = models_of_records(model, experiments)
-            each = zip(experiments, clean, strict=True)
-            values = [data(truth, *experiment, record).without_noise() for experiment, record in each]
-            ideal = _likelihood(models, experiments, values)
-            identifiable_origin(ideal)
-            return cls(clean, models, ideal)
+#: What estimates where nothing else is requested, by the kind of likelihood.
+_DEFAULTS = {TimeLikelihood: Auto, FrfLikelihood: FrfAuto}
 
 
 def identify(
     model: Model,
-    loads: Sequence[Any],
-    measurement: Measurement,
-    estimator: Estimator | None = None,
-    *,
-    truth: Model | None = None,
-    rebuild: Rebuild | None = None,
-    further: Further | None = None,
-) -> Result:
-    """Identify the unknown parameters of a model from one record; see `identify_all`."""
-    records = [Experiment(loads, measurement)]
-    return identify_all(model, records, estimator, truth=truth, rebuild=rebuild, further=further)
-
-
-def identify_all(
-    model: Model,
-    experiments: Sequence[Experiment],
+    measurements: Measured | Sequence[Measured],
     estimator: Estimator | None = None,
     *,
     truth: Model | None = None,
@@ -131,195 +68,105 @@ def identify_all(
     into: Result | None = None,
     further: Further | None = None,
 ) -> Result:
-    """Identify the unknown parameters of a model from records that share them.
+    """Identify the unknown parameters of a model from measurements that share them.
 
     Parameters
     ----------
     model
-        The structure the estimator works with.
-    experiments
-        The records, each with its own loads, channels, sampling, noise and unknown initial state.
+        The model the estimator works with, full or reduced. A large structure that is identified from modes
+        alone is reduced to its lowest modes and their derivatives, and this basis follows the parameters.
+    measurements
+        Records of time, each with its own loads, channels, sampling, noise and unknown initial state; or
+        frequency responses; a modal survey, alone or with either.
     estimator
-        How to estimate; absent: `Auto()`.
+        How to estimate; default: `Auto()`, `FrfAuto()`, or with a modal survey `ModalSearch()`.
     truth
-        The structure that simulated records are made with; absent: `model`.
+        The model that simulated measurements are made with; default: `model`.
     rebuild
         Returns the model for parameters by name: a reduced one whose basis follows the parameters. Estimation
-        and rebuilding alternate until the estimates settle, at most ten times. Absent: `model` stays.
+        and rebuilding alternate until the estimates settle, at most ten times. Default: `model` stays.
     common
-        Data that these records share with those of other identifications, if they are computed already.
+        Data that records of time share with those of other identifications, if they are computed already.
     into
-        The result to add to; of a `Selection` only what is wanted is computed. Absent: a new one.
+        The result to add to; of a `Selection` only what is wanted is computed. Default: a new one.
     further
         What is computed beside the estimates.
 
     Returns
     -------
     Result
-        ``identification/…``: the groups that `dynid.identification.results.write_result` describes.
+        ``identification/…``: the groups that `dynid.identification.results.write_result` describes, and with
+        a modal survey ``modes/``, which `dynid.identification.results.write_modes` does.
 
     Raises
     ------
     NotIdentifiable
-        If parameters are not identifiable from the records, or a channel measures nothing but zeros.
+        If parameters are not identifiable, or a channel measures nothing but zeros.
     Diverged
         If estimates run away, or the prediction explains nothing of a record.
+    Singular
+        If a line of a frequency response lies on an undamped pole.
     NumericalError
         If a number leaves the range of double precision.
     UsageError
-        If the arguments are inconsistent, or a record is too large.
+        If the arguments are inconsistent, or model and measurements are too large.
     """
-    if not experiments:
-        raise UsageError("there is no record to identify from", names=("measurement",))
     names = [unknown.name for unknown in unknowns_of(model)]
     with guarded(f"the identification of {', '.join(names)}", names=names):
-        values = [
-            data(truth or model, *experiment, None if common is None else common.clean[k])
-            for k, experiment in enumerate(experiments)
-        ]
-        model = _with_spreads(model, experiments, values)
-        # Spreads of offsets and delays are those of each record: models that have others are not shared.
-        shared = common is not None and bool(common.models) and common.models[0].unknowns == model.unknowns
-        if shared and common is not None and common.ideal is not None:
-            likelihood = _likelihood(common.models, experiments, values, common.ideal)
-        else:
-            likelihood = _likelihood(models_of_records(model, experiments), experiments, values)
-        dofs: list[Label] = []
-        if isinstance(model, StructuralModel):
-            dofs += [load.dof for loads, _ in experiments for load in loads if load.dof is not None]
-            dofs += [channel.dof for _, measurement in experiments for channel in measurement.channels]
-        posterior, last = posterior_of(
-            model,
-            truth or model,
-            likelihood,
-            identifiable_origin(likelihood.ideal),
-            estimator or Auto(),
-            rebuild,
-            lambda other, values: _likelihood(models_of_records(other, experiments), experiments, values),
-            dofs,
-            suggest=into is None or into.wants("identification/diagnostics/warnings"),
-        )
-        raise_if_rejected(posterior)
-        return add_identification(
-            Result("identification") if into is None else into,
+        problem = Problem.of(model, measurements, truth=truth, rebuild=rebuild, common=common)
+        estimator = estimator or _DEFAULTS.get(type(problem.likelihood), ModalSearch)()
+        suggest = into is None or into.wants("identification/diagnostics/warnings")
+        posterior, last = posterior_of(problem, estimator, suggest=suggest and problem.survey is None)
+        if posterior.rejection is not None:
+            raise_rejected(
+                posterior, *([] if problem.survey is None else [partial(_add_modes, problem=problem)])
+            )
+        result, needed = Result("identification") if into is None else into, None
+        if problem.survey is not None and (needed := needed_form_error(posterior)) is not None:
+            posterior = replace(posterior, mistakes=(*posterior.mistakes, needed.statement))
+        add_identification(
+            result,
             posterior,
-            lambda: [true_states(truth or model, last, *experiment) for experiment in experiments],
+            lambda: [true_states(problem.truth, last, *experiment) for experiment in problem.experiments],
             further,
         )
+        if problem.survey is not None:
+            _add_modes(result, posterior, problem=problem, needed=needed)
+        return result
 
 
-def identify_frf(
-    model: Model,
-    measurement: FrfMeasurement,
-    estimator: FrfAuto | OutputError | Huber | None = None,
-    *,
-    truth: Model | None = None,
-    rebuild: Rebuild | None = None,
-    further: Further | None = None,
-) -> Result:
-    """Identify the unknown parameters of a model from frequency response functions.
-
-    Parameters
-    ----------
-    model
-        The structure the estimator works with, full or reduced.
-    measurement
-        The responses, measured or to be simulated.
-    estimator
-        How to estimate; absent: `FrfAuto()`.
-    truth
-        The structure that simulated responses are made with; absent: `model`.
-    rebuild, further
-        As of `identify_all`.
-
-    Returns
-    -------
-    Result
-        ``identification/{parameters, considered, stages, measurement, diagnostics}``: the groups that
-        `dynid.identification.results.write_result` describes.
-
-    Raises
-    ------
-    NotIdentifiable
-        If parameters are not identifiable from the responses, or a response is zero everywhere.
-    Diverged
-        If estimates run away, or the prediction explains nothing of the responses.
-    Singular
-        If a line lies on an undamped pole.
-    UsageError
-        If the arguments are inconsistent, or model and lines are too large.
-    """
-    names = [unknown.name for unknown in unknowns_of(model)]
-    with guarded(f"the identification of {', '.join(names)}", names=names):
-        likelihood = frf_likelihood(model, measurement, frf_data(truth or model, measurement))
-        record = likelihood.records[0].first_weighted()
-        likelihood, measurement = FrfLikelihood((record,)), record.measurement
-        posterior, _ = posterior_of(
-            model,
-            truth or model,
-            likelihood,
-            identifiable_origin(likelihood),
-            estimator or FrfAuto(),
-            rebuild,
-            lambda other, values: frf_likelihood(other, measurement, values[0]),
-            [dof for frf in measurement.channels for dof in (frf.channel.dof, frf.force)]
-            if isinstance(model, StructuralModel)
-            else [],
-            suggest=True,
-        )
-        raise_if_rejected(posterior)
-        return add_identification(Result("identification"), posterior, further=further)
+def _add_modes(
+    result: Result, posterior: Posterior, *, problem: Problem, needed: FormError | None = None
+) -> None:
+    """Add measured and computed modes of a problem with a modal survey."""
+    assert problem.survey is not None
+    assert isinstance(problem.full, StructuralModel)
+    add_modes(result, posterior, problem.full, problem.survey, problem.rebuild, needed)
 
 
-def posterior_of(
-    model: Model,
-    truth: Model,
-    likelihood: Likelihood,
-    origin: Origin,
-    estimator: Any,
-    rebuild: Rebuild | None,
-    likelihood_of: Callable[[Any, Sequence[RecordData]], Likelihood],
-    dofs: Sequence[Label],
-    *,
-    suggest: bool = False,
-) -> tuple[Posterior, Model]:
+def posterior_of(problem: Problem, estimator: Any, *, suggest: bool = False) -> tuple[Posterior, Model]:
     """Return the posterior of the parameters, and the model at the end.
 
     Parameters that the records do not determine are fixed, one after the other, and the others estimated.
-
-    Parameters
-    ----------
-    model, truth
-        The structure the estimator works with at first, and that of simulated records.
-    likelihood
-        The likelihood of the records with `model`.
-    origin
-        Where the estimation begins.
-    estimator
-        An estimator for it.
-    rebuild
-        Returns the model for parameters by name; absent: `model` stays.
-    likelihood_of
-        Returns the likelihood of given values of the records with another model.
-    dofs
-        DOFs of loads and sensors.
-    suggest
-        Whether mistakes of instruments are sought that explain a lack of fit.
+    `suggest`: mistakes of instruments are sought that explain a lack of fit.
     """
+    problem = problem.weighted()
+    model, likelihood, rebuild = problem.model, problem.likelihood, problem.rebuild
     values = [record.whole for record in likelihood.records]
-    eta, unknowns = origin.eta, model.unknowns
+    origin, unknowns = identifiable_origin(likelihood.ideal), model.unknowns
+    eta = origin.eta
     fixed = {one.name: _guess(one) for one in unknowns if one.name in origin.undetermined}
     astray: Posterior | None = None
     for _ in range(1 + len(unknowns)):
         if fixed:
             model = with_fixed(model, fixed)
-            likelihood = likelihood_of(model, values).continuing(likelihood)
+            likelihood = problem.likelihood_of(model, values).continuing(likelihood)
         refit = None if rebuild is None else partial(_rebuilt, rebuild, dict(fixed))
-        posterior, model = _settled(model, likelihood, eta, estimator, refit, likelihood_of, suggest=suggest)
+        posterior, model = _settled(problem, model, likelihood, eta, estimator, refit, suggest=suggest)
         posterior = replace(posterior, undetermined=tuple(fixed))
         lost = _undetermined(posterior)
         if not lost:
-            posterior, model = _with_optima(posterior, model, refit, likelihood_of)
+            posterior, model = _with_optima(problem, posterior, model, refit)
             lost = _undetermined(posterior)
             if not lost:
                 break
@@ -338,20 +185,20 @@ def posterior_of(
     posterior = _checked(posterior, starts(unknowns if astray else model.unknowns), suggest)
     if astray is not None:
         return posterior, model
-    full = isinstance(truth, StructuralModel) and truth.basis is None
-    full = full and posterior.rejection is None
+    full = isinstance(problem.truth, StructuralModel) and problem.truth.basis is None
+    full = full and posterior.rejection is None and problem.survey is None
     if full and isinstance(model, StructuralModel) and model.basis is not None:
-        posterior = _with_model_error(posterior, model, likelihood_of, list(dict.fromkeys(dofs)))
+        posterior = _with_model_error(problem, posterior, model)
     return posterior, model
 
 
 def _settled(
+    problem: Problem,
     model: Model,
     likelihood: Likelihood,
     eta: Array,
     estimator: Any,
     rebuild: Rebuild | None,
-    likelihood_of: Callable[[Any, Sequence[RecordData]], Likelihood],
     *,
     suggest: bool,
 ) -> tuple[Posterior, Model]:
@@ -396,7 +243,8 @@ def _settled(
         model = rebuild(named(model.unknowns, eta))
         if number == most_rounds:
             break
-        likelihood = likelihood_of(model, values).continuing(posterior.likelihood).continuing(covering)
+        likelihood = problem.likelihood_of(model, values)
+        likelihood = likelihood.continuing(posterior.likelihood).continuing(covering)
     return posterior, model
 
 
@@ -425,10 +273,7 @@ def _undetermined(posterior: Posterior) -> dict[str, float]:
 
 
 def _with_optima(
-    posterior: Posterior,
-    model: Model,
-    rebuild: Rebuild | None,
-    likelihood_of: Callable[[Any, Sequence[RecordData]], Likelihood],
+    problem: Problem, posterior: Posterior, model: Model, rebuild: Rebuild | None
 ) -> tuple[Posterior, Model]:
     """Return a posterior at the optimum of greatest posterior, with the equivalent ones; and its model."""
     likelihood, estimate, lost = posterior.likelihood, posterior.estimate, posterior.undetermined
@@ -436,7 +281,7 @@ def _with_optima(
 
     def likelihood_at(eta: Array) -> Likelihood:
         assert rebuild is not None
-        other = likelihood_of(rebuild(named(model.unknowns, eta)), values)
+        other = problem.likelihood_of(rebuild(named(model.unknowns, eta)), values)
         return other.with_noise_of(likelihood)
 
     ends = [
@@ -466,13 +311,8 @@ def _with_optima(
     return Posterior(likelihood, posterior.method, estimate, optima=optima, undetermined=lost), model
 
 
-def _with_model_error(
-    posterior: Posterior,
-    model: StructuralModel,
-    likelihood_of: Callable[[Any, Sequence[RecordData]], Likelihood],
-    dofs: list[Label],
-) -> Posterior:
-    """Return a posterior with the error of its reduced model; `dofs` are those of loads and sensors."""
+def _with_model_error(problem: Problem, posterior: Posterior, model: StructuralModel) -> Posterior:
+    """Return a posterior with the error of its reduced model."""
     from dynid.identification.diagnosis.model_error import model_error
 
     likelihood = posterior.likelihood
@@ -481,8 +321,8 @@ def _with_model_error(
         model,
         likelihood,
         posterior.fit,
-        dofs,
-        lambda finer: likelihood_of(finer, values).with_noise_of(likelihood),
+        problem.dofs,
+        lambda finer: problem.likelihood_of(finer, values).with_noise_of(likelihood),
     )
     return replace(posterior, model_error=error)
 
@@ -517,14 +357,6 @@ def _checked(posterior: Posterior, start: Array, suggest: bool) -> Posterior:
     return posterior
 
 
-def raise_if_rejected(posterior: Posterior, *further: Callable[[Result, Posterior], Any]) -> None:
-    """Raise the error of a rejected fit, with its result and what is added `further`."""
-    if posterior.rejection is not None:
-        from dynid.identification.results.write_rejected import raise_rejected
-
-        raise_rejected(posterior, *further)
-
-
 def _suggesting(error: DynidError, mistakes: Sequence[str]) -> DynidError:
     """Return an error with mistakes of instruments that would explain it, before its general remedy."""
     remedy = " ".join([*map(sentence, mistakes), error.remedy])
@@ -536,43 +368,6 @@ def _with(estimator: Any, **options: bool) -> Any:
     if isinstance(estimator, Huber):
         return replace(estimator, inner=_with(estimator.inner, **options))
     return replace(estimator, **options) if estimator.name == "auto" else estimator
-
-
-def _with_spreads(model: Model, experiments: Sequence[Experiment], values: Sequence[RecordData]) -> Model:
-    """Return the model whose offsets and delays have the spread that these records allow."""
-    own = {one.name: one for one in model.unknowns}
-    if all(one.logarithmic for one in own.values()):
-        return model
-    for (loads, measurement), record in zip(experiments, values, strict=True):
-        instruments = Instruments.of(tuple(own), loads, measurement.channels)
-        found = with_spreads(tuple(own.values()), instruments, measurement.step, record.rms)
-        own = {one.name: one for one in found}
-    return model.with_parameters([own.get(one.name, one) for one in model.parameters])
-
-
-def models_of_records(model: Model, experiments: Sequence[Experiment]) -> list[ParametricModel]:
-    """Return the model of each record, with its loads as an estimator knows them."""
-    return [
-        parametric_model(
-            model,
-            as_estimated(loads, measurement.record),
-            measurement.channels,
-            measurement.record.times,
-        )
-        for loads, measurement in experiments
-    ]
-
-
-def _likelihood(
-    models: Sequence[ParametricModel],
-    experiments: Sequence[Experiment],
-    values: Sequence[RecordData],
-    noiseless: Likelihood | None = None,
-) -> TimeLikelihood:
-    """Return the likelihood of records, each with its model."""
-    each = zip(models, values, experiments, strict=True)
-    records = tuple(TimeRecord.of(model, own, experiment, len(values)) for model, own, experiment in each)
-    return TimeLikelihood(records, noiseless=noiseless)
 
 
 def _continued(before: Posterior, likelihood: Likelihood, now: Estimate) -> Estimate:

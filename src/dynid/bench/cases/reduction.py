@@ -12,6 +12,7 @@ from typing import Any
 from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.bench.cases.modes import plate, reference
 from dynid.defaults import BASIS_BAND, MASTERS, RESIDUALS
+from dynid.identification.records.measurement import Experiment
 
 #: Coordinates kept, and modes that are compared.
 _KEPT, _COMPARED = 10, 5
@@ -140,7 +141,7 @@ def _below(band: float | None) -> Callable[[int], Callable[[], Any]]:
             if band is not None:
                 modes = ModeRange(below=band * max(_OMEGA))
                 model = ModalTruncation(modes, interest=Interest(_SENSORS)).reduce(full).model
-            found = identify(model, loads, measurement, Filter(), truth=full)
+            found = identify(model, Experiment(loads, measurement), Filter(), truth=full)
             return found["identification/parameters/error_percent"].data / 100
 
         return work
@@ -164,8 +165,7 @@ def _with_residuals(residuals: Any) -> Callable[[int], Callable[[], Any]]:
         def work() -> Any:
             found = identify(
                 method.reduce(full).model,
-                loads,
-                measurement,
+                Experiment(loads, measurement),
                 Filter(),
                 truth=full,
                 rebuild=lambda values: method.at(values).reduce(full).model,

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.defaults import FEW_FREQUENCIES
+from dynid.identification.identify import identify
 
 #: Approximate number of DOFs, modes in the band, and most frequencies at which the error is evaluated.
 _DOFS, _MODES, _PLACES = 1000, 10, 8
@@ -235,12 +236,11 @@ def reduced(model: Any, functions: Any, omega: Any) -> Any:
 
 def _by_dynid(make: Callable[[_Case], Any]) -> Callable[[int], Callable[[], Any]]:
     def prepare(lines: int) -> Callable[[], Any]:
-        from dynid.identification.identify import identify_frf
 
         case = _case(lines)
 
         def work() -> Any:
-            found = identify_frf(make(case), case.measurement)
+            found = identify(make(case), case.measurement)
             return found["identification/parameters/estimate"].data
 
         return work

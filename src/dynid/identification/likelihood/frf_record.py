@@ -74,6 +74,18 @@ class FrfRecord(RecordLikelihood):
     magnitudes: bool = False
     sharing: int = 1
 
+    @classmethod
+    def of(cls, model: Model, measurement: FrfMeasurement, data: RecordData, sharing: int = 1) -> Self:
+        """Return the likelihood of responses with a model.
+
+        Raises
+        ------
+        UsageError
+            If there is more to solve than can be.
+        """
+        check_cost(model, len(measurement.omega))
+        return cls(FrfSystem.of(model, measurement.channels), measurement, data, sharing=sharing)
+
     @property
     def observed(self) -> Observed:
         """Words for a set of responses."""
@@ -316,15 +328,3 @@ class FrfLikelihood(Likelihood):
         """Return the likelihood with the model's modes below `band` times the highest line, if that pays."""
         found = [limited for record in self.records if (limited := record.band_limited(band)) is not None]
         return FrfLikelihood(tuple(found)) if len(found) == len(self.records) else None
-
-
-def frf_likelihood(model: Model, measurement: FrfMeasurement, data: RecordData) -> FrfLikelihood:
-    """Return the likelihood of measured responses with a model.
-
-    Raises
-    ------
-    UsageError
-        If there is more to solve than can be.
-    """
-    check_cost(model, len(measurement.omega))
-    return FrfLikelihood((FrfRecord(FrfSystem.of(model, measurement.channels), measurement, data),))

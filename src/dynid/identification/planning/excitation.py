@@ -17,8 +17,9 @@ import numpy as np
 
 from dynid.arrays import Array
 from dynid.errors import Singular, UsageError
-from dynid.identification.identifiability import ExpectedTimeRecords
+from dynid.identification.identifiability import ExpectedRecords
 from dynid.identification.information import information
+from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.planning.selection import Candidates, select
 from dynid.identification.records.measurement import Experiment
 from dynid.identification.systems.graph_system import IdentifiedGraph
@@ -137,7 +138,7 @@ def grid(omega: Array, step: float, samples: int, band: tuple[float, float] | No
 def candidate_sines(
     model: Model,
     experiment: Experiment,
-    expected: ExpectedTimeRecords,
+    expected: ExpectedRecords,
     dofs: Sequence[Label],
     band: tuple[float, float] | None = None,
 ) -> CandidateSines:
@@ -151,7 +152,9 @@ def candidate_sines(
     natural = natural_frequencies(model, system, values)
     omega = grid(natural, measurement.step, measurement.samples, band)
     rate = rates(system.unknowns, expected.fit.eta)
-    inputs = expected.likelihood.records[0].model.inputs()
+    record = expected.likelihood.records[0]
+    assert isinstance(record, TimeRecord)
+    inputs = record.model.inputs()
     rms = float(np.sqrt(np.mean(np.sum(inputs**2, axis=1)))) if inputs.size else 0.0
     rms = rms or 1.0
     weight = rms * np.sqrt(measurement.samples) / expected.noise[0]
@@ -195,7 +198,7 @@ def natural_frequencies(model: Model, system: LinearSystem, values: Mapping[str,
 def exact_bounds(
     model: Model,
     experiment: Experiment,
-    expected: ExpectedTimeRecords,
+    expected: ExpectedRecords,
     loads: Sequence[Any],
 ) -> Array:
     """Return the relative bounds (p) of a record of the steady state under sines, initial state unknown."""
@@ -212,7 +215,9 @@ def exact_bounds(
             moved = np.linalg.solve(1j * w * np.eye(n) - found.A, found.B[:, column].astype(complex))
             settled += (moved * c * np.exp(1j * w * float(joint.line.nodes[0]))).real
     predicted = prediction(joint, eta, settled, free, steps)
-    root = expected.likelihood.records[0].root
+    record = expected.likelihood.records[0]
+    assert isinstance(record, TimeRecord)
+    root = record.root
     weight = 1 / expected.noise[0][:, None]
     by_parameter = (predicted.by_parameter * weight).reshape(-1, len(expected.values))
     by_state = (predicted.by_state @ root * weight).reshape(len(by_parameter), -1)
@@ -225,7 +230,7 @@ def add_excitation(
     result: Result,
     model: Model,
     experiment: Experiment,
-    expected: ExpectedTimeRecords,
+    expected: ExpectedRecords,
     found: CandidateSines,
     count: int,
 ) -> None:

@@ -15,13 +15,15 @@ from dynid.arrays import Array
 from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, Port
 from dynid.errors import UsageError
 from dynid.identification.identifiability import (
-    ExpectedTimeRecords,
+    ExpectedRecords,
     add_expected_slopes,
-    expected_time_records,
+    expected_records,
     identifiability,
 )
+from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.planning.excitation import add_excitation, candidate_sines, present_lines
 from dynid.identification.planning.selection import Candidates, select
+from dynid.identification.problem import Problem
 from dynid.identification.records.measurement import Experiment, as_estimated
 from dynid.identification.systems.graph_system import IdentifiedGraph
 from dynid.identification.systems.parametric_model import Model, parametric_model
@@ -81,7 +83,7 @@ def plan(
     Parameters
     ----------
     model, experiments, truth
-        As of `identifiability.expected_time_records`; the plan is one for the first record.
+        As of `identify`, for records of time; the plan is one for the first record.
     wanted
         Numbers and candidates; absent: `PlanRequest()`.
 
@@ -106,7 +108,7 @@ def plan(
     names = [unknown.name for unknown in model.unknowns]
     with guarded(f"the plan for {', '.join(names)}", names=names):
         experiment = experiments[0]
-        expected = expected_time_records(model, [experiment], truth)
+        expected = expected_records(Problem.of(model, experiment, truth=truth).likelihood)
         own = experiment.measurement.channels
         result = Result("plan")
         result.merge(known)
@@ -208,7 +210,7 @@ def every_variable(graph: BondGraph) -> list[Port]:
 def candidate_sensors(
     model: Model,
     experiment: Experiment,
-    expected: ExpectedTimeRecords,
+    expected: ExpectedRecords,
     channels: Sequence[Any],
     noise: Mapping[str, float] | None = None,
 ) -> CandidateSensors:
@@ -230,6 +232,7 @@ def candidate_sensors(
     """
     own = experiment.measurement.channels
     record = expected.likelihood.records[0]
+    assert isinstance(record, TimeRecord)
     there = {channel.name for channel in own}  # their instruments may have a gain, offset or delay
     every = tuple(dict.fromkeys([*own, *(channel for channel in channels if channel.name not in there)]))
     known = as_estimated(experiment.loads, experiment.measurement.record)

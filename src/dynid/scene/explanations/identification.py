@@ -18,13 +18,11 @@ from dynid.scene.explanations.explanation import Explanation, Fact, node_facts
 from dynid.scene.kinds.identification import (
     expected_values,
     interest_of,
-    modal_setting,
-    models_of,
     reductor_of,
     structure_of,
 )
 from dynid.scene.kinds.identified_graphs import identified_graph
-from dynid.scene.kinds.planning import Prospect, prospect
+from dynid.scene.kinds.planning import prospect
 from dynid.scene.kinds.signals import angular_frequencies, record_of
 from dynid.scene.load import Scene
 from dynid.scene.schema.raw import unit_of_frequencies
@@ -33,7 +31,6 @@ from dynid.structure.model import StructuralModel
 if TYPE_CHECKING:
     from dynid.identification.identifiability import ExpectedRecords
     from dynid.identification.likelihood.likelihood import Likelihood
-    from dynid.identification.systems.parametric_model import Model
     from dynid.scene.schema.identification import EstimatorModel, IdentificationScene, ResponseModel
     from dynid.structure.reduction.reduction import StructuralReduction
 
@@ -152,48 +149,25 @@ def _of_model(structure: StructuralModel, made: StructuralReduction | None, meth
 
 def _expected(scene: Scene, result: Result) -> ExpectedRecords:
     """Return the predicted records, and add the identifiability of the parameters to a result."""
-    from dynid.identification import identifiability
+    from dynid.identification.identifiability import (
+        add_expected_slopes,
+        expected_records,
+        identifiability_result,
+        with_true_noise,
+    )
+    from dynid.identification.problem import Problem
 
     model = cast("IdentificationScene", scene.model)
     assert model.measurement is not None
     report_progress("what the record can tell")
-    if model.measurement.modes is not None:
-        from dynid.identification.identify_modes import ModalProblem
-
-        structure = structure_of(scene)
-        parts, known = modal_setting(scene, structure, expected_values(structure))
-        problem = ModalProblem.of(*parts, **known)
-        expected = identifiability.with_true_noise(identifiability.expected_records(problem.likelihood))
-        channels = identifiability.channels_of_likelihood(problem.likelihood)
-        result.merge(identifiability.identifiability_result(problem.model, expected, channels))
-        return expected
-    if model.measurement.frf is not None:
-        small: Model
-        truth: Model
-        from dynid.identification.likelihood.frf_record import frf_likelihood
-        from dynid.identification.systems.frf_system import frf_data
-        from dynid.scene.kinds.measurements import frf_measurement
-
-        if model.graph is not None:
-            graph = identified_graph(scene)[0]
-            small, truth = graph, graph
-            measurement = frf_measurement(scene, model.measurement, graph)
-        else:
-            structure = structure_of(scene)
-            small, truth = models_of(scene, structure, expected_values(structure))
-            measurement = frf_measurement(scene, model.measurement)
-        likelihood = frf_likelihood(small, measurement, frf_data(truth, measurement))
-        channels = [(frf.name, frf.unit) for frf in measurement.channels]
-        expected = identifiability.with_true_noise(identifiability.expected_records(likelihood))
-        result.merge(identifiability.identifiability_result(small, expected, channels))
-        identifiability.add_expected_slopes(result, expected)
-        result.add_axis("identification/measurement/omega", measurement.omega, "rad/s")
-        return expected
-    given: Prospect = prospect(scene)
-    expected = identifiability.with_true_noise(identifiability.expected_time_records(*given))
-    channels = identifiability.channels_of(given.experiments)
-    result.merge(identifiability.identifiability_result(given.model, expected, channels))
-    identifiability.add_expected_slopes(result, expected)
+    small, measurements, truth, rebuild = prospect(scene)
+    problem = Problem.of(small, measurements, truth=truth, rebuild=rebuild)
+    expected = with_true_noise(expected_records(problem.likelihood))
+    result.merge(identifiability_result(problem.model, expected))
+    if model.measurement.modes is None:
+        add_expected_slopes(result, expected)
+        if model.measurement.frf is not None:
+            result.add_axis("identification/measurement/omega", measurements[0].omega, "rad/s")
     return expected
 
 

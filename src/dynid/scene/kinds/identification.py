@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
+from dynid.identification.records.measurement import Experiment
 from dynid.progress import report_progress
 from dynid.result import Result
 from dynid.scene.kinds.measurements import (
@@ -13,14 +14,13 @@ from dynid.scene.kinds.measurements import (
     frf_measurement,
     initial_motion,
     loads_of,
+    measurements_of,
     shown,
 )
 from dynid.scene.kinds.parameters import (
     at_starts,
     estimator_of,
-    frf_estimator_of,
     further_of,
-    modal_estimator_of,
 )
 from dynid.scene.kinds.parts import build_assembly
 from dynid.scene.kinds.scope import add_geometry, add_identification_scope
@@ -38,9 +38,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from dynid.errors import Fault
-    from dynid.identification.identify import SharedRecords
-    from dynid.identification.records.measurement import Experiment
-    from dynid.identification.systems.parametric_model import Rebuild
+    from dynid.identification.problem import SharedRecords
+    from dynid.identification.systems.parametric_model import Model, Rebuild
     from dynid.scene.kinds.reduction import LocatedReductor
     from dynid.scene.run import PreparationStep
     from dynid.scene.schema.reduction import ReductionModel
@@ -73,17 +72,12 @@ def run(scene: Scene) -> Result:
     add_doubts(result, structure)
     values = {unknown.name: unknown.expected for unknown in structure.unknowns}
     if model.measurement is not None:
-        if model.measurement.modes is not None:
-            result.merge(_identified_by_modes(scene, structure))
-        elif model.measurement.frf is not None:
-            result.merge(_identified_by_response(scene, structure))
-        else:
-            result.merge(identified(scene, structure, setting(scene, structure)))
-            if model.identifiability:
-                from dynid.identification.identifiability import identifiability
+        result.merge(identified(scene, setting(scene, structure)))
+        if model.identifiability:
+            from dynid.identification.identifiability import identifiability
 
-                expected = setting(scene, structure, expected_values(structure))
-                result.merge(identifiability(*expected))
+            expected = setting(scene, structure, expected_values(structure))
+            result.merge(identifiability(*expected))
         names = result["identification/parameters/name"].data
         values = dict(zip(names, result["identification/parameters/estimate"].data.tolist(), strict=True))
     made = None if method is None else method.at(values).reduce(started(scene, structure))
@@ -122,15 +116,16 @@ def started(scene: Scene, structure: StructuralModel) -> StructuralModel:
 
 
 class Setting(NamedTuple):
-    """Input of an estimator: its model, the records, and the model that simulates records."""
+    """Input of `identify`: model and measurements, the model that simulates these, and its rebuilt bases."""
 
-    model: StructuralModel
-    experiments: Sequence[Experiment]
-    truth: StructuralModel
+    model: Model
+    measurements: Sequence[Any]
+    truth: Model
+    rebuild: Rebuild | None = None
 
 
 def setting(scene: Scene, structure: StructuralModel, values: Mapping[str, float] | None = None) -> Setting:
-    """Return the model and the records of an identification.
+    """Return the model and the measurements of an identification.
 
     Parameters
     ----------
@@ -139,15 +134,17 @@ def setting(scene: Scene, structure: StructuralModel, values: Mapping[str, float
     structure
         Its structure.
     values
-        Parameters by name for which a basis that follows the joints is made; absent: its own.
+        Parameters by name for which a basis that follows the joints is made; default: its own.
     """
     model = cast("IdentificationScene", scene.model)
     assert model.measurement is not None
-    records = experiments(scene, model.excitation, model.measurement, structure)
-    if not model.is_reduced:
-        structure = without_massless(structure, [dof for record in records for dof in record.dofs])
+    measurements = measurements_of(scene, structure)
+    rebuild = rebuilder(scene, structure)
+    if not (model.is_reduced or model.measurement.frf is not None or model.measurement.modes_alone):
+        dofs = [dof for one in measurements if isinstance(one, Experiment) for dof in one.dofs]
+        structure = without_massless(structure, dofs)
     reduced, truth = models_of(scene, structure, values)
-    return Setting(reduced, records, truth)
+    return Setting(reduced, measurements, truth, rebuild)
 
 
 def models_of(
@@ -177,7 +174,6 @@ def expected_values(structure: StructuralModel) -> dict[str, float]:
 
 def identified(
     scene: Scene,
-    structure: StructuralModel,
     made: Setting,
     *,
     common: SharedRecords | None = None,
@@ -187,22 +183,22 @@ def identified(
 
     Parameters
     ----------
-    scene, structure, made
-        The scene, its structure, and the input of its estimator.
+    scene, made
+        The scene, and the input of its estimator.
     common
         The precomputed part that its records share with others; absent: it is computed.
     into
         The result to which the estimates are added; absent: a new one.
     """
-    from dynid.identification.identify import identify_all
+    from dynid.identification.identify import identify
 
     model = cast("IdentificationScene", scene.model)
-    return identify_all(
+    return identify(
         made.model,
-        made.experiments,
-        estimator_of(model.estimator),
+        made.measurements,
+        estimator_of(model),
         truth=made.truth,
-        rebuild=_rebuilder(scene, structure),
+        rebuild=made.rebuild,
         common=common,
         into=into,
         further=further_of(model),
@@ -255,68 +251,6 @@ def unread_files(scene: Scene) -> Iterator[KeyPath]:
     drives = time and not (time.input or model.initial)
     if not drives and all(record.excitation is not None for record in every):
         yield ("excitation",)
-
-
-def _identified_by_response(scene: Scene, structure: StructuralModel) -> Result:
-    """Return an identification from frequency response functions, with their identifiability if requested."""
-    from dynid.identification.identify import identify_frf
-
-    model = cast("IdentificationScene", scene.model)
-    assert model.measurement is not None
-    measurement = frf_measurement(scene, model.measurement, structure)
-    reduced, truth = models_of(scene, structure)
-    rebuild = _rebuilder(scene, structure)
-    estimator = frf_estimator_of(model.estimator)
-    result = identify_frf(
-        reduced, measurement, estimator, truth=truth, rebuild=rebuild, further=further_of(model)
-    )
-    if model.identifiability:
-        from dynid.identification.identifiability import frf_identifiability
-
-        reduced, truth = models_of(scene, structure, expected_values(structure))
-        result.merge(frf_identifiability(reduced, measurement, truth))
-    return result
-
-
-def _identified_by_modes(scene: Scene, structure: StructuralModel) -> Result:
-    """Return an identification from measured modes, with their identifiability if requested."""
-    from dynid.identification.identify_modes import identify_modes
-
-    model = cast("IdentificationScene", scene.model)
-    given, known = modal_setting(scene, structure)
-    estimator = modal_estimator_of(model.estimator)
-    reduced, modal, records, responses = given
-    further = further_of(model)
-    result = identify_modes(reduced, modal, records, responses, estimator, **known, further=further)
-    if model.identifiability:
-        from dynid.identification.identifiability import modal_identifiability
-        from dynid.identification.identify_modes import ModalProblem
-
-        given, known = modal_setting(scene, structure, expected_values(structure))
-        result.merge(modal_identifiability(ModalProblem.of(*given, **known)))
-    return result
-
-
-def modal_setting(
-    scene: Scene, structure: StructuralModel, values: Mapping[str, float] | None = None
-) -> tuple[tuple[Any, ...], dict[str, Any]]:
-    """Return the arguments of `ModalProblem.of`: structure, modes, records and responses; truth and basis."""
-    from dynid.scene.kinds.modes import modal_measurement
-
-    model = cast("IdentificationScene", scene.model)
-    measurement = model.measurement
-    assert measurement is not None
-    assert measurement.modes is not None
-    modal = modal_measurement(scene, measurement.modes)
-    records: Sequence[Experiment] = ()
-    responses = None
-    if measurement.frf is None and not measurement.modes_alone:
-        reduced, records, truth = setting(scene, structure, values)
-    else:
-        reduced, truth = models_of(scene, structure, values)
-        responses = None if measurement.frf is None else frf_measurement(scene, measurement)
-    known = {"truth": truth, "rebuild": _rebuilder(scene, structure)}
-    return (reduced, modal, records, responses), known
 
 
 def reductor_of(scene: Scene) -> LocatedReductor | None:
@@ -388,7 +322,7 @@ def interest_of(scene: Scene) -> Interest:
     return Interest(tuple(dict.fromkeys(dof for dof in dofs if dof is not None)), band)
 
 
-def _rebuilder(scene: Scene, full: StructuralModel) -> Rebuild | None:
+def rebuilder(scene: Scene, full: StructuralModel) -> Rebuild | None:
     """Return the function that recomputes a basis that follows the joints; None for other bases."""
     method = reductor_of(scene)
     if method is None or not method.follows_joints:

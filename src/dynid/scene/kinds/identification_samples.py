@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from dynid.arithmetic.numbers import OutOfRangeError, to_fraction
 from dynid.errors import DynidError
-from dynid.identification.identify import SharedRecords
+from dynid.identification.problem import SharedRecords
 from dynid.identification.records.measurement import Experiment
 from dynid.identification.records.simulation import Simulation
 from dynid.result import Variable
@@ -24,6 +24,7 @@ from dynid.scene.kinds.measurements import experiments
 from dynid.scene.load import Scene
 from dynid.scene.outcomes import CollectedResult, SampleOutcome, gather
 from dynid.scene.schema.quantities import Quantity
+from dynid.structure.model import StructuralModel
 
 if TYPE_CHECKING:
     from dynid.scene.schema.identification import IdentificationScene
@@ -139,13 +140,14 @@ class _RecordBatch:
         self._setting = setting(scene, self._structure)
         self._same = not any(place.joint for place in places.values())
         changed = {place.name for place in places.values()}
-        records = self._setting.experiments
+        records = self._setting.measurements
         self._seeds = changed == {"seed"} and all(
             isinstance(one.measurement.source, Simulation) for one in records
         )
         self._common: SharedRecords | None = None
-        if self._setting.truth.basis is None and "true" not in changed:
-            self._common = SharedRecords.of(*self._setting, same=self._same)
+        truth = self._setting.truth
+        if isinstance(truth, StructuralModel) and truth.basis is None and "true" not in changed:
+            self._common = SharedRecords.of(*self._setting[:3], same=self._same)
 
     def _seeded(self, override: Mapping[str, Any]) -> list[Experiment]:
         """Return the records with the seed of a sample, which is all that varies."""
@@ -154,7 +156,7 @@ class _RecordBatch:
             Experiment(
                 loads, replace(measurement, source=replace(cast("Simulation", measurement.source), seed=seed))
             )
-            for loads, measurement in self._setting.experiments
+            for loads, measurement in self._setting.measurements
         ]
 
     def run(self, override: Mapping[str, Any], collect: tuple[str, ...]) -> Mapping[str, Variable] | None:
@@ -169,14 +171,14 @@ class _RecordBatch:
         try:
             structure = self._structure if self._same else structure_of(scene)
             if self._seeds:
-                made = self._setting._replace(experiments=self._seeded(override))
+                made = self._setting._replace(measurements=self._seeded(override))
             elif self._same:
                 assert model.measurement is not None
                 records = experiments(scene, model.excitation, model.measurement, structure)
-                made = self._setting._replace(experiments=records)
+                made = self._setting._replace(measurements=records)
             else:
                 made = setting(scene, structure)
-            identified(scene, structure, made, common=self._common, into=result)
+            identified(scene, made, common=self._common, into=result)
             return gather(result, collect)
         except DynidError:
             return None

@@ -11,8 +11,8 @@ from dynid.model_scope import ScopePart, add_model_scope, divided, scope_parts
 from dynid.result import Result
 from dynid.scene.kinds.bond_graph import graph_analysis
 from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph
-from dynid.scene.kinds.measurements import experiments, frf_measurement
-from dynid.scene.kinds.parameters import all_parameters, at_starts, estimator_of, frf_estimator_of, further_of
+from dynid.scene.kinds.measurements import experiments, frf_measurement, measurements_of
+from dynid.scene.kinds.parameters import all_parameters, at_starts, estimator_of, further_of
 from dynid.scene.kinds.scope import engines_part
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import IdentificationScene
@@ -126,25 +126,15 @@ def graph_preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
 
 def _identified(scene: Scene, graph: IdentifiedGraph) -> Result:
     """Identify the parameters of a graph from records, simulated ones of the graph at the true values."""
-    from dynid.identification.identify import identify_all, identify_frf
+    from dynid.identification.identify import identify
 
     model = cast("IdentificationScene", scene.model)
-    assert model.measurement is not None
-    truth = identified_graph(scene)[0]
-    if model.measurement.frf is not None:
-        responses = frf_measurement(scene, model.measurement, truth)
-        result = identify_frf(graph, responses, frf_estimator_of(model.estimator), further=further_of(model))
-        if model.identifiability:
-            from dynid.identification.identifiability import frf_identifiability
-
-            result.merge(frf_identifiability(graph, responses))
-        return result
-    records = experiments(scene, model.excitation, model.measurement, truth)
-    result = identify_all(graph, records, estimator_of(model.estimator), further=further_of(model))
+    measurements = measurements_of(scene, identified_graph(scene)[0])
+    result = identify(graph, measurements, estimator_of(model), further=further_of(model))
     if model.identifiability:
         from dynid.identification.identifiability import identifiability
 
-        result.merge(identifiability(graph, records))
+        result.merge(identifiability(graph, measurements))
     return result
 
 

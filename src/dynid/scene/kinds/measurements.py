@@ -466,3 +466,19 @@ def _in_radians(found: MeasuredResponses, given: FrfModel) -> float:
             names=("measurement.frf.unit", "measurement.frf"),
         )
     return angular_factor(stated)
+
+
+def measurements_of(scene: Scene, model: StructuralModel | IdentifiedGraph) -> list[Any]:
+    """Return the records of time or the frequency responses of a scene, and its modal survey."""
+    identification = cast("IdentificationScene", scene.model)
+    given, measurements = identification.measurement, list[Any]()
+    assert given is not None
+    if given.frf is not None:
+        measurements.append(frf_measurement(scene, given, model))
+    elif not given.modes_alone:
+        measurements += experiments(scene, identification.excitation, given, model)
+    if given.modes is not None:
+        from dynid.scene.kinds.modes import modal_measurement
+
+        measurements.append(modal_measurement(scene, given.modes))
+    return measurements

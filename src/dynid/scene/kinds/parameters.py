@@ -16,12 +16,11 @@ from dynid.scene.schema.raw import mapping, written_key
 
 if TYPE_CHECKING:
     from dynid.arithmetic.numbers import Number
-    from dynid.identification.estimators.estimate import Estimator
     from dynid.identification.results.write_result import Further
     from dynid.parameters import Parameter, ParameterPrior
     from dynid.scene.load import Scene
     from dynid.scene.schema.base import SceneModel
-    from dynid.scene.schema.identification import EstimatorModel, IdentificationScene
+    from dynid.scene.schema.identification import IdentificationScene
 
 
 M = TypeVar("M", bound="SceneModel")
@@ -216,35 +215,21 @@ _ESTIMATORS = {
 }
 
 
-def estimator_of(given: EstimatorModel) -> Estimator:
-    """Return the estimator of records of time."""
+def estimator_of(model: IdentificationScene) -> Any:
+    """Return the estimator of an identification."""
+    given, measurement = model.estimator, model.measurement
     module, name = _ESTIMATORS[given.method]
+    if given.method == "auto" and measurement is not None and measurement.modes is not None:
+        module, name = "modal_search", "ModalSearch"
+    elif given.method == "auto" and measurement is not None and measurement.frf is not None:
+        name = "FrfAuto"
     kind = getattr(import_module(f"dynid.identification.estimators.{module}"), name)
-    estimator: Estimator = kind(**given.options())
+    estimator = kind(**given.options())
     if given.loss == "huber":
         from dynid.identification.estimators.maximum_likelihood import Huber
 
         estimator = Huber(estimator)
     return estimator
-
-
-def frf_estimator_of(given: EstimatorModel) -> Any:
-    """Return the estimator of frequency responses."""
-    from dynid.identification.estimators.auto import FrfAuto
-    from dynid.identification.estimators.maximum_likelihood import Huber, OutputError
-
-    options: dict[str, Any] = given.options()
-    method = OutputError(**options) if given.method == "output-error" else FrfAuto()
-    return Huber(method) if given.loss == "huber" else method
-
-
-def modal_estimator_of(given: EstimatorModel) -> Any:
-    """Return the estimator of measured modes, alone or with others."""
-    from dynid.identification.estimators.maximum_likelihood import OutputError
-    from dynid.identification.estimators.modal_search import ModalSearch
-
-    options: dict[str, Any] = given.options()
-    return OutputError(**options) if given.method == "output-error" else ModalSearch()
 
 
 def further_of(model: IdentificationScene) -> Further:

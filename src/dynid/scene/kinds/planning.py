@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple, cast
+from typing import cast
 
 from dynid.errors import UsageError
 from dynid.identification.planning.plan import PlanRequest, plan
-from dynid.identification.records.measurement import Experiment
 from dynid.identification.systems.graph_system import IdentifiedGraph
-from dynid.identification.systems.parametric_model import Model
 from dynid.result import Result
-from dynid.scene.kinds.identification import expected_values, setting, structure_of
+from dynid.scene.kinds.identification import Setting, expected_values, setting, structure_of
 from dynid.scene.kinds.identified_graphs import identified_graph
-from dynid.scene.kinds.measurements import channel_of, experiments, shown
+from dynid.scene.kinds.measurements import channel_of, measurements_of, shown
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import IdentificationScene
 from dynid.structure.model import StructuralModel
@@ -21,23 +18,14 @@ from dynid.structure.ports import UNITS
 from dynid.units import angular_factor
 
 
-class Prospect(NamedTuple):
-    """Records before they are taken: the model of the estimator, the records, the model that simulates."""
-
-    model: Model
-    experiments: Sequence[Experiment]
-    truth: Model
-
-
-def prospect(scene: Scene) -> Prospect:
-    """Return the model and the records of an identification, at the expected values of its unknowns."""
+def prospect(scene: Scene) -> Setting:
+    """Return the model and the measurements of an identification, at the expected values of its unknowns."""
     model = cast("IdentificationScene", scene.model)
-    assert model.measurement is not None
     if model.graph is None:
         structure = structure_of(scene)
-        return Prospect(*setting(scene, structure, expected_values(structure)))
+        return setting(scene, structure, expected_values(structure))
     graph = identified_graph(scene)[0]
-    return Prospect(graph, experiments(scene, model.excitation, model.measurement, graph), graph)
+    return Setting(graph, measurements_of(scene, graph), graph)
 
 
 def run_plan(scene: Scene, sensors: int | None = None, lines: int | None = None) -> Result:
@@ -82,7 +70,7 @@ def run_plan(scene: Scene, sensors: int | None = None, lines: int | None = None)
             remedy="Give step, samples and channels of a record that could be taken instead of 'frf'.",
             names=("measurement.frf",),
         )
-    reduced, records, truth = prospect(scene)
+    reduced, records, truth, _ = prospect(scene)
     known = reduced if isinstance(reduced, IdentifiedGraph | StructuralModel) else None
     structure = known if isinstance(known, StructuralModel) else None
     given, force = model.plan, model.plan.excitation

@@ -1,0 +1,281 @@
+"""An identification problem: measurements, the model that is to explain them, and their likelihood.
+
+Records of time and sets of frequency responses stand alone or with measured modes; all share the parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Self, TypeAlias
+
+import numpy as np
+
+from dynid.arrays import Array
+from dynid.errors import UsageError
+from dynid.identification.estimators.origin import identifiable_origin
+from dynid.identification.likelihood.frf_record import FrfLikelihood, FrfRecord
+from dynid.identification.likelihood.likelihood import Likelihood
+from dynid.identification.likelihood.modal_record import ModalLikelihood, ModalRecord
+from dynid.identification.likelihood.paired_modes import is_large, modal_model, modes_needed
+from dynid.identification.likelihood.record_likelihood import RecordLikelihood
+from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
+from dynid.identification.records.frf_measurement import FrfMeasurement
+from dynid.identification.records.measurement import Experiment, RecordData, as_estimated
+from dynid.identification.records.modal_measurement import ModalMeasurement
+from dynid.identification.records.simulation import Simulation
+from dynid.identification.systems.frf_system import frf_data
+from dynid.identification.systems.instruments import Instruments, with_spreads
+from dynid.identification.systems.parametric_model import (
+    Model,
+    ParametricModel,
+    Rebuild,
+    parametric_model,
+    unknowns_of,
+)
+from dynid.identification.systems.record_values import data, simulated
+from dynid.lti.floating import guarded
+from dynid.parameters import named, starts
+from dynid.structure.matrices import Label
+from dynid.structure.model import StructuralModel
+
+Measured: TypeAlias = Experiment | FrfMeasurement | ModalMeasurement
+"""A record of time with its loads, a set of frequency responses, or a modal survey."""
+
+_LIKELIHOODS: dict[type[RecordLikelihood], Any] = {
+    TimeRecord: TimeLikelihood,
+    FrfRecord: FrfLikelihood,
+    ModalRecord: ModalLikelihood,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class SharedRecords:
+    """Noise-free records, models and likelihood shared by identifications that differ in noise alone.
+
+    Attributes
+    ----------
+    clean
+        Of each record the values without noise (times x channels); None of one that is not simulated.
+    models
+        The model of each record; none where models differ.
+    ideal
+        The records without their noise, checked to be identifiable; None where models differ.
+    """
+
+    clean: Sequence[Array | None]
+    models: Sequence[ParametricModel] = ()
+    ideal: Likelihood | None = None
+
+    @classmethod
+    def of(
+        cls, model: Model, experiments: Sequence[Experiment], truth: Model, *, same: bool
+    ) -> SharedRecords:
+        """Simulate the records without noise; `same`: build also the models, which are the same in all.
+
+        Raises
+        ------
+        DynidError
+            As of `identify`.
+        """
+        with guarded("what the records share"):
+            clean = [
+                simulated(truth, *experiment).outputs
+                if isinstance(experiment.measurement.source, Simulation)
+                else None
+                for experiment in experiments
+            ]
+            if not same or any(values is None for values in clean):
+                return cls(clean)
+            models = [_model_of_record(model, experiment) for experiment in experiments]
+            each = zip(models, experiments, clean, strict=True)
+            records = tuple(
+                TimeRecord.of(
+                    built, data(truth, *experiment, values).without_noise(), experiment, len(models)
+                )
+                for built, experiment, values in each
+            )
+            ideal = TimeLikelihood(records)
+            identifiable_origin(ideal)
+            return cls(clean, models, ideal)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Measurements and the model that is to explain them.
+
+    Attributes
+    ----------
+    model
+        The model that the estimator begins with.
+    measurements
+        The measurements, a modal survey last.
+    likelihood
+        Their likelihood with that model.
+    truth
+        The model that simulated measurements are made with.
+    rebuild
+        Returns the model for parameters by name: a reduced one whose basis follows them; None where it stays.
+    full
+        The model as it was given; sparse where a modal survey needs that.
+    modes
+        Number of modes of the model that are computed for a modal survey.
+    """
+
+    model: Model
+    measurements: tuple[Measured, ...]
+    likelihood: Likelihood
+    truth: Model
+    rebuild: Rebuild | None
+    full: Model
+    modes: int = 0
+
+    @classmethod
+    def of(
+        cls,
+        model: Model,
+        measurements: Measured | Sequence[Measured],
+        *,
+        truth: Model | None = None,
+        rebuild: Rebuild | None = None,
+        common: SharedRecords | None = None,
+    ) -> Self:
+        """Return the problem; parameters and errors as of `identify`."""
+        unknowns_of(model)
+        measured = _in_order(measurements)
+        full, modes = model, 0
+        if isinstance(survey := measured[-1], ModalMeasurement):
+            assert isinstance(model, StructuralModel)
+            alone, start = len(measured) == 1, named(model.unknowns, starts(model.unknowns))
+            if alone and is_large(model) and not model.is_sparse and model.basis is None:
+                full = model = model.stored_sparse()
+            modes = modes_needed(model, survey, start)
+            if alone and rebuild is None and is_large(model):
+                rebuild = partial(modal_model, model, survey, count=modes)
+                model = rebuild(start)
+        truth = truth or full
+        clean = [None] * len(measured) if common is None else common.clean
+        values = [_values(truth, *pair) for pair in zip(measured, clean, strict=True)]
+        model = _with_spreads(model, measured, values)
+        problem = cls(model, measured, Likelihood(()), truth, rebuild, full, modes)
+        # Spreads of offsets and delays are those of each record: models that have others are not shared.
+        if common is not None and common.models and common.models[0].unknowns == model.unknowns:
+            each = zip(common.models, values, problem.experiments, strict=True)
+            records = tuple(TimeRecord.of(*record, len(values)) for record in each)
+            return replace(problem, likelihood=TimeLikelihood(records, noiseless=common.ideal))
+        return replace(problem, likelihood=problem.likelihood_of(model, values))
+
+    @property
+    def survey(self) -> ModalRecord | None:
+        """The modal survey with the model that the estimator begins with; None where there is none."""
+        last = self.likelihood.records[-1]
+        return last if isinstance(last, ModalRecord) else None
+
+    @property
+    def experiments(self) -> list[Experiment]:
+        """The records of time."""
+        return [one for one in self.measurements if isinstance(one, Experiment)]
+
+    @property
+    def dofs(self) -> list[Label]:
+        """DOFs of loads and sensors of records and frequency responses."""
+        dofs: list[Label] = []
+        for measurement in self.measurements:
+            if isinstance(measurement, Experiment):
+                dofs += measurement.dofs
+            elif isinstance(measurement, FrfMeasurement):
+                dofs += [dof for frf in measurement.channels for dof in (frf.channel.dof, frf.force)]
+        return list(dict.fromkeys(dofs))
+
+    def likelihood_of(self, model: Model, values: Sequence[RecordData]) -> Likelihood:
+        """Return the likelihood of values of the measurements with another model; a survey has its own.
+
+        Raises
+        ------
+        UsageError
+            If there is more to solve than can be.
+        """
+        each = zip(self.measurements, values, strict=True)
+        records = tuple(self._record(model, measurement, record) for measurement, record in each)
+        kinds = {type(record) for record in records}
+        likelihood: Likelihood = (_LIKELIHOODS[kinds.pop()] if len(kinds) == 1 else Likelihood)(records)
+        return likelihood
+
+    def _record(self, model: Model, measurement: Measured, values: RecordData) -> RecordLikelihood:
+        """Return the likelihood of values of one measurement with a model."""
+        sharing = len(self.measurements)
+        if isinstance(measurement, Experiment):
+            return TimeRecord.of(_model_of_record(model, measurement), values, measurement, sharing)
+        if isinstance(measurement, FrfMeasurement):
+            return FrfRecord.of(model, measurement, values, sharing)
+        assert isinstance(model, StructuralModel)
+        return ModalRecord.of(model, measurement, self.modes, sharing)
+
+    def weighted(self) -> Self:
+        """Return the problem in which a proportional noise is one in proportion to the measured responses."""
+        records = [
+            record.first_weighted() if isinstance(record, FrfRecord) else record
+            for record in self.likelihood.records
+        ]
+        measurements = tuple(
+            record.measurement if isinstance(record, FrfRecord) else measurement
+            for record, measurement in zip(records, self.measurements, strict=True)
+        )
+        return replace(
+            self, measurements=measurements, likelihood=replace(self.likelihood, records=tuple(records))
+        )
+
+
+def _in_order(measurements: Measured | Sequence[Measured]) -> tuple[Measured, ...]:
+    """Return measurements with a modal survey last.
+
+    Raises
+    ------
+    UsageError
+        If there are none, or some that cannot stand together.
+    """
+    if isinstance(measurements, Experiment | FrfMeasurement | ModalMeasurement):
+        measurements = (measurements,)
+    if not measurements:
+        raise UsageError("there is no record to identify from", names=("measurement",))
+    kinds = [type(measurement) for measurement in measurements]
+    if kinds.count(FrfMeasurement) > 1 or kinds.count(ModalMeasurement) > 1:
+        raise UsageError("frequency responses, and modes, are one measurement each", names=("measurement",))
+    if FrfMeasurement in kinds and Experiment in kinds:
+        raise UsageError(
+            "modes are identified with records of time or with frequency responses, not with both",
+            remedy="Leave one of them out.",
+            names=("measurement.frf",),
+        )
+    return tuple(sorted(measurements, key=lambda one: isinstance(one, ModalMeasurement)))
+
+
+def _values(truth: Model, measurement: Measured, clean: Array | None) -> RecordData:
+    """Return the values of a measurement, simulated where they are to be; those of modes are its own."""
+    if isinstance(measurement, Experiment):
+        return data(truth, *measurement, clean)
+    if isinstance(measurement, FrfMeasurement):
+        return frf_data(truth, measurement)
+    return RecordData(np.zeros((0, 0)))
+
+
+def _with_spreads(model: Model, measurements: Sequence[Measured], values: Sequence[RecordData]) -> Model:
+    """Return the model whose offsets and delays have the spread that these records allow."""
+    unknowns = {unknown.name: unknown for unknown in model.unknowns}
+    if all(unknown.logarithmic for unknown in unknowns.values()):
+        return model
+    for experiment, record in zip(measurements, values, strict=True):
+        if isinstance(experiment, Experiment):
+            channels, step = experiment.measurement.channels, experiment.measurement.step
+            instruments = Instruments.of(tuple(unknowns), experiment.loads, channels)
+            spread = with_spreads(tuple(unknowns.values()), instruments, step, record.rms)
+            unknowns = {unknown.name: unknown for unknown in spread}
+    return model.with_parameters([unknowns.get(one.name, one) for one in model.parameters])
+
+
+def _model_of_record(model: Model, experiment: Experiment) -> ParametricModel:
+    """Return the model of a record, with its loads as an estimator knows them."""
+    record = experiment.measurement.record
+    loads = as_estimated(experiment.loads, record)
+    return parametric_model(model, loads, experiment.measurement.channels, record.times)
