@@ -11,8 +11,10 @@ from flint import fmpq, fmpq_poly, fmpz_poly
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from dynid.errors import NumericalError, UsageError
-from dynid.lti.certified_roots import certified_roots, integer_polynomial, repeated, roots
+from dynid.errors import NumericalError, Undecided, UsageError
+from dynid.lti.axis_boxes import Work
+from dynid.lti.certified_roots import certified_roots, integer_polynomial, repeated, root_balls, roots
+from dynid.lti.enclosures import EVALUATIONS
 
 FILE = Path(__file__).parents[2] / "../shared/data/zeros/transfer_function.json"
 CASES = {case["name"]: case for case in json.loads(FILE.read_text(encoding="utf-8"))} if FILE.exists() else {}
@@ -285,3 +287,26 @@ def test_a_part_that_is_no_double_leaves_its_side_and_a_bound():
     assert {above.value, below.value} == {1j, -1j}
     assert above.side == below.side == -1
     assert above.radius > 0
+
+
+@pytest.mark.parametrize("exponents", [(0, 1, 2), (-40, 7, 55), (-120, 3, 130)])
+def test_roots_of_widely_different_size_come_with_their_multiplicities(exponents):
+    exact = [Fraction(0), *(Fraction(3) ** exponent * sign for exponent in exponents for sign in (-1, 2))]
+    polynomial, expected = fmpq_poly([1]), []
+    for count, root in enumerate(exact, 1):
+        polynomial *= fmpq_poly([fmpq(-root.numerator, root.denominator), 1]) ** (count % 3 + 1)
+        expected += [float(root)] * (count % 3 + 1)
+    balls = root_balls(polynomial.numer())
+    assert all(ball.imag == 0 for ball in balls)
+    np.testing.assert_allclose(sorted(complex(ball).real for ball in balls), sorted(expected), rtol=1e-15)
+
+
+@pytest.mark.parametrize("degree", [5, 17])
+def test_roots_that_cost_more_than_a_limit_are_undecided(degree):
+    polynomial = fmpz_poly([7**k + k for k in range(degree + 1)])
+    for limit, ends in ((degree, True), (10_000_000, False)):
+        if ends:
+            with pytest.raises(Undecided, match=f"more than {limit} multiplications"):
+                certified_roots(polynomial, work=Work(limit, EVALUATIONS))
+        else:
+            assert len(certified_roots(polynomial, work=Work(limit, EVALUATIONS))) == degree

@@ -76,6 +76,29 @@ def test_margins_beyond_a_number_of_roots_are_left_out_with_the_count(monkeypatc
     assert "left_out" in result.group_attrs["bond_graph/root_locus"]
 
 
+@pytest.mark.parametrize("delay", [0, 0.3])
+def test_loci_whose_roots_cost_too_much_are_left_out_with_the_reason(monkeypatch, delay):
+    monkeypatch.setattr(margins, "_ROOT_WORK", 500)
+    text = PLANT + f"  - {{from: m.f, to: F, controller: {{gain: 0.5, delay: {delay}}}}}\n"
+    result = dynid.run(check_source(parse_source(text, "scene.yaml")))
+    assert result.value("bond_graph/system/stable")
+    assert np.isfinite(result["bond_graph/margins/Ms"].data).all()
+    reason = result.group_attrs["bond_graph/root_locus"]["left_out"]
+    assert "loop 1" in reason
+    assert "more than 500 multiplications" in reason
+    assert not any(path.startswith("bond_graph/root_locus/") for path in result)
+
+
+@pytest.mark.parametrize("exponent", [-250, -140, -5, 90, 220])
+def test_extreme_values_in_delayed_loops_end_without_overflow(exponent):
+    loop = "  - {from: m.f, to: F, controller: {gain: 0.5, delay: 0.3}}\n"
+    text = (PLANT + loop).replace("type: C, value: 1", f"type: C, value: 1e{exponent}")
+    text = text.replace("results: [properties]", "frequency: {start: 0.1, stop: 9, points: 5}")
+    result = dynid.run(check_source(parse_source(text, "scene.yaml")))
+    # the damping 2 + 0.5 Re exp(-jω 0.3) is positive at every frequency, whatever the spring is
+    assert str(result.value("bond_graph/system/stability")) in ("stable", "undecided")
+
+
 def test_sixteen_gains_are_their_sum():
     result = run([("k.q", [1], [1]) for _ in range(16)])
     assert result.value("bond_graph/system/stable")

@@ -35,7 +35,7 @@ from dynid.bondgraph.plan import (
     parts_without_output,
     separate_parts,
 )
-from dynid.errors import Singular
+from dynid.errors import Singular, Undecided
 from dynid.lti.axis_boxes import Work
 from dynid.lti.certified_roots import certified_roots
 from dynid.lti.delay_stability import COUNT
@@ -253,10 +253,16 @@ class CutLoops:
                     names=[place for k in chosen if (place := self.loops[k].place)],
                 )
 
-    def approximants_agree(self) -> bool:
-        """Return whether the Padé approximants of delays have as many poles to the right as the loops."""
+    def approximants_agree(self, work: Work) -> bool:
+        """Return whether the Padé approximants of delays have as many poles to the right as the loops.
+
+        They count as different where their roots cost too much.
+        """
         (polynomial,) = rational(rounded([self.closed]), PADE_ORDER)
-        right = sum(root.multiplicity for root in certified_roots(polynomial) if root.side > 0)
+        try:
+            right = sum(root.multiplicity for root in certified_roots(polynomial, work=work) if root.side > 0)
+        except Undecided:
+            return False
         return self.loop_verdict.unstable_poles == right
 
     def _over_one_denominator(self, group: list[int]) -> tuple[Any, list[tuple[int, Any]]]:

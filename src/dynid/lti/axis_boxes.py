@@ -22,6 +22,8 @@ from dynid.lti.quasi_polynomials import Balls
 _EPS = 2.0**-52
 #: Intervals that are expanded at a time, which limits the memory.
 _CHUNK = 4096
+#: What a search along the axis counts.
+INTERVALS = "terms on intervals of frequencies; their number grows with delay times bandwidth"
 
 
 class Work:
@@ -30,26 +32,26 @@ class Work:
     Parameters
     ----------
     limit
-        Terms of functions on intervals of frequencies.
+        What may be counted.
+    unit
+        What is counted, and what its number grows with.
     """
 
-    def __init__(self, limit: int) -> None:
+    def __init__(self, limit: int, unit: str = INTERVALS) -> None:
         self.limit = self.left = limit
+        self.unit = unit
 
-    def spend(self, terms: int) -> None:
-        """Count terms on intervals.
+    def spend(self, count: int) -> None:
+        """Count some more.
 
         Raises
         ------
         Undecided
-            Where there are more than the limit.
+            Where it is more than the limit.
         """
-        self.left -= terms
+        self.left -= count
         if self.left < 0:
-            raise Undecided(
-                f"the search takes more than {self.limit} terms on intervals of frequencies; their number "
-                "grows with delay times bandwidth"
-            )
+            raise Undecided(f"the search takes more than {self.limit} {self.unit}")
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from dynid.lti.axis_boxes import Work
     from dynid.lti.pencil.rational_matrices import Reading
     from dynid.lti.stability import SidedRoot
 
@@ -61,7 +62,9 @@ class ZerosPoles(NamedTuple):
     pole_roots: tuple[CertifiedRoot, ...]
 
 
-def certified_roots(polynomial: Any, starts: Sequence[complex] | None = None) -> tuple[CertifiedRoot, ...]:
+def certified_roots(
+    polynomial: Any, starts: Sequence[complex] | None = None, work: Work | None = None
+) -> tuple[CertifiedRoot, ...]:
     """Return the roots of an integer polynomial (flint `fmpz_poly`), smallest modulus first.
 
     Parameters
@@ -72,11 +75,15 @@ def certified_roots(polynomial: Any, starts: Sequence[complex] | None = None) ->
     starts
         Approximate roots, such as the eigenvalues of state equations; they save time, and do not change the
         result.
+    work
+        What it may cost (`dynid.lti.enclosures.EVALUATIONS`).
 
     Raises
     ------
     NumericalError
         Where a root other than 0 is outside the range of doubles, 1e-323 to 1e308.
+    Undecided
+        Where it costs more.
     ValueError
         For the zero polynomial, of which every number is a root.
     """
@@ -84,14 +91,53 @@ def certified_roots(polynomial: Any, starts: Sequence[complex] | None = None) ->
 
     if not isinstance(polynomial, fmpz_poly):
         polynomial = polynomial.numer()
+    roots = [
+        root
+        for factor, count in _square_free(polynomial)
+        for root in _simple_roots(factor, count, starts, work)
+    ]
+    return tuple(sorted(roots, key=lambda root: (abs(root.value), root.value.real, root.value.imag)))
+
+
+def root_balls(
+    polynomial: Any, starts: Sequence[complex] | None = None, work: Work | None = None
+) -> list[Any]:
+    """Return balls (flint `acb`) of the roots, repeated by multiplicity, their half-planes undecided.
+
+    They cost less than certified roots. Real roots are exactly real.
+
+    Parameters
+    ----------
+    polynomial, starts, work
+        As in `certified_roots`.
+
+    Raises
+    ------
+    Undecided
+        Where it costs more.
+    """
+    from flint import acb, fmpz_poly
+
+    from dynid.lti.enclosures import enclosures
+
+    balls = []
+    for factor, count in _square_free(polynomial):
+        rest = factor
+        if factor[0] == 0:
+            balls += [acb(0)] * count
+            rest = factor // fmpz_poly([0, 1])
+        if rest.degree() > 0:
+            balls += enclosures(rest, starts, sides=False, work=work) * count
+    return balls
+
+
+def _square_free(polynomial: Any) -> list[tuple[Any, int]]:
+    """Return the square-free factors that are not constant, with their multiplicities."""
     if polynomial == 0:
         raise ValueError("every number is a root of the zero polynomial")
     if _gcd(polynomial, polynomial.derivative()).degree() == 0:
-        factors = [(polynomial, 1)] if polynomial.degree() > 0 else []
-    else:
-        factors = [(factor, int(multiplicity)) for factor, multiplicity in polynomial.factor_squarefree()[1]]
-    roots = [root for factor, count in factors for root in _simple_roots(factor, count, starts)]
-    return tuple(sorted(roots, key=lambda root: (abs(root.value), root.value.real, root.value.imag)))
+        return [(polynomial, 1)] if polynomial.degree() > 0 else []
+    return [(factor, int(count)) for factor, count in polynomial.factor_squarefree()[1]]
 
 
 def repeated(roots: Iterable[SidedRoot]) -> NDArray[np.complex128]:
@@ -153,7 +199,7 @@ def _gcd(one: Any, other: Any) -> Any:
 
 
 def _simple_roots(
-    polynomial: Any, multiplicity: int, starts: Sequence[complex] | None
+    polynomial: Any, multiplicity: int, starts: Sequence[complex] | None, work: Work | None
 ) -> list[CertifiedRoot]:
     """Return the roots of a square-free polynomial."""
     from flint import acb, arb, ctx, fmpz_poly
@@ -170,7 +216,7 @@ def _simple_roots(
     if shared.degree() > 0:
         pairs = fmpz_poly([c for w in shared.coeffs() for c in (w, 0)])
         polynomial = polynomial // pairs
-        for square in enclosures(shared, sides=False):
+        for square in enclosures(shared, sides=False, work=work):
             with ctx.workprec(max(_PRECISION, square.real.bits(), square.imag.bits())):
                 # A negative w lies on the imaginary axis; else the principal branch is the right half-plane.
                 on_axis = bool(square.imag == 0 and square.real < 0)
@@ -178,7 +224,7 @@ def _simple_roots(
                 side = 0 if on_axis else 1
                 found += [_rounded(s, multiplicity, side), _rounded(-s, multiplicity, -side)]
     if polynomial.degree() > 0:
-        balls = enclosures(polynomial, starts)
+        balls = enclosures(polynomial, starts, work=work)
         found += [_rounded(ball, multiplicity, 1 if ball.real > 0 else -1) for ball in balls]
     return found
 

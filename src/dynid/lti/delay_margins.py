@@ -287,7 +287,8 @@ class _Loop:
                 rough = -1 / value.real
                 if (rough < factor * (1 + _NEAR)) if up else (rough > factor * (1 - _NEAR)):
                     exact = self._refined(omega, self._imaginary_at)
-                    refined = -1 / self(exact).real
+                    real = self(exact).real
+                    refined = -1 / real if real else math.inf
                     if up and refined >= 1 - LIMIT:
                         best = min(best, (refined, exact))
                     elif not up and refined < 1 - LIMIT:
@@ -430,14 +431,18 @@ def _zeros(
 
     def signs(at: Array) -> Array:
         a, b, *_ = functions.expand(at, at, work)
-        values = measure(a, b)
+        with np.errstate(all="ignore"):
+            values = measure(a, b)
         return np.asarray(np.where(np.abs(values.value) <= values.error, 0.0, np.sign(values.value)))
 
     while len(low):
         rest: list[tuple[Array, Array]] = []
         for lows, highs in chunks(low, high):
             a, b, *_ = functions.expand(lows, highs, work)
-            values, width = measure(a, b), a.total.width
+            with np.errstate(all="ignore"):
+                values, width = measure(a, b), a.total.width
+            if not np.isfinite(values.error).all():
+                raise Undecided(f"the loop has values beyond the range of doubles below {top:.3g} rad/s")
             bound = np.abs(values.slope) * width + values.bend * width**2 / 2 + values.error
             open_ones = ~(np.abs(values.value) > bound)
             if hopeless is not None:

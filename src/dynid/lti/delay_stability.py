@@ -44,6 +44,8 @@ _NEAR = (
 )
 #: Binary logarithm of the largest frequency.
 _RANGE = 900
+#: Exponent of the largest factor exp(-s τ) that doubles hold with its inverse.
+_GROWTH = 700.0
 #: Relative separation that rounding errors of shifted coefficients do not reach.
 _ROUNDING = Fraction(1, 10**12)
 
@@ -165,10 +167,10 @@ def roots_right_of(given: QuasiPolynomial, line: float = 0.0, work: Work | None 
 def _roots_right(given: QuasiPolynomial, work: Work, line: float = 0.0) -> int:
     leading = given.leading(given.degree)
     if line:
-        leading = {
-            loops: value * Fraction(math.exp(-line * float(sum(loop.seconds for loop in loops))))
-            for loops, value in leading.items()
-        }
+        growth = {loops: -line * float(sum(loop.seconds for loop in loops)) for loops in leading}
+        if max(map(abs, growth.values())) > _GROWTH:
+            raise Undecided("the delayed terms are out of range on this line")
+        leading = {loops: value * Fraction(math.exp(growth[loops])) for loops, value in leading.items()}
     apart = separation(leading)
     if apart is None or apart <= _ROUNDING * sum(map(abs, leading.values())):
         raise Undecided(

@@ -18,10 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from flint import acb, arb, arb_poly, ctx
+from flint import acb, arb, arb_poly, ctx, fmpz_poly
+
+if TYPE_CHECKING:
+    from dynid.lti.axis_boxes import Work
 
 #: First and largest working precision, and relative accuracy of a returned part, bits.
 _PRECISION, _MAX_PRECISION, _ACCURACY = 128, 1 << 16, 64
@@ -35,9 +38,16 @@ _ROUNDS, _NEARBY, _SPREAD = 40, 1e-6, 1e9
 _RANGE = 900
 #: Bits to which a start close to a root agrees with it, steps from there, and the largest precision for them.
 _CLOSE, _CLOSE_STEPS, _CLOSE_PRECISION = 28, 4, 4096
+#: Evaluations for every root that Arb's isolation costs, at the precision that roots of unlike sizes take.
+_ISOLATION = 600
+#: Bits of a coefficient that an evaluation costs one unit of work for, about a microsecond; the unit.
+_UNIT_BITS = 1024
+EVALUATIONS = f"multiplications of {_UNIT_BITS} bits; their number grows with degree times digits"
 
 
-def enclosures(polynomial: Any, starts: Sequence[complex] | None = None, *, sides: bool = True) -> list[Any]:
+def enclosures(
+    polynomial: Any, starts: Sequence[complex] | None = None, *, sides: bool = True, work: Work | None = None
+) -> list[Any]:
     """Return one ball (flint `acb`) for every root of a square-free polynomial; real roots are exactly real.
 
     Parameters
@@ -48,16 +58,27 @@ def enclosures(polynomial: Any, starts: Sequence[complex] | None = None, *, side
         Approximate roots, perhaps some of other polynomials; absent: found here.
     sides
         True if the real part too is needed to a relative 64 bits; then no root may lie on the imaginary axis.
+    work
+        What it may cost, in `EVALUATIONS`.
 
     Raises
     ------
     ArithmeticError
         Where 65,536 bits do not separate a root from the axis.
+    Undecided
+        Where it costs more.
     """
-    evaluated = _BallPolynomial(polynomial)
+    radii = _newton_radii(polynomial)
+    exponent = round((max(radii) + min(radii)) / 2)
+    if max(map(abs, radii)) > _RANGE and abs(exponent) > 1:  # centred, doubles may hold them
+        scaled = _at_power_of_two(polynomial, exponent)
+        balls = enclosures(scaled, sides=sides, work=work)
+        with ctx.workprec(2 * _MAX_PRECISION):
+            return [ball * arb(2) ** exponent for ball in balls]
+    evaluated = _BallPolynomial(polynomial, work)
     if starts and (balls := _close_by(evaluated, starts, sides=sides)):
         return balls
-    if centres := _initial_values(evaluated, starts):
+    if centres := _initial_values(evaluated, radii, starts):
         precisions = [_PRECISION] * len(centres)
         if not starts:
             _approach(evaluated, centres, precisions)
@@ -65,7 +86,9 @@ def enclosures(polynomial: Any, starts: Sequence[complex] | None = None, *, side
         if discs := _isolated(evaluated, centres, precisions):
             return _with_conjugates([_polished(evaluated, *disc, sides=sides) for disc in discs])
     precision = _PRECISION
+    spread = round(evaluated.degree * (max(radii) - min(radii)))
     while precision <= _MAX_PRECISION:  # Arb's isolation: slower, and certified too
+        evaluated.spend(max(precision, spread), _ISOLATION * evaluated.degree)
         with ctx.workprec(precision):
             balls = [ball for ball, _ in polynomial.complex_roots()]
             if not sides or all(ball.real > 0 or ball.real < 0 for ball in balls):
@@ -127,17 +150,24 @@ def _close_by(polynomial: _BallPolynomial, starts: Sequence[complex], *, sides: 
 class _BallPolynomial:
     """A polynomial and its derivative in ball arithmetic, cached by precision."""
 
-    def __init__(self, polynomial: Any) -> None:
+    def __init__(self, polynomial: Any, work: Work | None = None) -> None:
         self.exact = polynomial
         self.degree = int(polynomial.degree())
+        self._work = work
         self._balls: dict[int, tuple[Any, Any]] = {}
 
     def at(self, point: Any, precision: int, order: int = 0) -> Any:
         """Return p, or p' (order 1), at a point."""
+        self.spend(precision)
         with ctx.workprec(precision):
             if precision not in self._balls:
                 self._balls[precision] = arb_poly(self.exact), arb_poly(self.exact.derivative())
             return acb(self._balls[precision][order](point if point.imag != 0 else point.real))
+
+    def spend(self, precision: int, evaluations: int = 1) -> None:
+        """Count evaluations."""
+        if self._work is not None:
+            self._work.spend(evaluations * self.degree * -(-precision // _UNIT_BITS))
 
     def value(self, point: Any, precision: int) -> tuple[Any, int]:
         """Return p to a few digits, where possible, and the precision needed."""
@@ -157,10 +187,11 @@ class _BallPolynomial:
         return np.complex128(complex((value / bottom).mid())), precision
 
 
-def _initial_values(polynomial: _BallPolynomial, starts: Sequence[complex] | None) -> list[Any]:
+def _initial_values(
+    polynomial: _BallPolynomial, radii: list[float], starts: Sequence[complex] | None
+) -> list[Any]:
     """Return as many different values as there are roots; none where the roots exceed the range."""
-    radii = _newton_radii(polynomial.exact)
-    if max(abs(r) for r in radii) > _RANGE:
+    if max(map(abs, radii)) > _RANGE:
         return []
     turns = np.exp(1j * (0.7 + 2.4 * np.arange(len(radii))))  # the golden angle: no two roots align
     found = [complex(start) for start in starts or () if 0 < abs(start) < 2.0**_RANGE]
@@ -175,6 +206,12 @@ def _initial_values(polynomial: _BallPolynomial, starts: Sequence[complex] | Non
             found[k] += abs(start) * 1e-6 * turns[k]
         seen.add(found[k])
     return [acb(start) for start in found]
+
+
+def _at_power_of_two(polynomial: Any, exponent: int) -> Any:
+    """Return p(2^exponent s), times a power of two."""
+    shift = max(0, -exponent * int(polynomial.degree()))
+    return fmpz_poly([c << (shift + exponent * k) for k, c in enumerate(map(int, polynomial.coeffs()))])
 
 
 def _newton_radii(polynomial: Any) -> list[float]:
@@ -236,7 +273,8 @@ def _iterate(polynomial: _BallPolynomial, centres: list[Any], precisions: list[i
         moving = []
         for k, push in zip(active, repulsion, strict=True):
             newton, precisions[k] = polynomial.newton(centres[k], precisions[k])
-            step = complex(newton / (1 - newton * push))
+            with np.errstate(all="ignore"):
+                step = complex(newton / (1 - newton * push))
             if not np.isfinite(step):
                 continue
             with ctx.workprec(precisions[k]):
@@ -294,7 +332,8 @@ def _disjoint(discs: list[tuple[Any, Any, int]]) -> bool:
 def _polished(polynomial: _BallPolynomial, centre: Any, radius: Any, precision: int, *, sides: bool) -> Any:
     """Shrink an isolating disc until every part that is not exactly zero is accurate."""
     while True:
-        if radius * 2**_ACCURACY <= _smallest_part(centre, sides=sides):
+        smallest = _smallest_part(centre, sides=sides)
+        if radius * 2**_ACCURACY <= smallest and smallest > 0:
             return _ball(centre, radius, precision)
         if precision > _MAX_PRECISION:
             raise ArithmeticError("a root could not be separated from the imaginary axis")

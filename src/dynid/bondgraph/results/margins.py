@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import fields, replace
 from fractions import Fraction
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -17,9 +19,12 @@ from dynid.bondgraph.feedback import CutLoops, rational, rounded
 from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.request import Analysis
 from dynid.bondgraph.results.system import SYSTEM, add_system, system_text
-from dynid.lti.certified_roots import certified_roots, repeated
+from dynid.errors import Undecided
+from dynid.lti.axis_boxes import Work
+from dynid.lti.certified_roots import certified_roots, repeated, root_balls
 from dynid.lti.delay_margins import SEARCH, delay_margins
 from dynid.lti.delay_stability import rightmost_roots, stability
+from dynid.lti.enclosures import EVALUATIONS
 from dynid.lti.margins import CHANGES, Margins, margins
 from dynid.lti.quasi_polynomials import PRECISION, QuasiPolynomial, on_axis
 from dynid.lti.stability import Verdict
@@ -31,8 +36,9 @@ MARGINS, FUNCTIONS, LOCUS = "bond_graph/margins", "bond_graph/sensitivity_functi
 #: Roots of polynomials up to which margins of loops without delays are computed, some seconds, and about how
 #: many there are by the degree of a loop: |L| = 1, Im L = 0, the extremes of |S| and |T|, and the poles.
 ROOTS, _ROOTS_BY_DEGREE = 2000, 14
-#: Poles of all root loci together, some seconds.
-_LOCI = 15_000
+#: Poles of all root loci together, and the cost of the roots of loops (`enclosures.EVALUATIONS`):
+#: some seconds.
+_LOCI, _ROOT_WORK = 15_000, 8_000_000
 _LEFT_OUT = "left out"
 #: Why margins are NaN.
 UNDEFINED = "the closed loop is not stable"
@@ -78,10 +84,11 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
         result.add(f"{MARGINS}/{name}", np.array(values), ("loop",))
     add_system(result, system)
     (closed,) = rounded([cut.closed])
+    work = Work(_ROOT_WORK, EVALUATIONS)
     if not closed.is_rational:
-        _add_roots(result, closed, system.unstable_poles)
-        result.annotate(MARGINS, approximants_agree=cut.approximants_agree())
-    omega = _frequencies(functions, found) if omega is None else omega
+        _add_roots(result, closed, system.unstable_poles, work)
+        result.annotate(MARGINS, approximants_agree=cut.approximants_agree(work))
+    omega = _frequencies(functions, found, work) if omega is None else omega
     _add_functions(result, names, functions, omega)
     poles = 0
     for number, (above, below) in enumerate(functions, 1):
@@ -91,7 +98,11 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
             result.annotate(LOCUS, left_out=f"from loop {number} on: more than {_LOCI} poles")
             break
         late = not (above.is_rational and below.is_rational)
-        _add_locus(result, f"{LOCUS}/loop_{number}", names[number - 1], *polynomials, late=late)
+        try:
+            _add_locus(result, f"{LOCUS}/loop_{number}", names[number - 1], polynomials, work, late=late)
+        except Undecided as error:
+            result.annotate(LOCUS, left_out=f"from loop {number} on: {error.problem}")
+            break
 
 
 def _within_limit(
@@ -150,15 +161,17 @@ def _with_hidden(found: Margins, hidden: Any) -> Margins:
     return replace(found, stable=False, stability=verdict, unstable_poles=found.unstable_poles + right)
 
 
-def _add_roots(result: Result, closed: QuasiPolynomial, unstable: float) -> None:
+def _add_roots(result: Result, closed: QuasiPolynomial, unstable: float, work: Work) -> None:
     """Add the rightmost roots of the characteristic function with its delays; none of infinitely many."""
     if math.isinf(unstable):
         return
-    approximate = rational([closed], _STARTS)[0]
-    starts = [complex(root) for root, _ in approximate.complex_roots()]
+    others, starts = "others may lie between them", list[complex]()
+    try:
+        starts = _values(root_balls(rational([closed], _STARTS)[0], work=work))
+    except Undecided as error:
+        others = error.problem
     roots, line = rightmost_roots(closed, starts, _ROOTS)
     right = sum(root.value.real > 0 for root in roots)
-    others = "others may lie between them"
     if unstable > right:
         others = f"{int(unstable)} lie in the right half-plane, of which these are {right}"
     result.add_axis(f"{MARGINS}/pole", np.arange(1, len(roots) + 1))
@@ -171,8 +184,12 @@ def _add_roots(result: Result, closed: QuasiPolynomial, unstable: float) -> None
     result.add(f"{MARGINS}/poles_error_bound", np.array([r.radius for r in roots]), ("pole",), "rad/s")
 
 
+def _values(balls: Iterable[Any]) -> list[complex]:
+    return [complex(ball) for ball in balls]
+
+
 def _frequencies(
-    functions: Iterable[tuple[QuasiPolynomial, QuasiPolynomial]], found: Iterable[Margins]
+    functions: Iterable[tuple[QuasiPolynomial, QuasiPolynomial]], found: Iterable[Margins], work: Work
 ) -> NDArray[np.float64]:
     """Return frequencies around the crossings, and around what else is notable."""
     near = [
@@ -181,9 +198,10 @@ def _frequencies(
         for value in (one.gain_crossover, one.phase_crossover, one.modulus_at, one.Mt_at)
         if 0 < value < np.inf
     ]
-    for above, below in functions:
-        for part in (*above.terms.values(), *below.terms.values()):
-            near += [abs(complex(root)) for root, _ in part.complex_roots() if root != 0]
+    with contextlib.suppress(Undecided):  # the crossings suffice
+        for function in chain.from_iterable(functions):
+            for part in function.terms.values():
+                near += [size for size in map(abs, _values(root_balls(part, work=work))) if size]
     low, high = (min(near), max(near)) if near else (1.0, 1.0)
     return np.geomspace(max(low, 1e-6 * high) / 30, high * 30, _POINTS)
 
@@ -207,29 +225,31 @@ def _add_functions(
         result.add(f"{FUNCTIONS}/{name}", np.array(columns, complex).T, ("omega", "loop"))
 
 
-def _add_locus(result: Result, group: str, name: str, top: Any, bottom: Any, *, late: bool) -> None:
+def _add_locus(
+    result: Result, group: str, name: str, polynomials: Sequence[Any], work: Work, *, late: bool
+) -> None:
     """Add the poles over a factor on the gain of a loop; those with delays are approximate."""
+    top, bottom = polynomials
     degree = max(top.degree(), bottom.degree())
     if not 0 < degree <= _DEGREE or top == 0:
         return
-    gains = _gains(top, bottom)
+    gains, zeros = _gains(top, bottom, work), _values(root_balls(top, work=work))
     poles = np.full((len(gains), degree), np.inf, dtype=complex)
+    values: list[complex] = []
     for place, gain in enumerate(gains.tolist()):
         share, of = gain.as_integer_ratio()
-        polynomial = bottom * of + top * share
-        values = [complex(root) for root, count in polynomial.complex_roots() for _ in range(count)]
+        values = _values(root_balls(bottom * of + top * share, values, work))
         poles[place] = _following(poles[place - 1] if place else None, values, degree)
     marked = {"approximate": approximation()} if late else {}
     result.annotate(group, loop=name, **marked)
     result.add_axis(f"{group}/gain", gains)
     result.add_axis(f"{group}/branch", np.arange(1, degree + 1))
     result.add(f"{group}/poles", poles, ("gain", "branch"), "rad/s", **marked)
-    zeros = [complex(root) for root, count in top.complex_roots() for _ in range(count)]
     result.add_axis(f"{group}/zero", np.arange(1, len(zeros) + 1))
     result.add(f"{group}/zeros", np.array(zeros, dtype=complex), ("zero",), "rad/s", **marked)
 
 
-def _gains(top: Any, bottom: Any) -> NDArray[np.float64]:
+def _gains(top: Any, bottom: Any, work: Work) -> NDArray[np.float64]:
     """Return the gains of a root locus: a grid, with those at which branches meet, and near them.
 
     D + k N has a double root s where N'(s) D(s) = N(s) D'(s), with k = -D(s)/N(s).
@@ -238,12 +258,13 @@ def _gains(top: Any, bottom: Any) -> NDArray[np.float64]:
 
     largest = 1e3
     gains = [0.0, *np.geomspace(1 / largest, largest, _GAINS)]
+    meeting = top.derivative() * bottom - top * bottom.derivative()
     with ctx.workprec(PRECISION):
-        for root, _ in (top.derivative() * bottom - top * bottom.derivative()).complex_roots():
+        for root in root_balls(meeting, work=work) if meeting != 0 else ():
             gain = -acb_poly(bottom)(root) / acb_poly(top)(root)
             if gain.imag.contains(0) and gain.real > 0 and gain.real < largest:
-                meeting = float(gain.real.mid())
-                gains += [meeting, *(meeting * (1 + sign * step) for sign in (-1, 1) for step in _NEAR)]
+                middle = float(gain.real.mid())
+                gains += [middle, *(middle * (1 + sign * step) for sign in (-1, 1) for step in _NEAR)]
     return np.unique(gains)
 
 

@@ -102,8 +102,10 @@ def add_frequency_response(
 
         known = [np.linalg.eigvals(state_space(reduced).A)]
     poles = np.concatenate([np.zeros(0, dtype=complex), *known])
-    resonant = poles.real**2 < poles.imag**2
-    near = np.concatenate([np.abs(poles.imag), np.sqrt((poles.imag**2 - poles.real**2)[resonant])])
+    real, imag = np.abs(poles.real), np.abs(poles.imag)
+    resonant = real < imag
+    apart, sums = (imag - real)[resonant], (imag + real)[resonant]  # whose product may overflow
+    near = np.concatenate([imag, np.sqrt(apart) * np.sqrt(sums)])
     add_peaks(result, "bond_graph", evaluate, near)
 
 
