@@ -164,7 +164,7 @@ def _doubled(
     planned: ProgramPlan, registers: list[int], omega: NDArray[np.float64]
 ) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
     """Return the registers from doubled precision, and at which points all can be trusted."""
-    from dynid.bondgraph.program.compiler import sweep_frequencies
+    from dynid.bondgraph.program.frequency_sweep import sweep_frequencies
 
     response, bounds = sweep_frequencies(planned.program, registers, planned.graph.value, omega)
     with np.errstate(all="ignore"):

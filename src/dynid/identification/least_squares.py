@@ -27,11 +27,6 @@ def without_state(columns: Array, by_state: Array) -> tuple[Array, int]:
 
 def basis(matrix: Array, rank: float) -> Array:
     """Return an orthonormal basis of the range, singular values below `rank` of the largest left out."""
-    rows, columns = matrix.shape
-    if columns <= min(rows, _SMALL) and compiled():
-        finite("the sensitivity of the record", matrix)
-        found = np.empty((columns, rows))
-        return found[: call("dynid_range", rows, columns, np.require(matrix, float, "C"), rank, found)].T
     U, s, _ = thin_svd(matrix)
     return U[:, : len(s)][:, s > rank * s.max(initial=0.0)]
 

@@ -268,3 +268,8 @@ ENTRY int64_t dynid_fit(const Tables *t, const Linear *given, const double *eta,
   free(all);
   return done;
 }
+
+/* Set the shortest least-squares solution (columns) of rows [A, b] (rows x columns + 1). */
+ENTRY int64_t dynid_least_squares(int64_t rows, int64_t columns, const double *both, double rank, double *x) {
+  return least_squares(rows, columns, both, rank, x) ? 0 : NO_MEMORY;
+}

@@ -1,4 +1,4 @@
-/* From a reduction program to a tape; see `dynid.bondgraph.program.compiler`, which does the same. */
+/* From a reduction program to a tape; see `dynid.bondgraph.program.frequency_sweep`. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -118,8 +118,10 @@ static int64_t lower(int64_t count, const int64_t *codes, const int64_t *first, 
   return d->length;
 }
 
-/* Fill an order in which few instructions are alive at a time; return how many are in it. Where it goes deep, each
- * comes when it is asked for, of its operands first the one that needs more slots (Sethi & Ullman 1970). */
+/* Fill an order in which few instructions are alive at a time; return how many are in it: the one in which they are
+ * written, but what is near the leaves (the immittance of an element, say) comes only when it is asked for, or not
+ * at all. Where it goes deep, every instruction does, of its operands first the one that needs more slots
+ * (R. Sethi, J. D. Ullman, J. ACM 17 (1970) 715-728). */
 static int64_t ordered(const Listing *d, int64_t wanted_count, const int64_t *places, int deep, int64_t *order,
                        int64_t *weight, uint8_t *root, uint8_t *placed, int64_t *stack) {
   int64_t done = 0;

@@ -40,7 +40,7 @@ def by_reduction(model: Callable[[int], ReducedGraph]) -> Callable[[int], Callab
 
 def _compiled(stages: int) -> Callable[[], Any]:
     """Run the reduction compiled, in doubled precision; long reductions are compiled by default."""
-    from dynid.bondgraph.program.compiler import sweep_frequencies
+    from dynid.bondgraph.program.frequency_sweep import sweep_frequencies
 
     omega = frequencies()
 

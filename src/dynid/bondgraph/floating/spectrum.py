@@ -20,7 +20,6 @@ from dynid.bondgraph.graph import Port
 from dynid.bondgraph.plan import Channel, ReducedGraph
 from dynid.errors import NumericalError, Undecided
 from dynid.lti.floating import finite, guarded
-from dynid.native import call, compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -155,6 +154,8 @@ class _Pencil:
         self.constant, self.slope = np.ascontiguousarray(values[order].T)
         finite("a coefficient of the equations", self.constant, self.slope)
         self.starts_of = np.searchsorted(self.columns, np.arange(self.size + 1)).astype(np.int32)
+        self.by_row = np.argsort(self.rows, kind="stable")
+        self.row_starts = np.searchsorted(self.rows[self.by_row], np.arange(self.size))
         self.unit = 1.0  # rad/s: the largest root
         self.seed = np.random.default_rng(0).uniform(0.5, 1.5, self.size)
 
@@ -168,11 +169,8 @@ class _Pencil:
             np.fill_diagonal(apart, np.inf)
             nearest = apart.min(axis=1)
         rooms = nearest[starts.imag >= 0]
-        if compiled():
-            value, radius, residual = self._by_library(upper, rooms)
-        else:
-            found = [self._refined(complex(s), float(room)) for s, room in zip(upper, rooms, strict=True)]
-            value, radius, residual = (np.array(part) for part in zip(*found, strict=True))
+        roots = [self._refined(complex(s), float(room)) for s, room in zip(upper, rooms, strict=True)]
+        value, radius, residual = (np.array(column) for column in zip(*roots, strict=True))
         value = np.where(upper.imag == 0, value.real, value)  # a real root alone stays real
         pairs = upper.imag > 0
         parts = [
@@ -180,19 +178,6 @@ class _Pencil:
             RootDiscs(value[pairs].conj().astype(np.complex128), radius[pairs], residual[pairs]),
         ]
         return RootDiscs.joined(parts)
-
-    def _by_library(self, starts: NDArray[np.complex128], rooms: NDArray[np.float64]) -> tuple[Any, Any, Any]:
-        """Return the same as `_refined` for every root from `native/roots.c`."""
-        order = np.argsort(self._factors(complex(starts[0]), self.unit, np.ones(len(self.rows))).perm_c)
-        columns, rows = self.starts_of.astype(np.int64), self.rows.astype(np.int64)
-        value, radius, residual = np.empty_like(starts), np.empty(len(starts)), np.empty(len(starts))
-        failed = call(
-            "dynid_refine_roots", self.size, columns, rows, self.constant, self.slope, order.astype(np.int64),
-            self.unit, self.seed, len(starts), starts, rooms, value, radius, residual,
-        )  # fmt: skip
-        if failed:
-            raise _unresolved(complex(starts[failed - 1]))
-        return value, radius, residual
 
     def _refined(self, start: complex, room: float) -> tuple[complex, float, float]:
         """Return a root, its error estimate and its residual.
@@ -253,11 +238,10 @@ class _Pencil:
         sizes = np.abs(self.constant) + reach * np.abs(self.slope)
         row, column = np.ones(self.size), np.ones(self.size)  # powers of two
         for _ in range(2):
-            peak = np.zeros(self.size)
-            np.maximum.at(peak, self.rows, sizes * row[self.rows] * column[self.columns])
-            row /= np.exp2(np.round(np.log2(peak)))
-            now = sizes * row[self.rows] * column[self.columns]
-            column /= np.exp2(np.round(np.log2(np.maximum.reduceat(now, self.starts_of[:-1]))))
+            scaled = (sizes * row[self.rows] * column[self.columns])[self.by_row]
+            row /= np.exp2(np.round(np.log2(np.maximum.reduceat(scaled, self.row_starts))))
+            scaled = sizes * row[self.rows] * column[self.columns]
+            column /= np.exp2(np.round(np.log2(np.maximum.reduceat(scaled, self.starts_of[:-1]))))
         scale = row[self.rows] * column[self.columns]
         factors = self._factors(s, reach, scale)
         x = self.seed.astype(np.complex128)

@@ -23,7 +23,6 @@ from dynid.arrays import Array, ComplexArray
 from dynid.defaults import SATURATED
 from dynid.lti.recurrence import recurrence
 from dynid.lti.signals import Multisine, Signal
-from dynid.native import call, compiled
 
 Labels: TypeAlias = tuple[NDArray[np.int_], NDArray[np.int_], ComplexArray, Array]
 """Kinds, groups, poles and rates of columns."""
@@ -476,11 +475,6 @@ def _triangle(gram: Array, active: int, most: int) -> tuple[NDArray[np.int_], Ar
         Most directions.
     """
     left, rounding = gram.copy(), float(np.finfo(float).eps)
-    if compiled():
-        taken, directions = np.empty(active, dtype=np.int64), np.empty((active, len(gram)))
-        limits = max(0, most), _DIGITS, _NEW, _ROUNDED
-        count = call("dynid_independent", len(gram), left, active, *limits, taken, directions)
-        return None if count < 0 else (taken[:count], directions[:count])
     places: list[int] = []
     rows: list[Array] = []
     for k in range(active):
