@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dynid.identification.estimators.filter import PART, _History, _walk, filter_pass
+from dynid.identification.estimators.filter_passes import wide_prior
 from dynid.identification.likelihood.priors import InitialState
 from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.measurement import Measurement
@@ -86,7 +87,7 @@ def _covariances(samples: int, parts: int) -> dict[str, Any]:
     taken = Measurement(0.01, samples, channels, Simulation(0.05, 1))
     record, times = data(model, loads, taken), taken.record.times
     joined = parametric_model(model, loads, channels, times[:2])
-    prior = TimeRecord(joined, record).wide_initial_state(np.log([9.9e3]))
+    prior = wide_prior(TimeRecord(joined, record), np.log([9.9e3]))
     origin, smallest, symmetric = prior.eta, [], True
     for rows in np.array_split(np.arange(samples), parts):
         here = slice(max(rows[0] - 1, 0), rows[-1] + 1)
@@ -177,7 +178,7 @@ def passed(kind: type) -> tuple[np.ndarray, np.ndarray]:
     taken = Measurement(0.002, 800, channels, Simulation(0.05, 1, 10.0))
     record = data(structure, loads, taken)
     model = parametric_model(structure, loads, channels, taken.record.times)
-    prior = TimeRecord(model, record).wide_initial_state(np.log([u.start for u in model.unknowns]))
+    prior = wide_prior(TimeRecord(model, record), np.log([u.start for u in model.unknowns]))
     z, S = np.concatenate([prior.state, prior.eta]).astype(kind), prior.root.astype(kind)
     n, p, count = model.states, model.parameters, len(record.values)
     shapes = [(count, size) for size in (p, p, n, n)] + [record.values.shape]

@@ -5,6 +5,7 @@ import pytest
 
 from dynid.errors import Diverged
 from dynid.identification.estimators.filter import Pass, check_run_away, filter_pass, thinned
+from dynid.identification.estimators.filter_passes import wide_prior
 from dynid.identification.likelihood.time_record import MOST_ROWS
 from dynid.native import VARIABLE
 from tests.identification.cases import suspension
@@ -40,7 +41,7 @@ def test_deviations_scale_with_the_prior_however_small(monkeypatch, wish):
     monkeypatch.setenv(VARIABLE, wish)
     model = suspension()
     fits, origin = fits_of(model, samples=20), origin_of(model)
-    prior = fits.wide_initial_state(origin)
+    prior = wide_prior(fits, origin)
 
     def narrow(scale):
         given = prior._replace(root=scale * prior.root)

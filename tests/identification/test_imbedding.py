@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from dynid.errors import UsageError
+from dynid.identification.estimators.filter_passes import wide_prior
 from dynid.identification.estimators.imbedding import Flow, InvariantImbedding
 from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.records.measurement import Measurement
@@ -70,7 +71,7 @@ def test_the_jacobian_is_the_derivative_of_the_rate():
     start = np.log([u.start for u in joint.unknowns])
     flow = Flow(fits, InvariantImbedding(input_deviation=3.0), start)
     rng = np.random.default_rng(1)
-    prior = fits.wide_initial_state(start)
+    prior = wide_prior(fits, start)
     root = prior.root @ np.diag(rng.uniform(0.01, 0.02, len(prior.root)))
     z = np.concatenate([root[: joint.states].sum(axis=1), prior.eta])
     v, t = flow.packed(z, root @ root.T), measurement.record.start + 0.0131

@@ -19,7 +19,7 @@ from dynid.errors import Diverged, UsageError
 from dynid.identification import least_squares
 from dynid.identification.estimators import filter as filtering
 from dynid.identification.estimators.filter import PART, filter_pass
-from dynid.identification.estimators.filter_passes import first_noise
+from dynid.identification.estimators.filter_passes import first_noise, wide_prior
 from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
 from dynid.identification.records.measurement import RecordData
 from dynid.identification.systems import kernels
@@ -46,7 +46,7 @@ def paths(monkeypatch, fits, origin, spread=2.0):
 
 
 def one_pass(fits, origin, spread=2.0):
-    prior = fits.wide_initial_state(origin, spread)
+    prior = wide_prior(fits, origin, spread)
     return filter_pass(fits.model, fits.data.values, prior, 0.1 * fits.data.rms, origin)
 
 
@@ -128,7 +128,7 @@ def test_steps_made_now_and_then_serve_as_well_as_those_of_every_sample(monkeypa
     fits = TimeRecord(joint, data(model, LOADS, measurement))
     origin, noise = origin_of(model), first_noise(TimeLikelihood((fits,)))[0]
     some, every = (
-        filter_pass(joint, fits.data.values, fits.wide_initial_state(origin), noise, origin, part)
+        filter_pass(joint, fits.data.values, wide_prior(fits, origin), noise, origin, part)
         for part in (PART, 0.0)
     )
     assert np.abs((some.eta - every.eta) / every.deviations).max() < 0.01

@@ -10,6 +10,7 @@ import numpy as np
 
 from dynid.arrays import Array
 from dynid.errors import NotIdentifiable
+from dynid.identification.diagnosis.calibration import add_calibration_slopes, calibration_slopes
 from dynid.identification.diagnosis.equivalent_optima import expected_optima
 from dynid.identification.diagnosis.posterior import channels_of_records
 from dynid.identification.diagnosis.symmetry import interchangeable
@@ -21,7 +22,6 @@ from dynid.identification.likelihood.lack_of_fit import compare_models
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.modal_record import ModalRecord
 from dynid.identification.problem import Measured, Problem
-from dynid.identification.systems.instruments import add_calibration_slopes, calibration_slopes
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.parametric_model import Model, Rebuild
 from dynid.lti.exponential import balance, rescaled
@@ -173,9 +173,7 @@ def add_expected_slopes(result: Result, expected: ExpectedRecords) -> None:
     """Add ``considered/``: expected slopes by the calibration; NaN of parameters not identifiable."""
     unbounded = ~np.isfinite(expected.information().bounds())
     likelihood, free = expected.likelihood, np.zeros(len(unbounded), dtype=bool)
-    each = zip(likelihood.records, expected.fit.parts, expected.noise, strict=True)
-    derivatives = [record.calibration(part, level) for record, part, level in each]
-    found = calibration_slopes(likelihood.names, derivatives, likelihood.priors.rows(), free)
+    found = calibration_slopes(likelihood, expected.fit, expected.noise, free)
     slopes = np.where(unbounded[:, None], np.nan, found.slopes)
     unknowns, eta = likelihood.unknowns, expected.fit.eta
     size = np.abs(values(unknowns, eta))

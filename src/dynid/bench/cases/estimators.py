@@ -110,7 +110,9 @@ def assumed_noise(this: SuspensionRecord) -> Any:
 
 def first_initial_state(this: SuspensionRecord) -> InitialState:
     """Return the prior of all filters."""
-    return this.ensemble.records[0].wide_initial_state(this.start)
+    from dynid.identification.estimators.filter_passes import wide_prior
+
+    return wide_prior(this.ensemble.records[0], this.start)
 
 
 def first_covariance(this: SuspensionRecord) -> Any:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from dynid.arrays import Array
 from dynid.defaults import NOISE_CONTRADICTED, NOISE_MATTERS, OUTLIER
 from dynid.errors import Diverged, DynidError, NotIdentifiable
+from dynid.identification.diagnosis.calibration import CalibrationSlopes, calibration_slopes
 from dynid.identification.diagnosis.limited_posterior import LimitedPosterior
 from dynid.identification.estimators.estimate import Estimate
 from dynid.identification.information import Information, below_noise, joint_information, vanished
@@ -37,7 +38,6 @@ from dynid.identification.residual_tests import (
     whiteness,
 )
 from dynid.identification.statistics import root_mean_square
-from dynid.identification.systems.instruments import CalibrationSlopes, calibration_slopes
 from dynid.parameters import logarithmic, rates, truths, values
 
 if TYPE_CHECKING:
@@ -327,10 +327,7 @@ class Posterior:
     @property
     def calibration_slopes(self) -> CalibrationSlopes:
         """Slopes of the estimates by the gains and delay of the instruments."""
-        each = zip(self.likelihood.records, self.fit.parts, self.noise, strict=True)
-        derivatives = [record.calibration(part, level) for record, part, level in each]
-        names, priors = self.likelihood.names, self.likelihood.priors.rows()
-        return calibration_slopes(names, derivatives, priors, self.held)
+        return calibration_slopes(self.likelihood, self.fit, self.noise, self.held)
 
     @property
     def considered_deviations(self) -> Array | None:

@@ -18,10 +18,14 @@ from dynid.defaults import FILTER_PASSES
 from dynid.errors import UsageError
 from dynid.identification.estimators.estimate import Estimate, EstimationStage, Sweep
 from dynid.identification.estimators.filter import Pass, filter_pass, thinned
+from dynid.identification.least_squares import thin_svd
 from dynid.identification.likelihood.priors import InitialState
+from dynid.identification.likelihood.record_likelihood import RecordFit
 from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
 from dynid.progress import report_progress, tracked
 
+# Noise below this part of the RMS is not assumed: the covariance would lose its digits.
+_MIN_NOISE = 1e-4
 # The first pass assumes a noise that falls from twice the RMS to a twentieth, over an eighth of the record:
 # far from the optimum early samples must not narrow the covariance, since the linearisation is wrong there.
 _FIRST_NOISE = 2.0
@@ -36,7 +40,7 @@ class Filter:
     """Estimator: several passes of the filter of the augmented state.
 
     Where there are several records a pass takes one after the other. Each pass restarts from the last one's
-    parameters with a fresh covariance (`TimeRecord.unit_initial_state`) and the noise of its residuals. They
+    parameters with a fresh covariance (`unit_prior`) and the noise of its residuals. They
     converge to the filter's fixed point, which is not exactly the maximum-likelihood point; where the two
     differ, more passes do not help.
 
@@ -93,15 +97,15 @@ def run_passes(likelihood: TimeLikelihood, origin: Array, passes: int) -> list[S
         If the parameters run away.
     """
     records = likelihood.records
-    priors = [record.wide_initial_state(origin) for record in records]
+    priors = [wide_prior(record, origin) for record in records]
     report_progress(f"filter pass 1 of {passes}")
     sweeps = [_sweep(likelihood, priors, first_noise(likelihood), origin)]
     while len(sweeps) < passes:
         report_progress(f"filter pass {len(sweeps) + 1} of {passes}")
         fit = likelihood.fit(last(likelihood, sweeps))
         fits = list(zip(records, fit.parts, strict=True))
-        priors = [record.unit_initial_state(part) for record, part in fits]
-        noise = [record.floored(part.noise) for record, part in fits]
+        priors = [unit_prior(record, part) for record, part in fits]
+        noise = [_floored(record, part.noise) for record, part in fits]
         sweeps.append(_sweep(likelihood, priors, noise, origin))
     return sweeps
 
@@ -126,7 +130,7 @@ def annealed_passes(likelihood: TimeLikelihood, origin: Array) -> list[Sweep]:
     sweeps: list[Sweep] = []
     eta = origin
     for level, part in tracked(_ANNEALED, "annealed pass"):
-        priors = [record.wide_initial_state(eta, part) for record in likelihood.records]
+        priors = [wide_prior(record, eta, part) for record in likelihood.records]
         sweeps.append(_sweep(likelihood, priors, [level * r.data.rms for r in likelihood.records], eta))
         eta = last(likelihood, sweeps)
     return sweeps
@@ -152,7 +156,7 @@ def chained(
     sweep: list[Pass] = []
     first = likelihood.priors.combined(priors[0])
     for k, (record, prior) in enumerate(zip(likelihood.records, priors, strict=True)):
-        before = record.continued(prior, sweep[-1].eta[-1], sweep[-1].root) if sweep else first
+        before = _continued(prior, sweep[-1]) if sweep else first
         sweep.append(thinned(passed(k, record, before)))
     return sweep
 
@@ -175,3 +179,45 @@ def first_noise(likelihood: TimeLikelihood) -> list[Array]:
     progress = np.arange(samples) / (_FALL * samples)
     falling = np.maximum(_LAST_NOISE, _FIRST_NOISE * np.exp(-progress))
     return [falling[:, None] * first.data.rms, *(_LAST_NOISE * record.data.rms for record in others)]
+
+
+def wide_prior(record: TimeRecord, eta: Array, share: float = 1.0) -> InitialState:
+    """Return a first prior: any state that the record allows, coordinates with a share of their spread."""
+    return InitialState(record.model.initial, eta, _wide_root(record, share))
+
+
+def unit_prior(record: TimeRecord, fit: RecordFit) -> InitialState:
+    """Return a fresh prior around a fit that weighs as much as a single measured value.
+
+    It is the fit's own covariance times the number of values, bounded by the wide one: wide enough not to
+    pull, narrow enough to keep the filter where its linearisation holds.
+    """
+    root = _wide_root(record)
+    rows = record.rows(fit, _floored(record, fit.noise))[:, :-1]
+    _, s, Vt = thin_svd(rows @ root)
+    share = np.zeros(len(root))
+    share[: len(s)] = s**2 / np.count_nonzero(~np.isnan(fit.residual))
+    return InitialState(fit.predicted.start, fit.eta, root @ (Vt.T / np.sqrt(1 + share)))
+
+
+def _continued(prior: InitialState, history: Pass) -> InitialState:
+    """Return the prior of the first state of a record with coordinates as the pass before left them."""
+    n, size = len(prior.state), len(prior.root)
+    root = np.zeros((size, size))
+    for here, rows in ((slice(n), prior.root[:n]), (slice(n, None), history.root)):
+        root[here, here] = np.linalg.qr(rows.T).R.T  # triangular
+    return InitialState(prior.state, history.eta[-1], root)
+
+
+def _floored(record: TimeRecord, noise: Array) -> Array:
+    """Return the noise to assume: not less than a small part of each channel's RMS."""
+    return np.maximum(noise, _MIN_NOISE * record.data.rms)
+
+
+def _wide_root(record: TimeRecord, share: float = 1.0) -> Array:
+    """Return the root of the covariance of a wide prior."""
+    n, size = record.model.states, record.model.states + record.model.parameters
+    root = np.zeros((size, size))
+    root[:n, :n] = record.root
+    root[n:, n:] = np.diag([share * unknown.first_spread for unknown in record.unknowns])
+    return root

@@ -23,7 +23,7 @@ from dynid.arrays import Array
 from dynid.errors import Diverged, UsageError
 from dynid.identification.estimators.estimate import Estimate, EstimationStage
 from dynid.identification.estimators.filter import Pass, check_run_away
-from dynid.identification.estimators.filter_passes import chained, last
+from dynid.identification.estimators.filter_passes import chained, last, wide_prior
 from dynid.identification.information import RECORD
 from dynid.identification.likelihood.priors import InitialState
 from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
@@ -79,9 +79,7 @@ class InvariantImbedding:
             counts["evaluations"] += evaluations
             return history
 
-        sweep = chained(
-            likelihood, [record.wide_initial_state(origin) for record in likelihood.records], passed
-        )
+        sweep = chained(likelihood, [wide_prior(record, origin) for record in likelihood.records], passed)
         fit = likelihood.fit(last(likelihood, [sweep]))
         return Estimate(fit, [sweep], [EstimationStage.at("invariant imbedding", likelihood, fit)], counts)
 

@@ -24,7 +24,6 @@ from dynid.identification.likelihood.record_likelihood import RecordFit, RecordL
 from dynid.identification.likelihood.saturated_model import SaturatedCoordinates
 from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
 from dynid.identification.records.measurement import RecordData
-from dynid.identification.systems.instruments import CalibrationDerivatives
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.prediction import Trajectory, free_prediction, prediction
 from dynid.lti.floating import finite
@@ -118,10 +117,6 @@ class Segments(RecordLikelihood):
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:  # noqa: ARG002
         """Return none: segments are a step of the search, and no test of the model."""
         return []
-
-    def calibration(self, fit: RecordFit, noise: Array) -> CalibrationDerivatives:
-        """Return that of the record as a whole."""
-        return self.record.calibration(fit, noise)
 
     def on(self, data: RecordData) -> Self:
         """Return the same segments of other values."""

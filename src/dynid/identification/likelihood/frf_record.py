@@ -15,7 +15,7 @@ from dynid.arrays import Array, ComplexArray
 from dynid.defaults import DENSE_STRUCTURES, SEARCH_WORK
 from dynid.identification.information import RESPONSE, Observed
 from dynid.identification.likelihood.likelihood import Likelihood
-from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood, weights
+from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
 from dynid.identification.likelihood.saturated_model import (
     ChannelColumns,
     SaturatedCoordinates,
@@ -29,24 +29,12 @@ from dynid.identification.records.measurement import RecordData
 from dynid.identification.statistics import root_mean_square
 from dynid.identification.systems.band_limited_system import band_limited
 from dynid.identification.systems.frf_system import FrfSystem, check_cost
-from dynid.identification.systems.instruments import (
-    CLOCK,
-    CLOCK_CHANGE,
-    DELAY,
-    GAIN_CHANGE,
-    CalibrationDerivatives,
-)
 from dynid.identification.systems.linear_system import LinearSystem
-from dynid.identification.systems.parametric_model import Model, freed_coordinates
+from dynid.identification.systems.parametric_model import Model
 from dynid.identification.systems.prediction import Trajectory
 from dynid.number_format import frequency_text
 from dynid.parameters import Parameter, named
 
-# Multiplications of one evaluation beyond which known masses and stiffnesses are not considered: they act at
-# all DOFs, so that nothing is condensed.
-_KNOWN_WORK = 2e8
-# Step of differences by the clock, relative.
-_CLOCK_STEP = 1e-6
 # Fewest evaluations that a search may take.
 _LEAST_EVALUATIONS = 64
 
@@ -234,41 +222,6 @@ class FrfRecord(RecordLikelihood):
             columns = ChannelColumns(outputs, measured, residual, none, by_parameter, none, before)
             found.append(saturated_coordinates(shared.where(there), columns, count))
         return found
-
-    def calibration(self, fit: RecordFit, noise: Array) -> CalibrationDerivatives:
-        """Return the derivatives by the calibration, for a noise of this deviation (channels)."""
-        frfs, omega = self.measurement.channels, self.measurement.omega
-        H, measured = fit.predicted.outputs, np.nan_to_num(self.data.recorded)
-        late = stacked(-1j * omega[:, None] * unstacked(H))  # a delay turns the phase
-        forces = np.array([frf.load.gain_name for frf in frfs])
-        sensors = np.array([frf.channel.gain_name for frf in frfs])
-        every = {name: np.where(forces == name, H, 0.0) for name in dict.fromkeys(forces.tolist())}
-        every[DELAY] = late
-        every |= {name: np.where(sensors == name, -measured, 0.0) for name in dict.fromkeys(sensors.tolist())}
-        changes = [GAIN_CHANGE / (omega[-1] or 1.0) if name == DELAY else GAIN_CHANGE for name in every]
-        size = len(self.system.system.states) / 2
-        if (freed := self.system.freed(known=len(omega) * size**3 < _KNOWN_WORK)) is not None:
-            own, parameters = {one.name for one in self.unknowns}, freed.system.unknowns
-            slopes = freed.response(omega, freed_coordinates(parameters, self.unknowns, fit.eta)).slopes
-            moved = {one.name: slopes[..., place] for place, one in enumerate(parameters)}
-            profile = self.measurement.profile
-            every |= {name: stacked(part / profile) for name, part in moved.items() if name not in own}
-            deviation = {one.name: one.deviation for one in self.system.considered}
-            changes += [deviation.get(name, GAIN_CHANGE) for name in moved if name not in own]
-        every[CLOCK] = self._by_clock(fit)
-        changes.append(CLOCK_CHANGE)
-        left = self.influential(fit)
-        weighted = np.stack(list(every.values()), axis=2) * weights(noise, left)[..., None]
-        by_parameter = self.slopes(replace(fit, residual=left), noise)
-        by_quantity = weighted.reshape(-1, len(every))
-        return CalibrationDerivatives(tuple(every), np.array(changes), by_parameter, by_quantity)
-
-    def _by_clock(self, fit: RecordFit) -> Array:
-        """Return the derivative of the responses by the relative error of the clock, a central difference."""
-        omega, profile, ends = self.measurement.omega, self.measurement.profile, []
-        for factor in (1 - _CLOCK_STEP, 1 + _CLOCK_STEP):  # a step that is known too long: lines lie lower
-            ends.append(self.system.response(omega / factor, fit.eta, slopes=False).values / profile)
-        return stacked((ends[1] - ends[0]) / (2 * _CLOCK_STEP))
 
     def _poles(self, eta: Array) -> ComplexArray:
         """Return the poles at these coordinates, 1/s; none of a model too large for that."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Self, cast
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,19 +32,12 @@ from dynid.identification.likelihood.saturated_model import SaturatedCoordinates
 from dynid.identification.records.measurement import RecordData
 from dynid.identification.records.modal_measurement import ModalChannel, ModalMeasurement, channels_of
 from dynid.identification.statistics import root_mean_square
-from dynid.identification.systems.instruments import (
-    CLOCK,
-    CLOCK_CHANGE,
-    GAIN_CHANGE,
-    CalibrationDerivatives,
-)
 from dynid.identification.systems.linear_system import LinearSystem
-from dynid.identification.systems.parametric_model import freed_coordinates, freed_model, system_of
+from dynid.identification.systems.parametric_model import system_of
 from dynid.identification.systems.prediction import Trajectory
 from dynid.parameters import Parameter, named, rates, starts
 from dynid.structure.mode_derivatives import ModalSolution, has_damping, lowest_modes
 from dynid.structure.model import StructuralModel
-from dynid.structure.ports import Channel
 
 #: Frequencies nearer to each other, relative, have one span of shapes.
 CLOSE = 1e-4
@@ -304,27 +297,6 @@ class ModalRecord(RecordLikelihood):
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:  # noqa: ARG002
         """Return nothing: modes are tested against their scatter; see `tested`."""
         return []
-
-    def calibration(self, fit: RecordFit, noise: Array) -> CalibrationDerivatives:
-        """Return the derivatives by what is considered and known; shapes have a free scale."""
-        slopes = self.slopes(fit, noise)
-        sensors = [Channel(dof, "displacement") for dof in self.measurement.dofs]
-        freed = freed_model(self.model, sensors)
-        assert freed is not None
-        eta = freed_coordinates(freed.unknowns, self.unknowns, fit.eta)
-        whole = replace(self, model=cast("StructuralModel", freed))
-        every = whole.slopes(whole.fit(eta, self.data.values), noise)
-        own = {one.name for one in self.unknowns}
-        deviations = {one.name: one.deviation for one in self.considered}
-        places = [place for place, one in enumerate(freed.unknowns) if one.name not in own]
-        names = tuple(freed.unknowns[place].name for place in places)
-        changes = np.array([*(deviations.get(name, GAIN_CHANGE) for name in names), CLOCK_CHANGE])
-        # A step that is known too long: frequencies seem lower.
-        late = np.zeros_like(fit.residual)
-        late[: self.measurement.modes, 0] = self.measurement.omega / self.spread[0]
-        late = np.where(np.isnan(fit.residual), 0.0, late / noise)
-        by_quantity = np.column_stack([every[:, places], late.ravel()])
-        return CalibrationDerivatives((*names, CLOCK), changes, slopes, by_quantity)
 
     # Verdict.
 

@@ -22,7 +22,6 @@ from dynid.identification.information import RECORD, Information, Observed, info
 from dynid.identification.likelihood.saturated_model import SaturatedCoordinates
 from dynid.identification.records.measurement import RecordData
 from dynid.identification.statistics import root_mean_square
-from dynid.identification.systems.instruments import CalibrationDerivatives
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.prediction import Trajectory
 from dynid.parameters import Parameter, rates, values
@@ -261,10 +260,6 @@ class RecordLikelihood(ABC):
     @abstractmethod
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
         """Return the channels, in units of their RMS, in directions of their saturated models."""
-
-    @abstractmethod
-    def calibration(self, fit: RecordFit, noise: Array) -> CalibrationDerivatives:
-        """Return the derivatives by the calibration, for a noise of this deviation (channels)."""
 
     # Noise model.
 

@@ -18,10 +18,8 @@ from dynid.identification.least_squares import (
     least_squares,
     thin_svd,
     triangular_factors,
-    without_state,
 )
 from dynid.identification.likelihood.likelihood import Likelihood
-from dynid.identification.likelihood.priors import InitialState
 from dynid.identification.likelihood.record_likelihood import RecordFit, RecordLikelihood
 from dynid.identification.likelihood.saturated_model import (
     ChannelColumns,
@@ -39,21 +37,13 @@ from dynid.identification.records.noise import Autoregression, ColouredNoise, es
 from dynid.identification.records.simulation import Simulation
 from dynid.identification.residual_tests import spectrum
 from dynid.identification.statistics import root_mean_square
-from dynid.identification.systems.instruments import (
-    CLOCK,
-    CLOCK_CHANGE,
-    DELAY,
-    GAIN_CHANGE,
-    CalibrationDerivatives,
-)
 from dynid.identification.systems.known_inputs import NONE_LEFT_OUT, KnownSamples
 from dynid.identification.systems.linear_system import LinearSystem
-from dynid.identification.systems.parametric_model import ParametricModel, freed_coordinates
+from dynid.identification.systems.parametric_model import ParametricModel
 from dynid.identification.systems.prediction import (
     Free,
     Prediction,
     Trajectory,
-    forced_by,
     free_prediction,
     kernels_used,
     prediction,
@@ -67,10 +57,6 @@ from dynid.structure.response import Channel
 _WIDE = 10.0
 # Numbers of the largest sensitivities that are kept from a fit for the tests of it.
 _KEPT = 1_000_000
-# Step of differences by the clock, as the phase, rad, by which the fastest mode moves at the end of a record.
-_CLOCK_STEP = 1e-3
-# Noise below this part of the RMS is not assumed: the covariance would lose its digits.
-_LEAST_NOISE = 1e-4
 #: Rows of a history, at the most.
 MOST_ROWS = 100_000
 
@@ -255,14 +241,14 @@ class TimeRecord(RecordLikelihood):
             x0 = self._start(self._rows(free, values), noise)
             predicted = prediction(model, eta, x0, free, steps)
             residual = values - predicted.outputs
-            found, counts = self._triangles(residual, predicted.by_state, predicted.by_parameter)
+            found, counts = self.triangles(residual, predicted.by_state, predicted.by_parameter)
         self._remember(eta, x0, predicted)
         size = np.sqrt(np.einsum("cr,cr->c", found[..., -1], found[..., -1]) / counts) * self.data.rms
         trajectory = Trajectory(predicted.outputs, predicted.states, x0)
         level = self.noise_in(counts, size)
         return RecordFit(eta, trajectory, residual, counts, size, level, found, measured=values)
 
-    def _predicted(self, fit: RecordFit) -> Prediction:
+    def predicted(self, fit: RecordFit) -> Prediction:
         """Return the prediction of a fit with all sensitivities: that of the fit itself, if kept."""
         key = fit.eta.tobytes() + fit.predicted.start.tobytes()
         if key not in self._last:
@@ -307,7 +293,7 @@ class TimeRecord(RecordLikelihood):
         wanted = self.wanted_noise
         if wanted is None:
             return self
-        found = self._predicted(fit)
+        found = self.predicted(fit)
         root = _initial_root(self, fit, np.maximum(fit.noise, np.finfo(float).eps * self.data.rms), known)
         errors = np.concatenate([found.by_state, found.by_parameter], axis=2) @ root
         orders = self.colour.orders if settling and self.colour is not None else None
@@ -386,7 +372,7 @@ class TimeRecord(RecordLikelihood):
     def _rows(self, free: Free, values: Array) -> Array:
         """Return triangles of the derivatives by the initial state, and of what `values` have beside it."""
         forced = free.forced + free.by_state @ self.model.initial
-        return self._triangles(values - forced, free.by_state, free.by_state[..., :0])[0]
+        return self.triangles(values - forced, free.by_state, free.by_state[..., :0])[0]
 
     def _start(self, rows: Array, noise: Array | None) -> Array:
         """Return the initial state (n) by triangles (channels x n + 1 x n + 1), as of `fit`."""
@@ -400,11 +386,11 @@ class TimeRecord(RecordLikelihood):
     def slopes(self, fit: RecordFit, noise: Array) -> Array:
         """Return few rows with the same products as the derivatives by the coordinates over noise (… x p)."""
         n, p = self.model.states, self.model.parameters
-        return self._weighted(fit, noise)[:, n : n + p]
+        return self.rows(fit, noise)[:, n : n + p]
 
     def by_start(self, fit: RecordFit, noise: Array) -> Array:
         """Return the derivatives by the first state in units of its prior (… x n), rows as of `slopes`."""
-        return np.asarray(self._weighted(fit, noise)[:, : self.model.states] @ self.root)
+        return np.asarray(self.rows(fit, noise)[:, : self.model.states] @ self.root)
 
     def taken(self, fit: RecordFit, noise: Array) -> Array:
         """Return the degrees of freedom that the initial state takes from each channel (channels)."""
@@ -424,7 +410,7 @@ class TimeRecord(RecordLikelihood):
     def information(self, fit: RecordFit, noise: Array) -> Information:
         """Return the information on the parameters of a fit, for a noise of this deviation (channels)."""
         n, p = self.model.states, self.model.parameters
-        rows = self._weighted(fit, noise)
+        rows = self.rows(fit, noise)
         names = tuple(unknown.name for unknown in self.model.unknowns)
         present = ~np.isnan(fit.residual)
         outputs = fit.predicted.outputs
@@ -438,7 +424,7 @@ class TimeRecord(RecordLikelihood):
     def coordinates(self, fit: RecordFit) -> list[SaturatedCoordinates]:
         """Return the channels, in units of their RMS, in directions of their saturated models."""
         assert fit.measured is not None
-        predicted = self._predicted(fit)
+        predicted = self.predicted(fit)
         times, white = self.model.times, self.data.passed == 1
         most = most_regressors(int(self.data.counts.min() * min(1.0, self.data.passed)))
         shared = regressors_in_time(_forced(self.model, most), self.model.poles(fit.eta), times, most)
@@ -470,104 +456,17 @@ class TimeRecord(RecordLikelihood):
             )
         return found
 
-    def calibration(self, fit: RecordFit, noise: Array) -> CalibrationDerivatives:
-        """Return the derivatives by the calibration, for a noise of this deviation (channels)."""
-        model, n, p = self.model, self.model.states, self.model.parameters
-        names, changes, columns = self._by_loads(fit)
-        found = self._predicted(fit)
-        considered, moved = self._by_considered(fit)
-        names += list(considered)
-        changes += list(considered.values())
-        if (late := self._by_clock(fit)) is not None:
-            names, changes, moved = [*names, CLOCK], [*changes, CLOCK_CHANGE], [*moved, late]
-        measured, channels = np.nan_to_num(self.data.recorded), len(self.data.rms)
-        mixed = self.colour is not None and self.colour.mixing is not None
-        columns += [*moved, *([measured * one for one in np.eye(channels)] if mixed else [measured])]
-        beside = np.concatenate([found.by_parameter, np.stack(columns, axis=2)], axis=2)
-        rows = self._triangles(self.influential(fit), found.by_state, beside)[0][..., :-1]
-        rows *= (self.data.rms / noise)[:, None, None]
-        # The gain of a channel acts on the rows of that channel alone.
-        own = -rows[..., -channels:] if mixed else -rows[..., -1:] * np.eye(channels)[:, None, :]
-        every = np.concatenate([rows[..., : -channels if mixed else -1], own], axis=2)
-        every = every.reshape(-1, every.shape[2])
-        projected, _ = without_state(every[:, n:], every[:, :n] @ self.root)
-        sensors = model.gains[1]
-        return CalibrationDerivatives(
-            (*names, *sensors),
-            np.array([*changes, *[GAIN_CHANGE] * len(sensors)]),
-            projected[:, :p],
-            projected[:, p:],
-        )
-
-    def _by_clock(self, fit: RecordFit) -> Array | None:
-        """Return the derivative of the prediction by the relative error of the clock; None where unknown.
-
-        It is exact but for free motions, whose start moves with the clock: where inputs keep their own time,
-        the rate of the outputs times the time from the first sample; else a difference.
-        """
-        model = self.model
-        if not model.has_samples and model.sampling is None and not model.instruments.unknown_delays:
-            passed = (model.times - model.times[0])[:, None]
-            return np.asarray(passed * model.rates(fit.eta, fit.predicted.states))
-        span = float(np.ptp(model.times))
-        if model.known.any() or model.instruments.unknown_delays or not span > 0:
-            return None
-        poles = np.abs(model.poles(fit.eta))
-        step = _CLOCK_STEP / max(1.0, float(poles.max(initial=0.0)) * span)
-        free, _ = free_prediction(model.clocked(step), fit.eta)
-        moved = free.forced + free.by_state @ fit.predicted.start
-        return np.asarray((moved - fit.predicted.outputs) / step)
-
-    def _by_considered(self, fit: RecordFit) -> tuple[dict[str, float], list[Array]]:
-        """Return what is considered with the changes that are quoted, and derivatives of the prediction.
-
-        These are by the coordinates of considered parameters, and by the logarithms of what else is known.
-        """
-        freed = self.model.freed
-        if freed is None:
-            return {}, []
-        own = {one.name for one in self.unknowns}
-        places = [place for place, one in enumerate(freed.unknowns) if one.name not in own]
-        eta = freed_coordinates(freed.unknowns, self.unknowns, fit.eta)
-        free, steps = free_prediction(freed, eta)
-        found = prediction(freed, eta, fit.predicted.start * self.model.scale / freed.scale, free, steps)
-        stated = {one.name: one.deviation for one in self.model.considered}
-        names = [freed.unknowns[place].name for place in places]
-        changes = {name: stated.get(name, GAIN_CHANGE) for name in names}
-        return changes, [found.by_parameter[..., place] for place in places]
-
-    def _by_loads(self, fit: RecordFit) -> tuple[list[str], list[float], list[Array]]:
-        """Return names, changes, and derivatives of the prediction by gains and delay of the loads.
-
-        They are exact but for free motions, which are projected out with the initial state: so the whole
-        prediction is taken for the response to a single load, and minus its rate for the derivative by the
-        delay.
-        """
-        model, loads = self.model, self.model.gains[0]
-        names = list(dict.fromkeys(loads))
-        if len(names) == 1:
-            columns = [fit.predicted.outputs]
-        else:
-            places = [[place for place, one in enumerate(loads) if one == name] for name in names]
-            columns = [forced_by(model, fit.eta, here) for here in places]
-        changes, times = [GAIN_CHANGE] * len(names), model.times
-        # Of channels with delays of their own the states are not at the times of what they record.
-        if names and len(times) > 1 and model.sampling is None:
-            names.append(DELAY)
-            changes.append(float(f"{np.diff(times).min():.12g}"))  # as a scene writes it
-            columns.append(-model.rates(fit.eta, fit.predicted.states))
-        return names, changes, columns
-
     def weighted(self, fit: RecordFit, noise: Array) -> Array:
         """Return the residuals over noise, row by row as the information has them."""
-        return self._weighted(fit, noise)[:, -1]
+        return self.rows(fit, noise)[:, -1]
 
-    def _weighted(self, fit: RecordFit, noise: Array) -> Array:
+    def rows(self, fit: RecordFit, noise: Array) -> Array:
+        """Return derivatives by first state and coordinates, and residuals, over noise (… x n + p + 1)."""
         assert fit.triangles is not None
         rows = fit.triangles * (self.data.rms / noise)[:, None, None]
         return rows.reshape(-1, rows.shape[-1])
 
-    def _triangles(
+    def triangles(
         self, residual: Array, by_state: Array, by_parameter: Array
     ) -> tuple[Array, NDArray[np.int_]]:
         """Return the triangles (channels x w x w) of derivatives and residuals, and counts of the latter."""
@@ -586,54 +485,6 @@ class TimeRecord(RecordLikelihood):
         missing = np.isnan(residual)
         rows[missing] = 0.0
         return triangular_factors(rows), np.count_nonzero(~missing, axis=0)
-
-    def floored(self, noise: Array) -> Array:
-        """Return the noise to assume: not less than a small part of each channel's RMS."""
-        return np.maximum(noise, _LEAST_NOISE * self.data.rms)
-
-    def wide_initial_state(self, eta: Array, part: float = 1.0) -> InitialState:
-        """Return that of a first pass: any state the record allows, coordinates with part of their spread."""
-        return InitialState(self.model.initial, eta, self._wide_root(part))
-
-    def unit_initial_state(self, fit: RecordFit) -> InitialState:
-        """Return a fresh initial state around a fit that weighs as much as a single measured value.
-
-        It is the fit's own covariance times the number of values, bounded by the wide one: wide enough
-        not to pull, narrow enough to keep the filter where its linearisation holds.
-        """
-        root = self._wide_root()
-        rows = self._weighted(fit, self.floored(fit.noise))[:, :-1]
-        _, s, Vt = thin_svd(rows @ root)
-        share = np.zeros(len(root))
-        share[: len(s)] = s**2 / np.count_nonzero(~np.isnan(fit.residual))
-        return InitialState(fit.predicted.start, fit.eta, root @ (Vt.T / np.sqrt(1 + share)))
-
-    def continued(self, prior: InitialState, eta: Array, root: Array) -> InitialState:
-        """Return an initial state of this record, with coordinates as another record left them.
-
-        Parameters
-        ----------
-        prior
-            State and its root.
-        eta, root
-            Coordinates (p) and a root of their covariance (p x any).
-        """
-        n, size = self.model.states, len(prior.root)
-        both = np.zeros((size, size))
-        both[:n, :n], both[n:, n:] = _square(prior.root[:n]), _square(root)
-        return InitialState(prior.state, eta, both)
-
-    def _wide_root(self, part: float = 1.0) -> Array:
-        n, p = self.model.states, self.model.parameters
-        root = np.zeros((n + p, n + p))
-        root[:n, :n] = self.root
-        root[n:, n:] = np.diag([part * one.first_spread for one in self.unknowns])
-        return root
-
-
-def _square(root: Array) -> Array:
-    """Return the triangular root of ``root root^T``."""
-    return np.asarray(np.linalg.qr(root.T).R.T)
 
 
 @dataclass(frozen=True, eq=False)

@@ -71,6 +71,8 @@ import numpy as np
 
 from dynid.arrays import Array
 from dynid.defaults import HUBER
+from dynid.identification.diagnosis.calibration import GROUP as CONSIDERED
+from dynid.identification.diagnosis.calibration import add_calibration_slopes
 from dynid.identification.diagnosis.importance import DRAWS, PosteriorCheck, likelihood_size, posterior_check
 from dynid.identification.diagnosis.posterior import Posterior
 from dynid.identification.diagnosis.verdict import CONTRADICTED, verdict, warnings
@@ -85,8 +87,6 @@ from dynid.identification.residual_tests import (
     spectrum,
 )
 from dynid.identification.results.write_derived import DERIVED, DerivedRequest, add_derived, add_noise
-from dynid.identification.systems.instruments import GROUP as CONSIDERED
-from dynid.identification.systems.instruments import add_calibration_slopes
 from dynid.identification.systems.parametric_model import ParametricModel
 from dynid.parameters import rates, starts, values
 from dynid.result import Result
