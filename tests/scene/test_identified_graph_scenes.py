@@ -265,7 +265,7 @@ def test_samples_of_a_study_are_those_run_alone(tmp_path):
 
 
 def test_alternatives_of_a_graph_are_estimators_and_holds():
-    assert aspects_of(yaml.safe_load(DRIVE)) == ["estimator"]
+    assert aspects_of(scene().model) == ["estimator"]
     small = {"alternatives": {"estimator": ["output-error"]}, "budget": 20, "repeats": 1}
     measured = yaml.safe_load(DRIVE)["measurement"] | {"samples": 100}
     found = dynid.run(
@@ -276,9 +276,8 @@ def test_alternatives_of_a_graph_are_estimators_and_holds():
 
 
 def test_the_step_response_of_an_identified_graph_has_alternatives():
-    data = yaml.safe_load(DRIVE)
-    data["analysis"] = {"outputs": ["J.f"], "results": ["time_response"], "time": {"stop": 1, "step": 0.01}}
-    assert "propagation" in aspects_of(data)
+    analysis = {"outputs": ["J.f"], "results": ["time_response"], "time": {"stop": 1, "step": 0.01}}
+    assert "propagation" in aspects_of(scene(analysis=analysis).model)
 
 
 def test_frequency_responses_tell_what_they_identify_without_an_analysis():

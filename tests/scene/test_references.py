@@ -60,13 +60,21 @@ def test_the_masters_of_one_reduction_or_of_several():
 
 def test_sections_are_found_by_the_model_that_they_derive_from():
     data = {
-        "excitation": [{"kind": "sine"}],
-        "analysis": {"time": {"input": {"kind": "step"}}},
-        "measurement": {"step": 1, "records": [{"excitation": {"kind": "impulse"}}]},
+        "dynid": 1,
+        "kind": "identification",
+        "structure": {"lumped": {"masses": [1]}},
+        "joints": {"j": {"dofs": [1], "k": {"start": 1, "true": 2}}},
+        "excitation": [{"kind": "sine", "dof": 1, "frequency": 1}],
+        "analysis": {"time": {"stop": 1, "step": 1, "input": {"kind": "step", "dof": 1}}},
+        "measurement": {
+            **{"step": 1, "samples": 9, "channels": [{"dof": 1, "quantity": "velocity"}], "simulate": {}},
+            "records": [{"excitation": {"kind": "impulse", "dof": 1}}],
+        },
     }
-    signals = [signal["kind"] for _, signal in sections(IdentificationScene, data, SignalPart)]
+    scene = IdentificationScene.model_validate(data)
+    signals = [signal.kind for _, signal in sections(scene, SignalPart)]
     assert sorted(signals) == ["impulse", "sine", "step"]
-    records = [path for path, _ in sections(IdentificationScene, data, RecordModel)]
+    records = [path for path, _ in sections(scene, RecordModel)]
     assert records == [("measurement",), ("measurement", "records", 0)]
 
 

@@ -28,8 +28,6 @@ class Kind:
         Function of a scene; returns its `Explanation`.
     prepare
         Function of a scene; yields the steps of its run that come before any computation.
-    check
-        Function of a source and its names; returns the faults that concern several keys.
     complete
         Function of a valid scene; returns its source with what files add to it, such as their channels.
     check_valid
@@ -54,7 +52,6 @@ class Kind:
     run: str
     explain: str = ""
     prepare: str = ""
-    check: str = ""
     complete: str = ""
     check_valid: str = ""
     doubts: str = ""
@@ -92,7 +89,6 @@ _KINDS = (
         run="dynid.scene.kinds.bond_graph:run",
         explain="dynid.scene.explanations.bond_graph:explain",
         prepare="dynid.scene.kinds.bond_graph:preparation_steps",
-        check="dynid.scene.schema.bond_graph:bond_graph_faults",
         check_valid="dynid.scene.kinds.bond_graph:check_valid",
         doubts="dynid.scene.kinds.bond_graph:doubts",
         unread="dynid.scene.kinds.bond_graph:unread_files",
@@ -108,7 +104,6 @@ _KINDS = (
         run="dynid.scene.kinds.identification:run",
         explain="dynid.scene.explanations.identification:explain",
         prepare="dynid.scene.kinds.identification:preparation_steps",
-        check="dynid.scene.schema.identification:identification_faults",
         complete="dynid.scene.kinds.file_channels:completed",
         check_valid="dynid.scene.kinds.parameters:check_parameters",
         doubts="dynid.scene.kinds.identification:doubts",
@@ -125,7 +120,6 @@ _KINDS = (
         run="dynid.scene.kinds.reduction:run",
         explain="dynid.scene.explanations.reduction:explain",
         prepare="dynid.scene.kinds.reduction:preparation_steps",
-        check="dynid.scene.schema.reduction:reduction_faults",
         doubts="dynid.scene.kinds.structures:idle_masses",
         batch="dynid.scene.kinds.reduction_samples",
         content="dynid.report.content.reduction",

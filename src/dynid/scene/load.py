@@ -21,6 +21,7 @@ from dynid.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from dynid.scene.schema.base import SceneModel
+    from dynid.scene.schema.quantities import Located
 
 #: The format that the schema describes.
 CURRENT = 1
@@ -86,6 +87,13 @@ class Scene:
     def _written(self) -> Any:
         """Its data with its sub-models, as they are written."""
         return (self.source.written or self.source).data
+
+    def raise_faults(self, faults: Iterable[Located]) -> None:
+        """Raise faults by their paths in the scene, as `SceneError`, if there are any."""
+        from dynid.scene.schema.faults import located
+
+        if located_faults := located(self.source, faults):
+            raise SceneError(located_faults)
 
     def locate(self, error: DynidError) -> Fault:
         """Return an error of a run as a fault at the first of its names that the scene has."""
@@ -178,45 +186,44 @@ def check_source(source: Source) -> Scene:
     SceneError
         With all faults of the scene.
     """
+    scene = validated(source)
+    if check_valid := KINDS[scene.kind].load("check_valid"):
+        check_valid(scene)
+    complete = _completed(scene)
+    return scene if complete is scene.source else check_source(complete)
+
+
+def validated(source: Source) -> Scene:
+    """Return the scene of a source by its keys alone: no file that it names is read, but those of models.
+
+    Raises
+    ------
+    SceneError
+        With all faults of the keys.
+    """
     from pydantic import ValidationError
 
-    from dynid.scene.schema.base import accuracy_faults
-    from dynid.scene.schema.faults import located_faults, without_unknown_keys
+    from dynid.scene.schema.faults import located_faults
     from dynid.scene.schema.raw import read_names
 
     source = composed(as_current(source))
     model = _model_of(source)
     names, faults = read_names(source)
-    reported = {(one.file, one.line, one.column) for one in faults}  # of parameters, with their cause
-    if check := KINDS[source.data["kind"]].load("check"):
-        faults += check(source, names)
-    faults += accuracy_faults(source)
-    data = with_text_keys(source.data)
     try:
-        try:
-            validated = model.model_validate(data, context=names)
-        except ValidationError as error:
-            faults += [
-                one
-                for one in located_faults(source, model, error)
-                if (one.file, one.line, one.column) not in reported
-            ]
-            validated = model.model_validate(without_unknown_keys(data, error), context=names)
-    except ValidationError:
+        scene = Scene(source, model.model_validate(with_text_keys(source.data), context=names))
+    except ValidationError as error:
+        reported = {
+            (fault.file, fault.line, fault.column) for fault in faults
+        }  # of parameters, with their cause
+        faults += [
+            fault
+            for fault in located_faults(source, model, error)
+            if (fault.file, fault.line, fault.column) not in reported
+        ]
         raise SceneError(faults) from None
-    scene = Scene(source, validated)
-    if check_valid := KINDS[scene.kind].load("check_valid"):
-        try:
-            check_valid(scene)
-        except SceneError as error:
-            faults += error.faults
-        except FileError:  # that a file is missing hides no fault
-            if not faults:
-                raise
     if faults:
         raise SceneError(faults)
-    whole = _completed(scene)
-    return scene if whole is source else check_source(whole)
+    return scene
 
 
 def _completed(scene: Scene) -> Source:

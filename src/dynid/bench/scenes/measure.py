@@ -92,7 +92,7 @@ def add_accuracy(
     asked = options or getattr(scene.model, "accuracy", None) or AccuracyModel()
     wanted = asked.alternatives or dict.fromkeys(ASPECTS[scene.kind])
     aspects = {}
-    for name in aspects_of(scene.source.data):
+    for name in aspects_of(scene.model):
         if name in wanted:
             aspect, names = aspect_of(scene, name), wanted[name]
             if isinstance(names, list):  # the requested alternatives and the chosen ones
@@ -243,7 +243,7 @@ class Worker:
         """Store the scene, or serve a request."""
         if isinstance(asked, Source):
             scene = check_source(asked)
-            self._aspects = {name: aspect_of(scene, name) for name in aspects_of(asked.data)}
+            self._aspects = {name: aspect_of(scene, name) for name in aspects_of(scene.model)}
             return TrialResult()
         points = self._aspects[asked.aspect].points
         wanted = (asked.alternative, asked.size)

@@ -82,7 +82,7 @@ def explain(scene: Scene) -> Explanation:
     tried = getattr(scene.model, "accuracy", None)
     if tried is None:
         return explained
-    what = ", ".join(tried.alternatives or aspects_of(scene.source.data))
+    what = ", ".join(tried.alternatives or aspects_of(scene.model))
     fact = Fact("accuracy", f"alternatives of {what} are tried after it, for at most {tried.budget:g} s")
     return replace(explained, facts=[*explained.facts, fact])
 

@@ -196,7 +196,7 @@ def question(scene: Scene) -> tuple[BondGraph, Analysis]:
 
     known = independent_parameters(
         {
-            name: given.reference if isinstance(given, DefinedParameter) else given
+            name: given.reference.value if isinstance(given, DefinedParameter) else given
             for name, given in model.parameters.items()
         }
     )

@@ -17,7 +17,6 @@ from dynid.scene.load import Scene, check_source, with_text_keys
 from dynid.scene.schema.base import DefinedParameter, Section
 from dynid.scene.schema.bond_graph import BondGraphScene, GraphModel
 from dynid.scene.schema.control import ControlModel
-from dynid.scene.schema.design import design_faults
 from dynid.scene.schema.faults import located_faults
 from dynid.scene.schema.raw import mapping, read_names, written_key
 from dynid.units import angular_factor
@@ -90,7 +89,7 @@ def check_design(scene: Scene) -> None:
         If a number does not fit the scale or limits of its parameter, or nothing depends on a free one.
     """
     model, source = cast("BondGraphScene", scene.model), scene.source
-    if model.design is None or read_names(source)[1] or design_faults(source):
+    if model.design is None:
         return
     lawful = next((name for name, node in model.graph.nodes.items() if has_law(node)), None)
     if lawful is not None or model.operating_point is not None:

@@ -222,7 +222,7 @@ def _expand_structure(
     place = f"graph.nodes.{made.name}"
     assert node.structure is not None
     try:
-        model = build_structure(scene, node.structure, node.joints, type(node), ("graph", "nodes", made.name))
+        model = build_structure(scene, node.structure, node.joints, node, ("graph", "nodes", made.name))
         if node.reduction is None:
             expand_structure(made, model, ports, wanted, reading, node.domain or "", outward)
             return None

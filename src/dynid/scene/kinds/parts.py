@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dynid.errors import SceneError, UsageError
+from dynid.errors import UsageError
 from dynid.scene.kinds.parameters import all_parameters
 from dynid.scene.kinds.structures import (
     bare_structure,
@@ -69,8 +69,7 @@ def build_assembly(scene: Scene, model: IdentificationScene) -> StructuralModel:
             whole = whole.with_motions({name: _weights(name, sum_of, whole)})
         except UsageError as error:
             raise UsageError(error.problem, remedy=error.remedy, names=(f"motions.{name}",)) from error
-    if faults := dof_faults(scene.source, type(model), whole.dof_names):
-        raise SceneError(faults)
+    scene.raise_faults(dof_faults(model, whole.dof_names))
     return whole.joined(joints)
 
 

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from dynid.errors import DynidError, FileError, SceneError, UsageError
+from dynid.errors import DynidError, FileError, UsageError
 from dynid.parameters import ParameterPrior
 from dynid.scene.kinds.parameters import all_parameters, quantities
 from dynid.scene.schema.joints import ParameterModel
@@ -48,12 +48,12 @@ def build_structure(
     scene: Scene,
     structure: StructureModel,
     joints: Mapping[str, JointModel],
-    holder: type[BaseModel] | None = None,
+    holder: BaseModel | None = None,
     at: tuple[str, ...] = (),
 ) -> StructuralModel:
     """Return the structure of a scene with its joints, which has every DOF that the scene names.
 
-    `holder` is the model of the part of the scene at the place `at` that names its DOFs; absent: the scene.
+    `holder` is the section at the path `at` that names its DOFs; default: the scene.
 
     Raises
     ------
@@ -69,9 +69,8 @@ def build_structure(
     place = ".".join((*at, "structure"))
     bare = bare_structure(scene.folder, structure, parameters, place)
     if structure.labels() is None:  # found only now: the DOFs are those of a file, or depend on releases
-        faults = dof_faults(scene.source, holder or type(scene.model), bare.dof_names, at)
-        if faults:
-            raise SceneError(faults)
+        faults = dof_faults(holder or scene.model, bare.dof_names)
+        scene.raise_faults(((*at, *path), message) for path, message in faults)
     with located(place, structure):
         return bare.joined(built)
 
@@ -100,8 +99,8 @@ def idle_masses(scene: Scene) -> Iterator[Fault]:
     structure: StructureModel | None = getattr(scene.model, "structure", None)
     if structure is None or structure.lumped is None:
         return
-    data, model = scene.source.data, type(scene.model)
-    named = {str(found.value) for to in (DOF, SIGNED_DOF) for found in references(model, data, to)}
+    model = scene.model
+    named = {str(found.value) for to in (DOF, SIGNED_DOF) for found in references(type(model), model, to)}
     idle = [number for number in structure.lumped.labels() if str(number) not in named]
     if idle and len(structure.lumped.masses) > 1:
         which = f"masses {shortened(list(map(str, idle)))}" if len(idle) > 1 else f"mass {idle[0]}"

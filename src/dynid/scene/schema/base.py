@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -18,13 +19,9 @@ from pydantic import (
     model_validator,
 )
 
-from dynid.arithmetic.numbers import Number
-from dynid.errors import Fault
 from dynid.scene.schema.later import Later
-from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
-from dynid.scene.schema.raw import listing, mapping, mapping_of, signals
+from dynid.scene.schema.quantities import AT_KEY, Located, NotNegative, Positive, Quantity, Value, fault
 from dynid.scene.schema.references import DOF, FILE, SIGNED_DOF
-from dynid.scene.yaml.source import Source
 from dynid.suggestions import did_you_mean
 from dynid.units import UnknownUnitError, readings, unit_fits
 
@@ -187,10 +184,9 @@ class DefinedParameter(Section):
         return self
 
     @property
-    def reference(self) -> Number:
+    def reference(self) -> Quantity:
         """Its true value where it is known, else its start; of a known value this one."""
-        given = next(one for one in (self.true, self.start, self.value) if one is not None)
-        return given.value
+        return next(value for value in (self.true, self.start, self.value) if value is not None)
 
 
 _FORMS_OF_A_PARAMETER = (
@@ -217,6 +213,7 @@ class SceneModel(Section):
     """Keys of every scene."""
 
     dynid: Literal[1]
+    kind: str
     title: str = ""
     parameters: dict[str, ParameterEntry] = {}
     expect: list[Expectation] = []
@@ -225,6 +222,11 @@ class SceneModel(Section):
     @classmethod
     def _is_a_number(cls, raw: Any) -> Any:
         return str(raw).lower() if isinstance(raw, bool) else raw  # in Python, true equals 1
+
+    @property
+    def aspects(self) -> set[str]:
+        """The aspects in which it chooses between alternatives, of `ASPECTS`."""
+        return set()
 
 
 class ComposedScene(SceneModel):
@@ -289,7 +291,8 @@ ASPECTS: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "reduction": {"modes": _SOLVERS, "basis": _METHODS},
 }
-_ENGINE = {"transfer_function", "zeros", "poles", "properties", "hidden_modes"}
+#: Results that an engine computes.
+ENGINE_RESULTS = {"transfer_function", "zeros", "poles", "properties", "hidden_modes"}
 
 
 class AccuracyModel(Section):
@@ -300,56 +303,28 @@ class AccuracyModel(Section):
     budget: float = Field(default=60.0, gt=0, le=1e6, strict=True)
 
 
-def aspects_of(data: dict[str, Any]) -> list[str]:
-    """Return the aspects in which a scene chooses between alternatives; invalid parts count as missing.
-
-    Parameters
-    ----------
-    data
-        The scene as plain data, of a kind with alternatives.
-    """
-    analysis, is_reduction = mapping(data, "analysis"), data["kind"] == "reduction"
-    measurement = mapping(data, "measurement")
-    results, measured = analysis.get("results"), bool(measurement)
-    records = [{**measurement, **mapping_of(one)} for one in listing(measurement, "records") or [{}]]
-    simulated = [mapping(record, "simulate").get("model") for record in records]
-    # Samples of a force are those of random signals, and of files beside measured records.
-    sampled = any(
-        signal.get("kind") in (("random",) if "simulate" in record else ("random", "file"))
-        for record in records
-        for _, signal in signals((), record.get("excitation", data.get("excitation")))
-    )
-    present = {
-        "engine": not isinstance(results, list)
-        or any(name in _ENGINE for name in results if isinstance(name, str)),
-        "propagation": _is_propagated(data),
-        "estimator": measured,
-        "basis": is_reduction or (measured and "reduced" not in simulated and "graph" not in data),
-        "hold": measured and sampled,
-        "modes": is_reduction or "modes" in analysis,
-    }
-    return [name for name in ASPECTS[data["kind"]] if present[name]]
+def aspects_of(scene: SceneModel) -> list[str]:
+    """Return the aspects in which a scene chooses between alternatives, the quickest to try first."""
+    return [name for name in ASPECTS[scene.kind] if name in scene.aspects]
 
 
-def accuracy_faults(source: Source) -> list[Fault]:
-    """Return the faults of the alternatives: unknown ones, and choices that the scene does not make."""
-    kind, given = source.data.get("kind"), mapping(mapping_of(source.data.get("accuracy")), "alternatives")
-    if not given or not isinstance(kind, str) or kind not in ASPECTS:
-        return []
-    known, there, faults = ASPECTS[kind], aspects_of(source.data), []
-    for aspect, names in given.items():
+def accuracy_faults(scene: SceneModel) -> Iterator[Located]:
+    """Yield the faults of the alternatives: unknown ones, and choices that the scene does not make."""
+    accuracy: AccuracyModel | None = getattr(scene, "accuracy", None)
+    kind, alternatives = scene.kind, accuracy.alternatives if accuracy is not None else None
+    for aspect, names in (alternatives or {}).items():
         path = ("accuracy", "alternatives", aspect)
-        if aspect not in known:
-            options = f"a scene of kind {kind} chooses {', '.join(known)}"
-            message = f"'{aspect}' is no choice of a run; {options}{did_you_mean(str(aspect), known)}"
-            faults.append(source.fault(path, message, key=True))
-        elif aspect not in there:
-            faults.append(source.fault(path, f"nothing in this scene is {_MISSING[aspect]}", key=True))
-        for place, name in enumerate(names if aspect in known and isinstance(names, list) else []):
-            if isinstance(name, str) and name not in known[aspect]:
-                options = f"it is one of {', '.join(known[aspect])}{did_you_mean(name, known[aspect])}"
-                faults.append(source.fault((*path, place), f"there is no alternative '{name}'; {options}"))
-    return faults
+        if aspect not in ASPECTS[kind]:
+            options = f"a scene of kind {kind} chooses {', '.join(ASPECTS[kind])}"
+            message = f"'{aspect}' is no choice of a run; {options}{did_you_mean(aspect, ASPECTS[kind])}"
+            yield (*path, AT_KEY), message
+            continue
+        if aspect not in scene.aspects:
+            yield (*path, AT_KEY), f"nothing in this scene is {_MISSING[aspect]}"
+        for index, name in enumerate(names if isinstance(names, list) else []):
+            if name not in (known := ASPECTS[kind][aspect]):
+                options = f"it is one of {', '.join(known)}{did_you_mean(name, known)}"
+                yield (*path, index), f"there is no alternative '{name}'; {options}"
 
 
 _MISSING = {
@@ -360,18 +335,3 @@ _MISSING = {
     "hold": "held: no force is known by samples alone",
     "modes": "asked for its modes: there is no 'analysis.modes'",
 }
-
-
-def _is_propagated(data: dict[str, Any]) -> bool:
-    """Return True if a time response is computed from signals that are more than an impulse."""
-    analysis = mapping(data, "analysis")
-    results = analysis.get("results")
-    if "time" not in analysis or (isinstance(results, list) and "time_response" not in results):
-        return False
-    given = list(signals((), mapping(analysis, "time").get("input")))
-    of_structure = data.get("kind") == "identification" and "graph" not in data
-    if not given and of_structure and not mapping(data, "initial"):
-        given = list(signals((), data.get("excitation")))
-    elif not given:
-        return not mapping(data, "initial")  # a unit step, unless stored energy moves it
-    return any(signal.get("kind") != "impulse" for _, signal in given)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from itertools import pairwise
-from typing import Annotated, Any, Literal, Self
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from itertools import pairwise, starmap
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import (
     AfterValidator,
@@ -33,15 +34,16 @@ from dynid.bondgraph.graph import (
     graph_faults,
 )
 from dynid.bondgraph.request import NUMERIC, USUAL, Engine, FormulaForm, Reading, ResultName
-from dynid.errors import Fault
 from dynid.scene.model_faults import MAX_COPIES
 from dynid.scene.schema.base import (
+    ENGINE_RESULTS,
     AccuracyModel,
     ComposedScene,
     Dof,
     FrequencyGrid,
     ParameterEntry,
     Section,
+    accuracy_faults,
     once,
 )
 from dynid.scene.schema.control import control_faults
@@ -54,9 +56,19 @@ from dynid.scene.schema.laws import (
     NodeValue,
     OperatingPointModel,
     law_faults,
-    operating_point_faults,
 )
-from dynid.scene.schema.quantities import Quantity, SceneNames, Uncertain, Value, fault, names_of
+from dynid.scene.schema.quantities import (
+    AROUND,
+    AT_KEY,
+    Located,
+    Quantity,
+    SceneNames,
+    Uncertain,
+    Value,
+    fault,
+    names_of,
+    raise_faults,
+)
 from dynid.scene.schema.raw import (
     COUPLING,
     FIELD,
@@ -65,19 +77,16 @@ from dynid.scene.schema.raw import (
     STRUCTURE,
     chain_ends,
     chain_fault,
-    listing,
-    mapping,
-    node_types,
     ports_of,
-    references,
-    written_key,
 )
 from dynid.scene.schema.reduction import ReductionModel, structure_faults
 from dynid.scene.schema.references import Path, sections
 from dynid.scene.schema.signals import SignalPart, TimeGrid
 from dynid.scene.schema.structure import StructureModel
-from dynid.scene.yaml.source import Source
 from dynid.suggestions import did_you_mean, shortened
+
+if TYPE_CHECKING:
+    from dynid.scene.schema.identification import IdentificationScene
 
 #: Physical domains; `mechanical` is translation.
 Domain = Literal["mechanical", "rotational", "electrical", "magnetic", "hydraulic", "acoustic", "thermal"]
@@ -179,7 +188,7 @@ class NodeModel(Section):
     ) = None
 
     @model_validator(mode="after")
-    def _has_what_it_needs(self) -> Self:
+    def _has_what_it_needs(self, info: ValidationInfo) -> Self:
         if self.type == STRUCTURE:
             return self._is_a_structure()
         if self.law is not None:
@@ -194,6 +203,7 @@ class NodeModel(Section):
             ]
             if given:
                 raise fault(f"{self.type} has a 'law' or a '{given[0]}', not both")
+            raise_faults(law_faults(self.type, self.law, names_of(info)))
             return self
         given = [name for name in ("structure", "reduction", "joints") if getattr(self, name)]
         if given:
@@ -247,21 +257,58 @@ class NodeModel(Section):
         ]
         if twice:
             raise fault(f"two ports are at DOF {twice[0]}; bond several elements to one port instead")
+        raise_faults(structure_faults(self, self.structure))
         return self
 
 
-def _bonds(raw: Any, info: ValidationInfo) -> tuple[Bond, ...]:
-    """Read a bond or a chain of bonds: a -> b -> c."""
+def _chain_problem(raw: Any, nodes: Mapping[str, str]) -> str:
+    """Return the reason why an entry is no bond or chain of bonds between the nodes; else an empty text."""
     if not isinstance(raw, str):
-        raise fault("a bond is a text such as 'a -> b'")
+        return "a bond is a text such as 'a -> b'"
     if problem := chain_fault(raw):
-        raise fault(problem)
-    ends = chain_ends(raw)
+        return problem
+    unknown = [problem for end in chain_ends(raw) if nodes and (problem := _end_fault(nodes, end))]
+    return f"bond '{raw}': {'; '.join(unknown)}" if unknown else ""
+
+
+def _chains(entries: list[Any], info: ValidationInfo) -> list[tuple[Bond, ...]]:
+    """Read the bonds of a graph, and check their numbers at the nodes."""
     nodes = names_of(info).nodes
-    unknown = [problem for end in ends if nodes and (problem := _end_fault(nodes, end))]
-    if unknown:
-        raise fault(f"bond '{raw}': {'; '.join(unknown)}")
-    return tuple(Bond(tail, head) for tail, head in pairwise(ends))
+    problems = {index: text for index, raw in enumerate(entries) if (text := _chain_problem(raw, nodes))}
+    chains = [
+        () if index in problems else tuple(starmap(Bond, pairwise(chain_ends(raw))))
+        for index, raw in enumerate(entries)
+    ]
+    faults = [*(((index,), text) for index, text in problems.items())]
+    raise_faults([*faults, *_bond_faults(nodes, chains, complete=not faults)])
+    return chains
+
+
+def _bond_faults(
+    types: Mapping[str, str], chains: list[tuple[Bond, ...]], *, complete: bool
+) -> Iterator[Located]:
+    """Yield the faults of the numbers of bonds at nodes and ports.
+
+    Where not all bonds are known, a node that may only lack one is not reported.
+    """
+    indices = [index for index, chain in enumerate(chains) for _ in chain]
+    bonds = [bond for chain in chains for bond in chain]
+    ins, outs = (Counter(bond[end] for bond in bonds) for end in (1, 0))
+    for found in graph_faults({name: kind for name, kind in types.items() if kind in NODE_TYPES}, bonds):
+        if found.bond is not None:
+            yield (indices[found.bond],), found.message
+        elif (node := found.node) is not None:
+            count, side = ins[node] + outs[node], max(ins[node], outs[node])
+            crowded = count > 1 if types[node] in ONE_PORTS else side > 1
+            if complete or crowded:
+                yield (AROUND, "nodes", node, AT_KEY), found.message
+    for port in (name for name, kind in types.items() if kind == PORT):
+        count, holder = ins[port] + outs[port], port.rpartition(".")[0]
+        # Elements at a port of a structure share its velocity; at a port of a field they need a junction.
+        if types.get(holder) in (FIELD, COUPLING) and (count > 1 or (count == 0 and complete)):
+            message = f"port '{port}' has {count} bonds; put a junction between"
+            message = message if count else f"port '{port}' has no bond; connect it or leave it out"
+            yield (AROUND, "nodes", holder, "ports", AT_KEY), message
 
 
 def _end_fault(nodes: Mapping[str, str], end: str) -> str:
@@ -278,7 +325,9 @@ def _link(raw: Any, info: ValidationInfo) -> Bond:
     ends = chain_ends(raw) if isinstance(raw, str) else []
     if len(ends) != 2:
         raise fault("a port is one bond of the graph, written 'source side -> load side', such as 'a -> b'")
-    return _bonds(raw, info)[0]
+    if problem := _chain_problem(raw, names_of(info).nodes):
+        raise fault(problem)
+    return Bond(*ends)
 
 
 class InstanceModel(Section):
@@ -300,11 +349,59 @@ _Node = Annotated[
 ]
 
 
+_TEXTS = WithJsonSchema({"type": "array", "items": {"type": "string"}, "minItems": 1})
+
+
 class GraphModel(Section):
     """Nodes and bonds."""
 
     nodes: dict[Annotated[str, AfterValidator(_node_name)], _Node] = Field(min_length=1)
-    bonds: list[Annotated[tuple[Bond, ...], PlainValidator(_bonds), TEXT]] = Field(min_length=1)
+    bonds: Annotated[list[Any], Field(min_length=1), AfterValidator(_chains), _TEXTS]
+
+    @model_validator(mode="after")
+    def _fits(self, info: ValidationInfo) -> Self:
+        types = names_of(info).nodes
+        raise_faults([*self._coupling_faults(types), *self._domain_faults(types)])
+        return self
+
+    @property
+    def single_bonds(self) -> list[tuple[int, Bond]]:
+        """The bonds of all chains, each with the index of its entry."""
+        return [(index, bond) for index, chain in enumerate(self.bonds) for bond in chain]
+
+    def _coupling_faults(self, types: Mapping[str, str]) -> Iterator[Located]:
+        """Yield the bonds against the power through a multiport transformer or gyrator."""
+        for name in (name for name, kind in types.items() if kind == COUPLING):
+            rows = len(self.nodes[name].matrix or ())
+            first, second = ports_of(types, name)[:rows], ports_of(types, name)[rows:]
+            for index, bond in self.single_bonds:
+                for port, against in ((bond.tail, bond.tail in first), (bond.head, bond.head in second)):
+                    if against:
+                        how = "into its rows" if port in first else "out of its columns"
+                        message = f"power of '{name}' is positive {how}; turn the bond at '{port}'"
+                        yield ("bonds", index), message
+
+    def _domain_faults(self, types: Mapping[str, str]) -> Iterator[Located]:
+        """Yield the pairs of nodes of two domains that have no TF or GY between them."""
+        domains: dict[str, str] = {name: node.domain for name, node in self.nodes.items() if node.domain}
+        domains |= {port: domains[name] for name in [*domains] for port in ports_of(types, name)}
+        near: dict[str, list[str]] = {name: [] for name in types}
+        for _, bond in self.single_bonds:
+            if not {types[bond.tail], types[bond.head]} & TWO_PORTS:
+                near[bond.tail].append(bond.head)
+                near[bond.head].append(bond.tail)
+        seen = set[str]()
+        for first, domain in domains.items():
+            reached = [] if first in seen else [first]
+            seen.add(first)
+            for name in reached:
+                if domains.get(name, domain) != domain:
+                    message = f"'{first}' is {domain} and '{name}' {domains[name]}"
+                    holder = name if name in self.nodes else name.rpartition(".")[0]
+                    yield ("nodes", holder, "domain"), f"{message}, but no TF or GY stands between them"
+                following = [other for other in dict.fromkeys(near[name]) if other not in seen]
+                seen.update(following)
+                reached += following
 
 
 class SubModel(Section):
@@ -347,7 +444,18 @@ class AnalysisModel(Section):
         ):
             if name in (self.results or ()) and block is None:
                 raise fault(f"'{name}' needs the block '{key}'")
+        raise_faults(self._formula_faults())
         return self
+
+    def _formula_faults(self) -> Iterator[Located]:
+        """Yield the results that formulas do not have, and formulas of no result."""
+        for index, name in enumerate(self.results or () if self.engine == "symbolic" else ()):
+            if name in NUMERIC:
+                message = f"'{name}' needs numbers, and the symbolic engine has formulas alone"
+                yield ("results", index), f"{message}; write 'engine: auto'"
+        if self.symbolic is not None and self.results and "transfer_function" not in self.results:
+            message = "formulas are of the transfer function; 'results' does not list 'transfer_function'"
+            yield ("symbolic", AT_KEY), message
 
     def asked(self) -> frozenset[ResultName]:
         """Return the results to compute."""
@@ -376,212 +484,96 @@ class BondGraphScene(ComposedScene):
     initial: dict[str, InitialModel] = {}
     design: Annotated[DesignModel, Later()] | None = None
 
+    @model_validator(mode="after")
+    def _fits(self, info: ValidationInfo) -> Self:
+        names = names_of(info)
+        raise_faults(
+            [
+                *graph_scene_faults(self, names),
+                *self._port_faults(names.nodes),
+                *self._energy_faults(),
+                *self._driving_faults(),
+                *(design_faults(self) if self.design is not None else ()),
+                *accuracy_faults(self),
+            ]
+        )
+        return self
 
-def bond_graph_faults(source: Source, names: SceneNames) -> list[Fault]:
-    """Return the faults of bonds, stored energy, signals, port, engine and domains of a bond graph."""
-    faults = [*graph_scene_faults(source, names), *_unshown_energy_faults(source), *_driving_faults(source)]
-    faults += operating_point_faults(source)
-    faults += design_faults(source)
-    analysis = mapping(source.data, "analysis")
-    results = listing(analysis, "results")
-    for place, name in enumerate(results if analysis.get("engine") == "symbolic" else []):
-        if isinstance(name, str) and name in NUMERIC:
-            message = f"'{name}' needs numbers, and the symbolic engine has formulas alone"
-            faults.append(source.fault(("analysis", "results", place), f"{message}; write 'engine: auto'"))
-    asks_for_it = any(did_you_mean(str(name), ["transfer_function"]) for name in results)
-    if analysis.get("symbolic") is not None and results and not asks_for_it:
-        message = "formulas are of the transfer function; 'results' does not list 'transfer_function'"
-        faults.append(source.fault(("analysis", "symbolic"), message, key=True))
-    return faults
+    @property
+    def sources(self) -> list[str]:
+        """The sources of its graph and of its closed loops."""
+        loops = self.control.loops if self.control else ()
+        nodes = [name for name, node in self.graph.nodes.items() if node.type in SOURCES]
+        return [*nodes, *(name for loop in loops for name in (loop.reference, loop.setpoint) if name)]
 
+    @property
+    def aspects(self) -> set[str]:
+        """The aspects in which it chooses between alternatives."""
+        requested = {"engine"} if self.analysis.asked() & ENGINE_RESULTS else set()
+        if self.analysis.time is not None and "time_response" in self.analysis.asked():
+            signals = self.analysis.time.input
+            if any(signal.kind != "impulse" for signal in signals) or not (signals or self.initial):
+                requested.add("propagation")  # without signals and stored energy a unit step drives it
+        return requested
 
-def graph_scene_faults(source: Source, names: SceneNames) -> list[Fault]:
-    """Return the faults of the bonds, domains and stored energy of a graph in a scene of any kind."""
-    own = [
-        *_bond_faults(source),
-        *stored_energy_faults(source),
-        *domain_faults(source),
-        *control_faults(source),
-        *law_faults(source, names),
-    ]
-    return [*own, *structure_node_faults(source, names)]
+    def _port_faults(self, types: Mapping[str, str]) -> Iterator[Located]:
+        """Yield the fault of the port at which the graph is cut."""
+        port, bonds = self.analysis.port, [bond for _, bond in self.graph.single_bonds]
+        if port is not None:
+            problem = bond_fault(types, bonds, port)
+            if not set(MULTIPORTS) & set(types.values()):  # else loops may pass through what a run expands
+                problem = problem or loop_fault(types, bonds, port)
+            if problem:
+                yield ("analysis", "port"), problem
 
+    def _energy_faults(self) -> Iterator[Located]:
+        """Yield the fault of stored energy that no result shows."""
+        results, showing = self.analysis.results, {"time_response", "transfer_function"}
+        if (
+            self.initial
+            and self.analysis.port is None
+            and results is not None
+            and showing.isdisjoint(results)
+        ):
+            message = "the initial state shows in a time response, a transfer function or at a port only; "
+            message += "'results' lists neither 'time_response' nor 'transfer_function'"
+            yield ("initial", AT_KEY), message
 
-def structure_node_faults(source: Source, names: SceneNames) -> list[Fault]:
-    """Return the faults of nodes and DOFs in the structures of a graph."""
-    faults = []
-    for name, node in mapping(mapping(source.data, "graph"), "nodes").items():
-        if isinstance(node, dict) and node.get("type") == STRUCTURE:
-            faults += structure_faults(source, NodeModel, names, ("graph", "nodes", name))
-    return faults
-
-
-def _bond_faults(source: Source) -> list[Fault]:
-    """Return the faults of the numbers of bonds at the nodes, and of the port at which the graph is cut.
-
-    A bond that cannot be read is reported at its own place. A node that may only lack that bond is not
-    reported as well; one that has too many already is.
-    """
-    nodes = mapping(mapping(source.data, "graph"), "nodes")
-    types = node_types(source.data)
-    bonds, places, complete = _readable_bonds(source, types)
-    faults = []
-    for found in graph_faults({name: kind for name, kind in types.items() if kind in NODE_TYPES}, bonds):
-        if found.bond is not None:
-            faults.append(source.fault(("graph", "bonds", places[found.bond]), found.message))
-        elif found.node is not None and bonds:
-            ins, outs = (sum(found.node == bond[end] for bond in bonds) for end in (1, 0))
-            crowded = ins + outs > 1 if types[found.node] in ONE_PORTS else max(ins, outs) > 1
-            if complete or crowded:
-                path = ("graph", "nodes", written_key(nodes, found.node))
-                faults.append(source.fault(path, found.message, key=True))
-    for port in (name for name, kind in types.items() if kind == PORT):
-        count, holder = sum(port in bond for bond in bonds), port.rpartition(".")[0]
-        # Elements at one port of a structure have its velocity; at one port of a field they need a junction.
-        # A port's name that has a dot, which is reported at its own place, has no such holder.
-        if types.get(holder) in (FIELD, COUPLING) and (count > 1 or (count == 0 and complete and bonds)):
-            message = f"port '{port}' has {count} bonds; put a junction between"
-            message = message if count else f"port '{port}' has no bond; connect it or leave it out"
-            faults.append(
-                source.fault(("graph", "nodes", written_key(nodes, holder), "ports"), message, key=True)
-            )
-    faults += _coupling_faults(source, types, bonds, places)
-    text = mapping(source.data, "analysis").get("port")
-    ends = chain_ends(text) if isinstance(text, str) else []
-    # A port with other faults is reported by its own key, or by the faults of the bonds.
-    if len(ends) == 2 and all(end in types for end in ends) and complete:
-        problem = bond_fault(types, bonds, Bond(*ends))
-        if not set(MULTIPORTS) & set(types.values()):  # else loops may pass through what is expanded in a run
-            problem = problem or loop_fault(types, bonds, Bond(*ends))
-        faults += [source.fault(("analysis", "port"), problem)] if problem else []
-    return faults
-
-
-def _coupling_faults(
-    source: Source, types: Mapping[str, str], bonds: list[Bond], places: list[int]
-) -> list[Fault]:
-    """Return the bonds against the power through a multiport transformer or gyrator, as faults."""
-    faults, nodes = [], mapping(mapping(source.data, "graph"), "nodes")
-    for name in (name for name, kind in types.items() if kind == COUPLING):
-        rows = len(listing(nodes[written_key(nodes, name)], "matrix"))
-        first, second = ports_of(types, name)[:rows], ports_of(types, name)[rows:]
-        for number, bond in enumerate(bonds):
-            for port, wrong in ((bond.tail, bond.tail in first), (bond.head, bond.head in second)):
-                if wrong:
-                    how = "into its rows" if port in first else "out of its columns"
-                    message = f"power of '{name}' is positive {how}; turn the bond at '{port}'"
-                    faults.append(source.fault(("graph", "bonds", places[number]), message))
-    return faults
-
-
-def _readable_bonds(source: Source, types: Mapping[str, str]) -> tuple[list[Bond], list[int], bool]:
-    """Return the bonds that can be read, the entry of each in the scene, and True if they are all."""
-    bonds, places, complete = [], [], True
-    for index, text in enumerate(listing(mapping(source.data, "graph"), "bonds")):
-        ends = chain_ends(text) if isinstance(text, str) else []
-        read = bool(ends) and all(end in types for end in ends)
-        complete = complete and read and all(a != b for a, b in pairwise(ends))
-        if read:
-            bonds += [Bond(tail, head) for tail, head in pairwise(ends)]
-            places += [index] * (len(ends) - 1)
-    return bonds, places, complete
-
-
-def domain_faults(source: Source) -> list[Fault]:
-    """Return the pairs of nodes of two domains that have no TF or GY between them, as faults."""
-    nodes = mapping(mapping(source.data, "graph"), "nodes")
-    types = node_types(source.data)
-    given = {
-        str(name): node["domain"]
-        for name, node in nodes.items()
-        if isinstance(node, dict) and isinstance(node.get("domain"), str)
-    }
-    given |= {port: given[name] for name in [*given] for port in ports_of(types, name)}
-    near: dict[str, list[str]] = {name: [] for name in types}
-    for bond in _readable_bonds(source, types)[0]:
-        if not {types[bond.tail], types[bond.head]} & TWO_PORTS:
-            near[bond.tail].append(bond.head)
-            near[bond.head].append(bond.tail)
-    faults, seen = [], set[str]()
-    for first, domain in given.items():
-        reached = [] if first in seen else [first]
-        seen.add(first)
-        for name in reached:
-            if given.get(name, domain) != domain:
-                message = (
-                    f"'{first}' is {domain} and '{name}' {given[name]}, but no TF or GY stands between them"
-                )
-                holder = name if name in types and types[name] != PORT else name.rpartition(".")[0]
-                faults.append(source.fault(("graph", "nodes", written_key(nodes, holder), "domain"), message))
-            following = [other for other in dict.fromkeys(near[name]) if other not in seen]
-            seen.update(following)
-            reached += following
-    return faults
-
-
-def stored_energy_faults(source: Source) -> list[Fault]:
-    """Return the faults of stored energy: its nodes and its variables."""
-    initial = mapping(source.data, "initial")
-    types, faults = node_types(source.data), []
-    for name, given in initial.items():
-        kind, path = types.get(str(name)), ("initial", name)
-        if kind is None and types:
-            faults.append(source.fault(path, f"no node '{name}'{did_you_mean(str(name), types)}", key=True))
-        elif kind in (*MULTIPORTS, PORT):
-            message = f"stored energy is given to single I and C, not to a {kind}"
-            faults.append(source.fault(path, message, key=True))
-        elif kind not in NODE_TYPES:
-            continue  # reported where the node stands
-        elif kind not in ("I", "C"):
-            faults.append(
-                source.fault(path, f"'{name}' is {kind} and stores no energy; only I and C do", key=True)
-            )
-        elif isinstance(given, dict):
-            own, other = ("f", "e") if kind == "I" else ("e", "f")
-            if other in given or given.get(own) is None:
-                message = (
-                    f"the energy of {kind} '{name}' is given by its {'flow f' if own == 'f' else 'effort e'}"
-                )
-                faults.append(source.fault(path, message))
-    return faults
-
-
-def _unshown_energy_faults(source: Source) -> list[Fault]:
-    """Return the fault of stored energy that no result shows."""
-    analysis, faults = source.data.get("analysis", {}), list[Fault]()
-    if not mapping(source.data, "initial") or not isinstance(analysis, dict) or "port" in analysis:
-        return faults
-    results, showing = analysis.get("results"), ("time_response", "transfer_function")
-    if isinstance(results, list) and not any(did_you_mean(str(name), showing) for name in results):
-        message = "the initial state shows in a time response, a transfer function or at a port only; "
-        message += "'results' lists neither 'time_response' nor 'transfer_function'"
-        faults.append(source.fault(("initial",), message, key=True))
-    return faults
-
-
-def calibration_faults(source: Source, path: Path, signal: dict[Any, Any]) -> list[Fault]:
-    """Return the faults of a signal of a response with a gain or delay, which belong to records."""
-    message = "'{}' belongs to the excitation of a record; a response is that to the signal itself"
-    given = [key for key in ("gain", "delay") if key in signal]
-    return [source.fault((*path, key), message.format(key), key=True) for key in given]
-
-
-def _driving_faults(source: Source) -> list[Fault]:
-    """Return the faults of the signals of a time response, which drive inputs."""
-    inputs = [str(name) for name in listing(mapping(source.data, "analysis"), "inputs")]
-    sources = node_types(source.data) | references(source.data)
-    inputs = inputs or [name for name, kind in sources.items() if kind in SOURCES]
-    faults = []
-    for path, signal in sections(BondGraphScene, source.data, SignalPart):
-        name = signal.get("source")
-        if isinstance(name, str) and name not in inputs:
-            there = did_you_mean(name, inputs) or f"; there are: {shortened(inputs) or 'none'}"
-            faults.append(source.fault((*path, "source"), f"'{name}' is not an input{there}"))
-        faults += calibration_faults(source, path, signal)
-        if "dof" in signal:
-            faults.append(source.fault((*path, "dof"), "a bond graph has sources, not DOFs", key=True))
-        for key in ("motion", "base"):
-            if key in signal:
+    def _driving_faults(self) -> Iterator[Located]:
+        """Yield the faults of the signals of a time response, which drive inputs."""
+        inputs = self.analysis.inputs or self.sources
+        for path, signal in sections(self, SignalPart):
+            if signal.source is not None and signal.source not in inputs:
+                there = did_you_mean(signal.source, inputs) or f"; there are: {shortened(inputs) or 'none'}"
+                yield (*path, "source"), f"'{signal.source}' is not an input{there}"
+            yield from calibration_faults(path, signal)
+            if signal.dof is not None:
+                yield (*path, "dof", AT_KEY), "a bond graph has sources, not DOFs"
+            for key in {"motion", "base"} & signal.model_fields_set:
                 message = f"'{key}' belongs to structures; a flow source prescribes a motion"
-                faults.append(source.fault((*path, key), message, key=True))
-    return faults
+                yield (*path, key, AT_KEY), message
+
+
+def graph_scene_faults(scene: BondGraphScene | IdentificationScene, names: SceneNames) -> Iterator[Located]:
+    """Yield the faults of the feedback and the stored energy of a graph in a scene of any kind."""
+    if scene.control is not None:
+        yield from control_faults(scene)
+    types = names.nodes
+    for name, energy in scene.initial.items():
+        kind, path = types.get(str(name)), ("initial", name)
+        key, other, quantity = ("f", "e", "flow f") if kind == "I" else ("e", "f", "effort e")
+        if kind is None:
+            yield (*path, AT_KEY), f"no node '{name}'{did_you_mean(str(name), types)}"
+        elif kind in (*MULTIPORTS, PORT):
+            yield (*path, AT_KEY), f"stored energy is given to single I and C, not to a {kind}"
+        elif kind not in ("I", "C"):
+            yield (*path, AT_KEY), f"'{name}' is {kind} and stores no energy; only I and C do"
+        elif getattr(energy, other) is not None or getattr(energy, key) is None:
+            yield path, f"the energy of {kind} '{name}' is given by its {quantity}"
+
+
+def calibration_faults(path: Path, signal: SignalPart) -> Iterator[Located]:
+    """Yield the faults of a signal of a response with a gain or delay, which belong to records."""
+    for key in {"gain", "delay"} & signal.model_fields_set:
+        message = f"'{key}' belongs to the excitation of a record; a response is that to the signal itself"
+        yield (*path, key, AT_KEY), message

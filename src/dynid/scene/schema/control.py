@@ -2,30 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import product
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Self
 
 from pydantic import Field, model_validator
 
-from dynid.errors import Fault
 from dynid.scene.schema.base import Section
 from dynid.scene.schema.graph_variables import Output, SourceName
-from dynid.scene.schema.quantities import Uncertain, UncertainNotNegative, UncertainPositive, fault
-from dynid.scene.schema.raw import (
-    is_mapping_of_mappings,
-    listing,
-    mapping,
-    mapping_of,
-    node_types,
-    references,
+from dynid.scene.schema.quantities import (
+    AT_KEY,
+    Located,
+    Uncertain,
+    UncertainNotNegative,
+    UncertainPositive,
+    fault,
 )
-from dynid.scene.yaml.source import Source
+
+if TYPE_CHECKING:
+    from dynid.scene.schema.bond_graph import BondGraphScene
+    from dynid.scene.schema.identification import IdentificationScene
 
 Coefficients = Annotated[list[Uncertain], Field(min_length=1, max_length=50)]
 
 
 #: Most loops with delays: the terms of their characteristic function double with each.
-MOST_DELAYS = 8
+MAX_DELAYS = 8
 
 
 class PidModel(Section):
@@ -77,6 +79,12 @@ class LoopModel(Section):
     reference: str = ""
     setpoint: str = ""
 
+    @property
+    def has_delay(self) -> bool:
+        """True if its controller has a delay."""
+        delay = self.controller.delay
+        return delay is not None and float(delay) != 0
+
 
 class ControlModel(Section):
     """Feedback, which closes loops around the graph."""
@@ -84,55 +92,46 @@ class ControlModel(Section):
     loops: list[LoopModel] = Field(min_length=1)
 
 
-def control_faults(source: Source) -> list[Fault]:
-    """Return the faults of references and setpoints, and of inputs that loops drive."""
-    types, faults, seen = node_types(source.data), list[Fault](), dict[str, str]()
-    loops = listing(mapping(source.data, "control"), "loops")
-    every = enumerate(loops if is_mapping_of_mappings(dict(enumerate(loops))) else [])
-    for (place, loop), key in product(every, ("reference", "setpoint")):
-        name, path = loop.get(key), ("control", "loops", place, key)
-        if name is None or not isinstance(name, str):
-            continue
-        if name in types or name in seen:
-            what = "a node" if name in types else f"the {seen[name]} of another loop"
-            faults.append(source.fault(path, f"'{name}' is {what}; use another name"))
-        elif not name.isidentifier():
-            faults.append(source.fault(path, f"'{name}' cannot name a {key}; use letters, digits and _"))
-        seen.setdefault(name, key)
-    driven = {str(loop.get("to")) for loop in loops if isinstance(loop, dict)}
-    for place, name in enumerate(listing(mapping(source.data, "analysis"), "inputs")):
-        if str(name) in driven:
-            known = list(references(source.data)) or ["reference: r", "setpoint: w"]
-            message = (
-                f"'{name}' is driven by a loop; the input is its reference or setpoint ({', '.join(known)})"
-            )
-            faults.append(source.fault(("analysis", "inputs", place), message))
-    return [*faults, *_delay_faults(source, [mapping_of(loop) for loop in loops])]
+def control_faults(scene: BondGraphScene | IdentificationScene) -> Iterator[Located]:
+    """Yield the faults of references, setpoints and delays, and of inputs that loops drive."""
+    assert scene.control is not None
+    loops, seen = scene.control.loops, dict[str, str]()
+    nodes = scene.graph.nodes if scene.graph is not None else {}
+    for (index, loop), key in product(enumerate(loops), ("reference", "setpoint")):
+        if name := getattr(loop, key):
+            path = ("control", "loops", index, key)
+            if name in nodes or name in seen:
+                what = "a node" if name in nodes else f"the {seen[name]} of another loop"
+                yield path, f"'{name}' is {what}; use another name"
+            elif not name.isidentifier():
+                yield path, f"'{name}' cannot name a {key}; use letters, digits and _"
+            seen.setdefault(name, key)
+    driven = {loop.source for loop in loops}
+    signals = ", ".join(seen) or "reference: r, setpoint: w"
+    for index, name in enumerate(getattr(scene.analysis, "inputs", None) or ()):
+        if name in driven:
+            message = f"'{name}' is driven by a loop; the input is its reference or setpoint ({signals})"
+            yield ("analysis", "inputs", index), message
+    yield from _delay_faults(scene, [index for index, loop in enumerate(loops) if loop.has_delay])
 
 
-def _delay_faults(source: Source, loops: list[dict[Any, Any]]) -> list[Fault]:
-    """Return the faults of what is not computed where loops have delays."""
-    late = [
-        place for place, loop in enumerate(loops) if mapping(loop, "controller").get("delay") not in (None, 0)
-    ]
+def _delay_faults(scene: BondGraphScene | IdentificationScene, late: list[int]) -> Iterator[Located]:
+    """Yield the faults of what is not computed where loops have delays; `late` are the loops that do."""
     if not late:
-        return []
+        return
     remedy = "leave it out, or write the delay as a rational function (numerator, denominator)"
-    first = ("control", "loops", late[0], "controller", "delay")
-    if source.data.get("kind") == "identification":
-        message = f"a loop with a delay is not identified; {remedy}"
-        return [source.fault(first, message, key=True)]
-    faults = []
-    if len(late) > MOST_DELAYS:
-        faults.append(
-            source.fault(("control", "loops"), f"at most {MOST_DELAYS} loops may have a delay", key=True)
-        )
-    analysis = mapping(source.data, "analysis")
-    results = analysis.get("results")
+    if scene.kind == "identification":
+        path = ("control", "loops", late[0], "controller", "delay", AT_KEY)
+        yield path, f"a loop with a delay is not identified; {remedy}"
+        return
+    if len(late) > MAX_DELAYS:
+        yield ("control", "loops", AT_KEY), f"at most {MAX_DELAYS} loops may have a delay"
+    if scene.design is not None:
+        message = "a graph with a delay in a loop is not designed; write it as {numerator: …, denominator: …}"
+        yield from ((("control", "loops", index, "controller", "delay", AT_KEY), message) for index in late)
     message = f"a time response is not computed where a loop has a delay; {remedy}"
-    if isinstance(results, list):
-        places = [place for place, name in enumerate(results) if name == "time_response"]
-        faults += [source.fault(("analysis", "results", place), message) for place in places]
-    elif analysis.get("time") is not None:
-        faults.append(source.fault(("analysis", "time"), message, key=True))
-    return faults
+    if scene.analysis.results is None and scene.analysis.time is not None:
+        yield ("analysis", "time", AT_KEY), message
+    for index, name in enumerate(scene.analysis.results or ()):
+        if name == "time_response":
+            yield ("analysis", "results", index), message

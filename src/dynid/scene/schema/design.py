@@ -3,28 +3,19 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal, Self
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from dynid.arithmetic.expression import ExpressionError, parse
-from dynid.bondgraph.graph import SOURCES
-from dynid.errors import Fault
-from dynid.scene.schema.base import Section
+from dynid.scene.schema.base import DefinedParameter, Section
 from dynid.scene.schema.graph_variables import Output, SourceName
-from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
-from dynid.scene.schema.raw import (
-    is_mapping_of_mappings,
-    listing,
-    mapping,
-    mapping_of,
-    node_types,
-    reference_values,
-    references,
-    written_key,
-)
-from dynid.scene.yaml.source import Source
+from dynid.scene.schema.quantities import AT_KEY, Located, NotNegative, Positive, Value, fault
 from dynid.suggestions import did_you_mean
+
+if TYPE_CHECKING:
+    from dynid.scene.schema.bond_graph import BondGraphScene
 
 
 class FreeModel(Section):
@@ -130,81 +121,45 @@ class DesignModel(Section):
     compare: dict[str, dict[str, Value]] = {}
 
 
-def design_faults(source: Source) -> list[Fault]:
-    """Return the faults of names: free parameters that there are not, and channels that are not said."""
-    design = mapping(source.data, "design")
-    given = mapping(source.data, "parameters")
-    written = reference_values(given)
-    faults = [
-        found
-        for path, name in _named(design)
-        if (found := _parameter_fault(source, path, name, written)) is not None
-    ]
-    free = [str(name) for name in mapping(design, "free")]
-    for title, values in mapping(design, "compare").items():
-        for name in mapping_of(values):
-            if str(name) in written and str(name) not in free:
-                message = f"'{name}' is not free; values to compare are those of free parameters"
-                faults.append(source.fault(("design", "compare", title, name), message, key=True))
-    late = [
-        ("control", "loops", place, "controller", "delay")
-        for place, loop in enumerate(listing(mapping(source.data, "control"), "loops") if design else [])
-        if mapping(loop, "controller").get("delay") not in (None, 0)
-    ]
-    message = "a graph with a delay in a loop is not designed; write it as {numerator: …, denominator: …}"
-    return [
-        *faults,
-        *_channel_faults(source, design),
-        *(source.fault(path, message, key=True) for path in late),
-    ]
-
-
-def _named(design: dict[Any, Any]) -> list[tuple[tuple[Any, ...], str]]:
-    """Return the places of names of free parameters, with the names."""
-    found: list[tuple[tuple[Any, ...], str]] = [
-        (("design", "free", name), str(name)) for name in mapping(design, "free")
-    ]
-    for title, values in mapping(design, "compare").items():
-        found += [(("design", "compare", title, name), str(name)) for name in mapping_of(values)]
-    return found
-
-
-def _parameter_fault(
-    source: Source, path: tuple[Any, ...], name: str, written: dict[str, Any]
-) -> Fault | None:
-    """Return the fault of a name that is no parameter with a value of its own."""
-    if name not in written:
-        close = did_you_mean(name, written)
-        nodes = mapping(mapping(source.data, "graph"), "nodes")
-        if not close and written_key(nodes, name) in nodes:
-            close = f"; '{name}' is a node: name its value in 'parameters', and free that"
-        return source.fault(path, f"no parameter '{name}'{close}", key=True)
-    text = written[name]
-    if isinstance(text, str):
-        try:
-            used = sorted(parse(text).names)
-        except ExpressionError:
-            return None  # reported where it is defined
-        if used:
-            message = f"'{name}' is computed from {', '.join(used)}; free these, or write a number for it"
-            return source.fault(path, message, key=True)
-    return None
-
-
-def _channel_faults(source: Source, design: dict[Any, Any]) -> list[Fault]:
-    """Return targets without output or input where there are several to choose from."""
-    analysis, faults = mapping(source.data, "analysis"), []
-    outputs = [str(one) for one in listing(analysis, "outputs")]
-    sources = node_types(source.data) | references(source.data)
-    inputs = [str(one) for one in listing(analysis, "inputs")]
-    loops = listing(mapping(source.data, "control"), "loops")
-    driven = {str(mapping_of(loop).get("to")) for loop in loops}
-    inputs = inputs or [name for name, kind in sources.items() if kind in SOURCES and name not in driven]
-    targets = listing(design, "targets")
-    for place, target in enumerate(targets if is_mapping_of_mappings(dict(enumerate(targets))) else []):
-        for key, known in (("output", outputs), ("input", inputs)):
-            if key not in target and len(known) != 1:
-                several = f"several: {', '.join(known)}" if known else "none"
+def design_faults(scene: BondGraphScene) -> Iterator[Located]:
+    """Yield the faults of names: free parameters that there are not, and channels that are not said."""
+    design = scene.design
+    assert design is not None
+    for name in design.free:
+        if problem := _parameter_problem(scene, name):
+            yield ("design", "free", name, AT_KEY), problem
+    for title, values in design.compare.items():
+        for name in values:
+            problem = _parameter_problem(scene, name)
+            if not problem and name not in design.free:
+                problem = f"'{name}' is not free; values to compare are those of free parameters"
+            if problem:
+                yield ("design", "compare", title, name, AT_KEY), problem
+    driven = {loop.source for loop in scene.control.loops} if scene.control else set()
+    inputs = scene.analysis.inputs or [name for name in scene.sources if name not in driven]
+    channels = {"output": [str(port) for port in scene.analysis.outputs], "input": inputs}
+    for index, target in enumerate(design.targets):
+        for key, names in channels.items():
+            if getattr(target, key) is None and len(names) != 1:
+                several = f"several: {', '.join(names)}" if names else "none"
                 message = f"the target needs an '{key}'; the analysis has {several}"
-                faults.append(source.fault(("design", "targets", place), message))
-    return faults
+                yield ("design", "targets", index), message
+
+
+def _parameter_problem(scene: BondGraphScene, name: str) -> str:
+    """Return why a name is no parameter with a value of its own; empty where it is one."""
+    if name not in scene.parameters:
+        close = did_you_mean(name, scene.parameters)
+        if not close and name in scene.graph.nodes:
+            close = f"; '{name}' is a node: name its value in 'parameters', and free that"
+        return f"no parameter '{name}'{close}"
+    entry = scene.parameters[name]
+    expression = entry.reference.expression if isinstance(entry, DefinedParameter) else None
+    try:
+        expression = parse(entry) if isinstance(entry, str) else expression
+    except ExpressionError:
+        return ""  # reported where it is defined
+    names = sorted(expression.names) if expression is not None else []
+    return (
+        f"'{name}' is computed from {', '.join(names)}; free these, or write a number for it" if names else ""
+    )

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from dynid.errors import Fault
 from dynid.scene.schema.later import Later
+from dynid.scene.schema.quantities import AROUND, AT_KEY, Located
 from dynid.scene.schema.raw import value_with_unit
 from dynid.scene.yaml.source import Source, path_of
 from dynid.suggestions import did_you_mean, nearest_values, shortened, without_decimal_comma
@@ -73,20 +74,12 @@ def located_faults(source: Source, model: type[BaseModel], error: ValidationErro
     return faults
 
 
-def without_unknown_keys(data: Any, error: ValidationError) -> Any:
-    """Return the data of a scene without unknown keys, so that its other faults are found as well."""
-    unknown = {
-        _unknown_key(data, item["loc"]) for item in error.errors() if item["type"] == "extra_forbidden"
-    }
-
-    def kept(part: Any, path: tuple[Any, ...]) -> Any:
-        if isinstance(part, dict):
-            return {
-                key: kept(value, (*path, key)) for key, value in part.items() if (*path, key) not in unknown
-            }
-        return [kept(value, (*path, at)) for at, value in enumerate(part)] if isinstance(part, list) else part
-
-    return kept(data, ())
+def located(source: Source, faults: Iterable[Located]) -> list[Fault]:
+    """Return faults by their paths in a scene, each at its line and column."""
+    return [
+        source.fault(data_path(source.data, path), message, key=path[-1:] == (AT_KEY,))
+        for path, message in faults
+    ]
 
 
 def _fault(source: Source, model: type[BaseModel], error: dict[str, Any]) -> Fault:
@@ -119,7 +112,7 @@ def _fault(source: Source, model: type[BaseModel], error: dict[str, Any]) -> Fau
     number = kind in ("expression", "float_type", "float_parsing", "int_type", "int_parsing")
     message = (value_with_unit(source, path) if number else "") or _message(kind, error, path)
     place = (*path, _tag(error)) if kind == "union_tag_invalid" else path
-    return source.fault(place, message, key=loc[-1:] == ("[key]",))
+    return source.fault(place, message, key=loc[-1:] == (AT_KEY,))
 
 
 def _elsewhere(source: Source, path: Sequence[Any]) -> str:
@@ -214,18 +207,22 @@ def _shown(given: Any) -> str:
 def data_path(data: Any, loc: Iterable[Any]) -> tuple[Any, ...]:
     """Return the part of the location of an error that exists in the data (it names union members too)."""
     path: list[Any] = []
+    holders = [data]
     for part in loc:
-        if isinstance(data, dict):
-            found = part
-            if part not in data and isinstance(part, str) and part.isdecimal():
-                found = int(part)
-            if found not in data:
-                continue
-            path.append(found)
-            data = data[found]
-        elif isinstance(data, list) and isinstance(part, int) and part < len(data):
-            path.append(part)
-            data = data[part]
+        holder, key = holders[-1], part
+        if part == AROUND:
+            path.pop()
+            holders.pop()
+            continue
+        if isinstance(holder, dict):
+            if part not in holder and isinstance(part, str) and part.isdecimal():
+                key = int(part)
+            exists = key in holder
+        else:
+            exists = isinstance(holder, list) and isinstance(part, int) and part < len(holder)
+        if exists:
+            path.append(key)
+            holders.append(holder[key])
     return tuple(path)
 
 

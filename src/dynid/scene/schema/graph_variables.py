@@ -32,7 +32,7 @@ def unknown_node(nodes: Mapping[str, str], name: str) -> str:
 def _port(raw: Any, info: ValidationInfo) -> Port:
     from dynid.bondgraph.graph import NODE_TYPES, QUANTITIES, Port, port_fault
 
-    nodes = names_of(info).nodes
+    nodes = names_of(info).variables
     name, dot, quantity = raw.rpartition(".") if isinstance(raw, str) else ("", "", "")
     if not dot:
         shown = f"'{raw}'" if isinstance(raw, str) else "something else"
@@ -62,7 +62,7 @@ def _source_name(raw: Any, info: ValidationInfo) -> str:
 
     if isinstance(raw, bool) or not isinstance(raw, str | int):
         raise fault("an input is the name of a source")
-    name, nodes = str(raw), names_of(info).nodes
+    name, nodes = str(raw), names_of(info).variables
     sources = [node for node, kind in nodes.items() if kind in SOURCES]
     if nodes and name not in nodes:
         there = did_you_mean(name, sources) or f"; sources are: {shortened(sources) or 'none'}"

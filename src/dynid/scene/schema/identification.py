@@ -2,39 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Field, Tag, ValidationInfo, model_validator
 
 from dynid.defaults import ESTIMATOR
-from dynid.errors import Fault
 from dynid.scene.schema.base import (
     AccuracyModel,
     ComposedScene,
+    DefinedParameter,
     Dof,
     FrequencyGrid,
     MotionQuantity,
     Section,
     SignedDof,
+    accuracy_faults,
 )
-from dynid.scene.schema.joints import JointModel, by_direction
+from dynid.scene.schema.joints import JointModel, ParameterModel
 from dynid.scene.schema.later import Later
 from dynid.scene.schema.measurement import ChannelModel, MeasurementModel, OutputModel, RecordModel
 from dynid.scene.schema.parts import PartModel, PartName, PointModel
-from dynid.scene.schema.quantities import NotNegative, Positive, SceneNames, Value, fault
-from dynid.scene.schema.raw import (
-    is_mapping_of_mappings,
-    listing,
-    mapping,
-    mapping_of,
-    node_types,
-    references,
+from dynid.scene.schema.quantities import (
+    AT_KEY,
+    Located,
+    NotNegative,
+    Positive,
+    Value,
+    fault,
+    names_of,
+    raise_faults,
 )
+from dynid.scene.schema.raw import listing, mapping_of
 from dynid.scene.schema.reduction import ReductionModel, structure_faults
-from dynid.scene.schema.references import sections
+from dynid.scene.schema.references import Path, sections
 from dynid.scene.schema.signals import SignalPart, Signals, TimeGrid
 from dynid.scene.schema.structure import StructureModel
-from dynid.scene.yaml.source import Source
 from dynid.suggestions import did_you_mean
 
 if TYPE_CHECKING:
@@ -266,141 +269,141 @@ class IdentificationScene(ComposedScene):
             raise fault("modes are measured without an 'excitation'; leave it out")
         return self
 
+    @model_validator(mode="after")
+    def _fits(self, info: ValidationInfo) -> Self:
+        faults: list[Located] = []
+        if self.graph is not None:
+            from dynid.scene.schema.bond_graph import graph_scene_faults
 
-def identification_faults(source: Source, names: SceneNames) -> list[Fault]:
-    """Return the faults of nodes, DOFs, loads, channels, unknowns and the initial motion."""
-    data, model = source.data, IdentificationScene
-    of_graph = "graph" in data and not {"structure", "structures"} & data.keys()
-    if of_graph:
-        from dynid.scene.schema.bond_graph import graph_scene_faults
-
-        faults = [
-            *graph_scene_faults(source, names),
-            *_only_structures(source),
-            *_graph_channel_faults(source),
-        ]
-    else:
-        faults = [*structure_faults(source, model, names), *_load_faults(source)]
-    for path, signal in sections(model, data, SignalPart):
-        if path[0] == "analysis":
+            faults += [
+                *graph_scene_faults(self, names_of(info)),
+                *self._structure_keys(),
+                *self._graph_channel_faults(names_of(info).variables),
+            ]
+        else:
+            # Points and motions have names like DOFs, which are known as the model is built.
+            structure = None if self.points or self.motions else self.structure
+            faults += [*structure_faults(self, structure), *self._load_faults()]
+        if self.analysis is not None:
             from dynid.scene.schema.bond_graph import calibration_faults
 
-            faults += calibration_faults(source, path, signal)
-    records = list(sections(model, data, RecordModel))
-    faults += [
-        source.fault((*path, "channels", place), "this channel is listed twice")
-        for path, record in records
-        for place, channel in enumerate(listing(record, "channels"))
-        if isinstance(channel, dict) and channel in listing(record, "channels")[:place]
-    ]
-    simulated = any("simulate" in record for _, record in records)
-    responses = any("simulate" in mapping(record, "frf") for _, record in records)
-    faults += _unknown_faults(source, simulated=simulated or responses)
-    analysis = data.get("analysis", {})
-    shown = (
-        simulated
-        or not isinstance(analysis, dict)
-        or any(did_you_mean(str(key), ["time"]) for key in analysis)
-    )
-    if mapping(data, "initial") and not shown:
-        message = "the initial state shows in a time response or a simulated record only; "
-        message += "it needs the block 'analysis.time'"
-        faults.append(source.fault(("initial",), message, key=True))
-    return faults
+            for path, signal in sections(self.analysis, SignalPart, ("analysis",)):
+                faults += calibration_faults(path, signal)
+        records = [record for _, record in sections(self, RecordModel)]
+        simulated = any(record.simulate or (record.frf and record.frf.simulate) for record in records)
+        faults += [*self._unknown_faults(simulated=simulated), *accuracy_faults(self)]
+        if self.initial and not simulated and (self.analysis is None or self.analysis.time is None):
+            message = "the initial state shows in a time response or a simulated record only; "
+            faults.append((("initial", AT_KEY), f"{message}it needs the block 'analysis.time'"))
+        raise_faults(faults)
+        return self
 
+    @property
+    def aspects(self) -> set[str]:
+        """The aspects in which it chooses between alternatives."""
+        records = self.measurement.each if self.measurement is not None else []
+        simulated = [record.frf.simulate if record.frf else record.simulate for record in records]
+        # Samples of a force are those of random signals, and of files beside measured records.
+        sampled = any(
+            signal.kind == "random" or (signal.kind == "file" and record.simulate is None)
+            for record in records
+            for signal in (record.excitation or self.excitation)
+        )
+        reduced = any(simulation is not None and simulation.model == "reduced" for simulation in simulated)
+        requested = {
+            "propagation": self._is_propagated,
+            "estimator": self.measurement is not None,
+            "basis": self.measurement is not None and not reduced and self.graph is None,
+            "hold": sampled,
+            "modes": self.responses is not None and self.responses.modes is not None,
+        }
+        return {name for name, chosen in requested.items() if chosen}
 
-def _load_faults(source: Source) -> list[Fault]:
-    """Return the faults of the signals of a structure: what they drive."""
-    faults = []
-    for path, signal in sections(IdentificationScene, source.data, SignalPart):
-        if "base" in signal and ("dof" in signal or "motion" in signal):
-            faults.append(source.fault((*path, "base"), "the base moves, or a 'dof' does", key=True))
-        if "dof" not in signal and "base" not in signal:
-            faults.append(source.fault(path, "this signal needs the 'dof' that it drives", key=True))
-        if "source" in signal:
-            message = "a structure has DOFs, not sources; write 'dof'"
-            faults.append(source.fault((*path, "source"), message, key=True))
-    return faults
+    @property
+    def _is_propagated(self) -> bool:
+        """True if a time response is computed from signals that are more than an impulse."""
+        if self.analysis is None or self.analysis.time is None:
+            return False
+        graph, signals = self.graph_analysis, self.analysis.time.input
+        if graph is not None and "time_response" not in graph.asked():
+            return False
+        if graph is None and not (signals or self.initial):
+            signals = self.excitation
+        elif not signals:
+            return not self.initial  # a unit step, unless stored energy moves it
+        return any(signal.kind != "impulse" for signal in signals)
 
+    def _load_faults(self) -> Iterator[Located]:
+        """Yield the faults of the signals of a structure: what they drive."""
+        for path, signal in sections(self, SignalPart):
+            if signal.base is not None and (signal.dof is not None or signal.motion is not None):
+                yield (*path, "base", AT_KEY), "the base moves, or a 'dof' does"
+            if signal.dof is None and signal.base is None:
+                yield (*path, AT_KEY), "this signal needs the 'dof' that it drives"
+            if signal.source is not None:
+                yield (*path, "source", AT_KEY), "a structure has DOFs, not sources; write 'dof'"
 
-def _only_structures(source: Source) -> list[Fault]:
-    """Return the faults of keys beside a graph that belong to structures."""
-    remedies = {
-        ("points",): "a graph has nodes, not points",
-        ("motions",): "a graph has no DOFs; leave 'motions' out",
-        ("joints",): "a graph has no joints; its unknowns are entries of 'parameters' that its values name",
-        ("reduction",): "a graph is not reduced; leave 'reduction' out",
-        ("plan", "quantities"): "a graph has efforts and flows; list 'candidates' such as {output: J.f}",
-        ("plan", "noise"): "levels by motion are of structures; leave 'noise' out",
-        ("plan", "excitation", "dofs"): "a graph has sources; write 'sources'",
-    }
-    plan = mapping(source.data, "plan")
-    keys = {
-        *((key,) for key in source.data),
-        *(("plan", key) for key in plan),
-        *(("plan", "excitation", key) for key in mapping(plan, "excitation")),
-    }
-    return [source.fault(path, text, key=True) for path, text in remedies.items() if path in keys]
+    def _structure_keys(self) -> Iterator[Located]:
+        """Yield the keys beside a graph that belong to structures."""
+        force = self.plan.excitation
+        for path, section, message in (
+            (("points",), self, "a graph has nodes, not points"),
+            (("motions",), self, "a graph has no DOFs; leave 'motions' out"),
+            (("joints",), self, _NO_JOINTS),
+            (("reduction",), self, "a graph is not reduced; leave 'reduction' out"),
+            (("plan", "quantities"), self.plan, _NO_QUANTITIES),
+            (("plan", "noise"), self.plan, "levels by motion are of structures; leave 'noise' out"),
+            (("plan", "excitation", "dofs"), force, "a graph has sources; write 'sources'"),
+        ):
+            if path[-1] in section.model_fields_set:
+                yield (*path, AT_KEY), message
 
+    def _graph_channel_faults(self, types: Mapping[str, str]) -> Iterator[Located]:
+        """Yield the faults of signals and channels of a graph: its sources and outputs."""
+        from dynid.bondgraph.graph import SOURCES
 
-def _graph_channel_faults(source: Source) -> list[Fault]:
-    """Return the faults of signals and channels of a graph: its sources and outputs."""
-    from dynid.bondgraph.graph import SOURCES
+        sources = [name for name, kind in types.items() if kind in SOURCES]
 
-    types, faults = node_types(source.data) | references(source.data), []
-    sources = [name for name, kind in types.items() if kind in SOURCES]
-    for path, signal in sections(IdentificationScene, source.data, SignalPart):
-        for key in ("dof", "motion", "base"):
-            if key in signal:
+        for path, signal in sections(self, SignalPart):
+            for key in {"dof", "motion", "base"} & signal.model_fields_set:
                 message = f"'{key}' belongs to structures; a graph has sources: write 'source'"
-                faults.append(source.fault((*path, key), message, key=True))
-        name = signal.get("source")
-        if "source" not in signal and "dof" not in signal:
-            faults.append(source.fault(path, "this signal needs the 'source' that it drives", key=True))
-        elif isinstance(name, str) and types and types.get(name) not in SOURCES:
-            message = f"'{name}' is no source (Se, Sf)" if name in types else f"no node '{name}'"
-            faults.append(source.fault((*path, "source"), message + did_you_mean(name, sources)))
-    for path, channel in sections(IdentificationScene, source.data, ChannelModel):
-        referred = mapping(channel, "reference").get("source")
-        if referred is not None and types and types.get(str(referred)) not in SOURCES:
-            message = f"'{referred}' is no source (Se, Sf)" + did_you_mean(str(referred), sources)
-            faults.append(source.fault((*path, "reference", "source"), message))
-        for key in ("dof", "dofs"):
-            if key in channel:
+                yield (*path, key, AT_KEY), message
+            if signal.source is None and signal.dof is None:
+                yield (*path, AT_KEY), "this signal needs the 'source' that it drives"
+            elif signal.source is not None and signal.source not in sources:
+                name = signal.source
+                problem = f"'{name}' is no source (Se, Sf)" if name in types else f"no node '{name}'"
+                yield (*path, "source"), problem + did_you_mean(name, sources)
+        for path, channel in sections(self, ChannelModel):
+            reference = getattr(channel, "reference", None)
+            if reference is not None and reference.source and reference.source not in sources:
+                message = f"'{reference.source}' is no source (Se, Sf)"
+                message += did_you_mean(reference.source, sources)
+                yield (*path, "reference", "source"), message
+            for key in {"dof", "dofs"} & channel.model_fields_set:
                 message = f"'{key}' belongs to structures; a graph has outputs: write output: NODE.f"
-                faults.append(source.fault((*path, key), message, key=True))
-    return faults
+                yield (*path, key, AT_KEY), message
+
+    def _unknown_faults(self, *, simulated: bool) -> Iterator[Located]:
+        """Yield the fault of a measurement without unknowns, or unknowns without true values to simulate."""
+        if self.measurement is None:
+            return
+        unknowns: dict[Path, DefinedParameter | ParameterModel] = {
+            path: part
+            for path, part in sections(self.joints, ParameterModel, ("joints",))
+            if part.start is not None
+        }
+        unknowns |= {
+            ("parameters", name): entry
+            for name, entry in self.parameters.items()
+            if isinstance(entry, DefinedParameter) and entry.start is not None
+        }
+        if not unknowns:
+            yield ("measurement", AT_KEY), "there is nothing to identify: no parameter has a 'start'"
+        for path, unknown in unknowns.items():
+            if simulated and unknown.true is None:
+                yield (*path, AT_KEY), "a simulated measurement needs the 'true' value of this parameter"
 
 
-def _unknown_faults(source: Source, *, simulated: bool) -> list[Fault]:
-    """Return the faults of a measurement without unknowns, or simulated without their true values."""
-    if not mapping(source.data, "measurement"):
-        return []
-    joints = source.data.get("joints", {})
-    parameters = mapping(source.data, "parameters")
-    given: dict[tuple[Any, ...], Any] = {}
-    for name, joint in mapping_of(joints).items():
-        for letter in [letter for letter in ("k", "c") if letter in mapping_of(joint)]:
-            path, part = ("joints", name, letter), joint[letter]
-            given |= {(*path, along): part[along] for along in part} if by_direction(part) else {path: part}
-    unknowns = {path: value for path, value in given.items() if "start" in mapping_of(value)}
-    named = {("parameters", name): value for name, value in parameters.items()}
-    unknowns |= {path: value for path, value in named.items() if "start" in mapping_of(value)}
-    known = all(not isinstance(value, dict) or {*value} <= {"value", "matrix"} for value in given.values())
-    known = known and all({*mapping_of(value)} <= {"value", "std"} for value in parameters.values())
-    if not unknowns and known and is_mapping_of_mappings(joints):
-        message = "there is nothing to identify: no parameter has a 'start'"
-        return [source.fault(("measurement",), message, key=True)]
-    allowed = {
-        "start",
-        "value",
-        "matrix",
-        "min",
-        "max",
-        "prior",
-        "scale",
-        "std",
-    }  # another key may be 'true', misspelt
-    message = "a simulated measurement needs the 'true' value of this parameter"
-    lacking = [path for path, value in unknowns.items() if simulated and value.keys() <= allowed]
-    return [source.fault(path, message, key=True) for path in lacking]
+_NO_JOINTS = "a graph has no joints; its unknowns are entries of 'parameters' that its values name"
+_NO_QUANTITIES = "a graph has efforts and flows; list 'candidates' such as {output: J.f}"

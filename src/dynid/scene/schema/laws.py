@@ -9,16 +9,25 @@ from pydantic import Field, PlainValidator, ValidationInfo, WithJsonSchema, mode
 
 from dynid.arithmetic.expression import Expression, ExpressionError, parse
 from dynid.bondgraph.graph import NODE_TYPES, QUANTITIES, SOURCES, TWO_PORTS, Port, port_fault
-from dynid.errors import Fault
 from dynid.scene.schema.base import Section
 from dynid.scene.schema.graph_variables import unknown_node
-from dynid.scene.schema.quantities import Quantity, SceneNames, Value, fault, names_of, resolve
-from dynid.scene.schema.raw import PORT, mapping, mapping_of, node_types, own_variable
-from dynid.scene.yaml.source import Source
+from dynid.scene.schema.quantities import (
+    AT_KEY,
+    Located,
+    Quantity,
+    SceneNames,
+    Value,
+    fault,
+    names_of,
+    raise_faults,
+    resolve,
+)
+from dynid.scene.schema.raw import PORT, own_variable
 from dynid.suggestions import did_you_mean
 
 #: Types of nodes whose `value` may depend on variables.
 MODULATED = (*TWO_PORTS, "R")
+_LINEAR = "laws are for scenes of kind bond-graph; identify the linear graph at the operating point"
 _GIVEN = {"R": ("e", "f"), "I": ("f",), "C": ("e",)}
 
 
@@ -50,7 +59,9 @@ def _modulated(raw: Any, info: ValidationInfo) -> Quantity:
             if kind not in MODULATED:
                 remedy = "write a law" if kind in _GIVEN else "it has no value"
                 raise fault(f"the value of {kind} cannot depend on variables; {remedy}")
-            problems = [*_unknown(expression, names_of(info), "")]
+            if known.linear:
+                raise_faults([((AT_KEY,), _LINEAR)])
+            problems = [*_unknown(expression, known, "")]
             if problems:
                 raise fault("; ".join(problems))
             return Quantity(1, expression, variable=True)
@@ -106,41 +117,21 @@ def variable_fault(nodes: Mapping[str, str], port: Port) -> str:
     return port_fault(nodes, port)
 
 
-def law_faults(source: Source, names: SceneNames) -> list[Fault]:
-    """Return the faults of laws: of their kind, and of the names in them."""
-    faults, nodes = [], mapping(mapping(source.data, "graph"), "nodes")
-    for name, node in nodes.items():
-        laws = mapping(node, "law")
-        kind, path = str(mapping_of(node).get("type")), ("graph", "nodes", name)
-        if source.data.get("kind") != "bond-graph" and (laws or _is_modulated(node, names)):
-            message = (
-                "laws are for scenes of kind bond-graph; identify the linear graph at the operating point"
-            )
-            faults.append(source.fault((*path, "law" if laws else "value"), message, key=True))
-            continue
-        for given, text in laws.items():
-            own = own_variable(kind, str(given))
-            place = (*path, "law", given)
-            if not own:
-                if kind in _GIVEN and given in ("e", "f"):
-                    form = f"{{{_GIVEN[kind][0]}: …}} of {own_variable(kind, _GIVEN[kind][0])}"
-                    faults.append(source.fault(place, f"the law of {kind} is {form}", key=True))
-                continue
-            try:
-                if isinstance(text, str):
-                    problems = list(_unknown(parse(text), names, own))
-                    faults += [source.fault(place, "; ".join(problems))] if problems else []
-            except ExpressionError as error:
-                faults.append(source.fault(place, str(error)))
-    return faults
-
-
-def _is_modulated(node: Any, names: SceneNames) -> bool:
-    value = mapping_of(node).get("value")
-    try:
-        return isinstance(value, str) and bool(variables_of(parse(value), names.nodes))
-    except ExpressionError:
-        return False
+def law_faults(kind: str, law: LawModel, names: SceneNames) -> Iterator[Located]:
+    """Yield the faults of the law of a node of some type: of its quantity, and of the names in it."""
+    if names.linear:
+        yield ("law", AT_KEY), _LINEAR
+        return
+    for key in sorted(key for key in law.model_fields_set if getattr(law, key) is not None):
+        variable = own_variable(kind, key)
+        try:
+            if not variable:
+                form = f"{{{_GIVEN[kind][0]}: …}} of {own_variable(kind, _GIVEN[kind][0])}"
+                yield ("law", key, AT_KEY), f"the law of {kind} is {form}"
+            elif problems := list(_unknown(parse(getattr(law, key)), names, variable)):
+                yield ("law", key), "; ".join(problems)
+        except ExpressionError as error:
+            yield ("law", key), str(error)
 
 
 # --- the operating point ---------------------------------------------------------------------------
@@ -171,36 +162,29 @@ class OperatingPointModel(Section):
             )
         return self
 
+    @model_validator(mode="after")
+    def _names_exist(self, info: ValidationInfo) -> Self:
+        raise_faults(self._faults(names_of(info).nodes))
+        return self
 
-def operating_point_faults(source: Source) -> list[Fault]:
-    """Return the faults of the names of an operating point: sources and variables."""
-    given, types = mapping(source.data, "operating_point"), node_types(source.data)
-    faults = []
-    for name in mapping(given, "inputs"):
-        kind, path = types.get(str(name)), ("operating_point", "inputs", name)
-        sources = [node for node, one in types.items() if one in SOURCES]
-        if kind is None:
-            message = f"no node '{name}'{did_you_mean(str(name), sources)}"
-            faults.append(source.fault(path, message, key=True))
-        elif kind not in SOURCES:
-            message = f"'{name}' is no source (Se, Sf){did_you_mean(str(name), sources)}"
-            faults.append(source.fault(path, message, key=True))
-    ranges = mapping(mapping(given, "search"), "ranges")
-    for keys, part in (
-        (("values",), mapping(given, "values")),
-        (("start",), mapping(given, "start")),
-        (("search", "ranges"), ranges),
-    ):
-        for name in part:
-            problem = _variable_problem(types, str(name))
-            if problem:
-                faults.append(source.fault(("operating_point", *keys, name), problem, key=True))
-    for name, limits in ranges.items():
-        numbers = isinstance(limits, list) and all(isinstance(one, int | float) for one in limits)
-        if numbers and len(limits) == 2 and limits[0] > limits[1]:
-            place = ("operating_point", "search", "ranges", name)
-            faults.append(source.fault(place, f"the range of '{name}' starts above its end"))
-    return faults
+    def _faults(self, types: Mapping[str, str]) -> Iterator[Located]:
+        """Yield the faults of names, of sources and variables, and of ranges."""
+        sources = [node for node, kind in types.items() if kind in SOURCES]
+        for name in self.inputs:
+            if types.get(name) not in SOURCES:
+                problem = f"'{name}' is no source (Se, Sf)" if name in types else f"no node '{name}'"
+                yield ("inputs", name, AT_KEY), f"{problem}{did_you_mean(name, sources)}"
+        for path, names in (
+            (("values",), self.values),
+            (("start",), self.start),
+            (("search", "ranges"), self.search.ranges),
+        ):
+            for name in names:
+                if problem := _variable_problem(types, name):
+                    yield (*path, name, AT_KEY), problem
+        for name, (low, high) in self.search.ranges.items():
+            if low.value > high.value:
+                yield ("search", "ranges", name), f"the range of '{name}' starts above its end"
 
 
 def _variable_problem(types: Mapping[str, str], name: str) -> str:

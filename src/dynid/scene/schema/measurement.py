@@ -28,7 +28,15 @@ from dynid.scene.schema.base import (
 )
 from dynid.scene.schema.graph_variables import Output
 from dynid.scene.schema.later import Later
-from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Uncertain, Value, fault
+from dynid.scene.schema.quantities import (
+    NotNegative,
+    Positive,
+    Quantity,
+    Uncertain,
+    Value,
+    fault,
+    raise_faults,
+)
 from dynid.scene.schema.signals import Signals, TablePlace
 from dynid.scene.schema.structure import PerElement, PerElementOrZero
 from dynid.units import si_factor
@@ -345,6 +353,17 @@ class RecordModel(Section):
     prepare: list[Annotated[PrepareModel, Later()]] | None = Field(default=None, max_length=20)
     excitation: Signals | None = None
     frf: Annotated[FrfModel, Later()] | None = None
+
+    @model_validator(mode="after")
+    def _channels_differ(self) -> Self:
+        channels = self.channels or []
+        message = "this channel is listed twice"
+        raise_faults(
+            (("channels", index), message)
+            for index, channel in enumerate(channels)
+            if channel in channels[:index]
+        )
+        return self
 
     def completed(self, shared: RecordModel, number: int) -> RecordModel:
         """Return this record with what it shares; a shared seed counts up from record to record."""

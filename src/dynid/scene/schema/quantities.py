@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Annotated, Any
 
-from pydantic import ValidationInfo
-from pydantic_core import PydanticCustomError
+from pydantic import ValidationError, ValidationInfo
+from pydantic_core import InitErrorDetails, PydanticCustomError
 from pydantic_core.core_schema import CoreSchema, with_info_plain_validator_function
 
 from dynid.arithmetic.dependent import Dependent, Real, substituted
@@ -65,12 +65,16 @@ class SceneNames:
         Those that are unknown or considered, or depend on such.
     signed
         Parameters of `scale: linear`, which may be zero or negative.
+    linear
+        Whether laws are refused: the linear graph is identified.
     identifying
         Whether the scene identifies them, and its quantities depend on them; else these have their values.
     faulty
         Parameters that are defined but have no value; they are reported once, where they are defined.
     nodes
         Node types by name (bond graphs); empty where they could not be read, which is reported once.
+    references
+        References and setpoints of feedback loops, with the types of sources.
     complete
         Whether the parameters could be read at all; else any name may be one.
     """
@@ -78,15 +82,36 @@ class SceneNames:
     parameters: Mapping[str, Number] = field(default_factory=dict)
     dependent: Mapping[str, Dependent] = field(default_factory=dict)
     signed: frozenset[str] = frozenset()
+    linear: bool = False
     identifying: bool = False
     faulty: frozenset[str] = frozenset()
     nodes: Mapping[str, str] = field(default_factory=dict)
+    references: Mapping[str, str] = field(default_factory=dict)
     complete: bool = True
+
+    @property
+    def variables(self) -> Mapping[str, str]:
+        """The nodes, and the sources of the closed loops."""
+        return {**self.nodes, **self.references} if self.references else self.nodes
 
 
 def fault(message: str) -> PydanticCustomError:
     """Return the error that a validator raises to report `message` at its place."""
     return PydanticCustomError("dynid", "{message}", {"message": message})
+
+
+Located = tuple[tuple[str | int, ...], str]
+"""A fault: its path from the value that is validated, and a message."""
+
+#: In a path: the mapping or list around; at its end: the fault is that of the key, not of its value.
+AROUND, AT_KEY = "..", "[key]"
+
+
+def raise_faults(faults: Iterable[Located]) -> None:
+    """Raise the faults of several keys of a section together, each at its path."""
+    errors = [InitErrorDetails(type=fault(message), loc=path, input=None) for path, message in faults]
+    if errors:
+        raise ValidationError.from_exception_data("scene", errors)
 
 
 def names_of(info: ValidationInfo) -> SceneNames:

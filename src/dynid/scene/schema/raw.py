@@ -174,9 +174,11 @@ def read_names(source: Source, free: Mapping[str, float] | None = None) -> tuple
         values,
         dependent,
         signed=frozenset(name for name, one in raw.items() if mapping_of(one).get("scale") == "linear"),
+        linear=source.data.get("kind") == "identification",
         identifying=free is not None or source.data.get("kind") == "identification",
         faulty=frozenset(raw.keys() - values.keys()),
-        nodes=node_types(source.data) | references(source.data),
+        nodes=node_types(source.data),
+        references=references(source.data),
         complete=isinstance(source.data.get("parameters", {}), dict) and not _misnamed(source.data),
     )
     return names, faults

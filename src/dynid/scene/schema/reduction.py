@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, Discriminator, Field, Tag, ValidationError, model_validator
+from pydantic import BaseModel, Discriminator, Field, Tag, model_validator
 
 from dynid.defaults import MASTERS
-from dynid.errors import Fault
-from dynid.scene.schema.base import AccuracyModel, Dof, FrequencyGrid, SceneModel, Section, SignedDof, once
+from dynid.scene.schema.base import (
+    AccuracyModel,
+    Dof,
+    FrequencyGrid,
+    SceneModel,
+    Section,
+    SignedDof,
+    accuracy_faults,
+    once,
+)
 from dynid.scene.schema.joints import JointModel, ParameterModel
 from dynid.scene.schema.measurement import ChannelModel, OutputModel
-from dynid.scene.schema.quantities import NotNegative, Positive, SceneNames, fault
-from dynid.scene.schema.raw import listing, mapping, mapping_of
-from dynid.scene.schema.references import dof_faults, node_faults, sections
+from dynid.scene.schema.quantities import AT_KEY, Located, NotNegative, Positive, fault, raise_faults
+from dynid.scene.schema.references import dof_faults, sections
 from dynid.scene.schema.structure import StructureModel
-from dynid.scene.yaml.source import Source
 
 Unit = Literal["rad/s", "Hz"]
 
@@ -196,93 +203,38 @@ class ReductionScene(SceneModel):
             raise fault("'inputs' and 'outputs' are of frequency responses; these need the block 'frequency'")
         return self
 
-
-def reduction_faults(source: Source, names: SceneNames) -> list[Fault]:
-    """Return the faults of nodes and DOFs, and of unknown joints: reductions are compared at known ones."""
-    message = "the joints of a comparison are known: give a 'value', or the number alone"
-    unknown = [
-        source.fault((*path, "start"), message, key=True)
-        for path, parameter in sections(ReductionScene, source.data, ParameterModel)
-        if "start" in parameter
-    ]
-    return structure_faults(source, ReductionScene, names) + unknown
-
-
-def own_faults(
-    source: Source, place: tuple[Any, ...], given: Any, names: SceneNames
-) -> tuple[list[Fault], list[int | str] | None]:
-    """Return the faults within a structure, and the labels of its DOFs where the scene determines them.
-
-    Parameters
-    ----------
-    source
-        The scene.
-    place
-        The place of the structure.
-    given
-        The structure as plain data, perhaps with a reduction.
-    names
-        The names of the scene.
-    """
-    own = (
-        {key: value for key, value in given.items() if key != "reduction"}
-        if isinstance(given, dict)
-        else given
-    )
-    try:
-        structure = StructureModel.model_validate(own, context=names)
-    except ValidationError:
-        return [], list(range(1, 1 + len(listing(mapping(given, "lumped"), "masses"))))
-    wrong = [*node_faults(StructureModel, own, structure.nodes), *structure.faults()]
-    return [source.fault((*place, *path), message) for path, message in wrong], structure.labels()
-
-
-def _part_faults(source: Source, place: tuple[Any, ...], given: Any, names: SceneNames) -> list[Fault]:
-    """Return the faults within a part of an assembly, of its own DOFs as well."""
-    from dynid.structure.labels import DofNames
-
-    faults, labels = own_faults(source, place, given, names)
-    return faults or (dof_faults(source, StructureModel, DofNames(labels), place) if labels else [])
-
-
-def structure_faults(
-    source: Source, model: type[BaseModel], names: SceneNames, at: tuple[Any, ...] = ()
-) -> list[Fault]:
-    """Return the faults of all nodes, DOFs and outputs that a scene names and its structure lacks.
-
-    Parameters
-    ----------
-    source
-        The scene.
-    model
-        The model of the part that holds the structure, and refers to it.
-    names
-        The names of the scene.
-    at
-        The place of that part; absent: the scene.
-    """
-    from dynid.structure.labels import DofNames
-
-    part = source.data
-    for key in at:
-        part = part[key]
-    given, parts = mapping_of(part).get("structure"), mapping(part, "structures")
-    if parts and given is None:
-        faults = [
-            fault
-            for name, one in parts.items()
-            for fault in _part_faults(source, (*at, "structures", name), one, names)
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        message = "the joints of a comparison are known: give a 'value', or the number alone"
+        unknown = [
+            ((*path, "start", AT_KEY), message)
+            for path, parameter in sections(self, ParameterModel)
+            if parameter.start is not None
         ]
-    else:
-        faults, labels = own_faults(source, (*at, "structure"), given, names)
-        # Points and motions have names like DOFs, which are known as the model is built.
-        known = labels and not (mapping(part, "points") or mapping(part, "motions"))
-        faults = (
-            dof_faults(source, model, DofNames(labels), at) if labels and known and not faults else faults
-        )
-    message = "a structure has DOFs, not outputs of nodes; write 'dof' and 'quantity'"
-    return faults + [
-        source.fault((*at, *path, "output"), message, key=True)
-        for path, channel in sections(model, part, ChannelModel)
-        if "output" in channel
-    ]
+        raise_faults([*structure_faults(self, self.structure), *unknown, *accuracy_faults(self)])
+        return self
+
+    @property
+    def aspects(self) -> set[str]:
+        """The aspects in which it chooses between alternatives."""
+        return {"modes", "basis"}
+
+
+def structure_faults(holder: BaseModel, structure: StructureModel | None) -> Iterator[Located]:
+    """Yield the DOFs that a section names and its structure lacks, and outputs, which are of graphs.
+
+    Parameters
+    ----------
+    holder
+        The section.
+    structure
+        Its structure; None where the names of the DOFs are known as the model is built.
+    """
+    from dynid.structure.labels import DofNames
+
+    if structure is not None and (labels := structure.labels()):
+        yield from dof_faults(holder, DofNames(labels))
+    for path, channel in sections(holder, ChannelModel):
+        if channel.output is not None:
+            message = "a structure has DOFs, not outputs of nodes; write 'dof' and 'quantity'"
+            yield (*path, "output", AT_KEY), message

@@ -10,18 +10,19 @@ import types
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel
 
-from dynid.errors import Fault
 from dynid.scene.schema.later import Later
-from dynid.scene.yaml.source import Source
+from dynid.scene.schema.quantities import AT_KEY, Located
 from dynid.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from dynid.structure.labels import DofNames
 
+
+T = TypeVar("T", bound=BaseModel)
 
 Path = tuple[Any, ...]
 
@@ -122,8 +123,10 @@ def _fields(model: type[BaseModel]) -> dict[str, _Shape]:
 
 
 def _walk(shape: _Shape, value: Any, path: Path) -> Iterator[tuple[_Shape, Occurrence]]:
-    """Yield every value in plain data with its shape; one that does not fit its type is not entered."""
+    """Yield every value in a section with its shape; one that does not fit its type is not entered."""
     yield shape, Occurrence(path, value)
+    if isinstance(value, BaseModel):
+        value = entries(value)
     if isinstance(value, list) and shape.item:
         for place, entry in enumerate(value):
             yield from _walk(shape.item, entry, (*path, place))
@@ -141,73 +144,71 @@ def _walk(shape: _Shape, value: Any, path: Path) -> Iterator[tuple[_Shape, Occur
 
 
 def references(model: type[BaseModel], data: Any, to: Reference) -> Iterator[Occurrence]:
-    """Yield the references of a kind in the plain data of a scene, or of a section of one.
+    """Yield the references of a kind in a section.
 
     Parameters
     ----------
     model
-        The model of the data, which need not be valid.
+        The model of the section.
     data
-        The data.
+        The section: valid, or plain data, which need not be valid.
     to
         The kind of reference, such as `DOF`.
     """
-    for shape, found in _walk(_shape(model), data, ()):
-        if to in shape.references and not isinstance(found.value, dict | list):
-            yield found
+    for shape, occurrence in _walk(_shape(model), data, ()):
+        if to in shape.references and not isinstance(occurrence.value, dict | list | BaseModel):
+            yield occurrence
 
 
-def sections(model: type[BaseModel], data: Any, of: type[BaseModel]) -> Iterator[tuple[Path, dict[Any, Any]]]:
-    """Yield the mappings in the plain data of a scene that a model, or one derived from it, describes."""
-    for shape, found in _walk(_shape(model), data, ()):
-        if isinstance(found.value, dict) and any(issubclass(one, of) for one in shape.models):
-            yield found.path, found.value
+def entries(section: BaseModel) -> dict[Any, Any]:
+    """Return the values that a scene gives the keys of a section, by the names of the keys in the scene."""
+    fields, names = type(section).model_fields, section.model_fields_set
+    values = {fields[name].alias or name: getattr(section, name) for name in names}
+    return {name: value for name, value in values.items() if value is not None}
 
 
-def dof_faults(source: Source, model: type[BaseModel], names: DofNames, at: Path = ()) -> list[Fault]:
-    """Return the faults of DOFs that a scene names and its structure lacks.
+def sections(holder: Any, of: type[T], path: Path = ()) -> Iterator[tuple[Path, T]]:
+    """Yield the sections of a type within a valid section, each with its path."""
+    if isinstance(holder, of):
+        yield path, holder
+    if isinstance(holder, BaseModel):
+        holder = entries(holder)
+    if isinstance(holder, dict | list):
+        for key, value in holder.items() if isinstance(holder, dict) else enumerate(holder):
+            yield from sections(value, of, (*path, key))
+
+
+def dof_faults(section: BaseModel, names: DofNames) -> Iterator[Located]:
+    """Yield the DOFs that a valid section names and its structure lacks.
 
     Parameters
     ----------
-    source
-        The scene.
-    model
-        The model of the part that names them.
+    section
+        The section.
     names
         The names of the structure's DOFs. Where their labels are texts, a number counts them from 1.
-    at
-        The place of that part; absent: the scene.
     """
-    part = source.data
-    for key in at:
-        part = part[key]
     labels = names.labels
     there = f"; the structure has {len(labels)}"
     if labels[0] != 1:
         there += f" ({labels[0]} … {labels[-1]})"
-    faults = []
-    for signed, (path, dof, is_key) in [
-        *((False, found) for found in references(model, part, DOF)),
-        *((True, found) for found in references(model, part, SIGNED_DOF)),
-    ]:
-        if isinstance(dof, bool) or not isinstance(dof, int | str) or dof == "":
-            continue
-        if path[0] == "structures":  # within a part, whose own DOFs have the names that it gives them
-            continue
-        if (isinstance(dof, int) and dof < 1) or names.has(dof, signed=signed):
-            continue
-        message = names.misnamed(dof, signed=signed)
-        if message is None and isinstance(dof, str):
-            texts = (label for label in labels if isinstance(label, str))
-            message = f"there is no DOF '{dof}'{did_you_mean(dof, texts) or there}"
-        message = message or f"there is no DOF {dof}{there}"
-        faults.append(source.fault((*at, *path), message, key=is_key))
-    return faults
+    for reference in (DOF, SIGNED_DOF):
+        signed = reference is SIGNED_DOF
+        for path, dof, is_key in references(type(section), section, reference):
+            if path[0] == "structures":  # within a part, whose own DOFs have the names that it gives them
+                continue
+            if names.has(dof, signed=signed):
+                continue
+            message = names.misnamed(dof, signed=signed)
+            if message is None and isinstance(dof, str):
+                texts = (label for label in labels if isinstance(label, str))
+                message = f"there is no DOF '{dof}'{did_you_mean(dof, texts) or there}"
+            yield (*path, AT_KEY) if is_key else path, message or f"there is no DOF {dof}{there}"
 
 
-def node_faults(model: type[BaseModel], data: Any, count: int) -> Iterator[tuple[Path, str]]:
-    """Yield the references to nodes that a beam or frame lacks, each with a message."""
-    for path, node, _ in references(model, data, NODE):
+def node_faults(section: BaseModel, count: int) -> Iterator[Located]:
+    """Yield the nodes that a valid section names and its beam or frame lacks."""
+    for path, node, _ in references(type(section), section, NODE):
         if isinstance(node, int) and node > count:
             yield path, f"there is no node {node}; there are {count}"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -20,6 +20,7 @@ from dynid.number_format import counted
 from dynid.scene.schema.base import Dof, DofLabel, FilePath, Section, UnitName
 from dynid.scene.schema.later import Later
 from dynid.scene.schema.quantities import (
+    Located,
     NotNegative,
     Positive,
     Quantity,
@@ -29,15 +30,23 @@ from dynid.scene.schema.quantities import (
     UncertainSpring,
     Value,
     fault,
+    raise_faults,
 )
-from dynid.scene.schema.references import FILE, NODE, Freedom, beam_labels, frame_labels
+from dynid.scene.schema.references import (
+    FILE,
+    NODE,
+    Freedom,
+    beam_labels,
+    dof_faults,
+    frame_labels,
+    node_faults,
+)
 from dynid.units import unit_fits
 
 #: The most elements and nodes that a scene may ask for.
 MOST_ELEMENTS = 100_000
 
 NodeNumber = Annotated[int, Field(ge=1, strict=True), NODE]
-Path = tuple[Any, ...]
 
 
 def _one_or_each(raw: Any) -> str:
@@ -190,7 +199,7 @@ class FrameModel(Section):
         turning |= {spring.node for spring in self.springs if spring.direction == "theta"}
         return frame_labels(len(self.nodes), members, _held(self.supports), turning)
 
-    def member_faults(self) -> Iterable[tuple[Path, str]]:
+    def member_faults(self) -> Iterator[Located]:
         """Yield the faults of members, each with its place in the frame."""
         for place, member in enumerate(self.members):
             if member.nodes[0] == member.nodes[1]:
@@ -291,6 +300,13 @@ class LumpedModel(Section):
 
     masses: list[UncertainNotNegative] = Field(min_length=1, max_length=2000)
     links: list[LinkModel] = []
+
+    @model_validator(mode="after")
+    def _links_fit(self) -> Self:
+        from dynid.structure.labels import DofNames
+
+        raise_faults(dof_faults(self, DofNames(self.labels())))
+        return self
 
     def labels(self) -> list[int | str]:
         """Return the labels of the degrees of freedom."""
@@ -458,6 +474,7 @@ class StructureModel(Section):
         kinds = list(StructureModel.model_fields)
         if sum(getattr(self, kind) is not None for kind in kinds) != 1:
             raise fault(f"a structure is one of {', '.join(kinds)}")
+        raise_faults([*node_faults(self, self.nodes), *self._faults()])
         return self
 
     def labels(self) -> list[int | str] | None:
@@ -471,7 +488,7 @@ class StructureModel(Section):
         frame = self.frame or self.space_frame
         return self.beam.elements + 1 if self.beam else len(frame.nodes) if frame else 0
 
-    def faults(self) -> Iterable[tuple[Path, str]]:
+    def _faults(self) -> Iterator[Located]:
         """Yield the faults of members and supports, each with its place in the structure."""
         if self.frame is not None:
             yield from ((("frame", *path), message) for path, message in self.frame.member_faults())
