@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from itertools import product
 from typing import TYPE_CHECKING, Annotated, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from dynid.scene.schema.base import Section
 from dynid.scene.schema.graph_variables import Output, SourceName
@@ -79,6 +79,13 @@ class LoopModel(Section):
     reference: str = ""
     setpoint: str = ""
 
+    @field_validator("reference", "setpoint")
+    @classmethod
+    def _is_a_name(cls, name: str, info: ValidationInfo) -> str:
+        if name and not name.isidentifier():
+            raise fault(f"'{name}' cannot name a {info.field_name}; use letters, digits and _")
+        return name
+
     @property
     def has_delay(self) -> bool:
         """True if its controller has a delay."""
@@ -103,8 +110,6 @@ def control_faults(scene: BondGraphScene | IdentificationScene) -> Iterator[Loca
             if name in nodes or name in seen:
                 what = "a node" if name in nodes else f"the {seen[name]} of another loop"
                 yield path, f"'{name}' is {what}; use another name"
-            elif not name.isidentifier():
-                yield path, f"'{name}' cannot name a {key}; use letters, digits and _"
             seen.setdefault(name, key)
     driven = {loop.source for loop in loops}
     signals = ", ".join(seen) or "reference: r, setpoint: w"

@@ -9,8 +9,9 @@ from pydantic import BeforeValidator, Field, model_validator
 from dynid.number_format import counted
 from dynid.scene.schema.base import Section, once
 from dynid.scene.schema.joints import Vector
-from dynid.scene.schema.quantities import Positive, fault
+from dynid.scene.schema.quantities import Positive, fault, raise_faults
 from dynid.scene.schema.reduction import ReductionModel
+from dynid.scene.schema.references import dof_faults
 from dynid.scene.schema.structure import StructureModel
 
 PartName = Annotated[str, Field(pattern=r"^[^\W\d][^\s.:]*$", max_length=40)]
@@ -36,6 +37,11 @@ class PartModel(StructureModel):
     def _stands_alone(self) -> Self:
         if self.reduction is not None and self.reduction.method == "joint-aware":
             raise fault("'joint-aware' is of a whole assembly: write 'reduction' beside 'structures'")
+        if self.lumped is not None:
+            from dynid.structure.labels import DofNames
+
+            faults = dof_faults(self.lumped, DofNames(self.lumped.labels()))
+            raise_faults((("lumped", *path), message) for path, message in faults)
         return self
 
 

@@ -37,7 +37,6 @@ from dynid.scene.schema.references import (
     NODE,
     Freedom,
     beam_labels,
-    dof_faults,
     frame_labels,
     node_faults,
 )
@@ -300,13 +299,6 @@ class LumpedModel(Section):
 
     masses: list[UncertainNotNegative] = Field(min_length=1, max_length=2000)
     links: list[LinkModel] = []
-
-    @model_validator(mode="after")
-    def _links_fit(self) -> Self:
-        from dynid.structure.labels import DofNames
-
-        raise_faults(dof_faults(self, DofNames(self.labels())))
-        return self
 
     def labels(self) -> list[int | str]:
         """Return the labels of the degrees of freedom."""
