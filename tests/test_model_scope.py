@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from dynid.bondgraph.request import RESULTS
+from dynid.bondgraph.analysis_request import RESULTS
 from dynid.errors import DynidError, Singular
 from dynid.scene.load import check_source
 from dynid.scene.run import run_scene

@@ -5,7 +5,7 @@ from itertools import pairwise
 
 from dynid.bondgraph.exact_engine import TransferFunction
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.errors import Singular
 
 ISOLATOR = (

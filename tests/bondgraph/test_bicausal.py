@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.bondgraph.analysis import analyse
+from dynid.bondgraph.analysis_request import Analysis
 from dynid.bondgraph.causality.bicausal import zero_causality
 from dynid.bondgraph.causality.scap import assign_causality
-from dynid.bondgraph.plan import characteristic_polynomials
-from dynid.bondgraph.request import Analysis
-from dynid.bondgraph.state_space import zero_parts
+from dynid.bondgraph.graph_state_space import zero_parts
+from dynid.bondgraph.reduced_graph import characteristic_polynomials
 from dynid.errors import Singular
 from tests.bondgraph.graphs import ISOLATOR, build, chain, parse, port, reduced, transfers, written
 from tests.bondgraph.random_graphs import random_graph

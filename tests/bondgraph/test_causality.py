@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.bondgraph.analysis import analyse
+from dynid.bondgraph.analysis_request import Analysis
 from dynid.bondgraph.causality.scap import assign_causality
 from dynid.bondgraph.graph import Port
-from dynid.bondgraph.request import Analysis
+from dynid.bondgraph.graph_state_space import natural_order
 from dynid.bondgraph.results.causality import add_causality
-from dynid.bondgraph.state_space import natural_order
 from dynid.errors import Singular
 from dynid.result import Result
 from tests.bondgraph.graphs import ISOLATOR, build, chain, parse

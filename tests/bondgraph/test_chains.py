@@ -6,7 +6,7 @@ import pytest
 from flint import fmpz_poly
 
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.templates.chain import FORCE, Stage, chain, distinct, last_velocity, uniform
 from tests.bondgraph.graphs import transfers
 from tests.bondgraph.tableau import transfer_at

@@ -11,10 +11,10 @@ import pytest
 
 from dynid.bench.cases import ladder
 from dynid.bench.cases.chain import exact_response, reduced
-from dynid.bondgraph import plan
-from dynid.bondgraph.frequency_response import frequency_response
+from dynid.bondgraph import reduced_graph
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
-from dynid.bondgraph.plan import ReducedGraph, determinant
+from dynid.bondgraph.graph_response import frequency_response
+from dynid.bondgraph.reduced_graph import ReducedGraph, determinant
 from dynid.errors import Singular
 from dynid.native import VARIABLE, found
 from tests.sample import sample
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.skipif(found() is None, reason="installed without the l
 
 def both(monkeypatch, graph, inputs, outputs):
     """Return the plan by the library, and that by Python."""
-    monkeypatch.setattr(plan, "LARGE_GRAPHS", replace(plan.LARGE_GRAPHS, value=0))
+    monkeypatch.setattr(reduced_graph, "LARGE_GRAPHS", replace(reduced_graph.LARGE_GRAPHS, value=0))
     plans = []
     for wish in ("1", "0"):
         monkeypatch.setenv(VARIABLE, wish)
@@ -66,7 +66,7 @@ def random_graph(seed):
 @pytest.mark.parametrize("block", sample(range(4), 2))
 def test_the_library_writes_the_same_program(monkeypatch, block):
     """Over random graphs: operations, pivots, what is left at the root, and what the output depends on."""
-    monkeypatch.setattr(plan, "LARGE_GRAPHS", replace(plan.LARGE_GRAPHS, value=0))
+    monkeypatch.setattr(reduced_graph, "LARGE_GRAPHS", replace(reduced_graph.LARGE_GRAPHS, value=0))
     compiled = 0
     for seed in range(40 * block, 40 * block + 40):
         plans = []
@@ -152,7 +152,7 @@ def _star(*more, bonds=()):
     ],
 )  # fmt: skip
 def test_what_the_library_refuses_is_planned_by_python(monkeypatch, graph, output):
-    monkeypatch.setattr(plan, "LARGE_GRAPHS", replace(plan.LARGE_GRAPHS, value=0))
+    monkeypatch.setattr(reduced_graph, "LARGE_GRAPHS", replace(reduced_graph.LARGE_GRAPHS, value=0))
     planned = ReducedGraph(graph, ["u"], [Port(output, "f")], traced=False)
     assert type(planned.program).__name__ == "Program"
     assert planned.channels()

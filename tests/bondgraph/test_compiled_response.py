@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from dynid.bench.cases.frequency_response import tree
 from dynid.bench.cases.ladder import reduced as ladder
-from dynid.bondgraph import frequency_response as response_module
-from dynid.bondgraph.frequency_response import frequency_response
+from dynid.bondgraph import graph_response as response_module
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.graph_response import frequency_response
 from dynid.bondgraph.program.frequency_sweep import compile_tape, sweep_frequencies
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.native import VARIABLE, found
 from dynid.templates.chain import FORCE, Stage, chain, distinct, last_velocity, uniform
 from tests.bondgraph.graphs import solvable, transfers, written

@@ -10,8 +10,8 @@ import pytest
 import sympy
 from flint import fmpz_poly
 
-from dynid.bondgraph.control import Loop, close_loops
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.controller_circuits import Loop, close_loops
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.errors import Singular, UsageError
 from dynid.lti.margins import margins
 from tests.bondgraph.graphs import at, build, port, transfers

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from dynid.arithmetic.dependent import Dependent
+from dynid.bondgraph.design.design_request import Criterion, Design, RootTarget
 from dynid.bondgraph.design.functions import DesignFunctions
 from dynid.bondgraph.design.quadratic import quadratic_program
-from dynid.bondgraph.design.request import Criterion, Design, RootTarget
 from dynid.bondgraph.design.solve import solve
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
 from dynid.errors import Unreachable

@@ -12,15 +12,15 @@ from hypothesis import strategies as st
 from sympy import Rational, sympify
 
 from dynid import native
-from dynid.bondgraph import request
+from dynid.bondgraph import analysis_request
 from dynid.bondgraph.analysis import analyse
+from dynid.bondgraph.analysis_request import Analysis, FormulaRequest
 from dynid.bondgraph.exact_engine import ExactEngine
 from dynid.bondgraph.floating import spectrum
-from dynid.bondgraph.floating.engine import FloatEngine
+from dynid.bondgraph.floating.float_engine import FloatEngine
 from dynid.bondgraph.formulas.transfer import expanded, nested
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
-from dynid.bondgraph.plan import ReducedGraph
-from dynid.bondgraph.request import Analysis, FormulaRequest
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.defaults import EXACT_ROOTS
 from dynid.errors import NumericalError, Singular, Undecided, UsageError
 from tests.bondgraph.graphs import ISOLATOR, reduced, solvable, written
@@ -210,7 +210,7 @@ def test_roots_that_eigenvalues_do_not_separate_are_certified_or_named(values, d
     monkeypatch.setattr(spectrum, "_MOST_CERTIFIED", 0)
     with pytest.raises(Undecided, match=rf"cannot determine .*: {double}\b[^(]*\(error .*, rad/s"):
         asked(graph, engine="float")
-    monkeypatch.setitem(request._LIMIT, (False, True), replace(EXACT_ROOTS, value=0))
+    monkeypatch.setitem(analysis_request._LIMIT, (False, True), replace(EXACT_ROOTS, value=0))
     said = asked(graph).group_attrs["bond_graph"]
     assert said["engine"] == "exact"
     assert "cannot determine" in said["engine_reason"]
@@ -268,7 +268,7 @@ def test_random_graphs_of_small_numbers_are_decided(first):
 
 
 def test_the_engine_is_chosen_by_size_and_named(monkeypatch):
-    monkeypatch.setitem(request._LIMIT, (False, True), replace(EXACT_ROOTS, value=20))
+    monkeypatch.setitem(analysis_request._LIMIT, (False, True), replace(EXACT_ROOTS, value=20))
     small, large = chain(10, distinct(3)), chain(11, distinct(4))
     results = frozenset({"properties"})
     said = asked(small, results=results).group_attrs["bond_graph"]

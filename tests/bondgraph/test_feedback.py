@@ -9,10 +9,10 @@ import control
 import numpy as np
 import pytest
 
-from dynid.bondgraph.control import Loop, close_loops, pade
+from dynid.bondgraph.controller_circuits import Loop, close_loops, pade
 from dynid.bondgraph.feedback import CutLoops, delayed_response
-from dynid.bondgraph.plan import ReducedGraph
-from dynid.bondgraph.results.margins import add_margins
+from dynid.bondgraph.reduced_graph import ReducedGraph
+from dynid.bondgraph.results.margin_results import add_margins
 from dynid.errors import Singular
 from dynid.lti.certified_roots import repeated
 from dynid.lti.delay_stability import roots_right_of

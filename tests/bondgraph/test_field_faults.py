@@ -6,7 +6,7 @@ import pytest
 
 from dynid.arithmetic.dependent import Dependent
 from dynid.bondgraph.decomposition.graph_bisection import GraphBisection, bond_fault, loop_fault
-from dynid.bondgraph.fields import field_fault, symmetric_squares
+from dynid.bondgraph.field_expansion import field_fault, symmetric_squares
 from dynid.bondgraph.graph import Bond, BondGraph, Node
 from dynid.errors import UsageError
 

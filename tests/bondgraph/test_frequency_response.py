@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from dynid.bench.cases import ladder
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.frequency_response import frequency_response
-from dynid.bondgraph.request import Analysis
+from dynid.bondgraph.analysis_request import Analysis
+from dynid.bondgraph.graph_response import frequency_response
 from tests.bondgraph.graphs import (
     ISOLATOR,
     at,

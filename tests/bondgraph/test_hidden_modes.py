@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.request import Analysis
+from dynid.bondgraph.analysis_request import Analysis
 from tests.bondgraph.graphs import build, parse, port
 
 BRANCHES = "0 n, 1 a, R r_a 1, C c_a 2, 1 b, R r_b 1, C c_b 2"

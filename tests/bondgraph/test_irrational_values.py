@@ -22,8 +22,8 @@ from flint import ctx, fmpq, fmpq_poly
 
 from dynid.arithmetic.expression import parse
 from dynid.bondgraph.analysis import analyse
+from dynid.bondgraph.analysis_request import Analysis
 from dynid.bondgraph.graph import Bond, BondGraph, Node
-from dynid.bondgraph.request import Analysis
 from dynid.errors import Singular
 from tests.bondgraph.graphs import build, port
 from tests.bondgraph.random_graphs import coincident_graph, random_graph

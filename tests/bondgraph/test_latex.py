@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 import dynid
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.formulas.printers import latex_name
-from dynid.bondgraph.request import Analysis
+from dynid.bondgraph.analysis_request import Analysis
+from dynid.bondgraph.formula_printers import latex_name
 from tests.bondgraph.graphs import solvable
 from tests.bondgraph.random_graphs import random_graph
 

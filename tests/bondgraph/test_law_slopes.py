@@ -8,7 +8,7 @@ import pytest
 
 from dynid.arithmetic.expression import parse
 from dynid.arithmetic.numbers import OutOfRangeError
-from dynid.bondgraph.operating_point.laws import Gradient
+from dynid.bondgraph.operating_point.element_laws import Gradient
 
 X, Y = Fraction(3, 4), Fraction(-5, 8)
 CONSTANTS = {"a": Fraction(7, 3), "b": Fraction(1, 5), "n": Fraction(3)}

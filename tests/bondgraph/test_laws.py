@@ -8,10 +8,10 @@ import pytest
 
 from dynid.arithmetic.expression import parse
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
+from dynid.bondgraph.operating_point.element_laws import Law, LawGraph
 from dynid.bondgraph.operating_point.equilibrium import OperatingPointRequest, find_operating_point
-from dynid.bondgraph.operating_point.laws import Law, LawGraph
 from dynid.bondgraph.operating_point.linearisation import linearised
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.errors import Singular, UsageError
 from tests.bondgraph.graphs import at, transfers
 from tests.bondgraph.random_graphs import random_graph

@@ -6,7 +6,7 @@ from fractions import Fraction
 import pytest
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.request import Analysis
+from dynid.bondgraph.analysis_request import Analysis
 from dynid.errors import Singular
 from tests.bondgraph.graphs import port, reduced, written
 from tests.bondgraph.random_graphs import random_graph

@@ -11,11 +11,11 @@ from fractions import Fraction
 import pytest
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.decomposition.dynamics import prototype_dynamics
+from dynid.bondgraph.analysis_request import Analysis
 from dynid.bondgraph.decomposition.equivalents import Decomposition
 from dynid.bondgraph.decomposition.graph_bisection import BondOnLoop
+from dynid.bondgraph.decomposition.prototype_dynamics import prototype_dynamics
 from dynid.bondgraph.graph import Bond
-from dynid.bondgraph.request import Analysis
 from dynid.bondgraph.results.port import static_characteristics
 from dynid.errors import Singular
 from dynid.lti.certified_roots import certified_roots

@@ -8,8 +8,8 @@ import pytest
 
 import dynid
 from dynid.bondgraph.analysis import analyse
+from dynid.bondgraph.analysis_request import Analysis
 from dynid.bondgraph.graph import Bond
-from dynid.bondgraph.request import Analysis
 from dynid.bondgraph.results.port import static_characteristics
 from dynid.store import write_result
 from tests.bondgraph.graphs import ISOLATOR, written

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from dynid.bondgraph.decomposition.dynamics import prototype_dynamics
 from dynid.bondgraph.decomposition.equivalents import Decomposition
 from dynid.bondgraph.decomposition.graph_bisection import BondOnLoop
+from dynid.bondgraph.decomposition.prototype_dynamics import prototype_dynamics
 from dynid.bondgraph.exact_engine import TransferFunction
 from dynid.bondgraph.graph import Bond
-from dynid.bondgraph.plan import characteristic_polynomials
-from dynid.bondgraph.results.prototype import polynomial_text
+from dynid.bondgraph.reduced_graph import characteristic_polynomials
+from dynid.bondgraph.results.prototype_results import polynomial_text
 from dynid.errors import Singular
 from dynid.lti.certified_roots import certified_roots
 from tests.bondgraph.graphs import ISOLATOR, at, build, parse, reduced

@@ -8,7 +8,7 @@ from flint import nmod, nmod_poly
 
 from dynid.arithmetic.expression import parse
 from dynid.bondgraph.floating.series import LaurentSeries
-from dynid.bondgraph.formulas.printers import ONE, TEXT
+from dynid.bondgraph.formula_printers import ONE, TEXT
 from dynid.bondgraph.graph import Node
 
 VALUES = {"a": Fraction(3), "b": Fraction(5, 7), "c": Fraction(-2), "s_value": Fraction(11)}

@@ -6,8 +6,8 @@ import pytest
 from flint import nmod
 from sympy import sympify
 
+from dynid.bondgraph.formula_printers import ATOM, SIGN, TEXT, PrintedFraction
 from dynid.bondgraph.formulas.expressions import free_letter, print_register, shared
-from dynid.bondgraph.formulas.printers import ATOM, SIGN, TEXT, PrintedFraction
 from dynid.bondgraph.graph import Node
 from dynid.bondgraph.program.program import ModularPoint, Program
 from dynid.bondgraph.reduction.prototypes import Prototype

@@ -12,7 +12,7 @@ import pytest
 from flint import fmpz_poly, nmod_poly
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.request import Analysis
+from dynid.bondgraph.analysis_request import Analysis
 from dynid.errors import Singular
 from tests.bondgraph.graphs import build, port, reduced, transfers
 from tests.bondgraph.modular_tableau import PRIME, solve, transfer

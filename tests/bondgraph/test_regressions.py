@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.frequency_response import frequency_response
+from dynid.bondgraph.analysis_request import Analysis
+from dynid.bondgraph.graph_response import frequency_response
 from dynid.bondgraph.program.factored import primes
-from dynid.bondgraph.request import Analysis
 from tests.bondgraph.graphs import at, build, parse, port, transfer, transfers, written
 from tests.bondgraph.random_graphs import coincident_graph
 from tests.bondgraph.test_frequency_response import exact

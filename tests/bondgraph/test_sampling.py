@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.bondgraph.analysis import analyse
+from dynid.bondgraph.analysis_request import Analysis
 from dynid.bondgraph.graph import Port
-from dynid.bondgraph.request import Analysis
 from dynid.bondgraph.sampling.analysis import SampledAnalysis, shared
 from dynid.errors import DynidError, Singular
 from dynid.lti.signals import Step

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.plan import characteristic_polynomials
-from dynid.bondgraph.request import Analysis, SensitivityParameter
+from dynid.bondgraph.analysis_request import Analysis, SensitivityParameter
+from dynid.bondgraph.reduced_graph import characteristic_polynomials
 from dynid.bondgraph.results.sensitivities import sensitivity
 from dynid.errors import NumericalError, Singular
 from dynid.lti.certified_roots import certified_roots, repeated

@@ -10,9 +10,9 @@ from flint import fmpq, fmpq_mat
 
 import dynid
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.request import Analysis
+from dynid.bondgraph.analysis_request import Analysis
+from dynid.bondgraph.graph_state_space import state_space
 from dynid.bondgraph.state_equations import state_equations
-from dynid.bondgraph.state_space import state_space
 from dynid.errors import UsageError
 from dynid.lti.signals import Step
 from dynid.store import write_result

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.request import Analysis
-from dynid.bondgraph.state_space import state_space
+from dynid.bondgraph.analysis_request import Analysis
+from dynid.bondgraph.graph_state_space import state_space
 from dynid.lti.signals import Impulse, Sine, Step
 from tests.bondgraph.graphs import ISOLATOR, solvable, transfer, transfers, written
 from tests.bondgraph.random_graphs import random_graph

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from dynid.bondgraph.analysis import analyse
+from dynid.bondgraph.analysis_request import Analysis
 from dynid.bondgraph.graph import Bond
-from dynid.bondgraph.plan import characteristic_polynomials
-from dynid.bondgraph.request import Analysis
-from dynid.bondgraph.results.responses import zero_input_outputs
-from dynid.bondgraph.state_space import state_space
+from dynid.bondgraph.graph_state_space import state_space
+from dynid.bondgraph.reduced_graph import characteristic_polynomials
+from dynid.bondgraph.results.response_results import zero_input_outputs
 from dynid.errors import Singular
 from dynid.lti.signals import Step
 from tests.bondgraph.graphs import at, port, reduced, written

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from sympy import Rational, sympify
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.request import Analysis
+from dynid.bondgraph.analysis_request import Analysis
 from tests.bondgraph.graphs import ISOLATOR, parse, reduced, solvable, written
 from tests.bondgraph.random_graphs import random_graph
 from tests.bondgraph.tableau import transfer_at

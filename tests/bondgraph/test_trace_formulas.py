@@ -14,9 +14,9 @@ import pytest
 from flint import fmpz_mpoly_ctx
 
 from dynid.bondgraph.analysis import analyse
+from dynid.bondgraph.analysis_request import Analysis
 from dynid.bondgraph.decomposition.graph_bisection import BondOnLoop
 from dynid.bondgraph.graph import Bond
-from dynid.bondgraph.request import Analysis
 from dynid.errors import Singular
 from dynid.report.drawing.bond_graph import DrawnGraph, reduction_strip
 from tests.bondgraph.graphs import build, parse, port

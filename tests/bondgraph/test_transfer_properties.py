@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dynid.bondgraph.analysis import analyse
-from dynid.bondgraph.request import Analysis
+from dynid.bondgraph.analysis_request import Analysis
 from tests.bondgraph.graphs import ISOLATOR, polynomial_at, transfer, transfers, written
 
 

@@ -6,7 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from dynid.bondgraph.state_space import state_space, zero_dynamics, zero_parts
+from dynid.bondgraph.graph_state_space import state_space, zero_dynamics, zero_parts
 from dynid.errors import Singular
 from tests.bondgraph.graphs import ISOLATOR, chain, polynomial_at, transfers, written
 from tests.bondgraph.tableau import transfer_at

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from dynid.bondgraph.request import RESULTS
+from dynid.bondgraph.analysis_request import RESULTS
 from dynid.cli.explained import _received, seconds_text, size_text
 from dynid.cli.summary.identification import identifiability_lines
 from dynid.errors import Singular

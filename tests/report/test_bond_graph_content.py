@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dynid
-from dynid.bondgraph.request import RESULTS
+from dynid.bondgraph.analysis_request import RESULTS
 from dynid.cli.summary import summary
 from dynid.report.content import content
 from dynid.report.content.blocks import DefinitionList, NumberedList, Statement, TextTable

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import dynid
-from dynid.bondgraph.request import MARGINS, PROPERTIES
+from dynid.bondgraph.analysis_request import MARGINS, PROPERTIES
 from dynid.checks import check_expectations
 from dynid.checks.expectations import axis_of
 from dynid.errors import SceneError

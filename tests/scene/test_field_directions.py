@@ -14,7 +14,7 @@ import pytest
 from scipy.linalg import expm
 
 import dynid
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.errors import Singular, Undecided
 from dynid.scene.kinds.bond_graph import built_graph
 from tests.bondgraph.graphs import at, transfers

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import dynid
-from dynid.bondgraph.control import PADE_ORDER
+from dynid.bondgraph.controller_circuits import PADE_ORDER
 from dynid.bondgraph.results import margins
 from dynid.cli.summary import summary
 from dynid.progress import progress_to

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 import dynid
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.errors import SceneError, Singular
 from dynid.scene.kinds.bond_graph import built_graph
 from tests.bondgraph.graphs import at, transfers

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 import dynid
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.errors import Singular
 from dynid.scene.kinds.bond_graph import built_graph
 from dynid.scene.load import load_scene

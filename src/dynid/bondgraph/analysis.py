@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynid.bondgraph.fields import field_warnings
+from dynid.bondgraph.analysis_request import ENGINES, RESULTS, Analysis
+from dynid.bondgraph.field_expansion import field_warnings
 from dynid.bondgraph.graph import Bond, BondGraph
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.bondgraph.reduction.junctions import JunctionStructure
 from dynid.bondgraph.reduction.solvability import hold
-from dynid.bondgraph.request import ENGINES, RESULTS, Analysis
 from dynid.bondgraph.results.channels import add_channels, note_measuring_integrals
-from dynid.bondgraph.results.prototype import add_output_dynamics, add_prototypes, add_steps
-from dynid.bondgraph.results.responses import (
+from dynid.bondgraph.results.prototype_results import add_output_dynamics, add_prototypes, add_steps
+from dynid.bondgraph.results.response_results import (
     add_frequency_response,
     add_state_space,
     add_time_response,
@@ -133,7 +133,7 @@ def _with_delays(result: Result, analysis: Analysis) -> Result:
     """Return the result of a graph with delays, in which what is approximate is marked."""
     if not any(loop.delayed for loop in analysis.loops):
         return result
-    from dynid.bondgraph.results.margins import with_delays
+    from dynid.bondgraph.results.margin_results import with_delays
 
     return with_delays(result, analysis)
 
@@ -163,7 +163,7 @@ def _add_dynamics(result: Result, reduced: ReducedGraph, analysis: Analysis) -> 
     if analysis.opened is not None and asked & {"properties", "hidden_modes"}:
         note_measuring_integrals(result, reduced, analysis)
     if cut is not None:
-        from dynid.bondgraph.results.margins import add_margins
+        from dynid.bondgraph.results.margin_results import add_margins
 
         report_progress("margins")
         add_margins(result, cut, analysis.omega)

@@ -26,7 +26,7 @@ from dynid.errors import Singular
 
 if TYPE_CHECKING:
     from dynid.bondgraph.graph import BondGraph
-    from dynid.bondgraph.plan import ReducedGraph
+    from dynid.bondgraph.reduced_graph import ReducedGraph
 
 
 # --- linear forms ---------------------------------------------------------------------------------

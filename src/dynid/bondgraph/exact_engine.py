@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynid.bondgraph.graph import Port
-from dynid.bondgraph.plan import Channel, ReducedGraph, characteristic_polynomials
+from dynid.bondgraph.reduced_graph import Channel, ReducedGraph, characteristic_polynomials
 from dynid.defaults import STARTED_ROOTS
 from dynid.errors import NumericalError
 from dynid.lti.certified_roots import CertifiedRoot, certified_roots

@@ -26,10 +26,10 @@ from dynid.arithmetic.ldl import reference
 from dynid.arithmetic.numbers import coded
 from dynid.arithmetic.numbers import rounded as rounded_number
 from dynid.arrays import ComplexArray
-from dynid.bondgraph.control import PADE_ORDER, Loop, close_loops, pade
-from dynid.bondgraph.frequency_response import frequency_response
+from dynid.bondgraph.controller_circuits import PADE_ORDER, Loop, close_loops, pade
 from dynid.bondgraph.graph import BondGraph, Port
-from dynid.bondgraph.plan import (
+from dynid.bondgraph.graph_response import frequency_response
+from dynid.bondgraph.reduced_graph import (
     ReducedGraph,
     characteristic_polynomials,
     parts_without_output,

@@ -22,9 +22,9 @@ from dynid.bondgraph.descriptor import (
     without_input_rates,
 )
 from dynid.bondgraph.graph import Port
-from dynid.bondgraph.plan import Channel, ReducedGraph
+from dynid.bondgraph.graph_state_space import rounded
 from dynid.bondgraph.program.factored import primes
-from dynid.bondgraph.state_space import rounded
+from dynid.bondgraph.reduced_graph import Channel, ReducedGraph
 from dynid.lti.certified_roots import CertifiedRoot, certified_roots
 
 #: The smallest share of a mode's energy that an element is named for.

@@ -29,10 +29,10 @@ from dynid.bondgraph.descriptor import (
     solve,
     without_input_rates,
 )
-from dynid.bondgraph.frequency_response import Bounded
 from dynid.bondgraph.graph import STORAGES, Port, bond_sign
+from dynid.bondgraph.graph_response import Bounded
 from dynid.bondgraph.parametric_program import ParametricProgram, Tape
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.bondgraph.reduction.reducer import reduce_graph
 from dynid.bondgraph.state_equations import RegisterNumber
 from dynid.errors import NumericalError

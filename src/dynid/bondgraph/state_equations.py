@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import Self
 
 from dynid.bondgraph.descriptor import Descriptor, LinearForm, NumberField, constrained, solve
+from dynid.bondgraph.formula_printers import TEXT, Printed
 from dynid.bondgraph.formulas.expressions import free_letter, length, print_register, shared
-from dynid.bondgraph.formulas.printers import TEXT, Printed
 from dynid.bondgraph.formulas.transfer import symbol_names, symbol_value
 from dynid.bondgraph.graph import Port
-from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.program.factored import prime_for, random_point
 from dynid.bondgraph.program.program import ModularPoint, Program, Register
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.errors import UsageError
 
 #: Most symbols and terms with which coefficients are brought to lowest terms.

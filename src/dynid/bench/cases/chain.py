@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import Any
 
 from dynid.bench.benchmark import Alternative, Benchmark
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.templates.chain import FORCE, chain, distinct, last_velocity
 
 # Bits of a reference: more than those of a double.

@@ -11,7 +11,7 @@ from typing import Any
 from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.bench.cases.chain import exact_response, matrices, reduced
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.templates.chain import distinct
 
 POINTS = 1000
@@ -30,7 +30,7 @@ def by_reduction(model: Callable[[int], ReducedGraph]) -> Callable[[int], Callab
     """Return the response of the one channel of a model by its reduction, as dynid does it by default."""
 
     def prepare(size: int) -> Callable[[], Any]:
-        from dynid.bondgraph.frequency_response import frequency_response
+        from dynid.bondgraph.graph_response import frequency_response
 
         omega = frequencies()
         return lambda: frequency_response(model(size), omega)[:, 0, 0]

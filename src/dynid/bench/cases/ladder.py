@@ -14,7 +14,7 @@ from typing import Any
 from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.bench.cases.frequency_response import by_reduction, distance, frequencies
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.reduced_graph import ReducedGraph
 
 _RAILS = "ab"
 
@@ -90,7 +90,7 @@ def exact_response(stages: int, omega: Any) -> list[complex]:
 
 def _in_order(stages: int) -> Callable[[], Any]:
     """Run the first plan alone, from the far end; values that its bounds do not certify by balls."""
-    from dynid.bondgraph.frequency_response import on_axis
+    from dynid.bondgraph.graph_response import on_axis
 
     def work() -> Any:
         planned = reduced(stages)

@@ -12,7 +12,7 @@ from typing import Any
 from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.bench.cases.chain import matrices, reduced, true_roots
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.defaults import EXACT_ROOTS, EXACT_ROOTS_ON_LOOPS, MANY_LOOPS, SPARSE_REFINEMENT, STARTED_ROOTS
 
 #: Errors of roots below this part of the largest pole are relative to that part.
@@ -58,7 +58,7 @@ def _by_engine(model: Callable[[int], ReducedGraph], engine: str) -> Callable[[i
 
             solver = ExactEngine
         else:
-            from dynid.bondgraph.floating.engine import FloatEngine
+            from dynid.bondgraph.floating.float_engine import FloatEngine
 
             solver = FloatEngine
 

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from dynid.bench.benchmark import Alternative
 from dynid.bench.cases.zeros_poles import distance, relative_to
 from dynid.bondgraph.analysis import analyse
+from dynid.bondgraph.analysis_request import ENGINES, NUMERIC, Analysis, choose_engine, modelled_storages
 from dynid.bondgraph.graph import BondGraph
-from dynid.bondgraph.plan import ReducedGraph
-from dynid.bondgraph.request import ENGINES, NUMERIC, Analysis, choose_engine, modelled_storages
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.defaults import ALL_MODES, BASIS_BAND, DENSE_MODES, FEW_MODES
 from dynid.errors import UsageError
 from dynid.lti.noise import HOLDS, Sampled

@@ -18,8 +18,8 @@ from typing import Any
 
 from dynid.bondgraph.decomposition.graph_bisection import GraphBisection
 from dynid.bondgraph.graph import JUNCTIONS, Bond, BondGraph, NodeType, Port
-from dynid.bondgraph.plan import ProgramPlan
 from dynid.bondgraph.program.program import Program, Register
+from dynid.bondgraph.reduced_graph import GraphProgram
 from dynid.bondgraph.reduction.junctions import NameRegistry
 from dynid.bondgraph.reduction.network import STORED
 from dynid.bondgraph.reduction.prototypes import Prototype
@@ -153,7 +153,7 @@ def _product(program: Program, pivots: Iterable[Register], integrators: int) -> 
 # --- decomposition ---------------------------------------------------------------------------------
 
 
-class Decomposition(ProgramPlan):
+class Decomposition(GraphProgram):
     """A graph decomposed at a port.
 
     Parameters

@@ -11,7 +11,7 @@ import numpy as np
 
 from dynid.arithmetic.numbers import LARGEST
 from dynid.arrays import Array, ComplexArray
-from dynid.bondgraph.design.request import (
+from dynid.bondgraph.design.design_request import (
     Criterion,
     Design,
     Reached,
@@ -21,7 +21,7 @@ from dynid.bondgraph.design.request import (
     residual_count,
 )
 from dynid.bondgraph.parametric_equations import ParametricEquations
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.errors import NumericalError
 from dynid.lti import norms
 from dynid.lti.root_slopes import poles, zeros

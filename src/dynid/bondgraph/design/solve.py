@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from dynid.arrays import Array
+from dynid.bondgraph.design.design_request import Design, Reached, RootTarget, Target, residual_count
 from dynid.bondgraph.design.functions import DesignFunctions, Evaluation
-from dynid.bondgraph.design.request import Design, Reached, RootTarget, Target, residual_count
 from dynid.bondgraph.design.search import MET, Solution, meet_roots, minimise
 from dynid.errors import NumericalError, Unreachable
 from dynid.number_format import counted

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.program.factored import (
     RationalFunction,
     polynomial,
     rational_functions_modulo,
 )
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.errors import Undecided
 from dynid.number_format import root_text
 from dynid.suggestions import shortened

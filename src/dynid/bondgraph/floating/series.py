@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple
 
-from dynid.bondgraph.plan import ProgramPlan, ReducedGraph
 from dynid.bondgraph.program.factored import axis_point
+from dynid.bondgraph.reduced_graph import GraphProgram, ReducedGraph
 from dynid.errors import NumericalError
 
 #: First and last number of terms that are carried before giving up.
@@ -136,13 +136,13 @@ class _Point(NamedTuple):
     laplace: tuple[int, list[Any]]
 
 
-def _residues(planned: ProgramPlan, power: int) -> _Point:
+def _residues(planned: GraphProgram, power: int) -> _Point:
     """Return the expansion at 0 in t, s = t^power, modulo a large prime."""
     at = planned.modulo()
     return _Point(at.residue, at.values, (power, [at.residue(1)]))
 
 
-def _certain(planned: ProgramPlan, power: int) -> _Point:
+def _certain(planned: GraphProgram, power: int) -> _Point:
     """Return the same expansion in numbers that are known in balls of the working precision as well."""
     from flint import arb, fmpq
 
@@ -159,7 +159,7 @@ def _certain(planned: ProgramPlan, power: int) -> _Point:
 
 
 def _sharp(
-    planned: ProgramPlan,
+    planned: GraphProgram,
     registers: Iterable[int],
     power: int,
     known: Callable[[LaurentSeries], bool],
@@ -209,7 +209,7 @@ def leading_terms(
 
 
 def limits_at_rest(
-    planned: ProgramPlan, registers: Iterable[int], precisions: Sequence[int] = PRECISIONS
+    planned: GraphProgram, registers: Iterable[int], precisions: Sequence[int] = PRECISIONS
 ) -> dict[int, float]:
     """Return the limits of registers as s goes to 0, rounded; infinite at a pole.
 
@@ -237,7 +237,7 @@ def limits_at_rest(
     return limits
 
 
-def orders_on_axis(planned: ProgramPlan, registers: Iterable[int], omega: Fraction) -> dict[int, int]:
+def orders_on_axis(planned: GraphProgram, registers: Iterable[int], omega: Fraction) -> dict[int, int]:
     """Return the orders of registers at s = j omega: -k at a pole, k at a zero of order k, 0 elsewhere.
 
     They are expanded modulo a large prime, in which orders are the same but for accidents.
@@ -262,7 +262,7 @@ def _knows_its_limit(series: LaurentSeries) -> bool:
 
 
 def _expanded(
-    planned: ProgramPlan,
+    planned: GraphProgram,
     registers: Iterable[int],
     point: _Point,
     known: Callable[[LaurentSeries], bool],

@@ -17,7 +17,7 @@ import numpy as np
 from dynid.bondgraph.descriptor import Descriptor, LinearForm, NumberField, irreducible_blocks, solve
 from dynid.bondgraph.floating.roots import RootDiscs
 from dynid.bondgraph.graph import Port
-from dynid.bondgraph.plan import Channel, ReducedGraph
+from dynid.bondgraph.reduced_graph import Channel, ReducedGraph
 from dynid.errors import NumericalError, Undecided
 from dynid.lti.floating import finite, guarded
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Container, Iterable, Iterator, Mapping
 
+from dynid.bondgraph.formula_printers import TEXT, FormulaPrinter, Printed, PrintedFraction
 from dynid.bondgraph.formulas.lowest_terms import (
     FormulaRing,
     RegisterExpression,
@@ -11,7 +12,6 @@ from dynid.bondgraph.formulas.lowest_terms import (
     combined,
     independent,
 )
-from dynid.bondgraph.formulas.printers import TEXT, FormulaPrinter, Printed, PrintedFraction
 from dynid.bondgraph.graph import Node
 from dynid.bondgraph.program.program import Operation, Program, Register, operands
 

@@ -12,7 +12,7 @@ from functools import reduce
 from itertools import combinations
 from typing import Any, NamedTuple
 
-from dynid.bondgraph.formulas.printers import FormulaPrinter, Printed
+from dynid.bondgraph.formula_printers import FormulaPrinter, Printed
 from dynid.bondgraph.graph import Node
 from dynid.bondgraph.program.program import Operation, Program, Register, operands
 

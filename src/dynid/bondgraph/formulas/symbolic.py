@@ -7,7 +7,7 @@ from fractions import Fraction
 from functools import reduce
 from typing import Any, Self
 
-from dynid.bondgraph.formulas.printers import ATOM, POWER, PRODUCT, SUM, TEXT, FormulaPrinter, Printed
+from dynid.bondgraph.formula_printers import ATOM, POWER, PRODUCT, SUM, TEXT, FormulaPrinter, Printed
 from dynid.bondgraph.program.factored import FactoredQuotient, PolynomialFactor
 
 #: Products of terms that may be formed for every term that a polynomial may have.

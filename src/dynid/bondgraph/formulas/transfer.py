@@ -8,10 +8,10 @@ from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
+from dynid.bondgraph.formula_printers import TEXT, FormulaPrinter
 from dynid.bondgraph.formulas.expressions import free_letter, print_register, shared
-from dynid.bondgraph.formulas.printers import TEXT, FormulaPrinter
-from dynid.bondgraph.plan import Channel, ProgramPlan, ReducedGraph
 from dynid.bondgraph.program.program import Register
+from dynid.bondgraph.reduced_graph import Channel, GraphProgram, ReducedGraph
 from dynid.errors import NumericalError, UsageError
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def readable(reduced: ReducedGraph) -> dict[Channel, Polynomials]:
     }
 
 
-def readable_registers(planned: ProgramPlan, registers: Iterable[Register]) -> dict[Register, str]:
+def readable_registers(planned: GraphProgram, registers: Iterable[Register]) -> dict[Register, str]:
     """Return the registers whose formula is readable, as text that SymPy could read."""
     from dynid.bondgraph.formulas.symbolic import FormulaTooLong, quotient
 
@@ -140,7 +140,7 @@ def _polynomials(reduced: ReducedGraph, limit: int) -> dict[Channel, Polynomials
 
 
 def _register_polynomials(
-    planned: ProgramPlan, registers: Iterable[Register], limit: int
+    planned: GraphProgram, registers: Iterable[Register], limit: int
 ) -> dict[Register, Polynomials]:
     from dynid.bondgraph.formulas.symbolic import variables
 
@@ -164,7 +164,7 @@ def _register_polynomials(
 
 
 def _common_factors(
-    reduced: ProgramPlan,
+    reduced: GraphProgram,
     values: dict[str, SymbolicQuotient],
     s: SymbolicQuotient,
     one: SymbolicQuotient,
@@ -213,7 +213,7 @@ def _on_line(part: Any, lines: Sequence[Any], prime: int) -> Any:
     return total
 
 
-def symbol_names(reduced: ProgramPlan) -> list[str]:
+def symbol_names(reduced: GraphProgram) -> list[str]:
     """Return the symbols needed.
 
     Raises
@@ -234,7 +234,7 @@ def symbol_names(reduced: ProgramPlan) -> list[str]:
     return [*dict.fromkeys([*own, *sorted(parameters)])]
 
 
-def _parameters(reduced: ProgramPlan) -> set[str]:
+def _parameters(reduced: GraphProgram) -> set[str]:
     """Return the parameters that values are written in."""
     nodes = (reduced.graph.nodes[name] for name in reduced.valued)
     return {name for node in nodes if node.formula for name in node.formula.names}
@@ -249,7 +249,7 @@ def _ambiguous(name: str, why: str) -> UsageError:
 
 
 def symbol_value(
-    reduced: ProgramPlan, name: str, symbols: dict[str, SymbolicQuotient], one: SymbolicQuotient
+    reduced: GraphProgram, name: str, symbols: dict[str, SymbolicQuotient], one: SymbolicQuotient
 ) -> SymbolicQuotient:
     """Return the value of a node as a formula in the symbols.
 

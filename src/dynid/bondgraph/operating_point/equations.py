@@ -18,7 +18,7 @@ import numpy as np
 
 from dynid.arithmetic.numbers import OutOfRangeError
 from dynid.bondgraph.graph import ONE_PORTS, SOURCES, STORAGES, TWO_PORTS, Port, bond_sign
-from dynid.bondgraph.operating_point.laws import Law, LawGraph
+from dynid.bondgraph.operating_point.element_laws import Law, LawGraph
 from dynid.errors import Singular
 
 if TYPE_CHECKING:

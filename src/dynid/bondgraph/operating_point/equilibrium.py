@@ -11,10 +11,10 @@ import numpy as np
 
 from dynid.arithmetic.numbers import OutOfRangeError
 from dynid.bondgraph.graph import Port
-from dynid.bondgraph.operating_point.dynamics import LawDynamics
+from dynid.bondgraph.operating_point.element_laws import LawGraph
 from dynid.bondgraph.operating_point.equations import LawEquations, LawSystem, at_point, at_rest
-from dynid.bondgraph.operating_point.laws import LawGraph
 from dynid.bondgraph.operating_point.newton import CONSISTENT, Factor, NewtonSolution, iterate, refined
+from dynid.bondgraph.operating_point.nonlinear_dynamics import LawDynamics
 from dynid.defaults import DENSE_EQUILIBRIUM
 from dynid.errors import Diverged, NumericalError, Singular, UsageError
 from dynid.progress import report_progress

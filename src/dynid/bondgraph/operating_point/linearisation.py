@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from dynid.arithmetic.dependent import Real
 from dynid.arithmetic.numbers import OutOfRangeError
-from dynid.bondgraph.control import Circuit
+from dynid.bondgraph.controller_circuits import Circuit
 from dynid.bondgraph.graph import (
     STORAGES,
     TWO_PORTS,

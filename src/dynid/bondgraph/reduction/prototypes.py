@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from dynid.bondgraph.formulas.printers import TEXT, FormulaPrinter, Printed
+from dynid.bondgraph.formula_printers import TEXT, FormulaPrinter, Printed
 from dynid.bondgraph.graph import STORAGES, Port
 from dynid.bondgraph.program.program import Program, Register
 from dynid.bondgraph.reduction.network import Immittance, NodalNetwork

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
-from dynid.bondgraph.formulas.printers import FormulaPrinter, Printed
+from dynid.bondgraph.formula_printers import FormulaPrinter, Printed
 from dynid.bondgraph.graph import BondGraph, Port
 from dynid.bondgraph.program.program import Operation, Register
 from dynid.bondgraph.reduction.junctions import NameRegistry

@@ -14,9 +14,9 @@ from dynid.bondgraph.causality.bicausal import ZeroCausality, zero_causality
 from dynid.bondgraph.causality.report import Causality, join_nodes, join_with_types
 from dynid.bondgraph.causality.scap import assign_causality
 from dynid.bondgraph.graph import VALUED, BondGraph, Port
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.graph_state_space import ZeroPart, natural_order, zero_dynamics, zero_parts
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.bondgraph.state_equations import zero_dynamics_equations
-from dynid.bondgraph.state_space import ZeroPart, natural_order, zero_dynamics, zero_parts
 from dynid.errors import NumericalError, Singular
 from dynid.result import Result
 
@@ -61,7 +61,7 @@ def _table(result: Result, axis: str, rows: Sequence[tuple[str, ...]], names: tu
 
 def _compare_order(result: Result, graph: BondGraph, causality: Causality) -> str:
     """Add the exact order; return the reason where it differs from the structural one."""
-    from dynid.bondgraph.state_space import natural_order
+    from dynid.bondgraph.graph_state_space import natural_order
 
     if causality.conflicts:
         return ""

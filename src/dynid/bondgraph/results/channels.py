@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.bondgraph.analysis_request import Analysis, EngineChoice, FormulaRequest, choose_engine
 from dynid.bondgraph.exact_engine import ExactEngine, TransferFunction
-from dynid.bondgraph.formulas.printers import LATEX, TEXT
-from dynid.bondgraph.plan import Channel, ReducedGraph
-from dynid.bondgraph.request import Analysis, EngineChoice, FormulaRequest, choose_engine
+from dynid.bondgraph.formula_printers import LATEX, TEXT
+from dynid.bondgraph.reduced_graph import Channel, ReducedGraph
 from dynid.bondgraph.results.system import add_system, graph_verdict
 from dynid.errors import Undecided
 from dynid.lti.certified_roots import CertifiedRoot, certified_roots
@@ -21,8 +21,21 @@ from dynid.progress import tracked
 from dynid.result import Result
 
 if TYPE_CHECKING:
-    from dynid.bondgraph.floating.engine import FloatEngine
-    from dynid.bondgraph.sampling.engine import EngineSample
+    from dynid.bondgraph.floating.float_engine import FloatEngine
+
+
+class ChannelEngine(Protocol):
+    """An engine, as far as results of channels need it; one of samples as well."""
+
+    @property
+    def reduced(self) -> ReducedGraph:
+        """The graph."""
+
+    def channel(self, channel: Channel, /) -> Any:
+        """Return the transfer function of a channel."""
+
+    def hidden_modes(self, channel: Channel, /) -> Sequence[SidedRoot]:
+        """Return the natural modes that cancel in a channel."""
 
 
 # --- formulas -------------------------------------------------------------------------------------
@@ -117,7 +130,7 @@ def _channels(reduced: ReducedGraph, analysis: Analysis, choice: EngineChoice) -
     if choice.engine == "exact":
         engine = ExactEngine(reduced)
     else:
-        from dynid.bondgraph.floating.engine import FloatEngine
+        from dynid.bondgraph.floating.float_engine import FloatEngine
 
         engine = FloatEngine(reduced)
     for channel in tracked(reduced.channels(), "zeros and poles of channel"):
@@ -127,9 +140,7 @@ def _channels(reduced: ReducedGraph, analysis: Analysis, choice: EngineChoice) -
     return result
 
 
-def add_channel(
-    result: Result, engine: ExactEngine | FloatEngine | EngineSample, channel: Channel, asked: frozenset[str]
-) -> None:
+def add_channel(result: Result, engine: ChannelEngine, channel: Channel, asked: frozenset[str]) -> None:
     """Add the requested results of one channel."""
     transfer, group = engine.channel(channel), _group(channel)
     if "transfer_function" in asked:
@@ -186,9 +197,7 @@ def time_constants(poles: NDArray[np.complex128]) -> NDArray[np.float64]:
         return np.asarray(np.divide(1.0, rates, out=np.full(len(rates), np.inf), where=rates != 0))
 
 
-def _add_hidden_modes(
-    result: Result, engine: ExactEngine | FloatEngine | EngineSample, channel: Channel, *, explained: bool
-) -> None:
+def _add_hidden_modes(result: Result, engine: ChannelEngine, channel: Channel, *, explained: bool) -> None:
     """Add the natural modes that cancel in the channel; their causes where requested and known."""
     group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
     if not result.wants(f"{group}/hidden_modes"):
@@ -212,7 +221,7 @@ def _add_modes(result: Result, group: str, values: NDArray[Any]) -> None:
 
 def note_measuring_integrals(result: Result, reduced: ReducedGraph, analysis: Analysis) -> None:
     """Say of hidden modes at 0 where they are of integrals that dynid adds to measure for a loop."""
-    from dynid.bondgraph.control import close_loops
+    from dynid.bondgraph.controller_circuits import close_loops
     from dynid.bondgraph.hidden_modes import conserved
 
     assert analysis.opened is not None

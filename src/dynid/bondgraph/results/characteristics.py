@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 
 from dynid.bondgraph.exact_engine import TransferFunction
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.lti.peaks import Bandwidth, bandwidth
 from dynid.lti.step_info import StepInfo, step_info
 from dynid.progress import tracked

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arrays import Array, ComplexArray
-from dynid.bondgraph.frequency_response import frequency_response
 from dynid.bondgraph.graph import ACTIVATED, STORAGES, BondGraph, GraphUnits, Port, bond_sign, unit_quotient
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.graph_response import frequency_response
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.result import Result
 
 #: The part whose elements stand for controllers.
@@ -115,7 +115,7 @@ def free_motions(reduced: ReducedGraph, elements: EnergyElements) -> FreeMotions
     """
     from scipy.linalg import cholesky, solve_triangular
 
-    from dynid.bondgraph.state_space import state_space
+    from dynid.bondgraph.graph_state_space import state_space
 
     system = state_space(reduced)
     if not len(system.A):

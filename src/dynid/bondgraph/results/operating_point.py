@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from dynid.arithmetic.numbers import OutOfRangeError
+from dynid.bondgraph.analysis_request import Analysis
 from dynid.bondgraph.graph import ONE_PORTS, GraphUnits, Port, unit_quotient
-from dynid.bondgraph.operating_point.dynamics import LawDynamics
 from dynid.bondgraph.operating_point.equations import LawEquations
 from dynid.bondgraph.operating_point.equilibrium import OperatingPoint
 from dynid.bondgraph.operating_point.linearisation import Linearisation
-from dynid.bondgraph.request import Analysis
+from dynid.bondgraph.operating_point.nonlinear_dynamics import LawDynamics
 from dynid.errors import NumericalError
 from dynid.result import Result
 

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynid.bondgraph.decomposition.dynamics import prototype_dynamics
 from dynid.bondgraph.decomposition.equivalents import Decomposition, OnePortEquivalent
+from dynid.bondgraph.decomposition.prototype_dynamics import prototype_dynamics
 from dynid.bondgraph.exact_engine import TransferFunction, as_fraction
-from dynid.bondgraph.formulas.printers import LATEX, TEXT
+from dynid.bondgraph.formula_printers import LATEX, TEXT
 from dynid.bondgraph.formulas.transfer import readable_registers
 from dynid.bondgraph.graph import unit_quotient
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.bondgraph.reduction.network import STORED
 from dynid.bondgraph.results.channels import add_roots
-from dynid.bondgraph.results.prototype import add_dynamics, add_ratio, add_traces, system_text
+from dynid.bondgraph.results.prototype_results import add_dynamics, add_ratio, add_traces, system_text
 from dynid.result import Result
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def add_port_response(result: Result, parts: Decomposition, omega: NDArray[np.fl
     omega
         Angular frequencies, rad/s.
     """
-    from dynid.bondgraph.frequency_response import on_axis
+    from dynid.bondgraph.graph_response import on_axis
 
     group, zero = f"{_GROUP}/frequency_response", parts.program.zero
     units = _units(parts)

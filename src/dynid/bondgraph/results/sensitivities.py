@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from dynid.bondgraph.analysis_request import Analysis, SensitivityParameter, modelled_storages
 from dynid.bondgraph.exact_engine import TransferFunction
-from dynid.bondgraph.frequency_response import Bounded
-from dynid.bondgraph.plan import ReducedGraph, characteristic_polynomials
+from dynid.bondgraph.graph_response import Bounded
 from dynid.bondgraph.program.program import Register, gradient
-from dynid.bondgraph.request import Analysis, SensitivityParameter, modelled_storages
+from dynid.bondgraph.reduced_graph import ReducedGraph, characteristic_polynomials
 from dynid.errors import NumericalError, UsageError
 from dynid.lti.certified_roots import CertifiedRoot, certified_roots, repeated
 from dynid.lti.floating import guarded

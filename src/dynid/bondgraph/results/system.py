@@ -7,13 +7,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from dynid.bondgraph.exact_engine import ExactEngine
-from dynid.bondgraph.plan import Channel, parts_without_output, separate_parts
+from dynid.bondgraph.reduced_graph import Channel, parts_without_output, separate_parts
 from dynid.lti.certified_roots import certified_roots
 from dynid.lti.stability import NO_SOLUTION, SidedRoot, Verdict, combined, verdict
 from dynid.result import Result
 
 if TYPE_CHECKING:
-    from dynid.bondgraph.floating.engine import FloatEngine
+    from dynid.bondgraph.floating.float_engine import FloatEngine
 
 SYSTEM = "bond_graph/system"
 #: Written in place of a number of unstable poles.

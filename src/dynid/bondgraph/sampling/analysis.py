@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from dynid.bondgraph.analysis_request import Analysis, choose_engine
 from dynid.bondgraph.graph import BondGraph, no_collection
-from dynid.bondgraph.plan import Channel
-from dynid.bondgraph.request import Analysis, choose_engine
+from dynid.bondgraph.reduced_graph import Channel
 from dynid.bondgraph.results.channels import add_channel, add_channels, natural_frequencies, time_constants
 from dynid.bondgraph.results.characteristics import CHARACTERISTICS
-from dynid.bondgraph.results.responses import add_frequency_response, add_time_response
+from dynid.bondgraph.results.response_results import add_frequency_response, add_time_response
 from dynid.bondgraph.sampling.engine import SampledEngine
 from dynid.bondgraph.sampling.family import ChannelPolynomials, GraphFamily, SampleValues
 from dynid.errors import DynidError

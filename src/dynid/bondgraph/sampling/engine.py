@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.bondgraph.exact_engine import TransferFunction
-from dynid.bondgraph.plan import Channel, ReducedGraph
+from dynid.bondgraph.reduced_graph import Channel, ReducedGraph
 from dynid.bondgraph.sampling.family import (
     ChannelPolynomials,
     GraphFamily,

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from dynid.bondgraph.formulas.symbolic import FormulaTooLong, variables
 from dynid.bondgraph.graph import BondGraph, Port
-from dynid.bondgraph.plan import Channel, ReducedGraph, determinant
 from dynid.bondgraph.program.factored import PRIME, SampledResidues
+from dynid.bondgraph.reduced_graph import Channel, ReducedGraph, determinant
 from dynid.defaults import SHARED_POLYNOMIALS
 
 # --- polynomials of samples -----------------------------------------------------------------------

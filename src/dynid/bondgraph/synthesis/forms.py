@@ -16,7 +16,7 @@ import numpy as np
 
 from dynid.bondgraph.exact_engine import ExactEngine, TransferFunction
 from dynid.bondgraph.graph import UNITS, VALUED, BondGraph, Port, unit_quotient
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.bondgraph.synthesis.one_port import SOURCE, bond_graph, with_values
 from dynid.bondgraph.synthesis.realisations import (
     NoSuchForm,

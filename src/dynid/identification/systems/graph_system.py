@@ -19,7 +19,7 @@ from dynid.arithmetic.dependent import Dependent, Real
 from dynid.arrays import Array, ComplexArray
 from dynid.bondgraph.graph import SOURCES, STORAGES, BondGraph, GraphUnits, Node, Port, port_fault
 from dynid.bondgraph.parametric_equations import ParametricEquations, ParametricResponse
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.errors import Singular, UsageError
 from dynid.identification.records.simulation import Simulation
 from dynid.identification.systems.linear_system import LinearSystem, StateVariable

@@ -25,8 +25,8 @@ from dynid.bondgraph.graph import (
     Node,
     Port,
 )
-from dynid.bondgraph.plan import ReducedGraph
 from dynid.bondgraph.program.program import Operation, Register
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.bondgraph.reduction.snapshots import Snapshot, snapshots
 from dynid.number_format import counted
 from dynid.report.drawing.render import Panel, draw_panels, render_sketch

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import cast
 
+from dynid.bondgraph.analysis_request import NUMERIC, RESULTS, Analysis, choose_engine
 from dynid.bondgraph.causality.report import join_nodes
-from dynid.bondgraph.fields import field_warnings
+from dynid.bondgraph.field_expansion import field_warnings
 from dynid.bondgraph.graph import STORAGES
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.bondgraph.reduction.junctions import JunctionStructure
 from dynid.bondgraph.reduction.solvability import hold
-from dynid.bondgraph.request import NUMERIC, RESULTS, Analysis, choose_engine
 from dynid.bondgraph.results.causality import add_causality
 from dynid.bondgraph.synthesis.forms import kind_of, realisations
 from dynid.errors import NumericalError

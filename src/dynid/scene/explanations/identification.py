@@ -87,7 +87,7 @@ def _explain_graph(scene: Scene) -> Explanation:
                 order = f"{counted(states, 'state')}: {', '.join(shown[:_STATES])}{more}"
                 facts.insert(1, Fact("model", order))
         if model.graph_analysis is not None:
-            from dynid.bondgraph.plan import ReducedGraph
+            from dynid.bondgraph.reduced_graph import ReducedGraph
             from dynid.scene.kinds.bond_graph import graph_analysis
 
             analysis = graph_analysis(scene, model.graph_analysis, built)

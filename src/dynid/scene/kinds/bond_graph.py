@@ -8,8 +8,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
 from dynid.bondgraph.analysis import analyse
+from dynid.bondgraph.analysis_request import Analysis, FormulaRequest, SensitivityParameter
 from dynid.bondgraph.graph import FIELDS, BondGraph, GraphUnits
-from dynid.bondgraph.request import Analysis, FormulaRequest, SensitivityParameter
 from dynid.defaults import TRACED_PARTS
 from dynid.errors import NumericalError, Singular, UsageError
 from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph, has_law, with_gains
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from dynid.arithmetic.dependent import Dual
-    from dynid.bondgraph.control import Loop
+    from dynid.bondgraph.controller_circuits import Loop
     from dynid.errors import Fault
     from dynid.lti.generator import Signal
     from dynid.result import Result
@@ -49,7 +49,7 @@ def run(scene: Scene) -> Result:
     if cast("BondGraphScene", scene.model).design is None:
         return analyse(*question(scene), scene.title)
     from dynid.bondgraph.design.solve import solve
-    from dynid.bondgraph.results.design import add_design
+    from dynid.bondgraph.results.design_results import add_design
     from dynid.scene.kinds.design import design_of, designed_scene
 
     designed = solve(design_of(scene))

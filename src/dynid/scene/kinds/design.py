@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, cast
 
 from pydantic import ValidationError
 
-from dynid.bondgraph.design.request import Criterion, Design, RootTarget, Target
+from dynid.bondgraph.design.design_request import Criterion, Design, RootTarget, Target
 from dynid.errors import SceneError, UsageError
 from dynid.scene.kinds.graph_parts import build_graph, has_law
 from dynid.scene.kinds.parameters import quantities

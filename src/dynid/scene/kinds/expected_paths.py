@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
-from dynid.bondgraph.request import MARGINS, PROPERTIES, ResultName
+from dynid.bondgraph.analysis_request import MARGINS, PROPERTIES, ResultName
 from dynid.scene.kinds.parameters import unknown_parameters
 from dynid.scene.kinds.result_layout import ATTRIBUTES, ROOT_ATTRIBUTES, groups_in, is_of_scene, names_in
 from dynid.scene.schema.raw import MULTIPORTS, node_types, references

@@ -12,11 +12,11 @@ from dynid.arithmetic.dependent import Dependent, Real, substituted
 from dynid.arithmetic.expression import parse
 from dynid.arithmetic.ldl import reference
 from dynid.arithmetic.numbers import Number
-from dynid.bondgraph.control import Loop
-from dynid.bondgraph.fields import Expansion, FieldType, expand_coupling, expand_field
+from dynid.bondgraph.controller_circuits import Loop
+from dynid.bondgraph.field_expansion import Expansion, FieldType, expand_coupling, expand_field
 from dynid.bondgraph.graph import TWO_PORTS, Bond, BondGraph, Node, NodeType, Port
+from dynid.bondgraph.operating_point.element_laws import Law, LawGraph
 from dynid.bondgraph.operating_point.equilibrium import OperatingPointRequest, find_operating_point
-from dynid.bondgraph.operating_point.laws import Law, LawGraph
 from dynid.bondgraph.operating_point.linearisation import Linearisation, linearised
 from dynid.errors import DynidError
 from dynid.model_scope import ScopePart
@@ -25,11 +25,11 @@ from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.raw import STRUCTURE, own_variable, read_names
 
 if TYPE_CHECKING:
-    from dynid.bondgraph.control import Loop
+    from dynid.bondgraph.analysis_request import Reading
+    from dynid.bondgraph.controller_circuits import Loop
     from dynid.bondgraph.graph import Port
-    from dynid.bondgraph.operating_point.laws import Law
+    from dynid.bondgraph.operating_point.element_laws import Law
     from dynid.bondgraph.operating_point.linearisation import Linearisation
-    from dynid.bondgraph.request import Reading
     from dynid.scene.load import Scene
     from dynid.scene.schema.bond_graph import GraphModel, NodeModel
     from dynid.scene.schema.control import ControllerModel, ControlModel, LoopModel, PidModel
@@ -154,7 +154,7 @@ def build_graph(
         )
     if control is None:
         return built
-    from dynid.bondgraph.control import close_loops
+    from dynid.bondgraph.controller_circuits import close_loops
     from dynid.scene.kinds.graph_parts import loop_of
 
     loops = [
@@ -213,7 +213,7 @@ def _expand_structure(
     band: float | None,
 ) -> ScopePart | None:
     """Expand a structure; return what was left out of it, None of a full one."""
-    from dynid.bondgraph.structures import expand_modes, expand_structure
+    from dynid.bondgraph.structure_expansion import expand_modes, expand_structure
     from dynid.scene.kinds.reduction import build_reductor
     from dynid.scene.kinds.structures import build_structure
     from dynid.structure.reduction.mode_selection import Interest

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
 
-from dynid.bondgraph.request import MARGINS, PROPERTIES
+from dynid.bondgraph.analysis_request import MARGINS, PROPERTIES
 
 _RATIO = "numerator numerator_power denominator denominator_power"
 _ROOTS = "zero zeros zero_error_bound pole poles pole_error_bound"

@@ -21,8 +21,9 @@ from pydantic import (
     model_validator,
 )
 
+from dynid.bondgraph.analysis_request import NUMERIC, USUAL, Engine, FormulaForm, Reading, ResultName
 from dynid.bondgraph.decomposition.graph_bisection import bond_fault, loop_fault
-from dynid.bondgraph.fields import field_fault
+from dynid.bondgraph.field_expansion import field_fault
 from dynid.bondgraph.graph import (
     FIELDS,
     NODE_TYPES,
@@ -33,7 +34,6 @@ from dynid.bondgraph.graph import (
     Bond,
     graph_faults,
 )
-from dynid.bondgraph.request import NUMERIC, USUAL, Engine, FormulaForm, Reading, ResultName
 from dynid.scene.model_faults import MAX_COPIES
 from dynid.scene.schema.base import (
     ENGINE_RESULTS,

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from dynid.bondgraph.request import Reading
+from dynid.bondgraph.analysis_request import Reading
 from dynid.bondgraph.synthesis.forms import Form
 from dynid.scene.schema.base import SceneModel, Section, once
 from dynid.scene.schema.bond_graph import Domain

@@ -36,7 +36,7 @@ Channel = tuple[Port, str]
 PlanningPoint = Literal["random", "values"] | Fraction
 
 
-class ProgramPlan(ABC):
+class GraphProgram(ABC):
     """A program written for a graph, ready to be run on any number type.
 
     The program is planned without numbers. Where the numbers make one of its pivots zero (a resistance
@@ -187,7 +187,7 @@ class ProgramPlan(ABC):
         return self.run(registers, values, s, constant(Fraction(1)))
 
 
-class ReducedGraph(ProgramPlan):
+class ReducedGraph(GraphProgram):
     """One program for all outputs of a graph; outputs share the steps that they have in common.
 
     Parameters
@@ -421,7 +421,7 @@ def parts_without_output(reduced: ReducedGraph) -> list[Any] | None:
     return polynomials
 
 
-def determinant(planned: ProgramPlan, reduction: Reduction) -> int:
+def determinant(planned: GraphProgram, reduction: Reduction) -> int:
     """Write the determinant of the nodal form, times s for every storage that integrates there."""
     program = planned.program
     return program.product([*reduction.pivots, *(program.s for _ in range(reduction.integrators))])

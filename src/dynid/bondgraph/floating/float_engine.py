@@ -19,7 +19,7 @@ from dynid.bondgraph.floating.roots import (
 )
 from dynid.bondgraph.floating.series import leading_terms
 from dynid.bondgraph.floating.spectrum import natural_equations, spectrum, zero_equations
-from dynid.bondgraph.plan import Channel, ReducedGraph, determinant
+from dynid.bondgraph.reduced_graph import Channel, ReducedGraph, determinant
 from dynid.errors import Undecided
 from dynid.lti.stability import TransferProperties
 

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bondgraph.control import PADE_ORDER, close_loops
+from dynid.bondgraph.analysis_request import Analysis
+from dynid.bondgraph.controller_circuits import PADE_ORDER, close_loops
 from dynid.bondgraph.exact_engine import TransferFunction
 from dynid.bondgraph.feedback import CutLoops, rational, rounded
-from dynid.bondgraph.plan import ReducedGraph
-from dynid.bondgraph.request import Analysis
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.bondgraph.results.system import SYSTEM, add_system, system_text
 from dynid.errors import Undecided
 from dynid.lti.axis_boxes import Work

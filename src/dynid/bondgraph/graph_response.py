@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.bondgraph.plan import ProgramPlan, ReducedGraph
+from dynid.bondgraph.reduced_graph import GraphProgram, ReducedGraph
 from dynid.defaults import COMPILED_RESPONSES, PLANNED_ANEW
 from dynid.errors import NumericalError, Singular
 from dynid.number_format import frequency_text
@@ -131,7 +131,7 @@ def frequency_response(reduced: ReducedGraph, omega: NDArray[np.float64]) -> NDA
 
 
 def on_axis(
-    planned: ProgramPlan, registers: list[int], omega: NDArray[np.float64], again: Again | None = None
+    planned: GraphProgram, registers: list[int], omega: NDArray[np.float64], again: Again | None = None
 ) -> NDArray[np.complex128]:
     """Return registers at s = j omega, shape (omega, register); a pole on the axis gives inf.
 
@@ -161,7 +161,7 @@ def on_axis(
 
 
 def _doubled(
-    planned: ProgramPlan, registers: list[int], omega: NDArray[np.float64]
+    planned: GraphProgram, registers: list[int], omega: NDArray[np.float64]
 ) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
     """Return the registers from doubled precision, and at which points all can be trusted."""
     from dynid.bondgraph.program.frequency_sweep import sweep_frequencies
@@ -173,7 +173,7 @@ def _doubled(
 
 
 def _double(
-    planned: ProgramPlan, registers: list[int], omega: NDArray[np.float64]
+    planned: GraphProgram, registers: list[int], omega: NDArray[np.float64]
 ) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
     """Return the registers from double precision, and at which points all can be trusted."""
     values = {name: Bounded.rounded(float(planned.graph.value(name))) for name in planned.valued}
@@ -189,7 +189,7 @@ def _double(
 
 
 def _certified(
-    planned: ProgramPlan, registers: list[int], omega: float, again: Again | None
+    planned: GraphProgram, registers: list[int], omega: float, again: Again | None
 ) -> list[complex]:
     """Return the channels at one frequency to full double precision; inf at a pole."""
     if omega == 0.0:  # where storage elements block, hardly a program can be run
@@ -209,7 +209,7 @@ def _certified(
     return found
 
 
-def _at_rest(planned: ProgramPlan, registers: list[int], again: Again | None) -> list[complex]:
+def _at_rest(planned: GraphProgram, registers: list[int], again: Again | None) -> list[complex]:
     """Return the limits of registers at rest; large graphs are planned again where they depend on loops."""
     from dynid.bondgraph.floating.series import PRECISIONS, limits_at_rest
 
@@ -224,7 +224,7 @@ def _at_rest(planned: ProgramPlan, registers: list[int], again: Again | None) ->
     return [complex(limits[register]) for register in registers]
 
 
-def _planned_again(planned: ProgramPlan, omega: float, again: Again | None) -> list[complex] | None:
+def _planned_again(planned: GraphProgram, omega: float, again: Again | None) -> list[complex] | None:
     """Return registers at one frequency from a plan for it, or none where that does not help."""
     if again is None:
         return None
@@ -238,7 +238,7 @@ def _planned_again(planned: ProgramPlan, omega: float, again: Again | None) -> l
 
 
 def _in_balls(
-    planned: ProgramPlan, registers: list[int], omega: float, aside: int | None = None
+    planned: GraphProgram, registers: list[int], omega: float, aside: int | None = None
 ) -> list[complex] | None:
     """Return registers at one frequency from ball arithmetic, or none where no precision is enough.
 
@@ -258,7 +258,7 @@ def _in_balls(
     return None
 
 
-def _on_a_mode(planned: ProgramPlan, registers: list[int], omega: float) -> list[complex] | None:
+def _on_a_mode(planned: GraphProgram, registers: list[int], omega: float) -> list[complex] | None:
     """Return registers where a part of the graph has a natural mode exactly: infinite, zero, or finite.
 
     What is finite is taken at two distances beside that mode: it must be the same.

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.bondgraph.exact_engine import TransferFunction
-from dynid.bondgraph.plan import ProgramPlan
+from dynid.bondgraph.reduced_graph import GraphProgram
 from dynid.bondgraph.reduction.prototypes import Prototype
 from dynid.lti.certified_roots import CertifiedRoot
 
@@ -174,7 +174,7 @@ def _refined(polynomial: Any, value: complex) -> Any:
     return s
 
 
-def prototype_dynamics(planned: ProgramPlan, prototype: Prototype) -> PrototypeDynamics:
+def prototype_dynamics(planned: GraphProgram, prototype: Prototype) -> PrototypeDynamics:
     """Return the zero and pole dynamics of a prototype.
 
     Parameters

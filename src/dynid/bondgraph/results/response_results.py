@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dynid.bondgraph.analysis_request import modelled_storages
 from dynid.bondgraph.exact_engine import TransferFunction
 from dynid.bondgraph.graph import Port
-from dynid.bondgraph.plan import ReducedGraph, characteristic_polynomials
+from dynid.bondgraph.reduced_graph import ReducedGraph, characteristic_polynomials
 from dynid.bondgraph.reduction.network import STORED
-from dynid.bondgraph.request import modelled_storages
-from dynid.bondgraph.results.prototype import add_ratio
+from dynid.bondgraph.results.prototype_results import add_ratio
 from dynid.defaults import PEAKS_NEAR_POLES
 from dynid.result import Result, common_unit
 
@@ -47,8 +47,8 @@ _SHIFTED = (
 
 def add_state_space(result: Result, reduced: ReducedGraph) -> None:
     """Add the state equations; `feedthrough` holds D and, where improper, the matrices on u', u'', …."""
+    from dynid.bondgraph.graph_state_space import state_space
     from dynid.bondgraph.state_equations import state_equations
-    from dynid.bondgraph.state_space import state_space
 
     system, group = state_space(reduced), "bond_graph/state_space"
     written = state_equations(reduced, system.states)
@@ -81,7 +81,7 @@ def add_frequency_response(
 
     `evaluate` gives the responses where they are not those of the graph (loops with delays).
     """
-    from dynid.bondgraph.frequency_response import frequency_response
+    from dynid.bondgraph.graph_response import frequency_response
     from dynid.lti.peaks import add_peaks
 
     group, evaluate = "bond_graph/frequency_response", evaluate or partial(frequency_response, reduced)
@@ -98,7 +98,7 @@ def add_frequency_response(
     own = "bond_graph/transfer_function/"
     known = [found.data for path, found in result.items() if path.startswith(own) and path.endswith("/poles")]
     if not known and 0 < modelled_storages(reduced) <= PEAKS_NEAR_POLES.value:
-        from dynid.bondgraph.state_space import state_space
+        from dynid.bondgraph.graph_state_space import state_space
 
         known = [np.linalg.eigvals(state_space(reduced).A)]
     poles = np.concatenate([np.zeros(0, dtype=complex), *known])
@@ -137,7 +137,7 @@ def add_time_response(
     apart
         True: each input has one signal, nothing is stored, and the responses are not added.
     """
-    from dynid.bondgraph.state_space import rational_matrices, state_space
+    from dynid.bondgraph.graph_state_space import rational_matrices, state_space
     from dynid.lti.floating import guarded
     from dynid.lti.refined_response import refined_response
     from dynid.lti.signals import Impulse

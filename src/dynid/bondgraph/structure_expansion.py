@@ -14,7 +14,7 @@ import numpy as np
 from dynid.arithmetic.ldl import Indefinite, Square
 from dynid.arithmetic.numbers import to_fraction
 from dynid.arrays import Array
-from dynid.bondgraph.fields import Expansion, FieldType, identifier, symmetric_squares
+from dynid.bondgraph.field_expansion import Expansion, FieldType, identifier, symmetric_squares
 from dynid.defaults import STRUCTURES_IN_GRAPHS
 from dynid.errors import UsageError
 from dynid.structure import labels

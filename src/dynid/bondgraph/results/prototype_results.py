@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from dynid.arithmetic.field_polynomials import primitive, settled_coefficients
-from dynid.bondgraph.decomposition.dynamics import PrototypeDynamics, prototype_dynamics
+from dynid.bondgraph.analysis_request import Engine, modelled_storages
+from dynid.bondgraph.decomposition.prototype_dynamics import PrototypeDynamics, prototype_dynamics
 from dynid.bondgraph.exact_engine import TransferFunction, as_float, as_fraction
+from dynid.bondgraph.formula_printers import ATOM, LATEX, PRODUCT, SUM, TEXT, FormulaPrinter, Printed
 from dynid.bondgraph.formulas.expressions import length, print_register, print_sum
-from dynid.bondgraph.formulas.printers import ATOM, LATEX, PRODUCT, SUM, TEXT, FormulaPrinter, Printed
-from dynid.bondgraph.plan import ProgramPlan, ReducedGraph
+from dynid.bondgraph.reduced_graph import GraphProgram, ReducedGraph
 from dynid.bondgraph.reduction.prototypes import Prototype
 from dynid.bondgraph.reduction.reducer import Reduction
-from dynid.bondgraph.request import Engine, modelled_storages
 from dynid.bondgraph.results.channels import add_roots, roots_of
 from dynid.result import Result
 
@@ -35,7 +35,7 @@ def add_steps(result: Result, reduced: ReducedGraph) -> None:
 
 
 def add_traces(
-    result: Result, group: str, planned: ProgramPlan, reductions: Mapping[str, Reduction], of: str
+    result: Result, group: str, planned: GraphProgram, reductions: Mapping[str, Reduction], of: str
 ) -> None:
     """Add the steps of reductions as one table; its column `of` says which reduction a step belongs to."""
     rows = []
@@ -73,7 +73,7 @@ def add_prototypes(result: Result, reduced: ReducedGraph) -> None:
 
 
 def system_text(
-    planned: ProgramPlan, prototype: Prototype, index: int, labels: Mapping[int, str], hand: FormulaPrinter
+    planned: GraphProgram, prototype: Prototype, index: int, labels: Mapping[int, str], hand: FormulaPrinter
 ) -> str:
     """Write system A or B of a prototype: nested while that is readable, else by the names of the steps."""
     name, register = prototype.systems[index]
@@ -82,7 +82,7 @@ def system_text(
     return f"{hand.name(name)[0]} = {text}"
 
 
-def equations(planned: ProgramPlan, reduction: Reduction, hand: FormulaPrinter) -> Iterator[str]:
+def equations(planned: GraphProgram, reduction: Reduction, hand: FormulaPrinter) -> Iterator[str]:
     """Yield the equations of every step, in terms of what was defined before."""
     registers = {name: register for register, name in reduction.labels.items()}
     known: dict[int, str] = {}

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from dynid.bondgraph.design.request import Criterion, RootTarget, Target
+from dynid.bondgraph.design.design_request import Criterion, RootTarget, Target
 from dynid.bondgraph.graph import GraphUnits
 from dynid.result import Result
 

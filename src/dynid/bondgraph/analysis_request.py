@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from dynid.bondgraph.control import Loop
+    from dynid.bondgraph.controller_circuits import Loop
     from dynid.bondgraph.graph import BondGraph
     from dynid.bondgraph.operating_point.linearisation import Linearisation
-    from dynid.bondgraph.plan import ReducedGraph
+    from dynid.bondgraph.reduced_graph import ReducedGraph
     from dynid.lti.generator import Signal
 
 

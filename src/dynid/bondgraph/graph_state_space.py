@@ -25,7 +25,7 @@ from dynid.bondgraph.descriptor import (
     without_input_rates,
 )
 from dynid.bondgraph.graph import BondGraph, Port
-from dynid.bondgraph.plan import ReducedGraph
+from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.bondgraph.reduction.junctions import JunctionStructure
 from dynid.errors import NumericalError, Singular
 
