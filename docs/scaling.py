@@ -569,8 +569,8 @@ logarithms; that of the response of a ladder includes the second plan, which kee
 def graphs() -> str:
     """Return the table of large graphs."""
     from dynid.bench.cases import chain, frequency_response, ladder
-    from dynid.bondgraph.graph_response import frequency_response as response
     from dynid.bondgraph.graph import BondGraph
+    from dynid.bondgraph.graph_response import frequency_response as response
     from dynid.bondgraph.reduced_graph import ReducedGraph
 
     sizes = (1000, 3000, 10_000, 30_000, 100_000)

@@ -63,7 +63,6 @@ CHOOSING = re.compile(r"_?(DENSE|SPARSE|LARGE|SMALL|FEW|MANY|SHORT|LONG|BIG)")
 #: Those that choose none, or hardly one.
 OTHERS = {
     "bondgraph.graph": "the same faults are found, by arrays",
-    "bondgraph.program.frequency_sweep": "the same instructions, in another order",
     "identification.least_squares": "the same solution, by dynid's library or LAPACK",
     "identification.estimators.filter": "the range of squares in double precision",
     "lti.pencil.eigenvalues": "a share of rounding",
