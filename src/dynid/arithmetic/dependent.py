@@ -37,18 +37,18 @@ def independent_parameters(raw: Mapping[str, Any]) -> dict[str, Dual]:
         The parameters as written: numbers, and expressions of each other; free of faults.
     """
     values, _ = resolve_parameters(raw)
-    known: dict[str, Dual] = {}
+    duals: dict[str, Dual] = {}
     for name, value in values.items():  # in an order in which each needs only earlier ones
         text = raw[name]
         expression = parse(text) if isinstance(text, str) else None
         if expression is None or not expression.names:
-            known[name] = Dual(value, {name: _ONE})
+            duals[name] = Dual(value, {name: _ONE})
         else:
-            known[name] = differentiate(expression, known)
-    return known
+            duals[name] = differentiate(expression, duals)
+    return duals
 
 
-def differentiate(expression: Expression, known: Mapping[str, Dual]) -> Dual:
+def differentiate(expression: Expression, duals: Mapping[str, Dual]) -> Dual:
     """Evaluate an expression together with its derivatives (forward accumulation).
 
     Raises
@@ -60,7 +60,7 @@ def differentiate(expression: Expression, known: Mapping[str, Dual]) -> Dual:
     def leaf(item: Fraction | str) -> Dual:
         if isinstance(item, Fraction):
             return Dual(item, {})
-        return Dual(math.pi, {}) if item == "pi" else known[item]
+        return Dual(math.pi, {}) if item == "pi" else duals[item]
 
     return expression.fold(leaf, operate)
 
@@ -115,7 +115,7 @@ def _rates(operation: str, operands: list[Dual], value: Number) -> list[Number]:
             return [_ONE if x[0] >= 0 else -_ONE]
         case _:  # min and max
             chosen = x.index(value)
-            return [_ONE if place == chosen else Fraction(0) for place in range(len(x))]
+            return [_ONE if index == chosen else Fraction(0) for index in range(len(x))]
 
 
 T = TypeVar("T")
@@ -176,8 +176,8 @@ class Dependent:
         """True if it is a parameter, or a constant multiple of one."""
         if self.operation == "*":
             a, b = self.operands
-            one, other = (a, b) if isinstance(a, Dependent) else (b, a)
-            return not isinstance(other, Dependent) and one.is_multiple
+            product, factor = (a, b) if isinstance(a, Dependent) else (b, a)
+            return not isinstance(factor, Dependent) and product.is_multiple
         if self.operation == "/":
             a, b = self.operands
             return not isinstance(b, Dependent) and a.is_multiple
@@ -185,16 +185,17 @@ class Dependent:
 
     def fold(self, leaf: Callable[[Real], T], make: Callable[[Dependent, list[T]], T]) -> T:
         """Evaluate it in any arithmetic: `leaf` gives numbers and parameters a value, `make` operations."""
-        found: dict[int, T] = {}
+        values: dict[int, T] = {}
         for node in self._order:
             if node.operation:
                 operands = [
-                    found[id(one)] if isinstance(one, Dependent) else leaf(one) for one in node.operands
+                    values[id(operand)] if isinstance(operand, Dependent) else leaf(operand)
+                    for operand in node.operands
                 ]
-                found[id(node)] = make(node, operands)
+                values[id(node)] = make(node, operands)
             else:
-                found[id(node)] = leaf(node)
-        return found[id(self)]
+                values[id(node)] = leaf(node)
+        return values[id(self)]
 
     def dual(self, values: Mapping[str, Number]) -> Dual:
         """Return value and derivatives at values of the parameters, exact where these and it are.
@@ -277,11 +278,14 @@ Real: TypeAlias = float | Fraction | Dependent
 
 def compute(operation: str, operands: Iterable[Real]) -> Any:
     """Return the result of an operation: a number, or a dependent number where an operand is one."""
-    given = tuple(operands)
-    numbers = [one.reference if isinstance(one, Dependent) else one for one in given]
-    value = apply(operation, [one if isinstance(one, float | Fraction) else Fraction(one) for one in numbers])
-    if any(isinstance(one, Dependent) for one in given):
-        return Dependent(operation, given, value)
+    arguments = tuple(operands)
+    numbers = [argument.reference if isinstance(argument, Dependent) else argument for argument in arguments]
+    value = apply(
+        operation,
+        [argument if isinstance(argument, float | Fraction) else Fraction(argument) for argument in numbers],
+    )
+    if any(isinstance(argument, Dependent) for argument in arguments):
+        return Dependent(operation, arguments, value)
     return value
 
 
@@ -312,7 +316,7 @@ def _ordered(number: Dependent, done: Container[int]) -> list[Dependent]:
         elif id(node) not in seen and id(node) not in done:
             seen.add(id(node))
             stack.append((node, True))
-            stack += [(one, False) for one in node.operands if isinstance(one, Dependent)]
+            stack += [(operand, False) for operand in node.operands if isinstance(operand, Dependent)]
     return order
 
 
@@ -332,51 +336,53 @@ def like_terms(numbers: Sequence[Dependent]) -> list[Multiple]:
     split: dict[int, Multiple] = {}
     places: dict[tuple[Any, ...], int] = {}
     at: dict[int, int] = {}  # by the ids of numbers, as `split` and `common`, which keeps them
-    known: dict[int, Dependent] = {}
+    cores: dict[int, Dependent] = {}
     common: dict[int, Dependent] = {}
-    found = []
+    terms = []
     for number in numbers:
         for node in _ordered(number, split):
             split[id(node)] = _multiple(node, split)
         factor, core = split[id(number)]
         if id(core) not in common:
-            common[id(core)] = known.setdefault(_place(core, places, at), core)
-        found.append(Multiple(factor, common[id(core)]))
-    return found
+            common[id(core)] = cores.setdefault(_place(core, places, at), core)
+        terms.append(Multiple(factor, common[id(core)]))
+    return terms
 
 
 def _multiple(node: Dependent, split: Mapping[int, Multiple]) -> Multiple:
     """Return a number as a multiple, its operands split already."""
-    whole = Multiple(1.0, node)
+    irreducible = Multiple(1.0, node)
     if node.operation not in ("*", "/", "neg", "**"):
-        return whole
+        return irreducible
     try:
         parts = [
-            split[id(one)] if isinstance(one, Dependent) else (float(one), None) for one in node.operands
+            split[id(operand)] if isinstance(operand, Dependent) else (float(operand), None)
+            for operand in node.operands
         ]
-        (factor, core), (by, other) = parts[0], parts[-1]
+        (factor, core), (by, second) = parts[0], parts[-1]
         if node.operation == "neg":
             factor = -factor
         elif node.operation == "**":
-            if core is None or other is not None:
-                return whole
+            if core is None or second is not None:
+                return irreducible
             factor, core = float(compute("**", (factor, by))), core if by == 1 else core ** node.operands[1]
         elif node.operation == "*":
             factor *= by
-            core = (core or other) if core is None or other is None else core * other
+            core = (core or second) if core is None or second is None else core * second
         else:
             factor /= by
-            core = core if other is None else (1 if core is None else core) / other
+            core = core if second is None else (1 if core is None else core) / second
     except ArithmeticError:
-        return whole
-    return Multiple(factor, core) if core is not None and math.isfinite(factor) and factor else whole
+        return irreducible
+    return Multiple(factor, core) if core is not None and math.isfinite(factor) and factor else irreducible
 
 
 def _place(number: Dependent, places: dict[tuple[Any, ...], int], at: dict[int, int]) -> int:
     """Return the place of an expression among those that are built differently; `at` holds those known."""
     for node in _ordered(number, at):
         operands = tuple(
-            ("of", at[id(one)]) if isinstance(one, Dependent) else ("is", one) for one in node.operands
+            ("of", at[id(operand)]) if isinstance(operand, Dependent) else ("is", operand)
+            for operand in node.operands
         )
         at[id(node)] = places.setdefault((node.operation, *operands), len(places))
     return at[id(number)]
@@ -387,7 +393,7 @@ def evaluated(value: Real, values: Mapping[str, float]) -> Evaluated:
     return value.at(values) if isinstance(value, Dependent) else Evaluated(float(value), {})
 
 
-def substituted(expression: Expression, known: Mapping[str, Real]) -> Any:
+def substituted(expression: Expression, values: Mapping[str, Real]) -> Any:
     """Return an expression in which names have these values: a number, or a dependent one.
 
     Raises
@@ -399,7 +405,7 @@ def substituted(expression: Expression, known: Mapping[str, Real]) -> Any:
     def leaf(item: Fraction | str) -> Real:
         if isinstance(item, Fraction):
             return item
-        return math.pi if item == "pi" else known[item]
+        return math.pi if item == "pi" else values[item]
 
     make: Callable[[str, list[Any]], Any] = compute
     return expression.fold(leaf, make)

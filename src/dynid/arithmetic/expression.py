@@ -408,8 +408,7 @@ def _evaluate_in_order(
 def _cycles(waiting: Mapping[str, Iterable[str]]) -> list[list[str]]:
     """Return the cycles of definitions, following from each the first one that it refers to."""
     following = {
-        name: min((other for other in needs if other in waiting), default="")
-        for name, needs in waiting.items()
+        name: min((need for need in needs if need in waiting), default="") for name, needs in waiting.items()
     }
     cycles: list[list[str]] = []
     walked: set[str] = set()

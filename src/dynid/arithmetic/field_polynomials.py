@@ -168,8 +168,12 @@ class FieldPolynomial(_RingElement):
         self.field, self.value = field, value
 
     def _made(self, value: Any) -> Self:
-        made = type(self)(self.field, value)
-        return made.shortened() if made.value.numer().height_bits() > _LONG * self.field.bits else made
+        polynomial = type(self)(self.field, value)
+        return (
+            polynomial.shortened()
+            if polynomial.value.numer().height_bits() > _LONG * self.field.bits
+            else polynomial
+        )
 
     def _value(self, other: Any) -> Any:
         return (
@@ -295,17 +299,17 @@ class FieldPolynomial(_RingElement):
         if not self:
             return fmpq_poly([])
         for factor, power in self.factor_squarefree()[1]:
-            for part in _parts(factor):
-                monic = part.monic()
+            for factor_part in _parts(factor):
+                monic = factor_part.monic()
                 result *= fmpq_poly([settled(self.field, c) for c in monic.coeffs()]) ** power
         return result
 
     def factors(self) -> list[tuple[Any, int]]:
         """Return rational polynomials with the roots of the square-free factors, and their multiplicities."""
         return [
-            (fmpq_poly([settled(self.field, c) for c in part.monic().coeffs()]).numer(), power)
+            (fmpq_poly([settled(self.field, c) for c in divisor.monic().coeffs()]).numer(), power)
             for factor, power in self.factor_squarefree()[1]
-            for part in _parts(factor)
+            for divisor in _parts(factor)
         ]
 
     def complex_roots(self) -> list[tuple[Any, int]]:
@@ -346,16 +350,17 @@ def _divided(above: P, below: P) -> tuple[P, P]:
 def _divides(factor: FieldPolynomial, polynomial: Any) -> bool:
     """Test whether what a division leaves is small beside the polynomial, both at about |s| of the roots."""
     above, below = (
-        fmpq_poly(each.value if isinstance(each, FieldPolynomial) else each) for each in (polynomial, factor)
+        fmpq_poly(argument.value if isinstance(argument, FieldPolynomial) else argument)
+        for argument in (polynomial, factor)
     )
     first = next(k for k, c in enumerate(below.coeffs()) if c != 0)
     spread = _size(below[first]) - _size(below.leading_coefficient())
     radius = Fraction(spread, max(below.degree() - first, 1))  # log2 of the geometric mean of the roots
-    left, whole = (
-        max((_size(c) + radius * k for k, c in enumerate(each.coeffs()) if c != 0), default=None)
-        for each in (divmod(above, below)[1], above)
+    left, dividend = (
+        max((_size(c) + radius * k for k, c in enumerate(argument.coeffs()) if c != 0), default=None)
+        for argument in (divmod(above, below)[1], above)
     )
-    return left is None or (whole is not None and left <= whole - ROUNDED_BITS)
+    return left is None or (dividend is not None and left <= dividend - ROUNDED_BITS)
 
 
 def _size(number: Any) -> int:
@@ -419,13 +424,13 @@ def integers(*polynomials: Any, rounded: bool = False) -> list[Any]:
     rounded
         Whether coefficients are rounded in the end (`settled`), not as they are coded.
     """
-    if not any(isinstance(each, FieldPolynomial) for each in polynomials):
+    if not any(isinstance(polynomial, FieldPolynomial) for polynomial in polynomials):
         return list(polynomials)
     values = []
-    for each in polynomials:
-        value = each.value if isinstance(each, FieldPolynomial) else fmpq_poly(each)
-        if rounded and isinstance(each, FieldPolynomial):
-            value = fmpq_poly([settled(each.field, c) for c in value.coeffs()])
+    for polynomial in polynomials:
+        value = polynomial.value if isinstance(polynomial, FieldPolynomial) else fmpq_poly(polynomial)
+        if rounded and isinstance(polynomial, FieldPolynomial):
+            value = fmpq_poly([settled(polynomial.field, c) for c in value.coeffs()])
         values.append(value)
     common = math.lcm(*(int(value.denom()) for value in values))
     return [(value * common).numer() for value in values]

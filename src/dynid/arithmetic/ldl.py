@@ -48,11 +48,11 @@ def nonzero(matrix: Sequence[Sequence[Real]]) -> dict[int, dict[int, Real]]:
 
 def at_reference(rows: Rows) -> dict[int, dict[int, Fraction]]:
     """Return a matrix at the reference values of unknown parameters, as fractions."""
-    found = {}
+    values = {}
     for i, row in rows.items():
         exact = {j: reference(entry) for j, entry in row.items()}
-        found[i] = {j: value for j, value in exact.items() if value}
-    return found
+        values[i] = {j: value for j, value in exact.items() if value}
+    return values
 
 
 def reference(entry: Real) -> Fraction:
@@ -85,7 +85,7 @@ def squares(
     """
     left = {i: dict(row) for i, row in rows.items()}
     diagonal = {i: row.get(i, Fraction(0)) for i, row in rows.items()}
-    found: list[Square] = []
+    result: list[Square] = []
     size = {i: _bits(row) for i, row in left.items()}
     while left:
         if rounding:
@@ -93,7 +93,7 @@ def squares(
         else:
             sound = [i for i in left if left[i].get(i, 0) > 0]
         if not sound:
-            sound = [i for i in left if left[i] and not _is_rounding(rows, found, left, i, rounding)]
+            sound = [i for i in left if left[i] and not _is_rounding(rows, result, left, i, rounding)]
         if not sound:
             break
         pivot = min(sound, key=lambda i: (size[i], i))
@@ -103,7 +103,7 @@ def squares(
             raise Indefinite
         if not value:  # a diagonal of zeros: a square is taken off and added again
             value = Fraction(1)
-            found.append(Square(pivot, -value, {}))
+            result.append(Square(pivot, -value, {}))
         entries = {i: entry / value for i, entry in row.items()}
         for i, factor in entries.items():
             target = left[i]
@@ -115,15 +115,15 @@ def squares(
                 else:
                     target.pop(j, None)
             size[i] = _bits(target)
-        found.append(Square(pivot, value, entries))
-    return found
+        result.append(Square(pivot, value, entries))
+    return result
 
 
 def _bits(row: Mapping[int, Any]) -> int:
-    return sum(one.numerator.bit_length() + one.denominator.bit_length() for one in row.values())
+    return sum(value.numerator.bit_length() + value.denominator.bit_length() for value in row.values())
 
 
-def _is_rounding(rows: Rows, found: Sequence[Square], left: Rows, candidate: int, rounding: float) -> bool:
+def _is_rounding(rows: Rows, pivots: Sequence[Square], left: Rows, candidate: int, rounding: float) -> bool:
     """Test whether what is left of a row is the rounding of the entries that it was computed from.
 
     The pivot is ``r^T A r`` of the motion r in which the squares found so far vanish.
@@ -131,7 +131,7 @@ def _is_rounding(rows: Rows, found: Sequence[Square], left: Rows, candidate: int
     if not rounding:
         return False
     motion = {candidate: 1.0}
-    for column in reversed(found):
+    for column in reversed(pivots):
         total = sum(float(entry) * motion[i] for i, entry in column.entries.items() if i in motion)
         if total:
             motion[column.pivot] = -total
@@ -160,23 +160,23 @@ def dependent_squares(rows: Rows, order: Sequence[Square]) -> list[Square]:
         If an entry of a square is zero at the reference values, but not at others.
     """
     left = {i: dict(row) for i, row in rows.items()}
-    found = []
-    for known in order:
-        row = left.pop(known.pivot)
-        value = row.pop(known.pivot)
-        for i in [i for i in row if i not in known.entries]:
+    result = []
+    for candidate in order:
+        row = left.pop(candidate.pivot)
+        value = row.pop(candidate.pivot)
+        for i in [i for i in row if i not in candidate.entries]:
             _check_zero(row.pop(i))
-            left[i].pop(known.pivot, None)
+            left[i].pop(candidate.pivot, None)
         for i, entry in row.items():
             target, factor = left[i], entry / value
-            del target[known.pivot]
+            del target[candidate.pivot]
             for j, other in row.items():
                 target[j] = target.get(j, Fraction(0)) - factor * other
-        found.append(Square(known.pivot, value, {i: entry / value for i, entry in row.items()}))
+        result.append(Square(candidate.pivot, value, {i: entry / value for i, entry in row.items()}))
     for row in left.values():
         for entry in row.values():
             _check_zero(entry)
-    return found
+    return result
 
 
 def _check_zero(entry: Any) -> None:
@@ -184,9 +184,9 @@ def _check_zero(entry: Any) -> None:
     if not isinstance(entry, Dependent):
         return
     values, size = {}, 0.0
-    for k, one in enumerate(entry._order):
-        if not one.operation:
-            values[one.operands[0]] = (float(one) or 1.0) * (1 + 0.1 / (k + 1))
-        size = max(size, abs(float(one)))
+    for k, operand in enumerate(entry._order):
+        if not operand.operation:
+            values[operand.operands[0]] = (float(operand) or 1.0) * (1 + 0.1 / (k + 1))
+        size = max(size, abs(float(operand)))
     if abs(entry.at(values).value) > 1e-9 * size:
         raise ZeroDivisionError

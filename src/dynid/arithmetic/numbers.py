@@ -93,7 +93,7 @@ def apply(operation: str, operands: list[Number]) -> Number:
             return as_number(_OPERATIONS[operation](*operands))
         if operation == "**":
             operands = _exact_power(*operands)
-        rounded = [float(each) if isinstance(each, Irrational) else each for each in operands]
+        rounded = [float(argument) if isinstance(argument, Irrational) else argument for argument in operands]
     try:
         result = _checked(_OPERATIONS[operation](*rounded))
     except OverflowError:
@@ -155,10 +155,10 @@ def _divide(a: Number, b: Number) -> Number:
 def _power(base: Number, exponent: Number) -> Number:
     if base == 0 and exponent < 0:
         raise OutOfRangeError("division by zero: zero to a negative power")
-    whole = exponent == int(exponent)
-    if base < 0 and not whole:
+    integer = exponent == int(exponent)
+    if base < 0 and not integer:
         raise OutOfRangeError("a negative number to a fractional power is not real")
-    if isinstance(base, Fraction) and isinstance(exponent, Fraction) and whole:
+    if isinstance(base, Fraction) and isinstance(exponent, Fraction) and integer:
         # A number of n bits is at least 2**(n - 1), so that the size is known before the work is done.
         if (_bits(base) - 1) * abs(exponent) > MAX_BITS:
             raise OutOfRangeError(_TOO_LONG)
@@ -325,7 +325,9 @@ def _applied(operation: str, *operands: Any) -> Any:
     """Return the result of an operator, of which an operand is irrational."""
     if not all(map(_number, operands)):
         return NotImplemented
-    return apply(operation, [Fraction(each) if isinstance(each, int) else each for each in operands])
+    return apply(
+        operation, [Fraction(operand) if isinstance(operand, int) else operand for operand in operands]
+    )
 
 
 def pi() -> Irrational:
@@ -349,9 +351,9 @@ def irrational(operation: str, operands: Iterable[Fraction], double: float) -> F
     OutOfRangeError
         Where it cannot be decided whether a sum is zero, or whether its value can be rounded.
     """
-    given = tuple(operands)
-    term = Term(operation, tuple(map(operand_of, given)))
-    scale = max(abs(float(each)) for each in given) if operation in ("+", "-") else 1.0
+    arguments = tuple(operands)
+    term = Term(operation, tuple(map(operand_of, arguments)))
+    scale = max(abs(float(argument)) for argument in arguments) if operation in ("+", "-") else 1.0
     if operation in _VANISHING and abs(double) <= CANCELLATION * scale:
         return decided(term)
     if operation == "tan" and abs(double) >= 1 / CANCELLATION:
@@ -401,13 +403,13 @@ def rounded(number: Fraction) -> Fraction:
     return Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
 
 
-def _sign(one: Fraction, other: Any) -> int:
+def _sign(fraction: Fraction, irrational: Any) -> int:
     """Return the sign of the difference of two numbers."""
     try:
-        a, b = float(one), float(other)
+        a, b = float(fraction), float(irrational)
     except OverflowError:  # of a fraction or an integer
-        return -1 if other > 0 else 1
-    if abs(a - b) > CANCELLATION * max(abs(a), abs(b)) or isinstance(other, float):
+        return -1 if irrational > 0 else 1
+    if abs(a - b) > CANCELLATION * max(abs(a), abs(b)) or isinstance(irrational, float):
         return (a > b) - (a < b)
-    difference = one - (Fraction(other) if isinstance(other, int) else other)
+    difference = fraction - (Fraction(irrational) if isinstance(irrational, int) else irrational)
     return (difference > 0) - (difference < 0)

@@ -137,9 +137,9 @@ class RealField:
             self.prime = _prime(modulus, trial)
             try:
                 self._assign()
-            except _Extend as wanted:
-                self._order = math.lcm(self._order, wanted.order)
-                modulus = math.lcm(modulus, wanted.modulus, self._order)
+            except _Extend as extension:
+                self._order = math.lcm(self._order, extension.order)
+                modulus = math.lcm(modulus, extension.modulus, self._order)
             except _NoRootError:
                 trial += 1
             else:
@@ -252,16 +252,18 @@ class RealField:
         self._check_degree(degree)
         parts = []
         for number in (radicand.numerator, radicand.denominator):
-            part = 1
+            perfect = 1
             for base, power in _factors(number):
-                whole, rest = divmod(power, degree)
-                part = part * pow(base, whole, self.prime) % self.prime
+                quotient, rest = divmod(power, degree)
+                perfect = perfect * pow(base, quotient, self.prime) % self.prime
                 if rest:
                     self._add_radical(base, degree // math.gcd(rest, degree))
-                    part = (
-                        part * pow(self._canonical(base % self.prime, degree), rest, self.prime) % self.prime
+                    perfect = (
+                        perfect
+                        * pow(self._canonical(base % self.prime, degree), rest, self.prime)
+                        % self.prime
                     )
-            parts.append(part)
+            parts.append(perfect)
         return self._quotient(*parts)
 
     def _add_radical(self, base: int, degree: int) -> None:
@@ -299,9 +301,9 @@ class RealField:
     def _square_root(self, base: Term, square: int, root: int, real: Callable[[], Any]) -> int:
         """Return the square root with the sign that belongs to the positive one."""
         basis = self._basis(base)
-        relation = self._related("sqrt", real, [other for _, other in basis])
+        relation = self._related("sqrt", real, [value for _, value in basis])
         if relation is not None:
-            combined = sum(self.residue(c) * part for c, (part, _) in zip(relation, basis, strict=True))
+            combined = sum(self.residue(c) * image for c, (image, _) in zip(relation, basis, strict=True))
             if pow(combined, 2, self.prime) == square:
                 return combined % self.prime
         self._generate(root, real)
@@ -323,7 +325,7 @@ class RealField:
     def _basis(self, base: Term) -> list[tuple[int, Callable[[], Any]]]:
         """Return products of powers of generators: those of a term first, as far as there is room."""
         inside = list(in_order([base]))
-        own = {id(term) for term in inside}
+        terms_inside = {id(term) for term in inside}
         bases = self._radical_factors(inside)
         radicals = [
             (
@@ -334,18 +336,21 @@ class RealField:
             )
             for number, degree in self._radicals.items()
         ]
-        others = [(each.term not in own, each.image, each.real, each.degree) for each in self._generators]
+        others = [
+            (generator.term not in terms_inside, generator.image, generator.real, generator.degree)
+            for generator in self._generators
+        ]
         if self._unit is not None and self._turns > 1:
             turn, outside = fmpq(2, self._turns), all(term.operation != "pi" for term in inside)
             cosine = 2 * self._times(self._unit, self._order // self._turns)[0] % self.prime
             degree = max(_totient(self._turns) // 2, 2)
             radicals.append((outside, cosine, lambda: 2 * arb.cos_pi_fmpq(turn), degree))
         basis: list[tuple[int, Callable[[], Any]]] = [(1, lambda: arb(1))]
-        for _, image, real, degree in sorted([*radicals, *reversed(others)], key=lambda each: each[0]):
+        for _, image, real, degree in sorted([*radicals, *reversed(others)], key=lambda entry: entry[0]):
             if len(basis) * degree <= _MAX_TERMS:
                 basis = [
-                    (part * pow(image, k, self.prime) % self.prime, _product(other, real, k))
-                    for part, other in basis
+                    (monomial * pow(image, k, self.prime) % self.prime, _product(product, real, k))
+                    for monomial, product in basis
                     for k in range(degree)
                 ]
         return basis
@@ -401,9 +406,9 @@ class RealField:
         if relation is not None:
             residues = [self._pi, *(entry.angle for entry in entries)]
             parts = zip(relation, residues, strict=True)
-            if (image - sum(self.residue(multiple) * each for multiple, each in parts)) % p == 0 and all(
-                _DIVISOR % multiple.denominator == 0 for multiple in relation[1:]
-            ):
+            if (
+                image - sum(self.residue(multiple) * residue for multiple, residue in parts)
+            ) % p == 0 and all(_DIVISOR % multiple.denominator == 0 for multiple in relation[1:]):
                 point = self._part_of_pi(relation[0])
                 for multiple, entry in zip(relation[1:], entries, strict=True):
                     point = self._turned(point, self._times(entry.point, int(multiple * _DIVISOR)))
@@ -580,11 +585,11 @@ class RealField:
         above, below, prime = close.p, close.q, self.prime
         shift = self.bits + prime.bit_length() + below.bit_length() - above.bit_length()
         if shift >= 0:
-            target, one = (above << shift) // below, fmpz(1) << shift
+            target, scale = (above << shift) // below, fmpz(1) << shift
         else:
-            target, one = above // (below << -shift), fmpq(1, fmpz(1) << -shift)
-        wanted = image * pow(2, shift, prime)
-        return (target + (wanted - target + prime // 2) % prime - prime // 2) / fmpq(one)
+            target, scale = above // (below << -shift), fmpq(1, fmpz(1) << -shift)
+        shifted = image * pow(2, shift, prime)
+        return (target + (shifted - target + prime // 2) % prime - prime // 2) / fmpq(scale)
 
 
 # --- terms ----------------------------------------------------------------------------------------
@@ -630,16 +635,16 @@ def _radical_ball(base: int, degree: int) -> Callable[[], Any]:
     return lambda: _root(arb(base), degree)
 
 
-def _product(one: Callable[[], Any], other: Callable[[], Any], power: int) -> Callable[[], Any]:
-    return lambda: one() * other() ** power
+def _product(first: Callable[[], Any], second: Callable[[], Any], power: int) -> Callable[[], Any]:
+    return lambda: first() * second() ** power
 
 
 @lru_cache(maxsize=4096)
 def _factors(number: int) -> list[tuple[int, int]]:
     """Return the factors of a positive number, and their powers; what has no small factor is left whole."""
     small = number.bit_length() <= _FACTORED_BITS
-    found = fmpz(number).factor() if small else fmpz(number).factor_smooth(_SMOOTH_BITS)
-    return [(int(base), int(power)) for base, power in found]
+    factors = fmpz(number).factor() if small else fmpz(number).factor_smooth(_SMOOTH_BITS)
+    return [(int(base), int(power)) for base, power in factors]
 
 
 def _totient(number: int) -> int:
@@ -671,7 +676,7 @@ def _relation(
         return None
     precision = _BASE_BITS + _RELATION_BITS * (len(basis) + 1)
     with ctx.workprec(2 * precision):
-        balls = [real(), *(each() for each in basis)]
+        balls = [real(), *(value() for value in basis)]
     entries = []
     for ball in balls:
         with ctx.workprec(4 * precision):
@@ -682,14 +687,14 @@ def _relation(
     rest = list(range(len(balls)))
     while rest:  # what others are sums of is left out
         rows = [[*(int(j == k) for j in rest), entries[k]] for k in rest]
-        short = [int(each) for each in fmpz_mat(rows).lll().tolist()[0]]
+        short = [int(value) for value in fmpz_mat(rows).lll().tolist()[0]]
         if max(map(abs, short)).bit_length() > _RELATION_BITS:
             return None
         if short[0]:
             break
-        rest.pop(max(j for j, each in enumerate(short[:-1]) if each))
-    found = dict(zip(rest, (Fraction(-each, short[0]) for each in short[:-1]), strict=True))
-    multiples = [found.get(k, Fraction(0)) for k in range(1, len(balls))]
+        rest.pop(max(j for j, value in enumerate(short[:-1]) if value))
+    relation = dict(zip(rest, (Fraction(-value, short[0]) for value in short[:-1]), strict=True))
+    multiples = [relation.get(k, Fraction(0)) for k in range(1, len(balls))]
     if largest and any(max(abs(f.numerator), f.denominator) > largest for f in multiples):
         return None
     return multiples

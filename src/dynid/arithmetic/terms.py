@@ -41,8 +41,8 @@ class Term:
         parts = []
         for operand in self.operands:
             if isinstance(operand, Term):
-                part = operand._text((room - 2) // len(self.operands))
-                parts.append(f"({part})" if operand.operation in ("+", "-", "neg") else part)
+                text = operand._text((room - 2) // len(self.operands))
+                parts.append(f"({text})" if operand.operation in ("+", "-", "neg") else text)
             else:
                 decimal = repr(float(operand)).removesuffix(".0")
                 parts.append(decimal if Fraction(decimal) == operand else str(operand))

@@ -144,7 +144,7 @@ class AxisFunctions:
     """
 
     def __init__(self, functions: Sequence[Balls]) -> None:
-        terms = [(number, term) for number, part in enumerate(functions) for term in part.terms]
+        terms = [(number, term) for number, function in enumerate(functions) for term in function.terms]
         self.count = len(functions)
         self.degree = max(term.polynomials[0].degree() for _, term in terms)
         self.scale, coefficients = _scaled([term.polynomials[0] for _, term in terms], self.degree)

@@ -187,15 +187,15 @@ def integer_polynomial(coefficients: Sequence[float | Fraction | str]) -> Any:
     return fmpq_poly([fmpq(c.numerator, c.denominator) for c in exact]).numer()
 
 
-def _gcd(one: Any, other: Any) -> Any:
+def _gcd(a: Any, b: Any) -> Any:
     """Return the greatest common divisor; coprimality modulo a prime proves coprimality."""
     from flint import fmpz_poly, nmod_poly
 
-    if one and other and one.leading_coefficient() % _PRIME:
-        images = [nmod_poly([int(c % _PRIME) for c in p.coeffs()], _PRIME) for p in (one, other)]
+    if a and b and a.leading_coefficient() % _PRIME:
+        images = [nmod_poly([int(c % _PRIME) for c in p.coeffs()], _PRIME) for p in (a, b)]
         if images[0].gcd(images[1]).degree() == 0:
             return fmpz_poly([1])
-    return one.gcd(other)
+    return a.gcd(b)
 
 
 def _simple_roots(
@@ -206,9 +206,9 @@ def _simple_roots(
 
     from dynid.lti.enclosures import enclosures
 
-    found = []
+    roots = []
     if polynomial[0] == 0:
-        found.append(CertifiedRoot(0j, multiplicity, 0.0, 0))
+        roots.append(CertifiedRoot(0j, multiplicity, 0.0, 0))
         polynomial = polynomial // fmpz_poly([0, 1])
     coefficients = polynomial.coeffs()
     # p(s) = E(w) + s O(w) with w = s^2: common roots of E and O are pairs of roots s and -s
@@ -222,11 +222,11 @@ def _simple_roots(
                 on_axis = bool(square.imag == 0 and square.real < 0)
                 s = acb(arb(0), (-square.real).sqrt()) if on_axis else square.sqrt()
                 side = 0 if on_axis else 1
-                found += [_rounded(s, multiplicity, side), _rounded(-s, multiplicity, -side)]
+                roots += [_rounded(s, multiplicity, side), _rounded(-s, multiplicity, -side)]
     if polynomial.degree() > 0:
         balls = enclosures(polynomial, starts, work=work)
-        found += [_rounded(ball, multiplicity, 1 if ball.real > 0 else -1) for ball in balls]
-    return found
+        roots += [_rounded(ball, multiplicity, 1 if ball.real > 0 else -1) for ball in balls]
+    return roots
 
 
 def _rounded(ball: Any, multiplicity: int, side: int) -> CertifiedRoot:
@@ -245,9 +245,9 @@ def _rounded(ball: Any, multiplicity: int, side: int) -> CertifiedRoot:
 def _nearest(number: Any) -> float:
     """Round an exact ball (flint `arb`) to the nearest double."""
     mantissa, exponent = number.man_exp()
-    whole, power = int(mantissa), int(exponent)
+    digits, power = int(mantissa), int(exponent)
     try:
-        return float(whole << power) if power >= 0 else whole / (1 << -power)
+        return float(digits << power) if power >= 0 else digits / (1 << -power)
     except OverflowError:
         raise _out_of_range() from None
 

@@ -194,18 +194,18 @@ def _initial_values(
     if max(map(abs, radii)) > _RANGE:
         return []
     turns = np.exp(1j * (0.7 + 2.4 * np.arange(len(radii))))  # the golden angle: no two roots align
-    found = [complex(start) for start in starts or () if 0 < abs(start) < 2.0**_RANGE]
-    if len(found) > len(radii):  # keep those nearest to roots of this polynomial
-        size = [abs(polynomial.newton(acb(start), _PRECISION)[0]) / abs(start) for start in found]
-        best = sorted(range(len(found)), key=size.__getitem__)[: polynomial.degree]
-        found = [found[k] for k in sorted(best)]
-    found += [2.0**r * turn for r, turn in zip(radii[len(found) :], turns[len(found) :], strict=True)]
+    values = [complex(start) for start in starts or () if 0 < abs(start) < 2.0**_RANGE]
+    if len(values) > len(radii):  # keep those nearest to roots of this polynomial
+        size = [abs(polynomial.newton(acb(start), _PRECISION)[0]) / abs(start) for start in values]
+        best = sorted(range(len(values)), key=size.__getitem__)[: polynomial.degree]
+        values = [values[k] for k in sorted(best)]
+    values += [2.0**r * turn for r, turn in zip(radii[len(values) :], turns[len(values) :], strict=True)]
     seen: set[complex] = set()
-    for k, start in enumerate(found):
-        while found[k] in seen:
-            found[k] += abs(start) * 1e-6 * turns[k]
-        seen.add(found[k])
-    return [acb(start) for start in found]
+    for k, start in enumerate(values):
+        while values[k] in seen:
+            values[k] += abs(start) * 1e-6 * turns[k]
+        seen.add(values[k])
+    return [acb(start) for start in values]
 
 
 def _at_power_of_two(polynomial: Any, exponent: int) -> Any:

@@ -142,20 +142,20 @@ class ExponentialSum:
     def last_extreme(self) -> float:
         """Return a time after which the slowest term decides the sign of d'; inf where it oscillates."""
         slowest = self.poles.real.max()
-        own = self.poles.real == slowest
-        if len(set(self.poles[own])) > 1 or self.poles[own][0].imag != 0:
+        slow = self.poles.real == slowest
+        if len(set(self.poles[slow])) > 1 or self.poles[slow][0].imag != 0:
             return math.inf
         rates = self._sizes[:, 1]
-        top = own & (self.powers == self.powers[own].max())
+        top = slow & (self.powers == self.powers[slow].max())
         if not rates[top][0]:
             return math.inf
-        gaps = slowest - self.poles.real[~own]
-        time = float((self.powers[~own] / gaps).max(initial=1.0))
+        gaps = slowest - self.poles.real[~slow]
+        time = float((self.powers[~slow] / gaps).max(initial=1.0))
         while time < 1e15:
             with np.errstate(under="ignore"):
-                other = float(np.exp(-gaps * time) * time ** self.powers[~own] @ rates[~own])
-            rest = float(time ** self.powers[own & ~top] @ rates[own & ~top])
-            if other + rest < 0.5 * float(time ** self.powers[top][0] * rates[top][0]):
+                remainder = float(np.exp(-gaps * time) * time ** self.powers[~slow] @ rates[~slow])
+            rest = float(time ** self.powers[slow & ~top] @ rates[slow & ~top])
+            if remainder + rest < 0.5 * float(time ** self.powers[top][0] * rates[top][0]):
                 return time
             time *= 1.5
         return math.inf
@@ -190,7 +190,7 @@ class ExponentialSum:
     def _extremes(self, start: float, stop: float) -> Array | None:
         """Return the extremes of d between two times, ascending; None where that takes too many boxes."""
         orders = np.arange(1, _ORDER + 2)
-        found = []
+        extremes = []
         low, high = np.array([start]), np.array([stop])
         while len(low):
             if len(low) > _BOXES:
@@ -207,18 +207,18 @@ class ExponentialSum:
             size = np.abs(values[:, 0]) if self.cancels else self._sum_of_bounds(low, high, 0)
             flat = 2 * half * (terms.sum(axis=1) + remainder) <= _FLAT * size
             narrow = flat | (half <= np.maximum(8 * np.spacing(high), _NARROWEST))
-            one = may_vanish & monotone & ~narrow
-            if one.any():
-                signs = [self.taylor(ends[one])[:, 1] >= 0 for ends in (low, high)]
+            single = may_vanish & monotone & ~narrow
+            if single.any():
+                signs = [self.taylor(ends[single])[:, 1] >= 0 for ends in (low, high)]
                 turning = signs[0] != signs[1]
-                found.append(self._turned(low[one][turning], high[one][turning], signs[0][turning]))
-            found.append(middle[may_vanish & narrow])
+                extremes.append(self._turned(low[single][turning], high[single][turning], signs[0][turning]))
+            extremes.append(middle[may_vanish & narrow])
             split = may_vanish & ~monotone & ~narrow
             low, high = (
                 np.concatenate([low[split], middle[split]]),
                 np.concatenate([middle[split], high[split]]),
             )
-        return np.sort(np.concatenate(found)) if found else np.zeros(0)
+        return np.sort(np.concatenate(extremes)) if extremes else np.zeros(0)
 
     def _sum_of_bounds(self, low: Array, high: Array, order: int) -> Array:
         """Return bounds on a Taylor coefficient of d over boxes of time, term by term."""
@@ -294,7 +294,7 @@ def _vanishing(numerator: Any, denominator: Any) -> list[tuple[Any, list[int]]]:
     """
     from flint import fmpq_poly
 
-    s, found = fmpq_poly([0, 1]), []
+    s, vanishing = fmpq_poly([0, 1]), []
     for factor, multiplicity in denominator.factor()[1]:
         if multiplicity == 1:  # T is in lowest terms: its residue is not zero
             continue
@@ -313,8 +313,8 @@ def _vanishing(numerator: Any, denominator: Any) -> list[tuple[Any, list[int]]]:
             for i in range(1, k + 1):
                 rest -= below[i] * below[0] ** (i - 1) % modulus * scaled[k - i]
             scaled.append(rest % modulus)
-        found.append((factor, [k for k, coefficient in enumerate(scaled) if coefficient == 0]))
-    return found
+        vanishing.append((factor, [k for k, coefficient in enumerate(scaled) if coefficient == 0]))
+    return vanishing
 
 
 def _series_modulo(polynomial: Any, modulus: Any, count: int) -> list[Any]:
@@ -336,7 +336,7 @@ def _residues(
     lead = acb(denominator.leading_coefficient())
     top = [acb(c) for c in reversed(numerator.coeffs())]
     terms = []
-    for place, (pole, count) in enumerate(poles):
+    for index, (pole, count) in enumerate(poles):
         if pole.imag < 0:
             continue
         with _series_length(ctx, count):
@@ -345,8 +345,8 @@ def _residues(
             for coefficient in top:
                 above = above * shift + coefficient
             below = shift * lead
-            for other, (value, times) in enumerate(poles):
-                if other != place:
+            for factor, (value, times) in enumerate(poles):
+                if factor != index:
                     below = below * acb_series([pole - value, 1]) ** times
             series = above / below  # times (s - p)^-count: its coefficient k belongs to t^(count-1-k)
             zero = next((powers for f, powers in vanishing if count > 1 and f(pole).contains(0)), [])

@@ -62,9 +62,9 @@ def frequency_response(system: StateSpace, omega: ArrayLike) -> ComplexArray:
     A, B = rescaled(system.A, d), system.B / d[:, None]
     row_size = np.abs(A).sum(axis=1)
 
-    def matrices(part: Array) -> tuple[ComplexArray, Array]:
-        scale = 1 / np.sqrt(_positive(part[:, None] + row_size))
-        return np.asarray(1j * part[:, None, None] * np.eye(n) - A), scale
+    def matrices(omega: Array) -> tuple[ComplexArray, Array]:
+        scale = 1 / np.sqrt(_positive(omega[:, None] + row_size))
+        return np.asarray(1j * omega[:, None, None] * np.eye(n) - A), scale
 
     def slopes(_: float) -> tuple[Array, Array]:
         return np.eye(n), np.zeros((n, n))
@@ -106,16 +106,16 @@ def second_order_response(
         If a frequency lies on an undamped pole, and rounding hides which responses are infinite there.
     """
     w = _frequencies(omega)
-    stiffness, mass, damping = (np.abs(np.diag(part)) for part in (K, M, C))
+    stiffness, mass, damping = (np.abs(np.diag(matrix)) for matrix in (K, M, C))
 
-    def matrices(part: Array) -> tuple[ComplexArray, Array]:
-        s = 1j * part[:, None, None]
-        column = part[:, None]
+    def matrices(omega: Array) -> tuple[ComplexArray, Array]:
+        s = 1j * omega[:, None, None]
+        column = omega[:, None]
         scale = 1 / np.sqrt(_positive(stiffness + column**2 * mass + column * damping))
         return K + s * C + s**2 * M, scale
 
-    def slopes(part: float) -> tuple[ComplexArray, Array]:
-        return C + 2j * part * M, M
+    def slopes(omega: float) -> tuple[ComplexArray, Array]:
+        return C + 2j * omega * M, M
 
     return _solved(_Equations(matrices, slopes), forces, outputs, np.asarray(powers, dtype=int), w)
 
@@ -148,17 +148,17 @@ def _solved(
     probe = np.random.Generator(np.random.PCG64(0)).standard_normal((n, 1))
     chunk = max(1, 1_000_000 // max(1, n * n))
     for first in range(0, len(omega), chunk):
-        part = slice(first, first + chunk)
-        w = omega[part]
+        block = slice(first, first + chunk)
+        w = omega[block]
         Z, scale = equations.matrices(w)
         balanced = scale[:, :, None] * Z * scale[:, None, :]
         right = np.concatenate([scale[:, :, None] * B, np.broadcast_to(probe, (len(Z), n, 1))], axis=2)
         solution, bad = checked_solve(balanced, right)
-        out[part] = rows @ (scale[:, :, None] * solution[:, :, :-1])
-        out[part] *= ((1j * w[:, None]) ** powers)[:, :, None]
+        out[block] = rows @ (scale[:, :, None] * solution[:, :, :-1])
+        out[block] *= ((1j * w[:, None]) ** powers)[:, :, None]
         for at in np.flatnonzero(bad):
             across = scale[at][:, None] * scale[at]
-            Z1, Z2 = (across * part for part in equations.slopes(float(w[at])))
+            Z1, Z2 = (across * block for block in equations.slopes(float(w[at])))
             sides = rows * scale[at], scale[at][:, None] * B
             out[first + at] = at_a_pole((balanced[at], Z1, Z2), *sides, powers, float(w[at]))
     return out
@@ -186,7 +186,7 @@ def checked_solve(Z: ComplexArray, right: Array | ComplexArray) -> tuple[Complex
         if len(Z) == 1:
             return np.zeros(right.shape, dtype=complex), np.ones(1, dtype=bool)
         # One matrix has a pivot of exactly zero: bisect to find it.
-        halves = [checked_solve(Z[part], right[part]) for part in np.array_split(np.arange(len(Z)), 2)]
+        halves = [checked_solve(Z[half], right[half]) for half in np.array_split(np.arange(len(Z)), 2)]
         solutions, bads = zip(*halves, strict=True)
         return np.concatenate(solutions), np.concatenate(bads)
     size = np.abs(Z).sum(axis=2).max(axis=1, initial=0.0)
@@ -245,14 +245,14 @@ def at_a_pole(
         raise on_a_pole(omega)
     reach, drive = left @ V, np.linalg.solve(D, Uh @ right)
     smallest = np.linalg.svd(D, compute_uv=False)[-1]
-    whole = np.linalg.norm(left, axis=1)[:, None] * np.linalg.norm(right, axis=0) / smallest
-    part = np.abs(reach @ drive) / np.where(whole > 0, whole, 1.0)
-    if np.any((part > _NOTHING * noise) & (part < _SOMETHING * noise)):
+    bound = np.linalg.norm(left, axis=1)[:, None] * np.linalg.norm(right, axis=0) / smallest
+    share = np.abs(reach @ drive) / np.where(bound > 0, bound, 1.0)
+    if np.any((share > _NOTHING * noise) & (share < _SOMETHING * noise)):
         raise on_a_pole(omega)
-    driven = np.asarray(part >= _SOMETHING * noise)  # channels with a part in the modes at the pole
+    driven = np.asarray(share >= _SOMETHING * noise)  # channels with a part in the modes at the pole
     inverse = (Vh[kept].conj().T / sizes[kept]) @ U[:, kept].conj().T
-    beside = right - Zq @ (V @ drive)
-    limit = (left - np.linalg.solve(D.T, reach.T).T @ (Uh @ Zq)) @ (inverse @ beside)
+    remainder = right - Zq @ (V @ drive)
+    limit = (left - np.linalg.solve(D.T, reach.T).T @ (Uh @ Zq)) @ (inverse @ remainder)
     if omega > 0:
         response = (1j * omega) ** powers[:, None] * limit
         return np.where(driven, complex(np.inf), response)

@@ -175,9 +175,9 @@ def _largest(top: Any, bottom: Any) -> tuple[float, float]:
 def largest_of(sizes: Iterable[tuple[float, float]]) -> tuple[float, float]:
     """Return the largest of sizes with their frequencies, of those equal but for rounding the first."""
     best = (0.0, math.inf)
-    for one in sizes:
-        if one[0] > best[0] * (1 + 1e-13):
-            best = one
+    for candidate in sizes:
+        if candidate[0] > best[0] * (1 + 1e-13):
+            best = candidate
     return best
 
 
@@ -203,9 +203,9 @@ def _ratio(top: Any, bottom: Any, omega: float) -> complex:
         return complex(float(value.real.mid()), float(value.imag.mid()))
 
 
-def _without(polynomial: Any, other: Any) -> Any:
+def _without(polynomial: Any, factor: Any) -> Any:
     """Return a polynomial without the roots of another one: crossings are not at poles of the loop."""
-    while polynomial != 0 and (shared := polynomial.gcd(other)).degree() > 0:
+    while polynomial != 0 and (shared := polynomial.gcd(factor)).degree() > 0:
         polynomial = polynomial // shared
     return polynomial
 

@@ -83,14 +83,14 @@ class Sampled(SmoothSignal):
     def states(self, times: Array, middles: Array) -> Array:
         """Return the scaled derivatives (step^j times the j-th) of the pieces that hold `middles`."""
         c = self._coefficients
-        place = (middles - self.start) / self.step
-        if np.any((place < -1e-6) | (place > len(c) + 1e-6)):
+        position = (middles - self.start) / self.step
+        if np.any((position < -1e-6) | (position > len(c) + 1e-6)):
             raise UsageError(
                 f"a sampled signal is known from {self.start:g} s to {self.stop:g} s only",
                 remedy="Give samples for the whole response, or end it earlier.",
                 names=("file", "path"),
             )
-        piece = np.clip(np.floor(place + 1e-9).astype(int), 0, len(c) - 1)
+        piece = np.clip(np.floor(position + 1e-9).astype(int), 0, len(c) - 1)
         s = (times - self.start) / self.step - piece
         s = np.where(np.abs(s) < 1e-9, 0.0, s)  # a knot, to rounding
         return shifted_polynomials(c[piece], s)

@@ -139,8 +139,8 @@ def maxima(system: ParametricSystem, poles: ComplexArray, low: float = 0.0, high
     """
     grid = _grid(poles, low, high)
     rising = _slope(system, grid)[0]
-    found = np.flatnonzero((rising[:-1] > 0) & (rising[1:] <= 0))
-    inside = _refined(system, grid[found], grid[found + 1])
+    peaks = np.flatnonzero((rising[:-1] > 0) & (rising[1:] <= 0))
+    inside = _refined(system, grid[peaks], grid[peaks + 1])
     ends = [low] if low == 0 or rising[0] <= 0 else []
     if math.isfinite(high) and rising[-1] > 0:
         ends.append(high)
@@ -153,11 +153,11 @@ def maxima(system: ParametricSystem, poles: ComplexArray, low: float = 0.0, high
     return Maxima(omega, magnitude, slopes)
 
 
-def followed(system: ParametricSystem, known: Maxima, low: float = 0.0, high: float = math.inf) -> Maxima:
+def followed(system: ParametricSystem, reference: Maxima, low: float = 0.0, high: float = math.inf) -> Maxima:
     """Return the same maxima of a system with slightly other parameters."""
-    omega = known.omega.copy()
+    omega = reference.omega.copy()
     free = np.isfinite(omega) & (omega > low) & (omega < high)
-    free[len(omega) - known.fixed :] = False
+    free[len(omega) - reference.fixed :] = False
     for _ in range(6 if free.any() else 0):
         slope, bend = _slope(system, omega[free])
         step = np.where(bend < 0, -slope / np.where(bend < 0, bend, -1.0), 0.0)
@@ -168,7 +168,7 @@ def followed(system: ParametricSystem, known: Maxima, low: float = 0.0, high: fl
     magnitude, slopes = np.empty(len(omega)), np.empty((len(omega), len(system.A_slopes)))
     magnitude[finite], slopes[finite] = at_frequencies(system, omega[finite])
     magnitude[~finite], slopes[~finite] = abs(system.d), np.sign(system.d) * system.d_slopes
-    return Maxima(omega, magnitude, slopes, known.fixed)
+    return Maxima(omega, magnitude, slopes, reference.fixed)
 
 
 def at_frequencies(system: ParametricSystem, omega: Array) -> tuple[Array, Array]:
@@ -236,8 +236,8 @@ def _refined(system: ParametricSystem, left: Array, right: Array) -> Array:
 def _grid(poles: ComplexArray, low: float, high: float) -> Array:
     """Return frequencies in a band that are dense around every pole."""
     sizes = np.abs(poles[poles != 0])
-    least, most = (sizes.min(), sizes.max()) if len(sizes) else (1.0, 1.0)
-    begin, end = max(low, least / _BEYOND), min(high, most * _BEYOND)
+    smallest, largest = (sizes.min(), sizes.max()) if len(sizes) else (1.0, 1.0)
+    begin, end = max(low, smallest / _BEYOND), min(high, largest * _BEYOND)
     if end <= begin:
         begin, end = (low, high) if math.isfinite(high) else (max(low, 1e-3), max(low, 1e-3) * _BEYOND)
     points = max(2, math.ceil(_PER_DECADE * math.log10(end / begin)) if begin > 0 else _PER_DECADE)

@@ -80,12 +80,12 @@ def peaks(
     """
     grid = np.asarray(omega, dtype=float)
     sizes = np.abs(response)
-    wanted = np.unique(np.asarray(near, dtype=float))
-    wanted = wanted[(wanted > grid[0]) & (wanted < grid[-1]) & ~np.isin(wanted, grid)]
-    if len(wanted):
-        order = np.argsort(np.concatenate([grid, wanted]), kind="stable")
-        sizes = np.concatenate([sizes, _sizes(evaluate, wanted)])[order]
-        grid = np.concatenate([grid, wanted])[order]
+    candidates = np.unique(np.asarray(near, dtype=float))
+    candidates = candidates[(candidates > grid[0]) & (candidates < grid[-1]) & ~np.isin(candidates, grid)]
+    if len(candidates):
+        order = np.argsort(np.concatenate([grid, candidates]), kind="stable")
+        sizes = np.concatenate([sizes, _sizes(evaluate, candidates)])[order]
+        grid = np.concatenate([grid, candidates])[order]
     shape = sizes.shape[1:]
     flat = sizes.reshape(len(grid), -1)
     brackets = []
@@ -101,9 +101,9 @@ def peaks(
             break
         inside = [bracket.inside() for bracket in active]
         among = np.unique(np.concatenate(inside))
-        found = _sizes(evaluate, among).reshape(len(among), -1)
-        for bracket, own in zip(active, inside, strict=True):
-            bracket.narrow(own, found[np.searchsorted(among, own), bracket.column])
+        refined_sizes = _sizes(evaluate, among).reshape(len(among), -1)
+        for bracket, requested in zip(active, inside, strict=True):
+            bracket.narrow(requested, refined_sizes[np.searchsorted(among, requested), bracket.column])
     magnitude, where = flat.max(axis=0), grid[flat.argmax(axis=0)]
     for bracket in brackets:
         if bracket.top > magnitude[bracket.column]:
@@ -113,13 +113,13 @@ def peaks(
 
 def add_peaks(result: Result, holder: str, evaluate: ResponseFunction, near: ArrayLike = ()) -> None:
     """Add `frequency_peaks/` (`magnitude`, `omega`) beside a holder's `frequency_response/`; see `peaks`."""
-    group, own = f"{holder}/frequency_response", f"{holder}/frequency_peaks"
+    group, peak_group = f"{holder}/frequency_response", f"{holder}/frequency_peaks"
     response = result[f"{group}/response"]
-    found = peaks(evaluate, result[f"{group}/omega"].data, response.data, near)
+    maxima = peaks(evaluate, result[f"{group}/omega"].data, response.data, near)
     for axis in ("output", "input"):
-        result.add_axis(f"{own}/{axis}", result[f"{group}/{axis}"].data)
-    result.add(f"{own}/magnitude", found.magnitude, ("output", "input"), response.units)
-    result.add(f"{own}/omega", found.omega, ("output", "input"), "rad/s")
+        result.add_axis(f"{peak_group}/{axis}", result[f"{group}/{axis}"].data)
+    result.add(f"{peak_group}/magnitude", maxima.magnitude, ("output", "input"), response.units)
+    result.add(f"{peak_group}/omega", maxima.omega, ("output", "input"), "rad/s")
 
 
 class _Bracket:
@@ -145,8 +145,8 @@ class _Bracket:
         places, values = places[order], np.concatenate([self.sizes, sizes])[order]
         at = int(np.argmax(values))
         self.top, self.where = float(values[at]), float(places[at])
-        part = slice(max(at - 1, 0), at + 2)
-        self.omega, self.sizes = places[part], values[part]
+        rows = slice(max(at - 1, 0), at + 2)
+        self.omega, self.sizes = places[rows], values[rows]
         self.open = bool(np.isfinite(self.top) and self.sizes.min() < (1 - _FLAT) * self.top)
         if self.open and self.omega[-1] - self.omega[0] <= 4 * np.spacing(self.omega[-1]):
             self.open = False
@@ -161,16 +161,16 @@ def _sizes(evaluate: ResponseFunction, omega: Array) -> Array:
     except NumericalError:
         if len(omega) == 1:
             raise
-    found = []
-    for each in omega:
+    largest = []
+    for frequency in omega:
         try:
-            found.append(np.abs(evaluate(np.array([each])))[0])
+            largest.append(np.abs(evaluate(np.array([frequency])))[0])
         except NumericalError:
-            found.append(None)
-    shape = next((sizes.shape for sizes in found if sizes is not None), None)
+            largest.append(None)
+    shape = next((sizes.shape for sizes in largest if sizes is not None), None)
     if shape is None:
         return np.abs(evaluate(omega))
-    return np.array([np.full(shape, np.inf) if sizes is None else sizes for sizes in found])
+    return np.array([np.full(shape, np.inf) if sizes is None else sizes for sizes in largest])
 
 
 #: Working precision, bits.
@@ -247,12 +247,12 @@ def _positive_roots(polynomial: Any) -> list[tuple[Any, int]]:
     """Return the positive roots of a polynomial (flint `arb`) with their multiplicities, ascending."""
     if polynomial == 0:
         return []
-    found = [
+    roots = [
         (root.real, int(count))
         for root, count in polynomial.complex_roots()
         if root.imag == 0 and root.real > 0
     ]
-    return sorted(found, key=lambda one: float(one[0]))
+    return sorted(roots, key=lambda root: float(root[0]))
 
 
 def _crossings(polynomial: Any) -> list[Any]:
@@ -274,9 +274,9 @@ def _peak(above: Any, below: Any) -> tuple[Any, Any]:
     stationary = above.derivative() * below - above * below.derivative()
     places = [arb(0), *(root for root, _ in _positive_roots(stationary))]
     limit = above.leading_coefficient() if above.degree() == below.degree() else 0
-    candidates = [(_ratio(above, below, place), place) for place in places]
+    candidates = [(_ratio(above, below, candidate), candidate) for candidate in places]
     candidates.append((fmpq(limit, below.leading_coefficient()), infinite))
-    return max(candidates, key=lambda one: one[0])
+    return max(candidates, key=lambda pair: pair[0])
 
 
 def _ratio(above: Any, below: Any, at: Any) -> Any:

@@ -143,11 +143,11 @@ def find_violation(numerator: Any, denominator: Any) -> Violation | None:
     """
     if numerator == 0:
         return None
-    part = real_part(numerator, denominator)
-    omega = negative_frequency(part)
+    even_part = real_part(numerator, denominator)
+    omega = negative_frequency(even_part)
     if omega is not None:
         size = value_at(squared_magnitude(denominator), -(omega**2))
-        value = _double(value_at(part, -(omega**2)) / size)
+        value = _double(value_at(even_part, -(omega**2)) / size)
         sentence = f"its real part is {value:.6g} at ω = {_decimal_text(omega)} rad/s"
         return Violation("real part", omega, value, sentence)
     return _wrong_pole(denominator) or _wrong_residue(numerator, denominator)
@@ -241,8 +241,8 @@ def fraction(number: Any) -> Fraction:
 def ball_fraction(number: Any) -> Fraction:
     """Return an exact ball (flint `arb`), such as the middle of one, as a fraction."""
     mantissa, exponent = number.man_exp()
-    whole, power = int(mantissa), int(exponent)
-    return Fraction(whole << power) if power >= 0 else Fraction(whole, 1 << -power)
+    digits, power = int(mantissa), int(exponent)
+    return Fraction(digits << power) if power >= 0 else Fraction(digits, 1 << -power)
 
 
 def _double(value: Fraction) -> float:

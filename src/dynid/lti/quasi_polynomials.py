@@ -113,40 +113,40 @@ def common_factor(parts: Iterable[QuasiPolynomial]) -> Any:
     """Return the greatest common divisor of all polynomials of some quasi-polynomials."""
     from flint import fmpz_poly
 
-    polynomials = [polynomial for part in parts for polynomial in part.terms.values()]
+    polynomials = [polynomial for terms in parts for polynomial in terms.terms.values()]
     if not polynomials:
         return fmpz_poly([1])
-    found = 0 * polynomials[0]
+    factor = 0 * polynomials[0]
     for polynomial in polynomials:
-        found = found.gcd(polynomial)
-    return found
+        factor = factor.gcd(polynomial)
+    return factor
 
 
-def coprime(one: QuasiPolynomial, other: QuasiPolynomial) -> tuple[QuasiPolynomial, QuasiPolynomial]:
+def coprime(first: QuasiPolynomial, second: QuasiPolynomial) -> tuple[QuasiPolynomial, QuasiPolynomial]:
     """Return two quasi-polynomials without their common factor, delays included.
 
     They are polynomials in s and in one variable exp(-s τ) for each loop.
     """
     from flint import Ordering, fmpz_mpoly_ctx, fmpz_poly
 
-    loops = sorted(set().union(*one.products, *other.products))
+    loops = sorted(set().union(*first.products, *second.products))
     context = fmpz_mpoly_ctx.get(["s", *(f"q{number}" for number in range(len(loops)))], Ordering.lex)
     parts = [
         context.from_dict(
             {
                 (power, *(int(loop in product) for loop in loops)): coefficient
-                for product, polynomial in part.products.items()
+                for product, polynomial in numerator.products.items()
                 for power, coefficient in enumerate(polynomial.coeffs())
                 if coefficient != 0
             }
         )
-        for part in (one, other)
+        for numerator in (first, second)
     ]
     shared = parts[0].gcd(parts[1])
     results = []
-    for part in parts:
+    for numerator in parts:
         powers: dict[frozenset[Delay], dict[int, Any]] = {}
-        for (power, *exponents), coefficient in (part // shared).to_dict().items():
+        for (power, *exponents), coefficient in (numerator // shared).to_dict().items():
             product = frozenset(loop for loop, exponent in zip(loops, exponents, strict=True) if exponent)
             powers.setdefault(product, {})[power] = coefficient
         products = {
@@ -178,13 +178,13 @@ class Balls:
     terms: tuple[_Term, ...]
 
     @classmethod
-    def of(cls, given: QuasiPolynomial, line: float = 0.0, precision: int = PRECISION) -> Balls:
+    def of(cls, function: QuasiPolynomial, line: float = 0.0, precision: int = PRECISION) -> Balls:
         """Return a quasi-polynomial as a function of s - line."""
         from flint import acb, acb_poly, arb, ctx, fmpq
 
         terms = []
         with ctx.workprec(precision):
-            for delay, polynomial in given.terms.items():
+            for delay, polynomial in function.terms.items():
                 exact = arb(fmpq(delay.numerator, delay.denominator))
                 moved = acb_poly(polynomial)
                 if line:
@@ -193,14 +193,14 @@ class Balls:
         return cls(tuple(terms))
 
     @classmethod
-    def constant(cls, given: Balls, degree: int) -> Balls:
+    def constant(cls, balls: Balls, degree: int) -> Balls:
         """Return the terms with the coefficients of s^degree alone."""
         from flint import acb_poly
 
         none = acb_poly([])
         terms = [
             _Term(term.delay, (acb_poly([term.polynomials[0][degree]]), none, none))
-            for term in given.terms
+            for term in balls.terms
             if term.polynomials[0][degree] != 0
         ]
         return cls(tuple(terms))
@@ -209,16 +209,16 @@ class Balls:
         """Return enclosures of value and derivatives at a ball (flint `acb`)."""
         from flint import acb
 
-        found = [acb(0) for _ in range(orders)]
+        derivatives = [acb(0) for _ in range(orders)]
         for term in self.terms:
             delay, factor = term.delay, (-s * term.delay).exp()
             p = [polynomial(s) for polynomial in term.polynomials[:orders]]
-            found[0] += p[0] * factor
+            derivatives[0] += p[0] * factor
             if orders > 1:
-                found[1] += (p[1] - delay * p[0]) * factor
+                derivatives[1] += (p[1] - delay * p[0]) * factor
             if orders > 2:
-                found[2] += (p[2] - 2 * delay * p[1] + delay * delay * p[0]) * factor
-        return found
+                derivatives[2] += (p[2] - 2 * delay * p[1] + delay * delay * p[0]) * factor
+        return derivatives
 
 
 # --- single roots -----------------------------------------------------------------------------------
@@ -240,7 +240,7 @@ class RefinedRoot:
     radius: float
 
 
-def refined_root(given: QuasiPolynomial, start: complex) -> RefinedRoot | None:
+def refined_root(function: QuasiPolynomial, start: complex) -> RefinedRoot | None:
     """Return the root to which Newton's method leads from a first value; None where it leads to none.
 
     That a simple root lies within the radius is proved by the interval Newton operator.
@@ -248,7 +248,7 @@ def refined_root(given: QuasiPolynomial, start: complex) -> RefinedRoot | None:
     from flint import acb, arb, ctx
 
     with ctx.workprec(PRECISION):
-        balls, s = given.balls, acb(start.real, start.imag)
+        balls, s = function.balls, acb(start.real, start.imag)
         for _ in range(60):
             value, slope = balls.values(s, 2)
             if slope.abs_lower() == 0:
@@ -280,21 +280,21 @@ def on_axis(top: QuasiPolynomial, bottom: QuasiPolynomial, omega: Iterable[float
     """Return a quotient at s = jω to full double precision; inf at a pole."""
     from flint import acb, ctx
 
-    found = []
+    roots = []
     for at in omega:
         for precision in (PRECISION, 8 * PRECISION, 64 * PRECISION):
             with ctx.workprec(precision):
                 s = acb(0, at)
                 above, below = (
-                    (part.balls if precision == PRECISION else Balls.of(part, precision=precision)).values(s)[
-                        0
-                    ]
-                    for part in (top, bottom)
+                    (
+                        function.balls if precision == PRECISION else Balls.of(function, precision=precision)
+                    ).values(s)[0]
+                    for function in (top, bottom)
                 )
                 value = above / below
                 if value.rel_accuracy_bits() > _DOUBLE or above.is_zero():
-                    found.append(complex(float(value.real.mid()), float(value.imag.mid())))
+                    roots.append(complex(float(value.real.mid()), float(value.imag.mid())))
                     break
         else:
-            found.append(complex(0.0 if above.abs_upper() < below.abs_upper() else math.inf))
-    return found
+            roots.append(complex(0.0 if above.abs_upper() < below.abs_upper() else math.inf))
+    return roots

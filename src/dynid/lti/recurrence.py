@@ -50,12 +50,12 @@ def recurrence(
             state = out[k] = state @ Phi.T + forcing[k]
         return out
     blocks = steps // length
-    whole = blocks * length
+    full = blocks * length
     over = power(length) if power else None
     over = powers[-1] if over is None else over
     # Step by step inside all blocks: (steps, blocks, columns, n), each step in one piece.
     inside = np.empty((length, blocks, columns, n))
-    inside[:] = forcing[:whole].reshape(blocks, length, columns, n).swapaxes(0, 1)
+    inside[:] = forcing[:full].reshape(blocks, length, columns, n).swapaxes(0, 1)
     rows = inside.reshape(length, -1, n)
     for k in range(1, length):
         rows[k] += rows[k - 1] @ Phi.T
@@ -64,8 +64,8 @@ def recurrence(
         starts[block] = start
         start = at_rest + start @ over.T
     rows += starts.reshape(-1, n) @ powers.swapaxes(1, 2)
-    out[:whole].reshape(blocks, length, columns, n)[:] = inside.swapaxes(0, 1)
-    out[whole:] = recurrence(Phi, forcing[whole:], start, power)
+    out[:full].reshape(blocks, length, columns, n)[:] = inside.swapaxes(0, 1)
+    out[full:] = recurrence(Phi, forcing[full:], start, power)
     return out
 
 
@@ -73,13 +73,13 @@ def powers_of(Phi: Array, count: int) -> Array:
     """Return Phi, Phi², … (count x n x n), by doubling."""
     powers = np.empty((count, *Phi.shape))
     powers[0] = Phi
-    known = 1
-    while known < count:
-        more = min(known, count - known)
-        powers[known : known + more] = (powers[:more].reshape(-1, len(Phi)) @ powers[known - 1]).reshape(
-            more, *Phi.shape
-        )
-        known += more
+    computed = 1
+    while computed < count:
+        more = min(computed, count - computed)
+        powers[computed : computed + more] = (
+            powers[:more].reshape(-1, len(Phi)) @ powers[computed - 1]
+        ).reshape(more, *Phi.shape)
+        computed += more
     return powers
 
 

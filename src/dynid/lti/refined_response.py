@@ -74,10 +74,10 @@ def refined_response(
         As of `propagate`, and where an output is lost to rounding.
     """
     t = np.asarray(times, dtype=float)
-    found = propagate(system, signals, t)
-    change = _rounding_sensitivity(found, system, signals, t)
+    response = propagate(system, signals, t)
+    change = _rounding_sensitivity(response, system, signals, t)
     if change.max(initial=0.0) <= _TRUSTED:
-        return found, 0.0
+        return response, 0.0
     line = (
         None
         if any(isinstance(signal, Random) for signal in signals)
@@ -87,7 +87,7 @@ def refined_response(
     if line is not None and len(line.nodes) * (_STEP + size**2) <= _MOST_PRODUCTS:
         outputs = _multiprecision_outputs(rational(), line)
         if outputs is not None:
-            return found._replace(outputs=outputs), 0.0
+            return response._replace(outputs=outputs), 0.0
     worst = int(change.argmax())
     if change[worst] > _REFUSED:
         raise NumericalError(
@@ -95,11 +95,11 @@ def refined_response(
             "of large states",
             remedy="Request fewer times, or bring the values nearer to each other.",
         )
-    return found, float(change[worst])
+    return response, float(change[worst])
 
 
 def _rounding_sensitivity(
-    found: TimeResponse, system: StateSpace, signals: Sequence[Signal], t: Array
+    response: TimeResponse, system: StateSpace, signals: Sequence[Signal], t: Array
 ) -> Array:
     """Return the change of each output, relative to its maximum, by one rounding of every coefficient."""
     some = slice(None, None, math.ceil(len(t) / _CHECKED))  # equidistant where the times are: one exponential
@@ -120,8 +120,8 @@ def _rounding_sensitivity(
         again = propagate(moved, signals, t[some], start=min(0.0, float(t[0]))).outputs
     except NumericalError:  # the perturbed response overflows
         return np.zeros(len(system.C))
-    difference = np.abs(again - found.outputs[some]).max(axis=0, initial=0.0)
-    largest = np.abs(found.outputs).max(axis=0, initial=0.0)
+    difference = np.abs(again - response.outputs[some]).max(axis=0, initial=0.0)
+    largest = np.abs(response.outputs).max(axis=0, initial=0.0)
     lost = np.where(difference > 0, np.inf, 0.0)
     return np.asarray(np.divide(difference, largest, out=lost, where=largest > 0))
 
@@ -148,9 +148,9 @@ def _propagated(exact: RationalMatrices, line: Timeline, bits: int) -> Array:
     from flint import arb, arb_mat, ctx
 
     with ctx.workprec(bits):
-        B, C, H, G = (arb_mat(part) for part in (exact.B, exact.C, line.H.tolist(), line.G.tolist()))
+        B, C, H, G = (arb_mat(matrix) for matrix in (exact.B, exact.C, line.H.tolist(), line.G.tolist()))
         A, n, none = arb_mat(exact.A), B.nrows(), [arb(0)] * B.nrows()
-        rows = [[*own, *driven] for own, driven in zip(A.tolist(), (B * H).tolist(), strict=True)]
+        rows = [[*state_row, *driven] for state_row, driven in zip(A.tolist(), (B * H).tolist(), strict=True)]
         joint = arb_mat([*rows, *([*none, *row] for row in G.tolist())])
         tables = [(joint * arb(float(length))).exp().mid().tolist()[:n] for length in line.lengths]
         steps = [(arb_mat([row[:n] for row in E]), arb_mat([row[n:] for row in E])) for E in tables]

@@ -79,8 +79,8 @@ class Doubled:
         e = ((ah * bh - p) + ah * bl + al * bh) + al * bl  # the error of p
         return Doubled(*_quick_two_sum(p, e + (self.high * other.low + self.low * other.high)))
 
-    def __getitem__(self, place: Any) -> Doubled:
-        return Doubled(self.high[place], self.low[place])
+    def __getitem__(self, index: Any) -> Doubled:
+        return Doubled(self.high[index], self.low[index])
 
     def scaled(self, exponent: NDArray[np.int64]) -> Doubled:
         """Return the numbers times 2^exponent, exact within the range of doubles."""
@@ -124,8 +124,8 @@ class DoubledComplex:
             self.real * other.real - self.imag * other.imag, self.real * other.imag + self.imag * other.real
         )
 
-    def __getitem__(self, place: Any) -> DoubledComplex:
-        return DoubledComplex(self.real[place], self.imag[place])
+    def __getitem__(self, index: Any) -> DoubledComplex:
+        return DoubledComplex(self.real[index], self.imag[index])
 
     @property
     def rounded(self) -> NDArray[np.complex128]:
@@ -199,7 +199,7 @@ def root_batch(columns: Sequence[Sequence[int]], *, even: bool = False) -> RootB
     count, size = len(columns[0]), len(columns)
     block = max(1, _BLOCK // (size - 1))
     parts = [_roots(scaled[start : start + block], even=even) for start in range(0, count, block)]
-    return RootBatch(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    return RootBatch(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
 def _scaled(columns: Sequence[Sequence[int]], divisor: int) -> _Scaled:
@@ -228,12 +228,12 @@ def _scaled(columns: Sequence[Sequence[int]], divisor: int) -> _Scaled:
     return _Scaled(Doubled(high, low).scaled(exponents), shift, fits)
 
 
-def _roots(given: _Scaled, *, even: bool) -> tuple[NDArray[Any], ...]:
+def _roots(polynomials: _Scaled, *, even: bool) -> tuple[NDArray[Any], ...]:
     """Return values, radii, sides, and a mask of certified polynomials."""
-    values, radii = _refined(given.coefficients, given.fits)
+    values, radii = _refined(polynomials.coefficients, polynomials.fits)
     with np.errstate(all="ignore"):
-        certain = given.fits & disjoint(values.rounded, radii)
-        shift = given.shift
+        certain = polynomials.fits & disjoint(values.rounded, radii)
+        shift = polynomials.shift
         if even:
             values, radii, real = _square_roots(values, radii)
             certain, shift = certain & real, shift // 2
@@ -242,9 +242,9 @@ def _roots(given: _Scaled, *, even: bool) -> tuple[NDArray[Any], ...]:
         certain &= _known(values, radii).all(axis=1) & (np.abs(shift) < _RANGE)
         distance = (radii + 2 * np.hypot(values.real.low, values.imag.low)) * _SLACK
         rounded, exponent = values.rounded, shift[:, None]
-        found = np.empty_like(rounded)
-        found.real, found.imag = np.ldexp(rounded.real, exponent), np.ldexp(rounded.imag, exponent)
-        return found, np.ldexp(distance, exponent), np.sign(rounded.real).astype(np.int8), certain
+        roots = np.empty_like(rounded)
+        roots.real, roots.imag = np.ldexp(rounded.real, exponent), np.ldexp(rounded.imag, exponent)
+        return roots, np.ldexp(distance, exponent), np.sign(rounded.real).astype(np.int8), certain
 
 
 def _square_roots(squares: DoubledComplex, radii: Array) -> tuple[DoubledComplex, Array, NDArray[np.bool_]]:
@@ -253,10 +253,10 @@ def _square_roots(squares: DoubledComplex, radii: Array) -> tuple[DoubledComplex
     sign = np.sign(squares.real.high)
     root = Doubled(sign * squares.real.high, sign * squares.real.low).sqrt()
     reach = radii / np.sqrt(size - radii) + 2.0**-99 * root.high
-    both = Doubled(*(np.concatenate([-part, part], axis=1) for part in (root.high, root.low)))
+    both = Doubled(*(np.concatenate([-values, values], axis=1) for values in (root.high, root.low)))
     left = np.tile(sign > 0, 2)
     parts = [
-        Doubled(*(np.where(here, part, 0.0) for part in (both.high, both.low))) for here in (left, ~left)
+        Doubled(*(np.where(here, values, 0.0) for values in (both.high, both.low))) for here in (left, ~left)
     ]
     real = (squares.imag.high == 0) & (size > radii)
     return DoubledComplex(*parts), np.tile(reach, 2), real.all(axis=1)
@@ -275,8 +275,8 @@ def _refined(coefficients: Doubled, usable: NDArray[np.bool_]) -> tuple[DoubledC
         loose = np.flatnonzero(usable & ~_known(points, radii).all(axis=1))
         if len(loose):
             again, closer = _newton(coefficients[loose], points[loose], _MORE_STEPS)
-            for part, better in ((points.real, again.real), (points.imag, again.imag)):
-                part.high[loose], part.low[loose] = better.high, better.low
+            for component, better in ((points.real, again.real), (points.imag, again.imag)):
+                component.high[loose], component.low[loose] = better.high, better.low
             radii[loose] = closer
     return points, radii
 
@@ -327,10 +327,10 @@ def _known(values: DoubledComplex, radii: Array) -> NDArray[np.bool_]:
     A part that is 0 is exact: a disc about a real number that holds one root of a real polynomial holds
     its conjugate as well.
     """
-    known: NDArray[np.bool_] = np.isfinite(radii)
-    for part in (values.real, values.imag):
-        known = known & ((part.high == 0) | part.rounds_the_same(radii))
-    return known
+    certain: NDArray[np.bool_] = np.isfinite(radii)
+    for component in (values.real, values.imag):
+        certain = certain & ((component.high == 0) | component.rounds_the_same(radii))
+    return certain
 
 
 def disjoint(values: NDArray[np.complex128], radii: Array) -> NDArray[np.bool_]:

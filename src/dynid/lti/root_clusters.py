@@ -52,29 +52,29 @@ def root_clusters(values: ComplexArray, resolution: Resolution) -> list[RootClus
     z = values[upper]
     size = np.abs(z)
     near = np.abs(z[:, None] - z) <= _NEAR * np.minimum(size[:, None], size)
-    own = z.imag <= _NEAR * size / 2  # half the distance to the conjugate root
+    real = z.imag <= _NEAR * size / 2  # half the distance to the conjugate root
     i, j = np.nonzero(np.triu(near, 1))
-    both = np.concatenate([(z[i] + z[j]) / 2, z[own].real.astype(np.complex128)])
-    if not len(i) and not (own & (z.imag > 0)).any():
+    both = np.concatenate([(z[i] + z[j]) / 2, z[real].real.astype(np.complex128)])
+    if not len(i) and not (real & (z.imag > 0)).any():
         return []
     joined = resolution(both) <= 1
     links = np.zeros((len(z), len(z)), dtype=bool)
     links[i, j] = joined[: len(i)]
     closed = np.zeros(len(z), dtype=bool)
-    closed[own] = joined[len(i) :] | (z[own].imag == 0)
+    closed[real] = joined[len(i) :] | (z[real].imag == 0)
     partners = _partners(values)
     clusters = []
     for group in _components(links):
-        whole = closed[group].any()
+        overlapping = closed[group].any()
         mirrored = partners[upper[group]]
-        places = np.union1d(upper[group], mirrored) if whole else upper[group]
+        places = np.union1d(upper[group], mirrored) if overlapping else upper[group]
         if len(places) < 2:
             continue
         centre = complex(values[places].mean())
-        centre = complex(centre.real) if whole else centre
+        centre = complex(centre.real) if overlapping else centre
         radius = _reach(values[places], centre, resolution)
         clusters.append(RootCluster(places, centre, radius))
-        if not whole:
+        if not overlapping:
             clusters.append(RootCluster(mirrored, centre.conjugate(), radius))
     return clusters
 

@@ -98,8 +98,8 @@ def zeros(
     if not (of_b and of_c):  # what is left is the direct term: zeros where the modes are not involved
         return poles(system.A, system.A_slopes, spread=spread) if system.d else None
     gain = speed / (of_b * of_c)
-    each = (A / speed, b / of_b, c / of_c, np.array(system.d * gain))
-    dynamics = None if _vanishes(*each) else _zero_dynamics(*(one[None] for one in each))
+    normalised = (A / speed, b / of_b, c / of_c, np.array(system.d * gain))
+    dynamics = None if _vanishes(*normalised) else _zero_dynamics(*(matrix[None] for matrix in normalised))
     if dynamics is None:
         return None
     values: ComplexArray = np.linalg.eigvals(dynamics[0]).astype(np.complex128)
@@ -136,9 +136,12 @@ def zeros_of_all(systems: Sequence[ParametricSystem], scale: Array) -> list[Root
     """Return the finite zeros of systems that one `scale` (n) balances, without derivatives, as `zeros`."""
     if not systems:
         return []
-    A = rescaled(np.array([one.A for one in systems]), scale)
-    b, c = np.array([one.b for one in systems]) / scale, np.array([one.c for one in systems]) * scale
-    d = np.array([one.d for one in systems])
+    A = rescaled(np.array([system.A for system in systems]), scale)
+    b, c = (
+        np.array([system.b for system in systems]) / scale,
+        np.array([system.c for system in systems]) * scale,
+    )
+    d = np.array([system.d for system in systems])
     speed = np.maximum(np.linalg.norm(A, axis=(1, 2)), np.finfo(float).tiny)
     of_b, of_c = np.linalg.norm(b, axis=1), np.linalg.norm(c, axis=1)
     dynamics = None
@@ -150,10 +153,10 @@ def zeros_of_all(systems: Sequence[ParametricSystem], scale: Array) -> list[Root
         values = np.linalg.eigvals(dynamics).astype(np.complex128) * speed[:, None]
         return [*_all_ordered(values, _at_origin(dynamics))]
     if len(systems) > 1:  # of different structure
-        return [zeros_of_all([one], scale)[0] for one in systems]
-    (one,) = systems
+        return [zeros_of_all([system], scale)[0] for system in systems]
+    (system,) = systems
     involved = of_b[0] and of_c[0]
-    return [None if involved or not one.d else poles(one.A)]
+    return [None if involved or not system.d else poles(system.A)]
 
 
 def _vanishes(A: Array, b: Array, c: Array, d: Array) -> bool:
@@ -203,7 +206,7 @@ def _at_origin(A: Array) -> NDArray[np.intp]:
         if not null.any():
             break
         if (null != null[0]).any():
-            return np.concatenate([_at_origin(one[None]) for one in A])
+            return np.concatenate([_at_origin(matrix[None]) for matrix in A])
         kept = np.linalg.svd(left)[2][:, : left.shape[1] - null[0]]
         left, count = kept @ left @ kept.swapaxes(1, 2), count + null
     return count
@@ -228,9 +231,9 @@ def _resolution(A: Array, errors: float) -> Resolution:
 def _divided(moved: ComplexArray, strength: ComplexArray) -> ComplexArray:
     """Return derivatives (m x p), infinite where the divisor (m) says that there are none."""
     weak = np.abs(strength) <= _DEFECTIVE
-    found = moved / np.where(weak, 1.0, strength)[:, None]
-    found[weak] = np.inf
-    return np.asarray(found)
+    shifts = moved / np.where(weak, 1.0, strength)[:, None]
+    shifts[weak] = np.inf
+    return np.asarray(shifts)
 
 
 def _ordered(
@@ -259,7 +262,7 @@ def _all_ordered(values: ComplexArray, origin: NDArray[np.intp]) -> list[Roots]:
     values = np.take_along_axis(values, _by_size(values, origin), axis=1)
     values[np.arange(values.shape[1]) < origin[:, None]] = 0.0
     none = np.zeros((values.shape[1], 0), dtype=np.complex128)
-    return [Roots(one, none, count) for one, count in zip(values, origin.tolist(), strict=True)]
+    return [Roots(row, none, count) for row, count in zip(values, origin.tolist(), strict=True)]
 
 
 def _by_size(values: ComplexArray, origin: NDArray[np.intp]) -> NDArray[np.intp]:

@@ -76,13 +76,13 @@ def signal(kind: str, parameters: Mapping[str, Any], record: RecordTimes) -> Sig
         If the kind is unknown, or a parameter is unknown, missing or invalid.
     """
     require(kind in _KINDS, f"there is no signal {kind!r}", f"Known are {', '.join(_KINDS)}.", (kind,))
-    taken, needed = _KEYS[kind]
-    unknown = [key for key in parameters if key not in taken]
+    allowed, needed = _KEYS[kind]
+    unknown = [key for key in parameters if key not in allowed]
     missing = [key for key in needed if key not in parameters]
     require(
         not unknown,
         f"a signal of kind {kind} does not take {', '.join(unknown)}",
-        f"It takes {', '.join(taken)}.",
+        f"It takes {', '.join(allowed)}.",
         (kind, *unknown),
     )
     require(not missing, f"a signal of kind {kind} needs {', '.join(missing)}", names=(kind, *missing))
@@ -94,9 +94,11 @@ def signal(kind: str, parameters: Mapping[str, Any], record: RecordTimes) -> Sig
         from_record = {"step": record.step, "samples": settling + record.samples}
     elif kind == "file":
         from_record = {"step": record.step, "start": record.start}
-    made = WhiteNoise if kind == "random" and parameters.get("band") is None else _KINDS[kind]
-    given = {key: value for key, value in parameters.items() if made is not WhiteNoise or key != "band"}
-    built: Signal = made(**given, **from_record)
+    signal_class = WhiteNoise if kind == "random" and parameters.get("band") is None else _KINDS[kind]
+    arguments = {
+        key: value for key, value in parameters.items() if signal_class is not WhiteNoise or key != "band"
+    }
+    built: Signal = signal_class(**arguments, **from_record)
     return built
 
 
@@ -243,9 +245,9 @@ class Shifted:
         """Return the signal's breakpoints, later by the delay, and its ends."""
         first, last = self._span
         begin, end = max(start - self.delay, first), min(stop - self.delay, last)
-        own = self.signal.breakpoints(begin, end) if end >= begin else np.empty(0)
+        times = self.signal.breakpoints(begin, end) if end >= begin else np.empty(0)
         ends = np.array([time for time in (first, last) if start - self.delay <= time <= stop - self.delay])
-        return np.unique(np.concatenate([own, ends])) + self.delay
+        return np.unique(np.concatenate([times, ends])) + self.delay
 
     def value(self, times: ArrayLike) -> Array:
         """Return the multiple at `times`."""

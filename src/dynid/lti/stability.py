@@ -156,9 +156,9 @@ def verdict(poles: Sequence[SidedRoot]) -> Verdict:
 
 def combined(verdicts: Iterable[Verdict]) -> Verdict:
     """Return the verdict on a system of several parts."""
-    parts = sorted(verdicts, key=lambda part: KINDS.index(part.kind))
-    first = next((part for part in parts if part.reason and part.kind == parts[0].kind), parts[0])
-    count = sum(part.unstable_poles for part in parts)
+    parts = sorted(verdicts, key=lambda verdict: KINDS.index(verdict.kind))
+    first = next((verdict for verdict in parts if verdict.reason and verdict.kind == parts[0].kind), parts[0])
+    count = sum(verdict.unstable_poles for verdict in parts)
     return replace(first, unstable_poles=count)
 
 

@@ -50,9 +50,9 @@ class StateSpace:
         higher = tuple(_matrix(f"D{order}", D) for order, D in enumerate(self.higher, 1))
         object.__setattr__(self, "higher", higher)
         n, m, p = len(self.A), self.B.shape[1], len(self.C)
-        wanted = [("A", self.A, (n, n)), ("B", self.B, (n, m)), ("C", self.C, (p, n)), ("D", self.D, (p, m))]
-        wanted += [(f"D{order}", D, (p, m)) for order, D in enumerate(higher, 1)]
-        for name, matrix, shape in wanted:
+        shapes = [("A", self.A, (n, n)), ("B", self.B, (n, m)), ("C", self.C, (p, n)), ("D", self.D, (p, m))]
+        shapes += [(f"D{order}", D, (p, m)) for order, D in enumerate(higher, 1)]
+        for name, matrix, shape in shapes:
             if matrix.shape != shape:
                 raise UsageError(f"{name} is {matrix.shape}, but must be {shape} to fit the other matrices")
         for name, count, letter in (("inputs", m, "u"), ("outputs", p, "y"), ("states", n, "x")):
@@ -111,29 +111,29 @@ class ParametricSystem(NamedTuple):
     d_slopes: Array
 
 
-def single(found: Matrices, channel: int, load: int) -> ParametricSystem:
+def single(matrices: Matrices, channel: int, load: int) -> ParametricSystem:
     """Return the system of one channel and load, with integrators where derivatives of the input act.
 
     An input u that acts by its derivatives up to the k-th is a state with k - 1 others, driven by the k-th
     derivative: the zeros stay the same.
     """
-    A, b, c = found.A, found.B[:, load], found.C[channel]
-    direct, changes = found.D[:, channel, load], found.D_slopes[:, :, channel, load]
-    p, n = len(found.A_slopes), len(A)
+    A, b, c = matrices.A, matrices.B[:, load], matrices.C[channel]
+    direct, changes = matrices.D[:, channel, load], matrices.D_slopes[:, :, channel, load]
+    p, n = len(matrices.A_slopes), len(A)
     k = max((order for order in range(len(direct)) if direct[order]), default=0)
     if not k:
         return ParametricSystem(
-            A, b, c, float(direct[0]) if len(direct) else 0.0, found.A_slopes,
-            found.B_slopes[:, :, load], found.C_slopes[:, channel],
+            A, b, c, float(direct[0]) if len(direct) else 0.0, matrices.A_slopes,
+            matrices.B_slopes[:, :, load], matrices.C_slopes[:, channel],
             changes[:, 0] if len(direct) else np.zeros(p),
         )  # fmt: skip
     wide, moved = np.zeros((n + k, n + k)), np.zeros((p, n + k, n + k))
     wide[:n, :n], wide[:n, n] = A, b
     wide[n : n + k - 1, n + 1 :] = np.eye(k - 1)
-    moved[:, :n, :n], moved[:, :n, n] = found.A_slopes, found.B_slopes[:, :, load]
+    moved[:, :n, :n], moved[:, :n, n] = matrices.A_slopes, matrices.B_slopes[:, :, load]
     last = np.zeros(n + k)
     last[-1] = 1.0
-    rows = np.concatenate([found.C_slopes[:, channel], changes[:, :k]], axis=1)
+    rows = np.concatenate([matrices.C_slopes[:, channel], changes[:, :k]], axis=1)
     return ParametricSystem(
         wide, last, np.concatenate([c, direct[:k]]), float(direct[k]), moved, np.zeros((p, n + k)), rows,
         changes[:, k],

@@ -110,7 +110,7 @@ class _Step:
     def info(self) -> StepInfo:
         """Return the characteristics."""
         above, below = self._largest(1), self._largest(-1)
-        largest = max(above, below, key=lambda one: one[0])
+        largest = max(above, below, key=lambda extreme: extreme[0])
         transient_time = self._last_outside(largest[0], self._difference(largest[1]) / 50)
         if self.final == 0:
             status = (
@@ -157,10 +157,10 @@ class _Step:
         while True:
             high = min(2 * low or 1.0, ever) if ever > low else low
             for times, values in transient.pieces(low, high) if high > low else ():
-                place = int(np.argmax(sign * values))
-                if sign * values[place] > best:
-                    best = float(sign * values[place])
-                    bracket = (times[max(place - 1, 0)], times[min(place + 1, len(times) - 1)], times[place])
+                index = int(np.argmax(sign * values))
+                if sign * values[index] > best:
+                    best = float(sign * values[index])
+                    bracket = (times[max(index - 1, 0)], times[min(index + 1, len(times) - 1)], times[index])
             envelope = transient.bound(high)
             if envelope <= best or high >= ever or envelope < _AT_REST:
                 break
@@ -205,13 +205,13 @@ class _Step:
 
     # Levels
 
-    def _reached(self, part: float) -> Any:
+    def _reached(self, fraction: float) -> Any:
         """Return the first time at which the response is at least a part of its final value."""
         from flint import arb, fmpq
 
         transient, sign = self.transient, 1 if self.limit > 0 else -1
-        level = float((part - 1) * self.limit) * sign
-        exact = self.ball * (arb(fmpq(round(1000 * part), 1000)) - 1)
+        level = float((fraction - 1) * self.limit) * sign
+        exact = self.ball * (arb(fmpq(round(1000 * fraction), 1000)) - 1)
         if sign * float(transient.at(0, 0).mid()) >= level:
             return arb(0)
         low, late = 0.0, transient.horizon(-level)

@@ -163,7 +163,7 @@ def _split_lines(
         generated[column] = Impulse(0.0)
         if near.any():  # c = -i a exp(i phase)
             sines = (np.abs(c[near]), omega[near], np.angle(1j * c[near]))
-            generated[column] = _NearLines(*(tuple(part.tolist()) for part in sines))
+            generated[column] = _NearLines(*(tuple(values.tolist()) for values in sines))
     return generated, spread
 
 
@@ -203,9 +203,9 @@ def _particular(A: Array, b: Array, omega: Array) -> ComplexArray:
     scaled = rescaled(A, d)
     chunk = max(1, 2_000_000 // max(1, n * n))
     for first in range(0, len(omega), chunk):
-        part = slice(first, first + chunk)
-        matrices = 1j * omega[part, None, None] * np.eye(n) - scaled
-        X[part] = np.linalg.solve(matrices, (b / d)[:, None].astype(complex))[..., 0] * d
+        columns = slice(first, first + chunk)
+        matrices = 1j * omega[columns, None, None] * np.eye(n) - scaled
+        X[columns] = np.linalg.solve(matrices, (b / d)[:, None].astype(complex))[..., 0] * d
     return X
 
 
@@ -270,7 +270,7 @@ def joint_generator(A: Array, drive: Array, G: Array) -> Array:
 
 def drive_scale(A: Array, drive: Array) -> float:
     """Return the power of two that keeps the drive from raising the norm of the joint generator."""
-    size, reference = (float(np.abs(part).sum(axis=0).max(initial=0.0)) for part in (drive, A))
+    size, reference = (float(np.abs(matrix).sum(axis=0).max(initial=0.0)) for matrix in (drive, A))
     if not (0 < size < np.inf and 0 < reference < np.inf):
         return 1.0
     exponent = math.ceil(math.log2(size) - math.log2(reference))
@@ -292,12 +292,12 @@ def impulsive_outputs(system: StateSpace, signals: Sequence[Signal], stop: float
     stop
         The last time, s.
     """
-    found = np.zeros(len(system.C), dtype=bool)
+    impulsive = np.zeros(len(system.C), dtype=bool)
     for order, feedthrough in enumerate((system.D, *system.higher)):
         for column in np.flatnonzero(feedthrough.any(axis=0)):
             if any(_derivative_jumps(signals[int(column)], below, stop) for below in range(-1, order)):
-                found |= feedthrough[:, column] != 0
-    return found
+                impulsive |= feedthrough[:, column] != 0
+    return impulsive
 
 
 def _derivative_jumps(signal: Signal, order: int, stop: float) -> bool:
@@ -316,5 +316,5 @@ def _derivative_jumps(signal: Signal, order: int, stop: float) -> bool:
     before = np.zeros(len(points))
     if len(points) > 1:
         before[1:] = signal.states(points[1:], middles[:-1]) @ readout
-    size = max(np.abs(part).max() for part in (after, before, between))
+    size = max(np.abs(values).max() for values in (after, before, between))
     return bool(np.any(np.abs(after - before) > _ROUNDING * size))

@@ -58,12 +58,12 @@ def sum_lines(omega: Array, weights: ComplexArray, times: Array, period: float |
     """
     count = None if period is None else _samples_of_a_period(times, period, len(omega))
     if count is not None and period is not None:  # by FFT; harmonics beyond `count` alias
-        place = np.rint(omega * period / (2 * np.pi)).astype(np.int64) % count
+        bins = np.rint(omega * period / (2 * np.pi)).astype(np.int64) % count
         again, turned = np.arange(len(times)) % count, np.exp(1j * omega * times[0])
         out = np.empty((len(times), weights.shape[1]))
         for column in range(weights.shape[1]):
             w = weights[:, column] * turned
-            spectrum = np.bincount(place, w.real, count) + 1j * np.bincount(place, w.imag, count)
+            spectrum = np.bincount(bins, w.real, count) + 1j * np.bincount(bins, w.imag, count)
             out[:, column] = (np.fft.ifft(spectrum).real * count)[again]
         return out
     terms = float(len(times)) * len(omega) * weights.shape[1]
@@ -256,18 +256,18 @@ class Multisine(SmoothSignal):
 
     def __post_init__(self) -> None:
         phase = np.zeros(len(self.amplitude)) if self.phase is None else self.phase
-        given = {"amplitude": self.amplitude, "frequency": self.frequency, "phase": phase}
+        lists = {"amplitude": self.amplitude, "frequency": self.frequency, "phase": phase}
         for name in ("amplitude", "phase"):
             require(
-                len(given[name]) == len(self.frequency),
+                len(lists[name]) == len(self.frequency),
                 "a multisine needs as many amplitudes and phases as frequencies",
                 names=(self.kind, name),
             )
         require(
             len(self.frequency) > 0, "a multisine needs at least one sine", names=(self.kind, "frequency")
         )
-        require_finite(self.kind, **given)
-        for name, values in given.items():
+        require_finite(self.kind, **lists)
+        for name, values in lists.items():
             object.__setattr__(self, name, tuple(float(value) for value in values))
 
     @cached_property

@@ -90,7 +90,7 @@ def finite_eigenvalues(
         raise Singular("the pencil's determinant is identically zero", remedy="Check the equations.")
     parts: list[tuple[ComplexArray, Real]] = [(np.zeros(0, complex), np.zeros(0))]
     if single := [block for block in blocks if len(block[0]) == 1]:
-        at = tuple(np.concatenate(part) for part in zip(*single, strict=True))
+        at = tuple(np.concatenate(component) for component in zip(*single, strict=True))
         f, g = np.ravel(F[at]), np.ravel(G[at])
         with np.errstate(over="ignore", under="ignore"):
             quotients = g[f != 0] / f[f != 0]
@@ -98,8 +98,8 @@ def finite_eigenvalues(
     dynamic = np.diff(F.indptr) > 0
     for rows, columns in (block for block in blocks if len(block[0]) > 1 and dynamic[block[0]].any()):
         block = F[rows][:, columns], G[rows][:, columns]
-        parts.append(_block_eigenvalues(*block, known=count is not None, sparse=sparse))
-    value, bound = (np.concatenate(part) for part in zip(*parts, strict=True))
+        parts.append(_block_eigenvalues(*block, regular=count is not None, sparse=sparse))
+    value, bound = (np.concatenate(component) for component in zip(*parts, strict=True))
     if count is not None and len(value) != count:
         raise Undecided(
             f"rounding leaves {len(value)} finite eigenvalues where there are {count}", remedy=EXACT
@@ -153,14 +153,14 @@ def settle_origin(value: ComplexArray, bound: Real, origin: int | None) -> None:
     bound[:origin] = 0
 
 
-def _block_eigenvalues(F: Any, G: Any, *, known: bool, sparse: bool | None) -> tuple[ComplexArray, Real]:
-    """Return eigenvalues and error bounds of one irreducible block; `known`: their total is known."""
+def _block_eigenvalues(F: Any, G: Any, *, regular: bool, sparse: bool | None) -> tuple[ComplexArray, Real]:
+    """Return eigenvalues and error bounds of one irreducible block; `regular`: their total is known."""
     from scipy.linalg import eigvals
 
     if F.count_nonzero() == 0:
         return np.zeros(0, complex), np.zeros(0)
     F, G, unit = scaled(F, G)
-    small_F, small_G = _deflated(*_without_algebraic(F, G), known=known)
+    small_F, small_G = _deflated(*_without_algebraic(F, G), regular=regular)
     if not small_F.size:
         starts = np.zeros(0, complex)
     elif np.linalg.cond(small_F) < 1e3:
@@ -212,7 +212,7 @@ def _without_algebraic(F: Any, G: Any) -> tuple[Real, Real]:
     return F.toarray(), G.toarray()
 
 
-def _deflated(F: Real, G: Real, *, known: bool) -> tuple[Real, Real]:
+def _deflated(F: Real, G: Real, *, regular: bool) -> tuple[Real, Real]:
     """Deflate the infinite eigenvalues, step by step: rows free of s fix as many unknowns."""
     from scipy.linalg import qr
 
@@ -223,7 +223,7 @@ def _deflated(F: Real, G: Real, *, known: bool) -> tuple[Real, Real]:
         unclear = (sizes > _NOISE) & (sizes < _SURE)
         if not unclear.any():
             rank = int((sizes >= _SURE).sum())
-        elif known:  # the widest gap, a guess that the known total checks
+        elif regular:  # the widest gap, a guess that the known total checks
             ladder = np.concatenate([[1.0], np.maximum(sizes, EPSILON**2), [EPSILON]])
             rank = int(np.argmax(np.where(ladder[1:] < _SURE, ladder[:-1] / ladder[1:], 0)))
         else:
@@ -263,8 +263,8 @@ def _rayleigh_quotient_iteration(F: Any, G: Any, z: complex, room: float) -> tup
     step = np.inf
     for _ in range(_STEPS):
         # One inverse iteration for both vectors; beside z where the pencil is exactly singular there.
-        beside = [4**k * EPSILON * abs(z) for k in range(1, 8)]
-        for nudge in (0.0, *beside, EPSILON):
+        shifts = [4**k * EPSILON * abs(z) for k in range(1, 8)]
+        for nudge in (0.0, *shifts, EPSILON):
             left, right = _solved((z + nudge) * F - G, u, v)
             if np.isfinite(left).all() and np.isfinite(right).all():
                 break

@@ -178,8 +178,8 @@ def _common_zeros(pencil: IntegerPencil, rank: int) -> Any:
         prime = next(source)
         if lead % prime == 0:
             continue
-        other = pencil.residues(prime).compressed(rank)
-        image = type(other)([int(c % prime) for c in minor.coeffs()], prime).gcd(other)
+        pair = pencil.residues(prime).compressed(rank)
+        image = type(pair)([int(c % prime) for c in minor.coeffs()], prime).gcd(pair)
         if image.degree() == 0:
             return fmpz_poly([1])
         if image.degree() < degree:
@@ -187,8 +187,8 @@ def _common_zeros(pencil: IntegerPencil, rank: int) -> Any:
         if image.degree() == degree:
             images.append(image * (lead % prime))
             moduli.append(prime)
-    found = combined(images, moduli, degree)
-    return found // found.content()
+    combination = combined(images, moduli, degree)
+    return combination // combination.content()
 
 
 def _part(M: Any, rows: Any, columns: Any) -> Any:
@@ -229,8 +229,8 @@ class Residues:
     def zeros(self, rank: int) -> Any:
         """Return the monic polynomial of the finite zeros: the gcd of all minors of the rank's size."""
         if self.F.nrows() == self.F.ncols() == rank:
-            found = self.determinant()
-            return found / found.leading_coefficient() if found else found
+            determinant = self.determinant()
+            return determinant / determinant.leading_coefficient() if determinant else determinant
         return self.compressed(rank).gcd(self.compressed(rank))
 
     def _noise(self, rows: int, columns: int) -> Any:

@@ -18,11 +18,12 @@ Rows = list[list[Fraction]]
 _EXPONENT = 5000
 
 
-def one_of(what: str, name: object, known: tuple[str, ...]) -> None:
+def one_of(what: str, name: object, allowed: tuple[str, ...]) -> None:
     """Raise a `UsageError` unless a name is among the known ones."""
-    if name not in known:
+    if name not in allowed:
         raise UsageError(
-            f"no {what} {name!r}{did_you_mean(str(name), known)}", remedy=f"Use one of {', '.join(known)}."
+            f"no {what} {name!r}{did_you_mean(str(name), allowed)}",
+            remedy=f"Use one of {', '.join(allowed)}.",
         )
 
 
@@ -56,9 +57,11 @@ def exact_rows(name: str, matrix: Any, reading: Reading, shape: tuple[int, int] 
     elif array.ndim == 0 and array[()] == 0:
         array = np.zeros(shape, dtype=object)
     if array.ndim != 2 or (shape is not None and array.shape != shape):
-        wanted = f"{shape[0]} x {shape[1]}" if shape else "a matrix"
-        found = " x ".join(map(str, array.shape)) or "a single number"
-        raise UsageError(f"{name} is {found} where {wanted} is wanted", remedy="Check the matrices' shapes.")
+        expected = f"{shape[0]} x {shape[1]}" if shape else "a matrix"
+        actual = " x ".join(map(str, array.shape)) or "a single number"
+        raise UsageError(
+            f"{name} is {actual} where {expected} is wanted", remedy="Check the matrices' shapes."
+        )
     return [
         [_exact(f"{name}[{i + 1}, {j + 1}]", entry, reading) for j, entry in enumerate(row)]
         for i, row in enumerate(array.tolist() if array.dtype != object else array)
@@ -87,7 +90,7 @@ def _table(name: str, matrix: Any) -> np.ndarray:
     return table
 
 
-def _exact(place: str, entry: Any, reading: Reading) -> Fraction:
+def _exact(position: str, entry: Any, reading: Reading) -> Fraction:
     """Return one entry as a Fraction."""
     try:
         if isinstance(entry, str):
@@ -107,6 +110,6 @@ def _exact(place: str, entry: Any, reading: Reading) -> Fraction:
     except (ValueError, ZeroDivisionError, OverflowError):
         pass
     raise UsageError(
-        f"{place} is {entry!r}, which is not a finite real number",
+        f"{position} is {entry!r}, which is not a finite real number",
         remedy="Write ints, floats, Fractions, or text such as '1/3'.",
     )

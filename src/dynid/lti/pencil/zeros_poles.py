@@ -123,15 +123,17 @@ class FloatRoot:
     multiplicity: int = 1
 
     @classmethod
-    def all_of(cls, found: FiniteEigenvalues) -> tuple[FloatRoot, ...]:
+    def all_of(cls, eigenvalues: FiniteEigenvalues) -> tuple[FloatRoot, ...]:
         """Return eigenvalues as roots, with sides from the error bounds; those at the origin are one root."""
-        at_origin = (found.values == 0) & (found.bounds == 0)
+        at_origin = (eigenvalues.values == 0) & (eigenvalues.bounds == 0)
         origin = [cls(0j, 0.0, 0, int(at_origin.sum()))] if at_origin.any() else []
-        others = zip(found.values[~at_origin].tolist(), found.bounds[~at_origin].tolist(), strict=True)
+        others = zip(
+            eigenvalues.values[~at_origin].tolist(), eigenvalues.bounds[~at_origin].tolist(), strict=True
+        )
         sides = (
             (z, bound, (z.real > 0) - (z.real < 0) if abs(z.real) > bound else None) for z, bound in others
         )
-        return (*origin, *(cls(*each) for each in sides))
+        return (*origin, *(cls(*root) for root in sides))
 
 
 def zeros_poles(
@@ -325,9 +327,9 @@ def checked_zeros(pencil: IntegerPencil) -> tuple[FiniteEigenvalues, PencilStruc
     generator = np.random.default_rng(0)
     U = np.linalg.qr(generator.standard_normal((F.shape[0], rank)))[0].T
     V = np.linalg.qr(generator.standard_normal((F.shape[1], rank)))[0]
-    found = finite_eigenvalues(U @ F @ V, U @ G @ V)
-    distance = np.zeros(len(found.values))  # from a lower rank, relative to the terms of the pencil
-    for k, z in enumerate(found.values):
+    eigenvalues = finite_eigenvalues(U @ F @ V, U @ G @ V)
+    distance = np.zeros(len(eigenvalues.values))  # from a lower rank, relative to the terms of the pencil
+    for k, z in enumerate(eigenvalues.values):
         if smallest := np.linalg.svd(z * F - G, compute_uv=False)[rank - 1]:
             distance[k] = float(smallest / (abs(z) * np.linalg.norm(F) + np.linalg.norm(G)))
     order = np.argsort(distance, kind="stable")
@@ -339,6 +341,6 @@ def checked_zeros(pencil: IntegerPencil) -> tuple[FiniteEigenvalues, PencilStruc
             remedy=EXACT,
         )
     kept = np.sort(kept)
-    values, bounds = found.values[kept] * unit, found.bounds[kept] * unit
+    values, bounds = eigenvalues.values[kept] * unit, eigenvalues.bounds[kept] * unit
     settle_origin(values, bounds, structure.origin)
     return FiniteEigenvalues(values, bounds, rank - structure.finite), structure
