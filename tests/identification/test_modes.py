@@ -12,7 +12,8 @@ from dynid.errors import UsageError
 from dynid.identification.estimators.modal_search import ModalSearch
 from dynid.identification.identifiability import identifiability
 from dynid.identification.identify import identify
-from dynid.identification.likelihood.modal_record import ModalLikelihood, ModalRecord
+from dynid.identification.likelihood.likelihood import Likelihood
+from dynid.identification.likelihood.modal_record import ModalRecord
 from dynid.identification.likelihood.paired_modes import _turned
 from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.identification.records.modal_measurement import ModalMeasurement, Scatter
@@ -414,7 +415,7 @@ def standardised_errors(seed, damping, form=(0.0, 0.0)):
         omega=modal.omega * (1 + form[0] * rng.standard_normal(4)),
         shape=modal.shape + form[1] * modal.sizes * rng.standard_normal(modal.shape.shape),
     )
-    likelihood = ModalLikelihood((ModalRecord.of(model, modal, 6),))
+    likelihood = Likelihood((ModalRecord.of(model, modal, 6),))
     found = ModalSearch().run(likelihood, starts(model.unknowns))
     likelihood = found.likelihood or likelihood
     information = likelihood.information(found.fit, likelihood.likeliest(found.fit))

@@ -12,14 +12,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import count
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dynid.arrays import Array
 from dynid.errors import Diverged, DynidError, NotIdentifiable
 from dynid.identification.diagnosis.equivalent_optima import DECIDED, OptimaSearch, deciding_sensors
-from dynid.identification.diagnosis.form_error import FormError, needed_form_error
 from dynid.identification.diagnosis.instrument_mistakes import instrument_mistakes
 from dynid.identification.diagnosis.posterior import Posterior
 from dynid.identification.diagnosis.proportional_noise import growing_residuals
@@ -27,13 +26,11 @@ from dynid.identification.diagnosis.symmetry import distinct_kinds, like_paramet
 from dynid.identification.estimators.auto import Auto, FrfAuto, drawn_starts
 from dynid.identification.estimators.estimate import Estimate, EstimationStage, Estimator, Sweep
 from dynid.identification.estimators.maximum_likelihood import Huber
-from dynid.identification.estimators.modal_search import ModalSearch
 from dynid.identification.estimators.origin import identifiable_origin
 from dynid.identification.likelihood.frf_record import FrfLikelihood
 from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
 from dynid.identification.problem import Measured, Problem, SharedRecords
-from dynid.identification.results.write_modes import add_modes
 from dynid.identification.results.write_rejected import raise_rejected
 from dynid.identification.results.write_result import Further, add_identification
 from dynid.identification.systems.parametric_model import Model, Rebuild, unknowns_of, with_fixed
@@ -44,6 +41,9 @@ from dynid.parameters import Parameter, named, starts
 from dynid.result import Result
 from dynid.structure.model import StructuralModel
 
+if TYPE_CHECKING:
+    from dynid.identification.diagnosis.form_error import FormError
+
 # Starts around an estimate from which other optima are looked for where a parameter is not identifiable, and
 # the factor within which they lie.
 _SEARCHED, _REACH = 8, 6.0
@@ -51,10 +51,6 @@ _SEARCHED, _REACH = 8, 6.0
 # errors, or this part of themselves; and so often at the most.
 _SETTLED, _LEAST = 0.01, 1e-6
 _MOST_ROUNDS = 10
-
-
-#: What estimates where nothing else is requested, by the kind of likelihood.
-_DEFAULTS = {TimeLikelihood: Auto, FrfLikelihood: FrfAuto}
 
 
 def identify(
@@ -114,7 +110,7 @@ def identify(
     names = [unknown.name for unknown in unknowns_of(model)]
     with guarded(f"the identification of {', '.join(names)}", names=names):
         problem = Problem.of(model, measurements, truth=truth, rebuild=rebuild, common=common)
-        estimator = estimator or _DEFAULTS.get(type(problem.likelihood), ModalSearch)()
+        estimator = estimator or _default_estimator(problem.likelihood)
         suggest = into is None or into.wants("identification/diagnostics/warnings")
         posterior, last = posterior_of(problem, estimator, suggest=suggest and problem.survey is None)
         if posterior.rejection is not None:
@@ -122,8 +118,11 @@ def identify(
                 posterior, *([] if problem.survey is None else [partial(_add_modes, problem=problem)])
             )
         result, needed = Result("identification") if into is None else into, None
-        if problem.survey is not None and (needed := needed_form_error(posterior)) is not None:
-            posterior = replace(posterior, mistakes=(*posterior.mistakes, needed.statement))
+        if problem.survey is not None:
+            from dynid.identification.diagnosis.form_error import needed_form_error  # of modal surveys alone
+
+            if (needed := needed_form_error(posterior)) is not None:
+                posterior = replace(posterior, mistakes=(*posterior.mistakes, needed.statement))
         add_identification(
             result,
             posterior,
@@ -135,10 +134,23 @@ def identify(
         return result
 
 
+def _default_estimator(likelihood: Likelihood) -> Estimator:
+    """Return the estimator where none is requested."""
+    if isinstance(likelihood, TimeLikelihood):
+        return Auto()
+    if isinstance(likelihood, FrfLikelihood):
+        return FrfAuto()
+    from dynid.identification.estimators.modal_search import ModalSearch  # of modal surveys alone
+
+    return ModalSearch()
+
+
 def _add_modes(
     result: Result, posterior: Posterior, *, problem: Problem, needed: FormError | None = None
 ) -> None:
     """Add measured and computed modes of a problem with a modal survey."""
+    from dynid.identification.results.write_modes import add_modes  # of modal surveys alone
+
     assert problem.survey is not None
     assert isinstance(problem.full, StructuralModel)
     add_modes(result, posterior, problem.full, problem.survey, problem.rebuild, needed)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Self, TypeAlias
+from typing import TYPE_CHECKING, Self, TypeAlias, cast
 
 import numpy as np
 
@@ -17,8 +17,6 @@ from dynid.errors import UsageError
 from dynid.identification.estimators.origin import identifiable_origin
 from dynid.identification.likelihood.frf_record import FrfLikelihood, FrfRecord
 from dynid.identification.likelihood.likelihood import Likelihood
-from dynid.identification.likelihood.modal_record import ModalLikelihood, ModalRecord
-from dynid.identification.likelihood.paired_modes import is_large, modal_model, modes_needed
 from dynid.identification.likelihood.record_likelihood import RecordLikelihood
 from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
 from dynid.identification.records.frf_measurement import FrfMeasurement
@@ -40,14 +38,11 @@ from dynid.parameters import named, starts
 from dynid.structure.matrices import Label
 from dynid.structure.model import StructuralModel
 
+if TYPE_CHECKING:
+    from dynid.identification.likelihood.modal_record import ModalRecord
+
 Measured: TypeAlias = Experiment | FrfMeasurement | ModalMeasurement
 """A record of time with its loads, a set of frequency responses, or a modal survey."""
-
-_LIKELIHOODS: dict[type[RecordLikelihood], Any] = {
-    TimeRecord: TimeLikelihood,
-    FrfRecord: FrfLikelihood,
-    ModalRecord: ModalLikelihood,
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,13 +142,7 @@ class Problem:
         full, modes = model, 0
         if isinstance(survey := measured[-1], ModalMeasurement):
             assert isinstance(model, StructuralModel)
-            alone, start = len(measured) == 1, named(model.unknowns, starts(model.unknowns))
-            if alone and is_large(model) and not model.is_sparse and model.basis is None:
-                full = model = model.stored_sparse()
-            modes = modes_needed(model, survey, start)
-            if alone and rebuild is None and is_large(model):
-                rebuild = partial(modal_model, model, survey, count=modes)
-                model = rebuild(start)
+            full, model, modes, rebuild = _for_survey(model, survey, rebuild, alone=len(measured) == 1)
         truth = truth or full
         clean = [None] * len(measured) if common is None else common.clean
         values = [_values(truth, *pair) for pair in zip(measured, clean, strict=True)]
@@ -170,7 +159,7 @@ class Problem:
     def survey(self) -> ModalRecord | None:
         """The modal survey with the model that the estimator begins with; None where there is none."""
         last = self.likelihood.records[-1]
-        return last if isinstance(last, ModalRecord) else None
+        return cast("ModalRecord", last) if last.modal else None
 
     @property
     def experiments(self) -> list[Experiment]:
@@ -199,8 +188,12 @@ class Problem:
         each = zip(self.measurements, values, strict=True)
         records = tuple(self._record(model, measurement, record) for measurement, record in each)
         kinds = {type(record) for record in records}
-        likelihood: Likelihood = (_LIKELIHOODS[kinds.pop()] if len(kinds) == 1 else Likelihood)(records)
-        return likelihood
+        kind = (
+            {TimeRecord: TimeLikelihood, FrfRecord: FrfLikelihood}.get(kinds.pop())
+            if len(kinds) == 1
+            else None
+        )
+        return Likelihood(records) if kind is None else kind(records)
 
     def _record(self, model: Model, measurement: Measured, values: RecordData) -> RecordLikelihood:
         """Return the likelihood of values of one measurement with a model."""
@@ -209,6 +202,8 @@ class Problem:
             return TimeRecord.of(_model_of_record(model, measurement), values, measurement, sharing)
         if isinstance(measurement, FrfMeasurement):
             return FrfRecord.of(model, measurement, values, sharing)
+        from dynid.identification.likelihood.modal_record import ModalRecord  # of modal surveys alone
+
         assert isinstance(model, StructuralModel)
         return ModalRecord.of(model, measurement, self.modes, sharing)
 
@@ -249,6 +244,22 @@ def _in_order(measurements: Measured | Sequence[Measured]) -> tuple[Measured, ..
             names=("measurement.frf",),
         )
     return tuple(sorted(measurements, key=lambda one: isinstance(one, ModalMeasurement)))
+
+
+def _for_survey(
+    model: StructuralModel, survey: ModalMeasurement, rebuild: Rebuild | None, *, alone: bool
+) -> tuple[StructuralModel, StructuralModel, int, Rebuild | None]:
+    """Return a structure stored for a modal survey, the model, how many modes of it, and its rebuilding."""
+    from dynid.identification.likelihood.paired_modes import is_large, modal_model, modes_needed
+
+    full, start = model, named(model.unknowns, starts(model.unknowns))
+    if alone and is_large(model) and not model.is_sparse and model.basis is None:
+        full = model = model.stored_sparse()
+    count = modes_needed(model, survey, start)
+    if alone and rebuild is None and is_large(model):
+        rebuild = partial(modal_model, full, survey, count=count)
+        model = rebuild(start)
+    return full, model, count, rebuild
 
 
 def _values(truth: Model, measurement: Measured, clean: Array | None) -> RecordData:

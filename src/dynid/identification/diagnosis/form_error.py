@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -105,17 +104,6 @@ def needed_form_error(posterior: Posterior) -> FormError | None:
     return FormError(names, rounded, compared.scatter_p, _deciding_priors(posterior))
 
 
-@dataclass(frozen=True, eq=False)
-class _WiderPriors(Likelihood):
-    """The likelihood of records with wider priors."""
-
-    @cached_property
-    def priors(self) -> Priors:
-        """Priors and limits of the parameters."""
-        own = Priors.of(self.unknowns)
-        return replace(own, deviations=_WIDER * own.deviations)
-
-
 def _with_error(likelihood: Likelihood, at: int, error: Array) -> Likelihood:
     """Return the likelihood with other errors of the form of its modes, the record at this position."""
     records = list(likelihood.records)
@@ -181,7 +169,9 @@ def _deciding_priors(posterior: Posterior) -> tuple[str, ...]:
     if not names:
         return ()
     try:
-        compared = _compared(_WiderPriors(likelihood.records), posterior.fit)
+        priors = Priors.of(likelihood.unknowns)
+        wider = replace(priors, deviations=_WIDER * priors.deviations)
+        compared = _compared(Likelihood(likelihood.records, stated_priors=wider), posterior.fit)
     except (DynidError, ArithmeticError, np.linalg.LinAlgError):
         return ()
     return tuple(names) if compared.scatter_p > LACK_OF_FIT.value else ()

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, Self, TypeAlias
+from typing import Any, Protocol, Self, TypeAlias
 
 from dynid.arrays import Array
 from dynid.identification.estimators.filter import Pass
 from dynid.identification.likelihood.lack_of_fit import ModelComparison
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
-from dynid.identification.likelihood.time_record import TimeLikelihood
 
 Sweep: TypeAlias = Sequence[Pass]
 """One pass over each record, in order."""
@@ -81,17 +80,17 @@ class Estimate:
 
 
 class Estimator(Protocol):
-    """An estimator of parameters from records of time."""
+    """An estimator of parameters from the likelihood of their records."""
 
     @property
     def name(self) -> str:
         """Its name in a scene."""
 
-    def run(self, likelihood: TimeLikelihood, origin: Array) -> Estimate:
+    def run(self, likelihood: Any, origin: Array) -> Estimate:
         """Estimate, from the coordinates `origin` (p).
 
         Raises
         ------
-        Diverged
-            If estimates run away.
+        DynidError
+            If estimates run away, or no attempt was completed.
         """

@@ -22,14 +22,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from dynid.arrays import Array
 from dynid.defaults import HUBER
 from dynid.errors import Diverged, DynidError, UsageError
-from dynid.identification.estimators.estimate import Estimate, EstimationStage
+from dynid.identification.estimators.estimate import Estimate, EstimationStage, Estimator
 from dynid.identification.estimators.filter import check_run_away
 from dynid.identification.information import Information
 from dynid.identification.least_squares import least_squares
@@ -243,17 +243,6 @@ def _improved(
     return (new, reached) if reached < misfit else None
 
 
-class MaximumLikelihoodEstimator(Protocol):
-    """An estimator of maximum likelihood."""
-
-    @property
-    def name(self) -> str:
-        """Its name in a scene."""
-
-    def run(self, likelihood: Any, origin: Array) -> Estimate:
-        """Estimate, from the coordinates `origin` (p)."""
-
-
 @dataclass(frozen=True)
 class Huber:
     """Estimator: Huber's loss instead of squares.
@@ -261,10 +250,10 @@ class Huber:
     Parameters
     ----------
     inner
-        The estimator from whose estimate it starts.
+        The estimator of maximum likelihood from whose estimate it starts.
     """
 
-    inner: MaximumLikelihoodEstimator
+    inner: Estimator
 
     @property
     def name(self) -> str:

@@ -11,7 +11,7 @@ Records of time and frequency responses, whose misfit has many local optima, sta
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -20,7 +20,7 @@ from dynid.arrays import Array
 from dynid.identification.estimators.auto import Search, drawn_starts, guided
 from dynid.identification.estimators.estimate import Estimate
 from dynid.identification.likelihood.likelihood import Likelihood
-from dynid.identification.likelihood.modal_record import ModalGuide, ModalRecord
+from dynid.identification.likelihood.modal_record import ModalRecord
 
 # Frequencies nearer than this part have one span, on the way to an optimum.
 _WIDE = 0.15
@@ -62,8 +62,8 @@ class ModalSearch:
         own = tuple(record for record in likelihood.records if isinstance(record, ModalRecord))
         alone = len(own) == len(likelihood.records)
         own = tuple(record.with_error(np.maximum(record.error, _COMPROMISE)) for record in own)
-        modes = ModalGuide(own, at=origin)
-        spans = ModalGuide(tuple(record.by_spans(_WIDE) for record in own), at=origin)
+        modes = _guide(own, origin)
+        spans = _guide(tuple(record.by_spans(_WIDE) for record in own), origin)
         route: list[Likelihood] = [] if alone else [modes]
         search = Search(likelihood, agreeing=_AGREEING if alone else _AGREEING_RECORDS)
         search.attempt("the start", partial(guided, route, origin))
@@ -85,6 +85,15 @@ class ModalSearch:
         if alone and search.tried and not _is_confirmed(search):
             _confirm(search, routes)
         return search.best()
+
+
+def _guide(records: tuple[ModalRecord, ...], origin: Array) -> Likelihood:
+    """Return the likelihood of modes alone; what they do not determine stays near `origin` (p)."""
+    likelihood = Likelihood(records)
+    priors, spread = likelihood.priors, [unknown.first_spread for unknown in likelihood.unknowns]
+    means = np.where(priors.given, priors.means, origin)
+    deviations = np.where(priors.given, priors.deviations, spread)
+    return replace(likelihood, stated_priors=replace(priors, means=means, deviations=deviations))
 
 
 def _is_alike(search: Search) -> bool:

@@ -62,11 +62,14 @@ class Likelihood:
         The likelihood of the records without noise, if it is computed already.
     pull
         Deviation of the pull of parameters to the middle of their limits, over the distance of these.
+    stated_priors
+        Priors and limits in place of those of the unknowns.
     """
 
     records: tuple[RecordLikelihood, ...]
     noiseless: Likelihood | None = field(default=None, kw_only=True)
     pull: float = field(default=PULL, kw_only=True)
+    stated_priors: Priors | None = field(default=None, kw_only=True)
     _last: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property
@@ -90,7 +93,7 @@ class Likelihood:
     @cached_property
     def priors(self) -> Priors:
         """Priors and limits of the parameters."""
-        return Priors.of(self.unknowns, self.pull)
+        return self.stated_priors or Priors.of(self.unknowns, self.pull)
 
     @property
     def evaluations(self) -> int:

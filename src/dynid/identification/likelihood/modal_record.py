@@ -19,9 +19,7 @@ from numpy.typing import NDArray
 from dynid.arrays import Array
 from dynid.errors import UsageError
 from dynid.identification.information import MODAL_SURVEY, Observed
-from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.paired_modes import paired_modes, real_parts
-from dynid.identification.likelihood.priors import Priors
 from dynid.identification.likelihood.record_likelihood import (
     HIDDEN,
     RecordFit,
@@ -35,7 +33,7 @@ from dynid.identification.statistics import root_mean_square
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.parametric_model import system_of
 from dynid.identification.systems.prediction import Trajectory
-from dynid.parameters import Parameter, named, rates, starts
+from dynid.parameters import Parameter, named, rates
 from dynid.structure.mode_derivatives import ModalSolution, has_damping, lowest_modes
 from dynid.structure.model import StructuralModel
 
@@ -356,36 +354,3 @@ def _side_by_side(columns: Sequence[Array]) -> Array:
     """Return columns of any length side by side, filled with NaN."""
     rows = max(map(len, columns))
     return np.column_stack([_filled(column, rows) for column in columns])
-
-
-@dataclass(frozen=True, eq=False)
-class ModalLikelihood(Likelihood):
-    """The likelihood of measured modes alone."""
-
-    records: tuple[ModalRecord, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class ModalGuide(ModalLikelihood):
-    """The likelihood of modes on the way to that of all records; what modes do not determine stays near `at`.
-
-    Attributes
-    ----------
-    at
-        Coordinates (p), the means of wide priors of parameters that have none.
-    """
-
-    at: Array = field(default_factory=lambda: np.zeros(0))
-
-    @cached_property
-    def priors(self) -> Priors:
-        """Priors and limits of the parameters, none without a prior."""
-        own = Priors.of(self.unknowns)
-        spread = np.array([one.first_spread for one in self.unknowns])
-        means = np.where(own.given, own.means, self.at)
-        return replace(own, means=means, deviations=np.where(own.given, own.deviations, spread))
-
-
-def start_values(model: StructuralModel) -> dict[str, float]:
-    """Return the starts of the unknown parameters by name."""
-    return named(model.unknowns, starts(model.unknowns))

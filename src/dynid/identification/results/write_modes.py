@@ -46,7 +46,8 @@ from dynid.identification.diagnosis.form_error import FormError
 from dynid.identification.diagnosis.posterior import Posterior
 from dynid.identification.estimators.maximum_likelihood import refine
 from dynid.identification.information import Information
-from dynid.identification.likelihood.modal_record import ModalFit, ModalLikelihood, ModalRecord
+from dynid.identification.likelihood.likelihood import Likelihood
+from dynid.identification.likelihood.modal_record import ModalFit, ModalRecord
 from dynid.identification.likelihood.record_likelihood import ScatterTest
 from dynid.identification.systems.parametric_model import Rebuild
 from dynid.parameters import named, starts
@@ -111,7 +112,7 @@ def left_out(record: ModalRecord, eta: Array) -> LeftOut:
     bare = record.with_error(np.zeros(len(record.error)))
     for k in range(r):
         report_progress(f"frequency {k + 1} left out")
-        both = [ModalLikelihood((one.with_error(one.error, (k,)),)) for one in (record, bare)]
+        both = [Likelihood((one.with_error(one.error, (k,)),)) for one in (record, bare)]
         try:
             _information(both[0], eta).check()
             end = refine(both[0], eta, _STEPS).fit
@@ -128,7 +129,7 @@ def left_out(record: ModalRecord, eta: Array) -> LeftOut:
     return LeftOut(error, deviation, by_scatter)
 
 
-def _information(likelihood: ModalLikelihood, eta: Array) -> Information:
+def _information(likelihood: Likelihood, eta: Array) -> Information:
     fit = likelihood.fit(eta)
     return likelihood.information(fit, likelihood.likeliest(fit))
 
@@ -159,7 +160,7 @@ def trade_off(record: ModalRecord, eta: Array, rebuild: Rebuild | None) -> dict[
         own, end = record.with_error(error), eta
         try:
             for _ in range(1 if rebuild is None else 2):
-                end = refine(ModalLikelihood((own,)), end, _STEPS).fit.eta
+                end = refine(Likelihood((own,)), end, _STEPS).fit.eta
                 if rebuild is not None:
                     own = replace(own, model=rebuild(named(own.unknowns, end)))
             fit = own.fit(end, own.data.values)

@@ -13,7 +13,13 @@ import numpy as np
 
 from dynid.errors import DynidError
 from dynid.identification.diagnosis.posterior import Posterior
-from dynid.identification.results.write_result import add_diagnostics, add_fits, add_names, common_unit_of
+from dynid.identification.results.write_result import (
+    add_diagnostics,
+    add_fits,
+    add_names,
+    add_stages,
+    common_unit_of,
+)
 from dynid.result import REJECTED, Result
 
 #: Group of the estimates.
@@ -32,7 +38,7 @@ def raise_rejected(posterior: Posterior, *further: Callable[[Result, Posterior],
     result = Result("identification")
     result.attrs["status"] = REJECTED
     result.annotate("identification", estimator=posterior.method, rejected=str(error))
-    for add in (_add_estimates, _add_stages, add_fits, add_diagnostics, *further):
+    for add in (_add_estimates, add_stages, add_fits, add_diagnostics, *further):
         part = Result("identification")
         try:
             add(part, posterior)
@@ -50,12 +56,3 @@ def _add_estimates(result: Result, posterior: Posterior) -> None:
     result.add(f"{GROUP}/at_bound", priors.at_bound(posterior.fit.eta) & ~priors.fixed, dims)
     nonzero = np.where(true == 0, np.nan, true)
     result.add(f"{GROUP}/error_percent", 100 * np.abs(posterior.values / nonzero - 1), dims, "%")
-
-
-def _add_stages(result: Result, posterior: Posterior) -> None:
-    stages, group = posterior.estimate.stages, "identification/stages"
-    result.add_axis(f"{group}/stage", [stage.name for stage in stages])
-    result.add(f"{group}/residual_ratio", [np.max(stage.residual_ratio) for stage in stages], ("stage",))
-    result.add(f"{group}/iterations", [stage.iterations for stage in stages], ("stage",))
-    chosen = [stage.eta is posterior.fit.eta for stage in stages].index(True) + 1
-    result.add(f"{group}/chosen", chosen)

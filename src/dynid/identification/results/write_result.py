@@ -158,16 +158,12 @@ def add_identification(
         add_calibration_slopes(result, posterior.calibration_slopes, relative)
     if any(map(result.wants_below, _SAMPLED)):
         _add_records(result, posterior, true_states)
-    stages = posterior.estimate.stages
     result.annotate("identification", estimator=posterior.method)
-    result.add_axis(f"{_STAGES}/stage", [stage.name for stage in stages])
+    add_stages(result, posterior)
+    stages = posterior.estimate.stages
     result.add_axis(f"{_STAGES}/parameter", posterior.likelihood.names)
     estimates = values(posterior.likelihood.unknowns, np.array([stage.eta for stage in stages]))
     result.add(f"{_STAGES}/estimate", estimates, ("stage", "parameter"), common_unit_of(posterior))
-    result.add(f"{_STAGES}/residual_ratio", [np.max(stage.residual_ratio) for stage in stages], ("stage",))
-    result.add(f"{_STAGES}/iterations", [stage.iterations for stage in stages], ("stage",))
-    chosen = [stage.eta is posterior.fit.eta for stage in stages].index(True) + 1
-    result.add(f"{_STAGES}/chosen", chosen)
     if any(one.modelled for one in posterior.likelihood.records if not one.modal):
         add_noise(result, posterior)
     check = posterior_check(posterior) if further.check else None
@@ -180,6 +176,15 @@ def add_identification(
     if result.wants_below(DERIVED):
         add_derived(result, posterior, further.derived)
     return result
+
+
+def add_stages(result: Result, posterior: Posterior) -> None:
+    """Add ``stages/``: the attempts of the estimator, but for their estimates."""
+    stages = posterior.estimate.stages
+    result.add_axis(f"{_STAGES}/stage", [stage.name for stage in stages])
+    result.add(f"{_STAGES}/residual_ratio", [np.max(stage.residual_ratio) for stage in stages], ("stage",))
+    result.add(f"{_STAGES}/iterations", [stage.iterations for stage in stages], ("stage",))
+    result.add(f"{_STAGES}/chosen", [stage.eta is posterior.fit.eta for stage in stages].index(True) + 1)
 
 
 def _add_parameters(result: Result, posterior: Posterior) -> None:
