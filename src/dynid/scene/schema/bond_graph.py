@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from itertools import pairwise, starmap
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     AfterValidator,
@@ -46,9 +46,9 @@ from dynid.scene.schema.base import (
     accuracy_faults,
     once,
 )
-from dynid.scene.schema.control import control_faults
-from dynid.scene.schema.design import DesignModel, design_faults
-from dynid.scene.schema.graph_variables import TEXT, Output, SourceName, unknown_node
+from dynid.scene.schema.control import DELAY_REMEDY, ControlModel
+from dynid.scene.schema.design import DesignModel
+from dynid.scene.schema.graph_variables import TEXT, Output, SourceName, stored_energy_faults, unknown_node
 from dynid.scene.schema.joints import JointModel, ParameterModel
 from dynid.scene.schema.later import Later
 from dynid.scene.schema.laws import (
@@ -62,7 +62,6 @@ from dynid.scene.schema.quantities import (
     AT_KEY,
     Located,
     Quantity,
-    SceneNames,
     Uncertain,
     Value,
     fault,
@@ -80,13 +79,10 @@ from dynid.scene.schema.raw import (
     ports_of,
 )
 from dynid.scene.schema.reduction import ReductionModel, structure_faults
-from dynid.scene.schema.references import Path, sections
-from dynid.scene.schema.signals import SignalPart, TimeGrid
+from dynid.scene.schema.references import sections
+from dynid.scene.schema.signals import SignalPart, TimeGrid, calibration_faults
 from dynid.scene.schema.structure import StructureModel
 from dynid.suggestions import did_you_mean, shortened
-
-if TYPE_CHECKING:
-    from dynid.scene.schema.identification import IdentificationScene
 
 #: Physical domains; `mechanical` is translation.
 Domain = Literal["mechanical", "rotational", "electrical", "magnetic", "hydraulic", "acoustic", "thermal"]
@@ -489,11 +485,11 @@ class BondGraphScene(ComposedScene):
         names = names_of(info)
         raise_faults(
             [
-                *graph_scene_faults(self, names),
+                *stored_energy_faults(self.initial, names.nodes),
+                *self._control_faults(),
                 *self._port_faults(names.nodes),
                 *self._energy_faults(),
                 *self._driving_faults(),
-                *(design_faults(self) if self.design is not None else ()),
                 *accuracy_faults(self),
             ]
         )
@@ -502,9 +498,8 @@ class BondGraphScene(ComposedScene):
     @property
     def sources(self) -> list[str]:
         """The sources of its graph and of its closed loops."""
-        loops = self.control.loops if self.control else ()
         nodes = [name for name, node in self.graph.nodes.items() if node.type in SOURCES]
-        return [*nodes, *(name for loop in loops for name in (loop.reference, loop.setpoint) if name)]
+        return [*nodes, *(self.control.signals if self.control else ())]
 
     @property
     def aspects(self) -> set[str]:
@@ -515,6 +510,30 @@ class BondGraphScene(ComposedScene):
             if any(signal.kind != "impulse" for signal in signals) or not (signals or self.initial):
                 requested.add("propagation")  # without signals and stored energy a unit step drives it
         return requested
+
+    def _control_faults(self) -> Iterator[Located]:
+        """Yield the faults of inputs, responses and designs of graphs with feedback, and of other designs."""
+        control: ControlModel | None = self.control
+        if self.design is not None:
+            driven = control.driven if control else ()
+            inputs = self.analysis.inputs or [name for name in self.sources if name not in driven]
+            outputs = [str(port) for port in self.analysis.outputs]
+            yield from self.design.faults(self.parameters, self.graph.nodes, outputs, inputs)
+        if control is None:
+            return
+        yield from control.input_faults(self.analysis.inputs)
+        if not control.delays:
+            return
+        if self.design is not None:
+            message = "a graph with a delay in a loop is not designed; "
+            message += "write it as {numerator: …, denominator: …}"
+            yield from (((*path, AT_KEY), message) for path in control.delays)
+        message = f"a time response is not computed where a loop has a delay; {DELAY_REMEDY}"
+        if self.analysis.results is None and self.analysis.time is not None:
+            yield ("analysis", "time", AT_KEY), message
+        for index, name in enumerate(self.analysis.results or ()):
+            if name == "time_response":
+                yield ("analysis", "results", index), message
 
     def _port_faults(self, types: Mapping[str, str]) -> Iterator[Located]:
         """Yield the fault of the port at which the graph is cut."""
@@ -552,28 +571,3 @@ class BondGraphScene(ComposedScene):
             for key in {"motion", "base"} & signal.model_fields_set:
                 message = f"'{key}' belongs to structures; a flow source prescribes a motion"
                 yield (*path, key, AT_KEY), message
-
-
-def graph_scene_faults(scene: BondGraphScene | IdentificationScene, names: SceneNames) -> Iterator[Located]:
-    """Yield the faults of the feedback and the stored energy of a graph in a scene of any kind."""
-    if scene.control is not None:
-        yield from control_faults(scene)
-    types = names.nodes
-    for name, energy in scene.initial.items():
-        kind, path = types.get(str(name)), ("initial", name)
-        key, other, quantity = ("f", "e", "flow f") if kind == "I" else ("e", "f", "effort e")
-        if kind is None:
-            yield (*path, AT_KEY), f"no node '{name}'{did_you_mean(str(name), types)}"
-        elif kind in (*MULTIPORTS, PORT):
-            yield (*path, AT_KEY), f"stored energy is given to single I and C, not to a {kind}"
-        elif kind not in ("I", "C"):
-            yield (*path, AT_KEY), f"'{name}' is {kind} and stores no energy; only I and C do"
-        elif getattr(energy, other) is not None or getattr(energy, key) is None:
-            yield path, f"the energy of {kind} '{name}' is given by its {quantity}"
-
-
-def calibration_faults(path: Path, signal: SignalPart) -> Iterator[Located]:
-    """Yield the faults of a signal of a response with a gain or delay, which belong to records."""
-    for key in {"gain", "delay"} & signal.model_fields_set:
-        message = f"'{key}' belongs to the excitation of a record; a response is that to the signal itself"
-        yield (*path, key, AT_KEY), message

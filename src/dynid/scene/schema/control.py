@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import Annotated, Self
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -17,17 +17,17 @@ from dynid.scene.schema.quantities import (
     UncertainNotNegative,
     UncertainPositive,
     fault,
+    names_of,
+    raise_faults,
 )
-
-if TYPE_CHECKING:
-    from dynid.scene.schema.bond_graph import BondGraphScene
-    from dynid.scene.schema.identification import IdentificationScene
+from dynid.scene.schema.references import Path
 
 Coefficients = Annotated[list[Uncertain], Field(min_length=1, max_length=50)]
 
 
 #: Most loops with delays: the terms of their characteristic function double with each.
 MAX_DELAYS = 8
+DELAY_REMEDY = "leave it out, or write the delay as a rational function (numerator, denominator)"
 
 
 class PidModel(Section):
@@ -86,57 +86,58 @@ class LoopModel(Section):
             raise fault(f"'{name}' cannot name a {info.field_name}; use letters, digits and _")
         return name
 
-    @property
-    def has_delay(self) -> bool:
-        """True if its controller has a delay."""
-        delay = self.controller.delay
-        return delay is not None and float(delay) != 0
-
 
 class ControlModel(Section):
     """Feedback, which closes loops around the graph."""
 
     loops: list[LoopModel] = Field(min_length=1)
 
+    @model_validator(mode="after")
+    def _fits(self, info: ValidationInfo) -> Self:
+        names = names_of(info)
+        raise_faults([*self._name_faults(names.nodes), *self._delay_faults(linear=names.linear)])
+        return self
 
-def control_faults(scene: BondGraphScene | IdentificationScene) -> Iterator[Located]:
-    """Yield the faults of references, setpoints and delays, and of inputs that loops drive."""
-    assert scene.control is not None
-    loops, seen = scene.control.loops, dict[str, str]()
-    nodes = scene.graph.nodes if scene.graph is not None else {}
-    for (index, loop), key in product(enumerate(loops), ("reference", "setpoint")):
-        if name := getattr(loop, key):
-            path = ("control", "loops", index, key)
-            if name in nodes or name in seen:
-                what = "a node" if name in nodes else f"the {seen[name]} of another loop"
-                yield path, f"'{name}' is {what}; use another name"
-            seen.setdefault(name, key)
-    driven = {loop.source for loop in loops}
-    signals = ", ".join(seen) or "reference: r, setpoint: w"
-    for index, name in enumerate(getattr(scene.analysis, "inputs", None) or ()):
-        if name in driven:
-            message = f"'{name}' is driven by a loop; the input is its reference or setpoint ({signals})"
-            yield ("analysis", "inputs", index), message
-    yield from _delay_faults(scene, [index for index, loop in enumerate(loops) if loop.has_delay])
+    @property
+    def driven(self) -> set[str]:
+        """The sources that loops drive."""
+        return {loop.source for loop in self.loops}
 
+    @property
+    def signals(self) -> list[str]:
+        """The references and setpoints, which are sources of the closed loop."""
+        return [name for loop in self.loops for name in (loop.reference, loop.setpoint) if name]
 
-def _delay_faults(scene: BondGraphScene | IdentificationScene, late: list[int]) -> Iterator[Located]:
-    """Yield the faults of what is not computed where loops have delays; `late` are the loops that do."""
-    if not late:
-        return
-    remedy = "leave it out, or write the delay as a rational function (numerator, denominator)"
-    if scene.kind == "identification":
-        path = ("control", "loops", late[0], "controller", "delay", AT_KEY)
-        yield path, f"a loop with a delay is not identified; {remedy}"
-        return
-    if len(late) > MAX_DELAYS:
-        yield ("control", "loops", AT_KEY), f"at most {MAX_DELAYS} loops may have a delay"
-    if scene.design is not None:
-        message = "a graph with a delay in a loop is not designed; write it as {numerator: …, denominator: …}"
-        yield from ((("control", "loops", index, "controller", "delay", AT_KEY), message) for index in late)
-    message = f"a time response is not computed where a loop has a delay; {remedy}"
-    if scene.analysis.results is None and scene.analysis.time is not None:
-        yield ("analysis", "time", AT_KEY), message
-    for index, name in enumerate(scene.analysis.results or ()):
-        if name == "time_response":
-            yield ("analysis", "results", index), message
+    @property
+    def delays(self) -> list[Path]:
+        """The paths of the delays in its loops."""
+        return [
+            ("control", "loops", index, "controller", "delay")
+            for index, loop in enumerate(self.loops)
+            if loop.controller.delay is not None and float(loop.controller.delay)
+        ]
+
+    def input_faults(self, inputs: Sequence[str] | None) -> Iterator[Located]:
+        """Yield the inputs of an analysis that loops drive."""
+        signals = ", ".join(self.signals) or "reference: r, setpoint: w"
+        for index, name in enumerate(inputs or ()):
+            if name in self.driven:
+                message = f"'{name}' is driven by a loop; the input is its reference or setpoint ({signals})"
+                yield ("analysis", "inputs", index), message
+
+    def _name_faults(self, nodes: Mapping[str, str]) -> Iterator[Located]:
+        """Yield the references and setpoints with the name of something else."""
+        seen = dict[str, str]()
+        for (index, loop), key in product(enumerate(self.loops), ("reference", "setpoint")):
+            if name := getattr(loop, key):
+                if name in nodes or name in seen:
+                    what = "a node" if name in nodes else f"the {seen[name]} of another loop"
+                    yield ("loops", index, key), f"'{name}' is {what}; use another name"
+                seen.setdefault(name, key)
+
+    def _delay_faults(self, *, linear: bool) -> Iterator[Located]:
+        """Yield the fault of delays that are not identified, or too many."""
+        if linear and self.delays:
+            yield (*self.delays[0][1:], AT_KEY), f"a loop with a delay is not identified; {DELAY_REMEDY}"
+        elif len(self.delays) > MAX_DELAYS:
+            yield ("loops", AT_KEY), f"at most {MAX_DELAYS} loops may have a delay"

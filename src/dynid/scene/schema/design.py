@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from collections.abc import Collection, Iterator, Mapping
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -13,9 +13,6 @@ from dynid.scene.schema.base import DefinedParameter, Section
 from dynid.scene.schema.graph_variables import Output, SourceName
 from dynid.scene.schema.quantities import AT_KEY, Located, NotNegative, Positive, Value, fault
 from dynid.suggestions import did_you_mean
-
-if TYPE_CHECKING:
-    from dynid.scene.schema.bond_graph import BondGraphScene
 
 
 class FreeModel(Section):
@@ -120,46 +117,52 @@ class DesignModel(Section):
     seed: int = Field(default=0, ge=0, strict=True)
     compare: dict[str, dict[str, Value]] = {}
 
+    def faults(
+        self, parameters: Mapping[str, Any], nodes: Collection[str], outputs: list[str], inputs: list[str]
+    ) -> Iterator[Located]:
+        """Yield free parameters that there are not, and targets whose channel is not said.
 
-def design_faults(scene: BondGraphScene) -> Iterator[Located]:
-    """Yield the faults of names: free parameters that there are not, and channels that are not said."""
-    design = scene.design
-    assert design is not None
-    for name in design.free:
-        if problem := _parameter_problem(scene, name):
-            yield ("design", "free", name, AT_KEY), problem
-    for title, values in design.compare.items():
-        for name in values:
-            problem = _parameter_problem(scene, name)
-            if not problem and name not in design.free:
-                problem = f"'{name}' is not free; values to compare are those of free parameters"
-            if problem:
-                yield ("design", "compare", title, name, AT_KEY), problem
-    driven = {loop.source for loop in scene.control.loops} if scene.control else set()
-    inputs = scene.analysis.inputs or [name for name in scene.sources if name not in driven]
-    channels = {"output": [str(port) for port in scene.analysis.outputs], "input": inputs}
-    for index, target in enumerate(design.targets):
-        for key, names in channels.items():
-            if getattr(target, key) is None and len(names) != 1:
-                several = f"several: {', '.join(names)}" if names else "none"
-                message = f"the target needs an '{key}'; the analysis has {several}"
-                yield ("design", "targets", index), message
+        Parameters
+        ----------
+        parameters
+            The parameters of the scene.
+        nodes
+            The nodes of its graph.
+        outputs, inputs
+            The outputs and inputs of its analysis.
+        """
+        for name in self.free:
+            if problem := _parameter_problem(name, parameters, nodes):
+                yield ("design", "free", name, AT_KEY), problem
+        for title, values in self.compare.items():
+            for name in values:
+                problem = _parameter_problem(name, parameters, nodes)
+                if not problem and name not in self.free:
+                    problem = f"'{name}' is not free; values to compare are those of free parameters"
+                if problem:
+                    yield ("design", "compare", title, name, AT_KEY), problem
+        for index, target in enumerate(self.targets):
+            for key, names in (("output", outputs), ("input", inputs)):
+                if getattr(target, key) is None and len(names) != 1:
+                    several = f"several: {', '.join(names)}" if names else "none"
+                    message = f"the target needs an '{key}'; the analysis has {several}"
+                    yield ("design", "targets", index), message
 
 
-def _parameter_problem(scene: BondGraphScene, name: str) -> str:
+def _parameter_problem(name: str, parameters: Mapping[str, Any], nodes: Collection[str]) -> str:
     """Return why a name is no parameter with a value of its own; empty where it is one."""
-    if name not in scene.parameters:
-        close = did_you_mean(name, scene.parameters)
-        if not close and name in scene.graph.nodes:
+    if name not in parameters:
+        close = did_you_mean(name, parameters)
+        if not close and name in nodes:
             close = f"; '{name}' is a node: name its value in 'parameters', and free that"
         return f"no parameter '{name}'{close}"
-    entry = scene.parameters[name]
+    entry = parameters[name]
     expression = entry.reference.expression if isinstance(entry, DefinedParameter) else None
     try:
         expression = parse(entry) if isinstance(entry, str) else expression
     except ExpressionError:
         return ""  # reported where it is defined
-    names = sorted(expression.names) if expression is not None else []
-    return (
-        f"'{name}' is computed from {', '.join(names)}; free these, or write a number for it" if names else ""
-    )
+    if expression is None or not expression.names:
+        return ""
+    names = ", ".join(sorted(expression.names))
+    return f"'{name}' is computed from {names}; free these, or write a number for it"

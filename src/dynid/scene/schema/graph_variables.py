@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import PlainValidator, ValidationInfo, WithJsonSchema
 
-from dynid.scene.schema.quantities import fault, names_of
+from dynid.scene.schema.quantities import AT_KEY, Located, fault, names_of
 from dynid.scene.schema.raw import MULTIPORTS, PORT, ports_of
 from dynid.suggestions import did_you_mean, shortened
 
@@ -27,6 +27,21 @@ def unknown_node(nodes: Mapping[str, str], name: str) -> str:
     if holder in nodes:
         return f"'{holder}' has no named ports; write '{holder}'"
     return f"no node '{name}'{did_you_mean(name, nodes)}"
+
+
+def stored_energy_faults(initial: Mapping[Any, Any], types: Mapping[str, str]) -> Iterator[Located]:
+    """Yield the faults of the energy that a scene gives to nodes of its graph."""
+    for name, energy in initial.items():
+        kind, path = types.get(str(name)), ("initial", name)
+        key, other, quantity = ("f", "e", "flow f") if kind == "I" else ("e", "f", "effort e")
+        if kind is None:
+            yield (*path, AT_KEY), f"no node '{name}'{did_you_mean(str(name), types)}"
+        elif kind in (*MULTIPORTS, PORT):
+            yield (*path, AT_KEY), f"stored energy is given to single I and C, not to a {kind}"
+        elif kind not in ("I", "C"):
+            yield (*path, AT_KEY), f"'{name}' is {kind} and stores no energy; only I and C do"
+        elif getattr(energy, other) is not None or getattr(energy, key) is None:
+            yield path, f"the energy of {kind} '{name}' is given by its {quantity}"
 
 
 def _port(raw: Any, info: ValidationInfo) -> Port:

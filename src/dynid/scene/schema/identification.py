@@ -19,6 +19,7 @@ from dynid.scene.schema.base import (
     SignedDof,
     accuracy_faults,
 )
+from dynid.scene.schema.graph_variables import stored_energy_faults
 from dynid.scene.schema.joints import JointModel, ParameterModel
 from dynid.scene.schema.later import Later
 from dynid.scene.schema.measurement import ChannelModel, MeasurementModel, OutputModel, RecordModel
@@ -36,7 +37,7 @@ from dynid.scene.schema.quantities import (
 from dynid.scene.schema.raw import listing, mapping_of
 from dynid.scene.schema.reduction import ReductionModel, structure_faults
 from dynid.scene.schema.references import Path, sections
-from dynid.scene.schema.signals import SignalPart, Signals, TimeGrid
+from dynid.scene.schema.signals import SignalPart, Signals, TimeGrid, calibration_faults
 from dynid.scene.schema.structure import StructureModel
 from dynid.suggestions import did_you_mean
 
@@ -273,10 +274,10 @@ class IdentificationScene(ComposedScene):
     def _fits(self, info: ValidationInfo) -> Self:
         faults: list[Located] = []
         if self.graph is not None:
-            from dynid.scene.schema.bond_graph import graph_scene_faults
-
+            inputs = self.analysis.inputs if self.analysis is not None else None
             faults += [
-                *graph_scene_faults(self, names_of(info)),
+                *stored_energy_faults(self.initial, names_of(info).nodes),
+                *(self.control.input_faults(inputs) if self.control is not None else ()),
                 *self._structure_keys(),
                 *self._graph_channel_faults(names_of(info).variables),
             ]
@@ -285,8 +286,6 @@ class IdentificationScene(ComposedScene):
             structure = None if self.points or self.motions else self.structure
             faults += [*structure_faults(self, structure), *self._load_faults()]
         if self.analysis is not None:
-            from dynid.scene.schema.bond_graph import calibration_faults
-
             for path, signal in sections(self.analysis, SignalPart, ("analysis",)):
                 faults += calibration_faults(path, signal)
         records = [record for _, record in sections(self, RecordModel)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -14,7 +15,17 @@ from pydantic import (
 
 from dynid.defaults import HOLD
 from dynid.scene.schema.base import FilePath, MotionQuantity, Section, SensitivityModel, SignedDof, UnitName
-from dynid.scene.schema.quantities import NotNegative, Positive, Quantity, Uncertain, Value, fault
+from dynid.scene.schema.quantities import (
+    AT_KEY,
+    Located,
+    NotNegative,
+    Positive,
+    Quantity,
+    Uncertain,
+    Value,
+    fault,
+)
+from dynid.scene.schema.references import Path
 from dynid.units import angular_factor
 
 Hold = Literal["spline", "linear", "zero"]
@@ -73,6 +84,13 @@ class PeriodicPart(AmplitudePart):
     def factor(self) -> float:
         """Factor that converts its frequencies into rad/s."""
         return angular_factor(self.unit)
+
+
+def calibration_faults(path: Path, signal: SignalPart) -> Iterator[Located]:
+    """Yield the faults of a signal of a response with a gain or delay, which belong to records."""
+    for key in {"gain", "delay"} & signal.model_fields_set:
+        message = f"'{key}' belongs to the excitation of a record; a response is that to the signal itself"
+        yield (*path, key, AT_KEY), message
 
 
 _FREQUENCIES = {"frequency", "band"}
