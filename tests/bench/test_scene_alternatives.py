@@ -8,9 +8,10 @@ import pytest
 import dynid
 from dynid.bench.scenes.measure import add_accuracy, aspect_of
 from dynid.checks import compare
-from dynid.cli.summary.bench import accuracy_lines
+from dynid.cli.screen import section_lines
 from dynid.errors import SceneError
 from dynid.report.content import content
+from dynid.report.content.bench import alternative_sections
 from dynid.report.content.blocks import TextTable
 from dynid.result import Result
 from dynid.scene.kinds.reduction import read_reduction
@@ -145,10 +146,11 @@ def test_screen_and_page_name_every_alternative_and_the_choice(mass):
             for row in block.rows}  # fmt: skip
     known = {name for names in ASPECTS["bond-graph"].values() for name in names}
     assert known <= rows
-    said = "\n".join(accuracy_lines(mass))
-    assert said.count("→ exact") == 2  # the engine, and the way a motion is propagated
-    assert all(f"    {name}" in said or f"→ {name}" in said for name in known)
-    assert accuracy_lines(Result("bond-graph")) == []
+    said = section_lines(alternative_sections(mass))
+    chosen = [line.split()[0] for line in said if "→ chosen" in line]
+    assert chosen == ["exact", "exact"]  # the engine, and the way a motion is propagated
+    assert all(any(line.startswith(f"    {name} ") for line in said) for name in known)
+    assert list(alternative_sections(Result("bond-graph"))) == []
 
 
 def test_what_the_budget_does_not_hold_is_named():

@@ -7,8 +7,8 @@ def test_a_run_shows_what_else_could_have_been_chosen(folder, dynid):
     code, out, err = dynid("run", "small.yaml", "--accuracy")
     assert (code, err) == (0, "")
     rows = [line.split() for line in out.splitlines()]
-    chosen = [row[1] for row in rows if row[:1] == ["→"] and row[1] != "the"]
-    assert chosen == ["exact", "exact"]
+    assert [row[0] for row in rows if "→" in row] == ["exact", "exact"]
+    assert all("→ chosen, " in line or line.endswith("→ chosen") for line in out.splitlines() if "→" in line)
     assert any(row[:1] == ["float"] for row in rows)
     assert "chosen by default: exact zeros and poles" in " ".join(out.split())
     assert read_result(folder / "small.h5")["accuracy/engine/status"].data.tolist() == ["done"] * 3

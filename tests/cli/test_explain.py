@@ -9,8 +9,9 @@ import pytest
 
 from dynid.bondgraph.analysis_request import RESULTS
 from dynid.cli.explained import _received, seconds_text, size_text
-from dynid.cli.summary.identification import identifiability_lines
+from dynid.cli.screen import section_lines
 from dynid.errors import Singular
+from dynid.report.content.identifiability import identifiability_sections
 from dynid.scene.explanations.explanation import explain, peak_megabytes, trial
 from dynid.scene.load import check_source, load_scene
 from dynid.scene.run import run_scene
@@ -514,7 +515,7 @@ def test_interchangeable_branches_are_named_before_a_run_and_reported_after_it()
     explained = explain(scene).result
     assert explained.value(f"{group}/set").tolist() == [said]
     assert explained.value(f"{group}/optima") == 2
-    assert any(said in line for line in identifiability_lines(explained))
+    assert any(said in line for line in section_lines(identifiability_sections(explained)))
     result = run_scene(scene)
     assert result.value("identification/diagnostics/equivalent_optima") == 2
     found = result.value("identification/equivalent_optima/estimate")

@@ -9,9 +9,9 @@ import click
 import pytest
 
 from dynid.cli import start as start_module
-from dynid.cli import summary
 from dynid.cli.arguments import guarded
-from dynid.cli.summary.common import aligned
+from dynid.cli.screen import summary
+from dynid.cli.text import aligned
 from dynid.result import Result
 from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene
@@ -251,7 +251,7 @@ def test_screens_fit_a_terminal(monkeypatch, width):
     result.title += " with a title that is longer than others are"
     monkeypatch.setenv("COLUMNS", str(width))
     monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
-    screen = summary.summary(result, "0.1 s", trace=True).splitlines()
+    screen = summary(result, "0.1 s", trace=True).splitlines()
     assert max(map(len, screen)) <= width
     table = [["", "start", "estimate"], ["upper.k [N/m]", "1" * 30, "2" * 40], ["c", "3", "4"]]
     lines = list(aligned(table, gap=4))
@@ -260,4 +260,4 @@ def test_screens_fit_a_terminal(monkeypatch, width):
 
 
 def test_screens_of_an_unknown_kind_have_no_derivations():
-    assert summary.summary(Result("of another version", "title"), "").startswith("title")
+    assert summary(Result("of another version", "title"), "").startswith("title")

@@ -39,7 +39,7 @@ def test_a_plan_is_a_screen_and_on_request_a_file(dynid, folder):
     assert not list(folder.glob("*.h5"))
     for said in (
         "Three masses",
-        "identifiability (Cramér–Rao bounds at the true values, initial state unknown)",
+        "identifiability: Cramér–Rao bounds at the true values, initial state unknown",
         "best sensor of 9 candidates",
         "present: 1.velocity",
         "best 2 sines, amplitude",
@@ -83,7 +83,7 @@ def test_a_run_tells_its_identifiability_where_asked(dynid):
     assert not [path for path in read_result("s.h5") if "identifiability" in path]
     code, out, _ = dynid("run", write(SCENE + "identifiability: true\n"))
     assert code == 0
-    assert "identifiability from the record" in out
+    assert "identifiability: Cramér–Rao bounds from the record at the true values" in out
     result = read_result("s.h5")
     np.testing.assert_allclose(
         result["identification/identifiability/bound"].data,

@@ -7,8 +7,8 @@ from scipy.linalg import expm
 import dynid
 from dynid import open_result
 from dynid.checks import check_expectations, compare
-from dynid.cli.summary.common import response_lines
-from dynid.report.content import responses
+from dynid.cli.screen import section_lines
+from dynid.report.content.responses import response_sections
 from dynid.report.figure import figures
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
@@ -80,18 +80,18 @@ def test_stored_energy_without_signals_is_a_free_response():
 
 def test_each_response_is_printed_drawn_expected_and_compared():
     result = run()
-    lines = "\n".join(response_lines(result, "bond_graph"))
+    lines = "\n".join(section_lines(response_sections(result, "bond_graph")))
     assert "to F, V, each alone, 0 … 3 s" in lines
     largest = exact().max(axis=0)
     for k, output in enumerate(("m.f", "k.e")):
         for m, source in enumerate(("F", "V")):
-            assert f"    {output} to {source}: min " in lines
+            assert f"\n    {output} to {source} " in lines
             demand = {"path": f"{TIME}/response", "at": {"output": output, "source": source}}
             (outcome,) = check_expectations(result, [{**demand, "max": largest[k, m] + 1e-9}])
             assert outcome.passed
             (outcome,) = check_expectations(result, [{**demand, "max": largest[k, m] - 1e-3}])
             assert not outcome.passed
-    (section,) = [part for part in responses(result) if part.title == "Time response"]
+    (section,) = [part for part in response_sections(result, "bond_graph") if part.title == "Time response"]
     assert [row[0] for row in section.blocks[0].rows] == ["m.f to F", "m.f to V", "k.e to F", "k.e to V"]
     (figure,) = [each for each in figures(result) if each.name == "time-response"]
     assert "m.f to V" in figure.svg
@@ -113,7 +113,7 @@ def test_nonlinear_responses_are_those_to_each_source_alone():
         np.testing.assert_array_equal(
             together[f"{TIME}/nonlinear"].data[..., place], alone[f"{TIME}/nonlinear"].data
         )
-    assert f"m.f to {source}" in "\n".join(response_lines(together, "bond_graph"))
+    assert f"m.f to {source}" in "\n".join(section_lines(response_sections(together, "bond_graph")))
 
 
 def test_samples_of_a_study_have_each_source_alone(dynid, folder):

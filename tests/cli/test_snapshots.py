@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from dynid.cli.summary import summary
+from dynid.cli.screen import summary
 from dynid.result import Result
 from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene

@@ -128,7 +128,7 @@ def test_the_table_beside_the_standard_errors_says_what_residuals_would_show():
     assert heads[1:3] == ("bolt.k", "bolt.c")
     assert rows[0][0] == "standard error"
     assert any(row[0].startswith("1 % of the mass of DOF") for row in rows)
-    from dynid.cli.summary.identification import lines
+    from tests.screens import lines
 
     screen = "\n".join(lines(result))
     assert "residuals show it from" in screen

@@ -7,7 +7,6 @@ import pytest
 import scipy.stats
 
 from dynid.arithmetic.dependent import Dependent
-from dynid.cli.summary import identification
 from dynid.errors import UsageError
 from dynid.identification.estimators.modal_search import ModalSearch
 from dynid.identification.identifiability import identifiability
@@ -27,6 +26,7 @@ from dynid.structure.mode_derivatives import lowest_modes, modal_basis
 from dynid.structure.model import StructuralModel, Term
 from dynid.structure.ports import Channel, Load
 from tests.identification.modal_cases import DOFS, chain, measured, plate, true_modes
+from tests.screens import lines
 
 KNOWN = Scatter(0.0, 0.0, 0.0)
 
@@ -501,7 +501,7 @@ def test_end_of_the_trade_off_that_fails_is_left_out(monkeypatch):
 
 
 def test_whiteness_of_records_stands_beside_modes():
-    from dynid.report.content.identification import verdict_sentences
+    from dynid.report.content.identification import verdict_statements
     from dynid.report.figure import figures
 
     model = chain(damping=True)
@@ -520,7 +520,7 @@ def test_whiteness_of_records_stands_beside_modes():
     residual = measurement[0] - measurement[1]
     for place, left in zip(np.flatnonzero(there), (residual - residual.mean(axis=0)).T, strict=True):
         assert r[0, place] == pytest.approx(left[1:] @ left[:-1] / (left @ left), abs=1e-6)
-    assert any("the residuals are white" in one for one in verdict_sentences(result))
+    assert any("the residuals are white" in one.text for one in verdict_statements(result))
     figure = next(one for one in figures(result) if one.name == "whiteness")
     assert len(figure.draw().table.rows[0]) == 3
 
@@ -627,16 +627,15 @@ def test_what_the_data_know_better_than_the_priors():
     start = "the data determine 2 of 3 combinations better than the priors: "
     assert [one for one in said if one.startswith(start)]
     assert said[-1] == "known by their priors alone: far.k"
-    screen = " ".join(" ".join(identification.lines(result)).split())
+    screen = " ".join(" ".join(lines(result)).split())
     assert all(" ".join(str(one).split()) in screen for one in said)
 
 
-def test_the_screen_has_the_first_measured_modes_and_what_they_say(monkeypatch):
+def test_the_screen_has_the_first_measured_modes_and_what_they_say():
     from dynid.report.content.modes import modal_table
 
     result = identify(chain(), measured(chain(), seed=5))
-    monkeypatch.setattr(identification, "_MODES", 3)
-    screen = "\n".join(identification.lines(result))
+    screen = "\n".join(lines(result, rows=3))
     _, rows = modal_table(result)
     for row in rows[:3]:
         assert " ".join(row) in " ".join(screen.split())

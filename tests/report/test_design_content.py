@@ -64,12 +64,12 @@ def designed(counts, ended, optimum=None, maxima=1, objectives=(), warnings=()):
         (
             {"counts": [4], "ended": 4, "optimum": False, "warnings": ["no minimum", "at a limit"]},
             [
-                ("no minimum", "bad"),
-                ("at a limit", "bad"),
+                ("warning: no minimum", "bad"),
+                ("warning: at a limit", "bad"),
                 ("4 of 8 starts ended in a solution, all in this one", ""),
             ],
         ),
     ],
 )
 def test_how_a_design_was_found(given, said):
-    assert list(statements(designed(**given))) == said
+    assert [(one.text, one.tone) for one in statements(designed(**given))] == said

@@ -37,7 +37,8 @@ def test_a_loop_without_feedback_is_drawn():
     assert "L = 0, nothing is fed back" in pictures["loop-nyquist"].caption
     assert "root-locus-loop-1" not in pictures
     assert "root-locus-loop-2" in pictures
-    (table,) = {section.title: section for section in content(result).sections}["Feedback loops"].blocks
+    table, remark = {section.title: section for section in content(result).sections}["Feedback loops"].blocks
+    assert remark.whole == "F.e -> u: L = 0: nothing is fed back, so that it moves no pole"
     assert table.rows[0] == ("F.e -> u", "∞", "∞", "∞", "1", "0", "stable")
 
 
@@ -115,7 +116,9 @@ def test_an_unstable_loop_has_no_margins_and_no_peaks_on_the_page():
     """0.5 s^2 + 0.2 s - 2: one root is right of the axis; the largest |S| is stored all the same."""
     result, pictures = drawn("{pid: {ki: -2}}")
     assert np.isfinite(result["bond_graph/margins/Ms"].data).all()
-    table, note = {section.title: section for section in content(result).sections}["Feedback loops"].blocks
+    sections = {section.title: section for section in content(result).sections}
+    table, note, verdict, *_ = sections["Feedback loops"].blocks
     assert table.rows == (("J.f -> u", *["not defined"] * 5, "unstable"),)
-    assert note.text == "Margins, Ms and Mt are not defined where the closed loop is not stable."
+    assert note.text == "margins, Ms and Mt are not defined where the closed loop is not stable"
+    assert verdict.whole.startswith("J.f -> u: unstable: pole at ")
     assert pictures["sensitivity-functions"].caption.endswith("J.f -> u: not defined (not stable).")

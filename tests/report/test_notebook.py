@@ -68,7 +68,7 @@ def test_a_notebook_shows_title_method_and_sections(motor):
     assert "DC motor, speed" in page.text
     assert "bond graph · exact engine" in page.text
     assert "−2.003" in page.text
-    assert '<td style="text-align:left">poles</td>' in motor._repr_html_()
+    assert "<dt>poles</dt>" in motor._repr_html_()
 
 
 def test_names_of_a_scene_cannot_become_tags():
@@ -96,16 +96,17 @@ def test_several_subplots_are_an_array_of_rows_and_columns(motor):
 def test_formulas_and_sentences_are_set_as_on_the_page(motor):
     """No power as in Python or with a caret, no bare backticks; a dash for a number that is unknown."""
     from dynid.report.content.blocks import NumberedList, Statement, TextTable, definitions
+    from dynid.report.page.nodes import node
 
     shown = motor._repr_html_()
     assert "**" not in shown
     assert not re.search(r"s\^\d", shown)
     assert "<sup>2</sup>" in shown
-    assert notebook._block(Statement("use `limits`")) == "<p>use <code>limits</code></p>"
-    assert "s<sup>4</sup>⋅k" in notebook._block(NumberedList(("s**4*k",)))
-    assert "s<sup>4</sup> + 1<br>x" in notebook._block(definitions(("a", ("s^4 + 1", "x"))))
-    rows = notebook._block(TextTable(("", "a"), (("2*k", "-"),)))
-    assert "<td>2*k</td><td>—</td>" in rows
+    assert node(Statement("use `limits`"), "") == '<p class="note">Use <code>limits</code>.</p>'
+    assert "s<sup>4</sup>⋅k" in node(NumberedList(("s**4*k",)), "")
+    assert "<dd>s<sup>4</sup> + 1</dd><dd>x</dd>" in node(definitions(("a", ("s^4 + 1", "x"))), "")
+    rows = node(TextTable(("", "a"), (("2*k", "-"),)), "")
+    assert '<th scope="row">2*k</th><td class="n">—</td>' in rows
 
 
 def test_single_numbers_beside_a_table_are_attributes_of_its_frame(motor):
@@ -169,7 +170,6 @@ def test_a_figure_is_suggested_and_svg_is_drawn_as_before(motor):
 
 
 def test_every_layer_is_drawn(monkeypatch):
-    from dynid.report import notebook
     from dynid.report.figure import Figure, Picture
     from dynid.report.plot import chart
 

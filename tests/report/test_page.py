@@ -20,7 +20,17 @@ from dynid.report.content.reduction import seconds_text
 from dynid.report.content.transfer_functions import sensitivity_text
 from dynid.report.figure import Figure, FigureTable, Picture
 from dynid.report.page import document, page, samples
-from dynid.report.page.html import CELLS, ROWS, Markup, figure_table, formula, sentence, shown_rows, tag, text
+from dynid.report.page.html import (
+    CELLS,
+    ROWS,
+    Markup,
+    figure_table,
+    formula,
+    shown_rows,
+    tag,
+    text,
+    with_code,
+)
 from tests.report.pages import HOSTILE, result_of, run, study, template
 
 KINDS = ["bond-graph", "identification", "reduction", "study", "bench"]
@@ -204,10 +214,10 @@ def test_transfer_functions_stand_in_raised_powers():
     )
     assert (
         formula("see `dynid bench a-b`")
-        == sentence("see `dynid bench a-b`")
+        == with_code("see `dynid bench a-b`")
         == "see <code>dynid bench a-b</code>"
     )
-    assert sentence("`<b>`") == "<code>&lt;b&gt;</code>"
+    assert with_code("`<b>`") == "<code>&lt;b&gt;</code>"
     assert formula("s**2*m + s^10 < 1") == "s<sup>2</sup>⋅m + s<sup>10</sup> &lt; 1"
 
 
@@ -318,7 +328,7 @@ def test_the_answer_of_a_benchmark_has_few_rows_and_the_details_all(others, show
         for column in ("pareto", "default"):
             result.add(f"{group}/{column}", [False, False], ("size",))
     sections = {section.title: section for section in content(result).sections}
-    table, note = sections["roots"].blocks[:2]
+    table, _, note = sections["roots"].blocks[:3]
     assert len(table.rows) == shown
     assert ("roots: all alternatives" in sections) == (shown == 3)
     if shown == 3:
@@ -446,12 +456,12 @@ def test_an_unknown_number_is_a_dash_in_every_table(value, there, on_screen):
     from dynid.number_format import general, time_text
     from dynid.report.content.blocks import TextTable
     from dynid.report.notation import short
-    from dynid.report.page.document import _block
     from dynid.report.page.html import cell_text
+    from dynid.report.page.nodes import node
 
     assert cell_text(value) == there
     assert general(value) == on_screen
-    row = _block(TextTable(("", "a"), (("x", general(value, 7)),)), "table")
+    row = node(TextTable(("", "a"), (("x", general(value, 7)),)), "table")
     assert f'<td class="n">{there.replace("-", "−")}</td>' in row
     if math.isnan(value):
         assert (short(value), time_text(value), cell_text(complex(1, value))) == ("—", "-", "—")
@@ -465,7 +475,7 @@ def test_no_page_of_a_study_with_failed_samples_says_nan():
 
 def test_a_benchmark_states_its_machine_and_answers_before_its_remarks():
     """On the screen, too; a file of an earlier version states none."""
-    from dynid.cli.summary import summary
+    from dynid.cli.screen import summary
     from dynid.report.content import content
 
     result = result_of("bench")

@@ -5,7 +5,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from dynid.cli.summary import summary
+from dynid.cli.screen import summary
 from dynid.report import figures
 from dynid.report.figure import leading
 from dynid.result import Result

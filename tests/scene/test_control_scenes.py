@@ -7,7 +7,7 @@ import pytest
 
 import dynid
 from dynid.checks import check_expectations
-from dynid.cli.summary import summary
+from dynid.cli.screen import summary
 from dynid.errors import SceneError
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source

@@ -302,7 +302,7 @@ def test_expectations_of_a_design_that_fill_lines_are_left_out():
 
 
 def test_the_screen_and_the_page_show_the_design():
-    from dynid.cli.summary import summary
+    from dynid.cli.screen import summary
     from dynid.report.content.design import design_sections
     from dynid.report.figure import figures
 

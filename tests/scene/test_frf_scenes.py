@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from dynid.cli.summary.identification import lines
 from dynid.errors import DynidError, UsageError
 from dynid.scene.kinds.planning import run_plan
 from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene
 from tests.scene.example_scenes import faults_of
+from tests.screens import lines
 
 HEAD = """\
 dynid: 1
@@ -427,5 +427,5 @@ def test_responses_and_what_can_be_told_beside_them(tmp_path):
     assert result["structure/frequency_response/input"].data.tolist() == ["2"]
     assert result["identification/identifiability/identifiable"].data.all()
     said = "\n".join(lines(result))
-    assert "identifiability from the frequency responses (Cramér–Rao bounds at the true values)" in said
+    assert "identifiability: Cramér–Rao bounds from the frequency responses at the true values" in said
     assert "state known" not in said

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 import dynid
-from dynid.cli.summary import summary
+from dynid.cli.screen import summary
 from dynid.errors import FileError, SceneError
 from dynid.identification.planning.plan import every_variable
 from dynid.report.content import content

@@ -6,7 +6,7 @@ import pytest
 import dynid
 from dynid.bondgraph.controller_circuits import PADE_ORDER
 from dynid.bondgraph.results import margins
-from dynid.cli.summary import summary
+from dynid.cli.screen import summary
 from dynid.progress import progress_to
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source

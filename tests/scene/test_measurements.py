@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from dynid.cli.summary.identification import lines
 from dynid.errors import Diverged, DynidError, FileError, UsageError
 from dynid.identification.records.measurement import Measurement
 from dynid.identification.records.simulation import Simulation
@@ -18,6 +17,7 @@ from dynid.structure.ports import Channel, Load
 from tests.identification.cases import LOADS, suspension
 from tests.scene.example_scenes import faults_of
 from tests.scene.test_identification_scenes import SCENE as ONE
+from tests.screens import lines
 
 HEAD = ONE[: ONE.index("excitation:")]
 RECORDS = """\

@@ -191,7 +191,7 @@ def test_responses_and_records_beside_modes_are_refused(tmp_path):
 
 
 def test_report_and_summary_show_the_modes(listed):
-    from dynid.cli.summary import summary
+    from dynid.cli.screen import summary
     from dynid.report.figure import figures
 
     names = [figure.name for figure in figures(listed)]

@@ -6,7 +6,7 @@ import pytest
 
 import dynid
 from dynid.checks import check_expectations
-from dynid.cli.summary import summary
+from dynid.cli.screen import summary
 from dynid.report.page.document import page
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
@@ -63,7 +63,7 @@ def test_a_decoupled_loop_decides_the_system_and_not_its_neighbour(late, second,
     assert result["bond_graph/margins/stable"].data.tolist() == [True, verdict[0]]
     assert passed == [verdict[0]]
     assert f"whole system: {verdict[1]}" in summary(result, "")
-    assert f">{verdict[1].capitalize()}" in page(result)
+    assert f">Whole system: {verdict[1]}" in page(result)
 
 
 def test_two_neutral_loops_that_do_not_act_on_each_other_have_their_own_margins():

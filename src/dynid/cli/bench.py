@@ -81,8 +81,8 @@ def bench(
       dynid bench zeros-poles --size zeros-poles=20,100
     """  # noqa: D301 - click's mark against wrapping
     from dynid.bench import BENCHMARKS, DEFAULT_RUN, benchmark, run_benchmarks
-    from dynid.cli.summary import summary
-    from dynid.cli.summary.common import described
+    from dynid.cli.screen import summary
+    from dynid.cli.text import described
 
     if listing:
         click.echo("\n".join(described([(name, benchmark(name).title) for name in BENCHMARKS])))

@@ -68,7 +68,7 @@ def explained(scene: Scene, overrides: tuple[str, ...]) -> Explained:
     DynidError
         Where a file of the scene cannot be read.
     """
-    from dynid.cli.summary.common import columns
+    from dynid.cli.text import columns
     from dynid.scene.explanations.explanation import LIMIT
     from dynid.trial import limits_processor_time, messages
 
@@ -109,7 +109,7 @@ def _received(stream: Iterable[dict[str, Any]]) -> Explained:
 
 def explain_file(send: Send, width: str, path: str, *overrides: str) -> None:
     """Explain the scene of a file for a screen of some width: what the separate process does."""
-    from dynid.cli.summary.common import screen_elsewhere
+    from dynid.cli.text import screen_elsewhere
     from dynid.scene.explanations.explanation import LIMIT
     from dynid.scene.load import load_scene
     from dynid.trial import limit_processor_time
@@ -169,13 +169,15 @@ def explain_in_parts(scene: Scene, send: Send) -> None:
 
 def explanation_lines(explanation: Explanation) -> Iterator[str]:
     """Yield the screen of an explanation but for its cost: facts, causality, identifiability."""
-    from dynid.cli.summary.identification import identifiability_lines
-    from dynid.cli.summary.transfer_functions import causality_lines
+    from dynid.cli.screen import section_lines
+    from dynid.report.content.bond_graph import causality_sections
+    from dynid.report.content.identifiability import calibration_sections, identifiability_sections
 
+    result = explanation.result
     yield from _paragraphs(
         [line for fact in explanation.facts for line in _hanging(fact.topic, fact.text)],
-        list(causality_lines(explanation.result)),
-        identifiability_lines(explanation.result),
+        section_lines(causality_sections(result)),
+        section_lines((*identifiability_sections(result), *calibration_sections(result))),
     )
 
 
@@ -199,7 +201,7 @@ def cost_lines(answer: Explained, loading: float) -> Iterator[str]:
 
 def _paragraphs(*parts: Sequence[str]) -> Iterator[str]:
     """Yield the lines of paragraphs, an empty line before each of them, folded to the screen."""
-    from dynid.cli.summary.common import folded
+    from dynid.cli.text import folded
 
     for part in filter(None, parts):
         yield ""
@@ -208,7 +210,7 @@ def _paragraphs(*parts: Sequence[str]) -> Iterator[str]:
 
 
 def _hanging(topic: str, text: str) -> Iterator[str]:
-    from dynid.cli.summary.common import columns
+    from dynid.cli.text import columns
 
     first, *rest = wrap(text, min(91, columns() - 17), break_long_words=False, break_on_hyphens=False) or [""]
     yield f"  {topic:<13}  {first}"

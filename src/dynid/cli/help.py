@@ -72,7 +72,7 @@ def library(name: str | None) -> int:
 
     A graph has it as a node `{model: NAME}`; to change it, write it to a file and `use:` that file.
     """
-    from dynid.cli.summary.common import described
+    from dynid.cli.text import described
     from dynid.scene.model_files import library_text
     from dynid.scene.yaml.source import parse_source
 

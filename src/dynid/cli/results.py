@@ -26,7 +26,7 @@ def show(file: str, everything: bool, trace: bool, as_json: bool) -> int:
 
     For an interrupted study, the finished samples are summarized.
     """
-    from dynid.cli.summary import contents, summary
+    from dynid.cli.screen import contents, summary
     from dynid.store import loaded, open_stored
 
     # Of a study only what the screen needs is read; it may be one that was interrupted.
@@ -169,7 +169,7 @@ def compare(first: str, second: str, rtol: float, atol: float, elementwise: bool
     """
     from dynid.checks import compare as differences_between
     from dynid.checks.comparison import compare_identifications
-    from dynid.cli.summary.common import folded
+    from dynid.cli.text import folded
     from dynid.number_format import counted
     from dynid.store import open_stored
 

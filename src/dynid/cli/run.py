@@ -99,7 +99,7 @@ def run(
     from dynid.report.content import warnings, without_warnings
 
     if not quiet and not as_json:
-        from dynid.cli.summary import summary
+        from dynid.cli.screen import summary
 
         # Each warning is printed once, on standard error.
         click.echo(summary(without_warnings(result), f"{time.perf_counter() - started:.2g} s", trace=verbose))
@@ -229,7 +229,7 @@ def plan(
 
         write_result(result, Path(output))
     if not quiet:
-        from dynid.cli.summary import summary
+        from dynid.cli.screen import summary
 
         click.echo(summary(result, f"{time.perf_counter() - started:.2g} s"))
         if output:

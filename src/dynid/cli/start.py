@@ -101,7 +101,7 @@ def doctor() -> int:
 
     Exit code 3: a required package is missing or cannot be loaded.
     """
-    from dynid.cli.summary.common import folded
+    from dynid.cli.text import folded
 
     def echo(line: str) -> None:
         click.echo("\n".join(folded(line)))

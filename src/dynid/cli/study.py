@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import shlex
 import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
@@ -23,9 +24,11 @@ from dynid.errors import UsageError
 if TYPE_CHECKING:
     from dynid.result import Result
     from dynid.study.analysis.sample_statistics import Direction
+    from dynid.study.plan import Plan
     from dynid.study.scheduler import Notice
 
 _LONGEST = 1e6  # longest time limit of a sample, s: more than a week
+_LISTED = 5  # most samples of a plan that are listed
 
 
 def _shard(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, int] | None:
@@ -135,8 +138,7 @@ def study(
         refuse_overwriting(scene, target, junit, report)
     refuse_missing_folders(target, junit, report)
     if dry_run:
-        from dynid.cli.summary.common import folded
-        from dynid.cli.summary.study import plan_lines
+        from dynid.cli.text import folded
         from dynid.study.keys import sample_keys
         from dynid.study.run import foreign_samples, shard_of, valid_samples
 
@@ -145,7 +147,7 @@ def study(
         given = [word for value in overrides for word in ("--set", value)]
         explaining = shlex.join(["dynid", "check", study, "--explain", *given])
         finished = valid_samples(plan, target, shard)
-        lines = plan_lines(plan, numbers, finished, target, foreign, explaining)
+        lines = _plan_lines(plan, numbers, finished, target, foreign, explaining)
         click.echo("\n".join(part for line in lines for part in folded(line)))
         return 0
     from dynid.cli.progress import noticing, showing_study
@@ -177,7 +179,7 @@ def study(
 
             write_page(result, report)
         if not quiet:
-            from dynid.cli.summary import summary
+            from dynid.cli.screen import summary
             from dynid.scene.batch import why_alone
 
             click.echo(summary(result, f"{time.perf_counter() - started:.2g} s"))
@@ -188,6 +190,70 @@ def study(
         if part:
             return 0
         return report_expectations(loaded, checked_expectations(loaded, result, junit), quiet)
+
+
+def _plan_lines(
+    plan: Plan, numbers: Sequence[int], finished: int, target: str, foreign: int = 0, explaining: str = ""
+) -> Iterator[str]:
+    """Yield the screen of a plan: its size, sampling, outputs, varied inputs and first samples.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    numbers
+        The samples to run: all, or those of a shard.
+    finished
+        The number of finished samples among them.
+    target
+        The file to write.
+    foreign
+        The number of finished samples of that file that do not belong to the study.
+    explaining
+        The command that estimates the time, which needs samples to be run.
+    """
+    import numpy as np
+
+    from dynid.cli.text import aligned
+    from dynid.number_format import counted
+    from dynid.suggestions import short_paths
+
+    method = plan.attrs["method"]
+    yield f"{plan.study.title}: {counted(len(numbers), 'sample')} of {plan.attrs['base']} ({plan.base.kind})"
+    yield f"  sampling  {method}" + (f", seed {plan.seed}" if method not in ("grid", "list") else "")
+    if len(numbers) < plan.size:
+        yield f"  shard     of {plan.size} samples, one in {plan.size // len(numbers)} or so"
+    yield f"  collects  {', '.join(plan.collect) or 'every number under properties and parameters'}"
+    yield f"  {target}: {finished} finished, {len(numbers) - finished} to run"
+    if explaining and finished < len(numbers):
+        yield f"  time      estimated from a few samples by: {explaining}"
+    if foreign:
+        verb = "does" if foreign == 1 else "do"
+        yield f"  warning: {counted(foreign, 'finished sample')} of {target} {verb} not belong to this study,"
+        yield "           and would be lost: write another file with -o, or discard them with --force"
+    yield ""
+    rows = [["", "values", "from", "to"]]
+    for path, values in plan.arrays.items():
+        different = np.unique(values)
+        name = path if path in plan.settings else f"{path} (not set in the scene)"
+        rows.append([name, str(len(different)), _value_text(different[0]), _value_text(different[-1])])
+    yield from aligned(rows, "  ")
+    yield ""
+    samples = [
+        [str(number), *(_value_text(values[number]) for values in plan.arrays.values())]
+        for number in numbers[:_LISTED]
+    ]
+    yield from aligned([["sample", *short_paths(list(plan.arrays))], *samples], "  ")
+    if len(numbers) > _LISTED:
+        yield "  …"
+
+
+def _value_text(value: Any) -> str:
+    import numpy as np
+
+    if isinstance(value, np.bool_):
+        return str(value).lower()
+    return f"{value:.6g}" if isinstance(value, np.floating) else str(value)
 
 
 def _warn_of_failure(result: Result, notice: Notice, target: str) -> None:

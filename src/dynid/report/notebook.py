@@ -6,6 +6,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from html import escape
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     import pandas
     from matplotlib.axes import Axes
 
-    from dynid.report.content.blocks import Block
     from dynid.result import Result, Variable
 
 #: Most rows of a table that are shown.
@@ -54,45 +54,16 @@ _SHARE = 0.55
 def html(result: Result) -> str:
     """Return a result as HTML for a notebook: title, method, and each section of its report, folded."""
     from dynid.report.content import content
+    from dynid.report.page.nodes import node, page_sections
 
     found = content(result)
     parts = [f"<p><strong>{escape(result.title or result.kind)}</strong><br>{escape(found.method)}</p>"]
-    for place, section in enumerate(found.sections):
-        blocks = "".join(_block(block) for block in section.blocks)
-        state = " open" if place == 0 else ""
+    places = (page_sections(found.sections, place) for place in ("answer", "details", "derivation"))
+    for k, section in enumerate(chain.from_iterable(places)):
+        blocks = "".join(node(block, section.title, most=_ROWS) for block in section.blocks)
+        state = " open" if k == 0 else ""
         parts.append(f"<details{state}><summary>{escape(section.title)}</summary>{blocks}</details>")
     return f"<div>{''.join(parts)}</div>"
-
-
-def _block(block: Block) -> str:
-    from dynid.report.content.blocks import DefinitionList, Statement, TextTable
-    from dynid.report.page.html import formula, sentence
-
-    if isinstance(block, Statement):
-        return f"<p>{sentence(block.text)}</p>"
-    if isinstance(block, DefinitionList):
-        rows: Sequence[Sequence[str]] = [(term, "\n".join(lines)) for term, lines in block.items]
-        # Notebooks align cells to the right, which suits numbers only.
-        return _table((), rows).replace("<td>", '<td style="text-align:left">')
-    if isinstance(block, TextTable):
-        return _table(block.columns, block.rows)
-    items = [f"<li>{formula(item)}</li>" for item in block.items[:_ROWS]]
-    return f"<ol>{''.join(items)}</ol>{_more(len(block.items))}"
-
-
-def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    from dynid.report.page.html import table_entry
-
-    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
-    body = ""
-    for first, *others in rows[:_ROWS]:
-        cells = [escape(first), *map(table_entry, others)]
-        body += "<tr>" + "".join(f"<td>{cell.replace(chr(10), '<br>')}</td>" for cell in cells) + "</tr>"
-    return f"<table>{f'<tr>{head}</tr>' if head else ''}{body}</table>{_more(len(rows))}"
-
-
-def _more(count: int) -> str:
-    return f"<p>… {count - _ROWS} more in the result</p>" if count > _ROWS else ""
 
 
 def axes(result: Result, name: str) -> Any:

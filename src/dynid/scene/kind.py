@@ -39,9 +39,7 @@ class Kind:
     batch
         Module with `batched`, which runs samples together, and `why_alone`.
     content
-        Module with `sections` and `method`: a result as facts and tables, for pages.
-    summary
-        Function of a result; returns its lines on the screen.
+        Module with `sections` and `method`: a result as facts and tables, for screens and pages.
     alternatives
         Mapping of the choices in a scene to functions that try their alternatives.
     """
@@ -58,7 +56,6 @@ class Kind:
     unread: str = ""
     batch: str = ""
     content: str = ""
-    summary: str = ""
     alternatives: str = ""
 
     def load(self, part: str) -> Any:
@@ -94,7 +91,6 @@ _KINDS = (
         unread="dynid.scene.kinds.bond_graph:unread_files",
         batch="dynid.scene.kinds.bond_graph_samples",
         content="dynid.report.content.bond_graph",
-        summary="dynid.cli.summary.bond_graph:lines",
         alternatives="dynid.bench.scenes.aspects:GRAPH_ASPECTS",
     ),
     Kind(
@@ -110,7 +106,6 @@ _KINDS = (
         unread="dynid.scene.kinds.identification:unread_files",
         batch="dynid.scene.kinds.identification_samples",
         content="dynid.report.content.identification",
-        summary="dynid.cli.summary.identification:lines",
         alternatives="dynid.bench.scenes.identification:ASPECTS",
     ),
     Kind(
@@ -123,7 +118,6 @@ _KINDS = (
         doubts="dynid.scene.kinds.structures:idle_masses",
         batch="dynid.scene.kinds.reduction_samples",
         content="dynid.report.content.reduction",
-        summary="dynid.cli.summary.identification:reduction_lines",
         alternatives="dynid.bench.scenes.aspects:REDUCTION_ASPECTS",
     ),
     Kind(
@@ -134,7 +128,6 @@ _KINDS = (
         explain="dynid.scene.explanations.bond_graph:explain_synthesis",
         prepare="dynid.scene.kinds.synthesis:preparation_steps",
         content="dynid.report.content.synthesis",
-        summary="dynid.cli.summary.bond_graph:synthesis_lines",
     ),
     Kind(
         "study",
@@ -143,7 +136,6 @@ _KINDS = (
         run="dynid.scene.kinds.study:run",
         check_valid="dynid.scene.kinds.study:check_study",
         content="dynid.report.content.study",
-        summary="dynid.cli.summary.study:lines",
     ),
 )
 #: The kinds by their names.

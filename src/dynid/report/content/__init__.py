@@ -1,28 +1,23 @@
-"""Content of the report of a result: sections of definitions, tables, statements and formulas.
+"""Content of results, for screens, pages and notebooks: sections of definitions, tables and statements.
 
-Every kind of result has a module with the sections of its own; those of several kinds are here: responses,
-expectations, model scope, undecided verdicts, alternatives.
+Every kind of result has a module with the sections of its own; those of several kinds are here:
+expectations, model scope, undecided verdicts.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from dynid.number_format import counted, general, memory_text, span_text, time_text
-from dynid.report.content.blocks import Content, ReportSection, Statement, TextTable, more
-from dynid.report.scenes import frequency_span, peak_responses, plain_data, time_courses
+from dynid.number_format import counted
+from dynid.report.content.bench import alternative_sections
+from dynid.report.content.blocks import Content, ReportSection, Statement, TextTable
+from dynid.report.scenes import plain_data
 from dynid.result import Result
 from dynid.scene.kind import KINDS, resolve
 
-#: Most channels and outputs that are listed.
-_MOST = 30
-#: Part of the largest value of a response below which a value is round-off.
-_ROUND_OFF = 1e-12
+#: Longest list of names of what a model omits; longest line with the reasons, and without them; characters.
+_NAMES, _LINE, _PARTS = 200, 106, 59
 #: Arrays of warnings.
 _OF_GRAPH = ("bond_graph/warnings", "bond_graph/design/warnings")
 _OF_IDENTIFICATION = "identification/diagnostics/warnings"
@@ -46,11 +41,10 @@ def content(result: Result) -> Content:
         return Content(result.kind)
     sections: list[ReportSection] = [
         *module.sections(result),
-        *responses(result),
         *doubtful(result),
         *expectations(result),
         *need(result),
-        *accuracy(result),
+        *alternative_sections(result),
     ]
     return Content(str(module.method(result)), tuple(sections))
 
@@ -88,59 +82,8 @@ def without_warnings(result: Result) -> Result:
 def doubtful(result: Result) -> Iterator[ReportSection]:
     """Yield the verdicts that round-off leaves undecided."""
     if found := doubts(result):
-        statements = tuple(Statement(text[0].upper() + text[1:], "bad") for text in found)
-        yield ReportSection("Undecided verdicts", statements, "answer")
-
-
-def responses(result: Result) -> Iterator[ReportSection]:
-    """Yield the peaks of frequency responses and the ranges of time responses."""
-    for base in ("bond_graph", "structure"):
-        group = f"{base}/frequency_response"
-        if f"{group}/omega" in result:
-            top = peak_responses(result, group)
-            outputs, inputs = (result[f"{group}/{axis}"].data for axis in ("output", "input"))
-            channels = [(k, m) for k in range(len(outputs)) for m in range(len(inputs))]
-            rows = []
-            for k, m in channels[:_MOST]:
-                size = general(top.magnitude[k, m])
-                rows.append((f"{outputs[k]} / {inputs[m]}", size, f"{general(top.at[k, m])}{top.note[k, m]}"))
-            low, high, unit = frequency_span(result, group)
-            count = counted(len(result[f"{group}/omega"].data), "frequency")
-            heads = ("", "peak magnitude", f"frequency ({unit})")
-            table = TextTable(heads, tuple(rows), caption=f"{count}, {span_text(low, high)} {unit}")
-            yield ReportSection("Frequency response", (table, *more(len(channels), _MOST, "channel")))
-        group = f"{base}/time_response"
-        if f"{group}/time" in result:
-            courses, outputs = time_courses(result, group), result[f"{group}/output"].data
-            ranges = tuple((name, *extremes(course)) for name, course in courses[:_MOST])
-            note = result.group_attrs.get(group, {}).get("note")
-            yield ReportSection(
-                "Time response",
-                (
-                    TextTable(("", "min", "max", "final"), ranges, caption=time_span(result, group)),
-                    *([Statement(f"{note}.")] if note else []),
-                    *more(len(courses), _MOST, "output" if len(courses) == len(outputs) else "response"),
-                ),
-            )
-
-
-def extremes(column: NDArray[np.float64]) -> tuple[str, str, str]:
-    """Return the smallest, the largest and the last value of a response; what is round-off of it as 0."""
-    round_off = _ROUND_OFF * float(np.abs(column).max())
-    low, high, final = (
-        general(0.0 if abs(value) <= round_off < math.inf else value)
-        for value in (column.min(), column.max(), column[-1])
-    )
-    return low, high, final
-
-
-def time_span(result: Result, group: str) -> str:
-    """Return the inputs, the duration and the number of samples of a time response."""
-    time, sources, inputs = (result[f"{group}/{name}"].data for name in ("time", "source", "input"))
-    driven = ", ".join(str(name) for name, column in zip(sources, inputs.T, strict=True) if column.any())
-    alone = ", each alone" if result[f"{group}/response"].data.ndim == 3 else ""
-    to = f"to {driven}{alone}, " if driven else ""
-    return f"{to}{time[0]:.4g} … {time[-1]:.4g} s, {counted(len(time), 'sample')}"
+        statements = tuple(Statement(text, "bad") for text in found)
+        yield ReportSection("Undecided verdicts", statements, "answer", screen="")
 
 
 def expectations(result: Result) -> Iterator[ReportSection]:
@@ -182,62 +125,25 @@ def need(result: Result) -> Iterator[ReportSection]:
     group = next((path.rpartition("/")[0] for path in result if path.endswith("/need/part")), None)
     if group is None:
         return
-    columns = ("part", "kept", "left_out", "left_out_names", "why")
-    rows = tuple(
-        (
-            part_name(result, str(part)),
-            f"{int(kept):,}",
-            f"{int(left):,}",
-            str(names) if len(str(names)) < 200 else "",
-            str(why),
-        )
-        for part, kept, left, names, why in zip(
-            *(result[f"{group}/{column}"].data for column in columns), strict=True
-        )
-    )
-    yield ReportSection("Model scope", (TextTable(("", "included", "omitted", "", "reason"), rows),))
-
-
-def accuracy(result: Result) -> Iterator[ReportSection]:
-    """Yield the alternatives of every choice of method, with their times and errors."""
-    about = result.group_attrs.get("accuracy")
-    if about is None:
-        return
-
-    def entry(path: str, k: int) -> float:
-        return float(result[path].data[k]) if path in result else math.nan
-
-    def number(value: float, form: str) -> str:
-        return format(value, form) if math.isfinite(value) else "-"
-
-    aspects = dict.fromkeys(path.split("/")[1] for path in result if path.startswith("accuracy/"))
-    for aspect in aspects:
-        attrs = result.group_attrs[f"accuracy/{aspect}"]
-        reference = f", against {attrs['reference']}" if attrs.get("reference") else ""
-        rows, marked, group = list[tuple[str, ...]](), set[int](), f"accuracy/{aspect}"
-        names = [str(name) for name in result[f"{group}/alternative"].data]
-        for name, status in zip(names, result[f"{group}/status"].data, strict=True):
-            own = f"{group}/{name}"
-            for k in range(len(result[f"{own}/size"].data) if f"{own}/size" in result else 0):
-                size, time, memory, error, bound = (
-                    entry(f"{own}/{key}", k) for key in ("size", "time", "memory", "error", "bound")
-                )
-                if entry(f"{own}/chosen", k):
-                    marked.add(len(rows))
-                cost = (f"{int(size):,}", time_text(time), memory_text(memory))
-                errors = (number(error, ".1e"), number(error / bound if bound > 0 else math.nan, ".2g"))
-                rows.append((name, *cost, *errors, "Pareto-optimal" if entry(f"{own}/pareto", k) else ""))
-            if status != "done":
-                rows.append((name, "", "", "", "", "", str(status)))
-        heads = ("", str(attrs["size"]), "time", "memory", "error", "error/bound", "")
-        yield ReportSection(
-            f"Alternatives: {aspect.replace('_', ' ')}",
-            (
-                Statement(f"{attrs['title']}: {attrs['because']}"),
-                TextTable(heads, tuple(rows), frozenset(marked)),
-                Statement(f"Error: {attrs['measure']}{reference}. Median of {about['repeats']}."),
-            ),
-        )
+    columns = [
+        result[f"{group}/{name}"].data for name in ("part", "kept", "left_out", "left_out_names", "why")
+    ]
+    rows, brief, full = [], [], []
+    for part, kept, left, listed, why in zip(*columns, strict=True):
+        name, names = part_name(result, str(part)), str(listed) if len(str(listed)) < _NAMES else ""
+        rows.append((name, f"{int(kept):,}", f"{int(left):,}", names, str(why)))
+        if left:
+            brief.append(f"{left:,} of {kept + left:,} {name}")
+            full.append(f"{brief[-1]}{f': {names}' if names and part != 'results' else ''} ({why})")
+    heads = ("", "included", "omitted", "", "reason")
+    yield ReportSection("Model scope", (TextTable(heads, tuple(rows)),))
+    text = f"left out: {'; '.join(full) or 'nothing'}"
+    yield ReportSection("Omitted", (Statement(text),), "", screen="", detail="trace")
+    if len(text) > _LINE:
+        while len("; ".join(brief)) > _PARTS and len(brief) > 1:
+            brief[-2:] = ["…"]
+        text = f"left out: {'; '.join(brief)}; why: -v, or dynid show --trace"
+    yield ReportSection("Omitted", (Statement(text),), "", screen="", detail="brief")
 
 
 def array_rows(result: Result) -> list[tuple[str, str, str, str]]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from dynid.number_format import counted, memory_text, time_text
-from dynid.report.content.blocks import ReportSection, Statement, TextTable
+from dynid.report.content.blocks import ALL, Block, ReportSection, Statement, TextTable, on_page, on_screen
 from dynid.report.notation import with_infinity
 from dynid.result import Result, Scalar
 
@@ -41,24 +41,33 @@ def machine_text(result: Result) -> list[str]:
 def sections(result: Result) -> Iterator[ReportSection]:
     """Yield a section for each benchmark."""
     for group in dict.fromkeys("/".join(path.split("/")[:2]) for path in result if path.startswith("bench/")):
-        about = result.group_attrs[group]
-        every = [row for name in _alternatives(result, group) for row in benchmark_rows(result, group, name)]
-        every.sort(key=lambda row: row.size)
-        first = ([row for row in every if row.marks] or every) if len(every) > _FEW else every
+        about, name = result.group_attrs[group], group.partition("/")[2]
+        rows = [row for name in _alternatives(result, group) for row in benchmark_rows(result, group, name)]
+        rows.sort(key=lambda row: row.size)
+        first = ([row for row in rows if row.marks] or rows) if len(rows) > _FEW else rows
         statements = {
             term: Statement(f"{term}: {with_infinity(text)}", "bad" if term == "failed" else "")
             for term, text in remarks(result, group)
         }
-        name = group.partition("/")[2]
-        needed = [statements.pop(term) for term in _NEEDED if term in statements]
-        if len(first) < len(every):
-            others = counted(len(every) - len(first), "other row")
-            needed.insert(0, Statement(f"{others} in the details: neither Pareto-optimal nor the default"))
-        yield ReportSection(name, (_table(about, first), *needed), "answer")
-        if len(first) < len(every):
-            yield ReportSection(f"{name}: all alternatives", (_table(about, every),))
+        needed: list[Block] = [statements.pop(term) for term in _NEEDED if term in statements]
+        if len(first) < len(rows):
+            others = counted(len(rows) - len(first), "other row")
+            note = Statement(f"{others} in the details: neither Pareto-optimal nor the default")
+            needed.insert(0, on_page(note))
+        table = _table(about, rows)
+        shown = (on_page(_table(about, first)), on_screen(table))
+        yield ReportSection(name, (*shown, *needed), "answer", screen=name)
+        if len(first) < len(rows):
+            yield ReportSection(f"{name}: all alternatives", (table,))
         if statements:
-            yield ReportSection(f"{name}: growth and peers", tuple(statements.values()))
+            yield ReportSection(f"{name}: growth and peers", tuple(statements.values()), screen="")
+    about = result.group_attrs.get("bench", {})  # absent in files of earlier versions
+    seconds = float(about.get("seconds", 0))
+    where = "".join(f" on {machine}" for machine in machine_text(result))
+    notes = [f"skipped: {about['skipped']}"] if about.get("skipped") else []
+    notes += [f"measured in {time_text(seconds)}{where}"] if seconds else []
+    if notes:
+        yield ReportSection("Measurement", tuple(map(Statement, notes)), "", screen="")
 
 
 def _table(about: Mapping[str, Scalar], every: list[BenchmarkRow]) -> TextTable:
@@ -73,9 +82,9 @@ def _table(about: Mapping[str, Scalar], every: list[BenchmarkRow]) -> TextTable:
         )
         for row in every
     )
-    marked = frozenset(place for place, row in enumerate(every) if row.best)
+    marked = frozenset(k for k, row in enumerate(every) if row.best)
     heads = ("", str(about["size"]), "time", "memory", "error", "")
-    return TextTable(heads, rows, marked, str(about["title"]))
+    return TextTable(heads, rows, marked, str(about["title"]), brief=ALL, most=ALL)
 
 
 def _error_text(error: float) -> str:
@@ -137,3 +146,56 @@ def remarks(result: Result, group: str) -> Iterator[tuple[str, str]]:
     for key, term in _REMARKS.items():
         if about.get(key):
             yield term, str(about[key])
+
+
+def alternative_sections(result: Result) -> Iterator[ReportSection]:
+    """Yield the alternatives of every choice of method in a scene, with their times and errors."""
+    about = result.group_attrs.get("accuracy")
+    if about is None:
+        return
+    aspects = list(dict.fromkeys(path.split("/")[1] for path in result if path.startswith("accuracy/")))
+    effort = f"median of {about['repeats']}, at most {about['budget']:g} s in all"
+    heading = f"alternatives to the choices made: {effort}"
+    for aspect in aspects:
+        group = f"accuracy/{aspect}"
+        attrs = result.group_attrs[group]
+        reference = f", against {attrs['reference']}" if attrs.get("reference") else ""
+        rows = list(_alternative_rows(result, group))
+        marked = frozenset(k for k, row in enumerate(rows) if row[-1].startswith(_CHOSEN))
+        heads = ("", str(attrs["size"]), "time", "memory", "error", "error/bound", "")
+        blocks = (
+            Statement(f"{attrs['title']}: {attrs['because']}"),
+            TextTable(heads, tuple(rows), marked, brief=ALL, most=ALL),
+            Statement(f"error: {attrs['measure']}{reference}; median of {about['repeats']}"),
+        )
+        title = f"Alternatives: {aspect.replace('_', ' ')}"
+        yield ReportSection(title, blocks, screen=heading if aspect == aspects[0] else "")
+
+
+#: How the row of the choice is marked.
+_CHOSEN = "→ chosen"
+
+
+def _alternative_rows(result: Result, group: str) -> Iterator[tuple[str, ...]]:
+    """Yield name, size, time, memory, error, its ratio to the bound, and the marks of every measurement."""
+
+    def entry(path: str, k: int) -> float:
+        return float(result[path].data[k]) if path in result else math.nan
+
+    def number(value: float, form: str) -> str:
+        return format(value, form) if math.isfinite(value) else "-"
+
+    names = [str(name) for name in result[f"{group}/alternative"].data]
+    for name, status in zip(names, result[f"{group}/status"].data, strict=True):
+        base = f"{group}/{name}"
+        for k in range(len(result[f"{base}/size"].data) if f"{base}/size" in result else 0):
+            size, time, memory, error, bound = (
+                entry(f"{base}/{key}", k) for key in ("size", "time", "memory", "error", "bound")
+            )
+            marks = [_CHOSEN] if entry(f"{base}/chosen", k) else []
+            marks += ["Pareto-optimal"] if entry(f"{base}/pareto", k) else []
+            costs = (f"{int(size):,}", time_text(time), memory_text(memory))
+            ratio = error / bound if bound > 0 else math.nan
+            yield name, *costs, number(error, ".1e"), number(ratio, ".2g"), ", ".join(marks)
+        if status != "done":
+            yield name, "", "", "", "", "", str(status)

@@ -1,83 +1,171 @@
-"""Building blocks of the content of a report: sections of definition lists, tables, statements and lists."""
+"""Nodes of the content of a result: sections of definition lists, tables, statements and numbered lists.
+
+Content states every fact once. Renderers (the screen in `dynid.cli.screen`, page and notebook in
+`dynid.report.page.nodes`) know these nodes alone. Texts begin in lower case and have no full stop; pages
+make sentences of them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
-from typing import Any
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
 
-from dynid.number_format import counted
+#: Beginning of a number in a table, with its sign or symbol; a dash stands for none.
+_NUMBER = re.compile(r"(?:[ζ×] )?[-+−±]?[\d∞–]|-$")
+#: No limit to the entries that are shown.
+ALL = 10**9
 
 
 @dataclass(frozen=True)
-class DefinitionList:
+class Block:
+    """A node of a section.
+
+    Parameters
+    ----------
+    reader
+        ``screen`` or ``page``, where only one of them shows it; empty: both.
+    """
+
+    reader: str = field(default="", kw_only=True)
+
+
+@dataclass(frozen=True)
+class Statement(Block):
+    """A sentence.
+
+    Parameters
+    ----------
+    text
+        Without full stop.
+    tone
+        ``good``, ``bad`` or empty.
+    head
+        A name before it, which is written as it is, with its colon if there is one.
+    """
+
+    text: str
+    tone: str = ""
+    head: str = ""
+
+    @property
+    def whole(self) -> str:
+        """The sentence with its head."""
+        return f"{self.head} {self.text}".lstrip()
+
+
+@dataclass(frozen=True)
+class Listing(Block):
+    """Several entries, of which renderers show the first.
+
+    Parameters
+    ----------
+    noun
+        What an entry is.
+    brief, most
+        Most entries on a screen, and on a page.
+    """
+
+    noun: str = field(default="row", kw_only=True)
+    brief: int = field(default=20, kw_only=True)
+    most: int = field(default=60, kw_only=True)
+
+    @property
+    def count(self) -> int:
+        """The number of entries."""
+        return len(getattr(self, "items", ()))
+
+
+@dataclass(frozen=True)
+class DefinitionList(Listing):
     """Terms with their values; a term may have several lines."""
 
     items: tuple[tuple[str, tuple[str, ...]], ...]
 
 
 @dataclass(frozen=True)
-class TextTable:
+class NumberedList(Listing):
+    """Formulas or sentences in order."""
+
+    items: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class TextTable(Listing):
     """A table of texts whose first column has the headings of the rows.
 
     Parameters
     ----------
     columns
-        Headings.
+        Headings; columns without one have texts.
     rows
         One text a column.
     marked
         Indices of highlighted rows.
     caption
         Its caption.
+    brief_columns
+        Most columns on a screen.
     """
 
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     marked: frozenset[int] = frozenset()
     caption: str = ""
+    brief_columns: int = field(default=100, kw_only=True)
+
+    @property
+    def count(self) -> int:
+        """The number of rows."""
+        return len(self.rows)
+
+    def filled(self) -> TextTable:
+        """Return the table without the columns that are empty in every row."""
+        used = [k for k in range(len(self.columns)) if not k or any(row[k] for row in self.rows)]
+        rows = tuple(tuple(row[k] for k in used) for row in self.rows)
+        return replace(self, columns=tuple(self.columns[k] for k in used), rows=rows)
+
+    def numeric(self) -> list[bool]:
+        """Return for each column True if it has numbers only; the first has headings."""
+        columns = zip(*self.rows, strict=True) if self.rows else ((),) * len(self.columns)
+        return [
+            k > 0 and all(not cell or _NUMBER.match(cell) for cell in column)
+            for k, column in enumerate(columns)
+        ]
 
 
-@dataclass(frozen=True)
-class Statement:
-    """A sentence; its tone is `good`, `bad` or empty."""
-
-    text: str
-    tone: str = ""
-
-
-@dataclass(frozen=True)
-class NumberedList:
-    """Formulas or sentences in order."""
-
-    items: tuple[str, ...]
-
-
-Block = DefinitionList | TextTable | Statement | NumberedList
+AnyBlock = TypeVar("AnyBlock", bound=Block)
 
 
 @dataclass(frozen=True)
 class ReportSection:
-    """Blocks under a heading.
+    """Nodes under a heading.
 
     Parameters
     ----------
     title
-        The heading.
+        The heading on a page, which shows sections of one title and place together.
     blocks
         Its content.
     place
-        `answer` for what was asked, which a page shows first; `details`; `derivation`.
+        Of a page: `answer` for what was asked, which stands first; `details`; `derivation`; empty: none.
+    screen
+        The heading on a screen; empty: none; default: the screen does not show the section.
+    detail
+        ``trace`` where screens show it with the derivations alone, ``brief`` where without these alone.
     """
 
     title: str
     blocks: tuple[Block, ...]
     place: str = "details"
+    screen: str | None = None
+    detail: str = ""
 
 
 @dataclass(frozen=True)
 class Content:
-    """Content of the report of a result.
+    """Content of a result.
 
     Parameters
     ----------
@@ -91,19 +179,34 @@ class Content:
     sections: tuple[ReportSection, ...] = field(default=())
 
 
-def definitions(*items: tuple[str, str | Iterable[str]]) -> DefinitionList:
+def definitions(*items: tuple[str, str | Iterable[str]], **options: Any) -> DefinitionList:
     """Return a definition list without the terms that have no value."""
-    each = ((name, (value,) if isinstance(value, str) else tuple(value)) for name, value in items)
-    return DefinitionList(tuple((name, lines) for name, lines in each if any(lines)))
+    several = ((name, (value,) if isinstance(value, str) else tuple(value)) for name, value in items)
+    return DefinitionList(tuple((name, lines) for name, lines in several if any(lines)), **options)
 
 
-def more(count: int, shown: int, what: str) -> Iterator[Statement]:
-    """Yield a statement of the number of items that are not shown, if there are any."""
-    if count > shown:
-        yield Statement(f"… {counted(count - shown, f'more {what}')} in the file")
+def on_screen(block: AnyBlock) -> AnyBlock:
+    """Return a node that only screens show."""
+    return replace(block, reader="screen")
+
+
+def on_page(block: AnyBlock) -> AnyBlock:
+    """Return a node that only pages show."""
+    return replace(block, reader="page")
 
 
 def joined(names: Iterable[Any], most: int) -> str:
     """Return a list of names, cut off after so many."""
-    every = [str(name) for name in names]
-    return ", ".join(every[:most]) + (f", … ({len(every)} in all)" if len(every) > most else "")
+    listed = [str(name) for name in names]
+    return ", ".join(listed[:most]) + (f", … ({len(listed)} in all)" if len(listed) > most else "")
+
+
+class Formula(str):
+    """A line that is an equation; screens leave out long ones, pages very long ones."""
+
+    __slots__ = ()
+
+    def shortened(self, longest: int) -> str:
+        """Return it, or its left side where it is longer than so many characters."""
+        left = self.partition("= ")[0]
+        return str(self) if len(self) <= longest else f"{left}= … (in the file)"

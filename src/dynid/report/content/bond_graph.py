@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from dynid.number_format import counted, limit, roots_text, unit_text
+from dynid.number_format import MOST_ROOTS, counted, limit, roots_text, unit_text
 from dynid.report.content.blocks import (
     Block,
     DefinitionList,
+    Formula,
     NumberedList,
     ReportSection,
     Statement,
     TextTable,
     definitions,
     joined,
-    more,
+    on_page,
+    on_screen,
 )
 from dynid.report.content.design import design_sections
+from dynid.report.content.responses import response_sections
 from dynid.report.content.transfer_functions import (
     approximate,
     channel_sections,
+    delays_text,
     energy_lines,
     source_lines,
     sources_title,
@@ -30,8 +36,8 @@ from dynid.report.scenes import frequency_unit, in_hertz, time_courses
 from dynid.result import Result
 
 PORT, POINT = "bond_graph/port", "bond_graph/operating_point"
-#: Most steps, prototypes, states and remarks that are listed.
-_STEPS, _OUTPUTS, _STATES, _REMARKS = 60, 12, 12, 12
+#: Most steps, responses, states, remarks and bonds that are listed.
+_STEPS, _OUTPUTS, _STATES, _REMARKS, _BONDS = 60, 12, 12, 12, 24
 _REDUCTION, _CAUSALITY = "bond_graph/reduction", "bond_graph/causality"
 #: Longest formula that is shown.
 _LONGEST = 400
@@ -55,58 +61,76 @@ def method(result: Result) -> str:
 
 def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the content of a bond graph."""
-    if "bond_graph/warnings" in result:
-        warnings = map(str, result["bond_graph/warnings"].data)
-        yield ReportSection(
-            "Warnings",
-            tuple(Statement(f"{text[0].upper()}{text[1:]}.", "bad") for text in warnings),
-            "answer",
-        )
+    warnings, delays = _texts(result, "bond_graph/warnings"), delays_text(result)
+    if warnings:
+        yield ReportSection("Warnings", tuple(Statement(text, "bad") for text in warnings), "answer")
     yield from _operating_point(result)
-    yield from _system(result)
-    yield from design_sections(result)
-    yield from channel_sections(result)
-    yield from _loops(result)
-    for title, rows in (
+    if verdict := system_text(result):
+        statement = Statement(f"whole system: {verdict}", "" if verdict.startswith("stable") else "bad")
+        yield ReportSection("Whole system", (statement,), "answer", screen="")
+    if delays:
+        yield ReportSection("Delays", (Statement(delays),), "answer")
+    answers = [
+        *design_sections(result),
+        *channel_sections(result),
+        *_loops(result),
+        *_port(result),
+        *_energy_and_sources(result),
+        *_state_equations(result),
+        *response_sections(result, "bond_graph"),
+        *_linear_range(result),
+    ]
+    yield from answers
+    for section in (*causality_sections(result), *_reduction(result)):
+        # Where nothing else is requested, the derivations are the answer.
+        yield section if answers else replace(section, detail="")
+    yield from _graph(result, [*([delays] if delays else [])], warnings)
+
+
+def _texts(result: Result, path: str) -> list[str]:
+    return [str(text) for text in result[path].data] if path in result else []
+
+
+def _energy_and_sources(result: Result) -> Iterator[ReportSection]:
+    """Yield where the modes have their energy, and what the sources give."""
+    for title, lines in (
         ("Energy of the modes", energy_lines(result)),
         (sources_title(result, "Sources"), source_lines(result)),
     ):
-        if named := [(name, (text,)) for name, text in rows]:
-            yield ReportSection(title, (definitions(*named),))
-    if items := list(port_items(result, _LONGEST)):
-        answer = [item for item in items if item[0] in ("prototype", "source", "load", "natural modes")]
-        title = f"Port {result.group_attrs[PORT]['bond']}{approximate(result, f'{PORT}/prototype')}"
-        yield ReportSection(title, (definitions(*answer),), "answer")
-        yield ReportSection(f"{title} in full", (definitions(*items),))
-    if f"{_REDUCTION}/output" in result:
-        yield ReportSection("Reduction", tuple(_reduction(result)), "derivation")
-    if f"{_CAUSALITY}/bonds" in result:
-        yield ReportSection("Causality", tuple(_causality(result)), "derivation")
+        if rows := [(name, (text,)) for name, text in lines]:
+            yield ReportSection(title, (definitions(*rows),), screen=title.lower())
+
+
+def _state_equations(result: Result) -> Iterator[ReportSection]:
+    """Yield the state equations; on screens if they are few."""
     group = "bond_graph/state_space"
-    names = (name for name in ("definitions", "equations", "output_equations") if f"{group}/{name}" in result)
-    lines = [str(line) for name in names for line in result[f"{group}/{name}"].data]
+    names = ("definitions", "equations", "output_equations")
+    lines = [line for name in names for line in _texts(result, f"{group}/{name}")]
     if lines:
-        blocks: tuple[Block, ...] = (_formulas(lines[:_STEPS]), *more(len(lines), _STEPS, "line"))
-        yield ReportSection(f"State equations{approximate(result, f'{group}/A')}", blocks, "derivation")
-    about, graph = result.group_attrs.get("bond_graph", {}), list[Block]()
+        title = f"tate equations{approximate(result, f'{group}/A')}"
+        brief = _STATES if len(lines) <= _STATES else 0
+        equations = replace(_formulas(lines), noun="line", brief=brief, most=_STEPS)
+        yield ReportSection(f"S{title}", (equations,), "derivation", screen=f"s{title}")
+
+
+def _graph(result: Result, remarks: list[str], warnings: list[str]) -> Iterator[ReportSection]:
+    """Yield the size of the graph, the engine with its limits, approximations, and warnings on screens."""
+    about = result.group_attrs.get("bond_graph", {})
+    engine, reason = (str(about.get(name, "")) for name in ("engine", "engine_reason"))
+    blocks: list[Block] = []
     if "nodes" in about:
         size = f"{counted(int(about['nodes']), 'node')}, {counted(int(about['bonds']), 'bond')}"
-        graph.append(definitions(("size", size), ("engine", str(about.get("engine_reason", "")))))
-    if about.get("engine", "exact") != "exact":
-        graph.append(Statement(str(about.get("engine_limits", ""))))
-    if "bond_graph/approximations" in result:
-        graph += (Statement(f"{text}.") for text in result["bond_graph/approximations"].data)
+        blocks = [on_page(definitions(("size", size), ("engine", reason))), on_screen(Statement(size))]
+    if engine not in ("", "exact") or "decides" in reason:
+        blocks.append(on_screen(Statement(f"{engine} engine: {reason}")))
+    if engine not in ("", "exact"):
+        blocks.append(Statement(str(about.get("engine_limits", ""))))
+    blocks += (on_screen(Statement(text)) for text in remarks)
+    blocks += map(Statement, _texts(result, "bond_graph/approximations"))
     if about.get("reading") == "binary":
-        graph.append(Statement("Every value is read as the double nearest to it (reading: binary)."))
-    yield ReportSection("Graph", tuple(graph))
-
-
-def _system(result: Result) -> Iterator[ReportSection]:
-    """Yield the verdict on the whole system."""
-    if verdict := system_text(result):
-        tone = "" if verdict.startswith("stable") else "bad"
-        statement = Statement(f"{verdict[0].upper()}{verdict[1:]}.", tone)
-        yield ReportSection("Whole system", (statement,), "answer")
+        blocks.append(Statement("every value is read as the double nearest to it (reading: binary)"))
+    blocks += (on_screen(Statement(f"warning: {text}", "bad")) for text in warnings)
+    yield ReportSection("Graph", tuple(blocks), screen="")
 
 
 def system_text(result: Result) -> str:
@@ -145,33 +169,24 @@ def point_facts(result: Result) -> Iterator[tuple[str, str]]:
     yield "note", str(about["note"])
 
 
-def nonlinear_facts(result: Result) -> Iterator[str]:
+def _nonlinear_facts(result: Result) -> Iterator[Statement]:
     """Yield how far the nonlinear response is from the linear one, or why there is none."""
     group = "bond_graph/time_response"
     about = result.group_attrs.get(group, {})
     if "nonlinear" in about:
-        yield f"nonlinear response {about['nonlinear']}"
+        yield Statement(f"nonlinear response {about['nonlinear']}")
     if f"{group}/nonlinear_deviation" not in result:
         return
     shares = result[f"{group}/nonlinear_deviation"].data.ravel()
     names = [name for name, _ in time_courses(result, group)]
     for name, share in list(zip(names, shares, strict=True))[:_OUTPUTS]:
-        yield f"{name}: the nonlinear response is off the linear one by {100 * share:.3g} % of its maximum"
-    yield from (
-        block.text for block in more(len(names), _OUTPUTS, "response") if isinstance(block, Statement)
-    )
+        off = f"the nonlinear response is off the linear one by {100 * share:.3g} % of its maximum"
+        yield Statement(off, head=f"{name}:")
+    if len(names) > _OUTPUTS:
+        yield Statement(f"… {counted(len(names) - _OUTPUTS, 'more response')} in the file")
     tolerance, error = (float(about[f"nonlinear_{name}"]) for name in ("tolerance", "error"))
-    yield f"integrated with relative tolerance {tolerance:.0e}; estimated error {error:.1g} of the maximum"
-
-
-def point_slopes(result: Result) -> list[tuple[str, str]]:
-    """Return the slopes of the laws as text."""
-    return _of_point(result, "slope", "slope_value", "slope_unit")
-
-
-def point_values(result: Result) -> list[tuple[str, str]]:
-    """Return the variables at the operating point as text."""
-    return _of_point(result, "variable", "value", "unit")
+    accuracy = f"relative tolerance {tolerance:.0e}; estimated error {error:.1g} of the maximum"
+    yield Statement(f"integrated with {accuracy}")
 
 
 def _of_point(result: Result, name: str, value: str, unit: str) -> list[tuple[str, str]]:
@@ -188,26 +203,35 @@ def _of_point(result: Result, name: str, value: str, unit: str) -> list[tuple[st
 
 
 def _operating_point(result: Result) -> Iterator[ReportSection]:
-    """Yield the operating point, and how far linear results hold."""
+    """Yield the operating point with the slopes of the laws there."""
     if POINT not in result.group_attrs:
         return
-    found, *others = point_facts(result)
-    yield ReportSection("Operating point", (definitions(found), *_point_tables(result, _FEW)), "answer")
-    full = (definitions(*others), *_point_tables(result, _POINTS))
-    yield ReportSection("Operating point in full", full)
-    if facts := list(nonlinear_facts(result)):
-        yield ReportSection("Range of the linear response", tuple(Statement(f"{fact}.") for fact in facts))
+    point, *others = point_facts(result)
+    slopes = TextTable(
+        ("slope", "value"),
+        tuple(_of_point(result, "slope", "slope_value", "slope_unit")),
+        noun="slope",
+        brief=MOST_ROOTS,
+    )
+    variables = tuple(_of_point(result, "variable", "value", "unit"))
+    values = TextTable(("variable", "value"), variables, noun="variable", most=_POINTS)
+    facts = definitions(*others)
+    few = replace(slopes, most=_FEW, reader="page")
+    brief = (definitions(point), few, on_screen(facts), on_screen(slopes))
+    yield ReportSection("Operating point", _with_rows(brief), "answer", screen="operating point")
+    full = (facts, replace(slopes, most=_POINTS), values)
+    yield ReportSection("Operating point in full", _with_rows(full))
 
 
-def _point_tables(result: Result, most: int) -> Iterator[Block]:
-    """Yield the slopes of the laws and the variables at the operating point, at most so many of each."""
-    for heads, rows in (
-        (("slope", "value"), point_slopes(result)),
-        (("variable", "value"), point_values(result)),
-    ):
-        if rows and (most > _FEW or heads[0] == "slope"):
-            yield TextTable(heads, tuple(rows[:most]))
-            yield from more(len(rows), most, heads[0])
+def _linear_range(result: Result) -> Iterator[ReportSection]:
+    """Yield how far the nonlinear response is from the linear one."""
+    if facts := tuple(_nonlinear_facts(result)):
+        yield ReportSection("Range of the linear response", facts, screen="")
+
+
+def _with_rows(blocks: tuple[Block, ...]) -> tuple[Block, ...]:
+    """Return the nodes without tables that have no rows."""
+    return tuple(block for block in blocks if not isinstance(block, TextTable) or block.rows)
 
 
 def margin_texts(result: Result, place: int) -> dict[str, str]:
@@ -246,91 +270,140 @@ def _loops(result: Result) -> Iterator[ReportSection]:
     if f"{group}/loop" not in result:
         return
     names, stabilities, stable = (result[f"{group}/{name}"].data for name in ("loop", "stability", "stable"))
-    rows = [
-        (str(loop), *margin_texts(result, place).values(), str(stabilities[place]).partition(":")[0])
-        for place, loop in enumerate(names)
-    ]
-    blocks: list[Block] = [
-        TextTable(("", "gain margin", "phase margin", "delay margin", "Ms", "Mt", "closed loop"), tuple(rows))
-    ]
+    reasons = undecided_margins(result)
+    rows = tuple(
+        (str(loop), *margin_texts(result, k).values(), str(stabilities[k]).partition(":")[0])
+        for k, loop in enumerate(names)
+        if not reasons[k].startswith("left out")
+    )
+    heads = ("", "gain margin", "phase margin", "delay margin", "Ms", "Mt", "closed loop")
+    blocks: list[Block] = [TextTable(heads, rows, noun="loop")]
     if not stable.all():
-        blocks.append(Statement("Margins, Ms and Mt are not defined where the closed loop is not stable."))
-    reasons = dict.fromkeys(text for text in undecided_margins(result) if text)
-    blocks += (Statement(f"Undecided: {reason}.") for reason in reasons)
-    yield ReportSection("Feedback loops", tuple(blocks), "answer")
+        blocks.append(Statement("margins, Ms and Mt are not defined where the closed loop is not stable"))
+    for k, loop in enumerate(names[: len(rows)]):
+        blocks += (Statement(text, head=f"{loop}:") for text in _loop_remarks(result, k))
+    blocks += (Statement(f"undecided: {reason}") for reason in dict.fromkeys(filter(None, reasons)))
+    yield ReportSection("Feedback loops", tuple(blocks), "answer", screen="feedback loops")
     if f"{group}/poles" in result:
         poles = result[f"{group}/poles"]
         text = roots_text(poles.data, hertz=in_hertz(result))
-        yield ReportSection(
-            "Poles with delays", (definitions(("poles", text), ("", str(poles.attrs["note"]))),)
-        )
+        items = definitions(("poles", text), ("", str(poles.attrs["note"])))
+        yield ReportSection("Poles with delays", (items,), screen="poles with delays")
+
+
+def _loop_remarks(result: Result, k: int) -> Iterator[str]:
+    """Yield what the margins of a loop do not say: gains at which roots cross the axis, its verdict."""
+    group = "bond_graph/margins"
+    above, below = (float(result[f"{group}/crossing_gain_{side}"].data[k]) for side in ("above", "below"))
+    if not result[f"{group}/Mt"].data[k]:
+        yield "L = 0: nothing is fed back, so that it moves no pole"
+    elif result[f"{group}/stable"].data[k]:
+        if below > 0:
+            yield f"least gain {below:.4g} of this one"
+    else:
+        yield str(result[f"{group}/stability"].data[k])
+        changes = " and ".join(f"gain times {gain:.4g}" for gain in (above, below) if 0 < gain < np.inf)
+        if changes:
+            yield f"its roots cross the axis at {changes}"
 
 
 def _formulas(lines: list[str]) -> NumberedList:
     return NumberedList(tuple(line if len(line) < _LONGEST else f"{line[:_LONGEST]}…" for line in lines))
 
 
-def _reduction(result: Result) -> Iterator[Block]:
-    output, letters, equations, *systems = (
+def _reduction(result: Result) -> Iterator[ReportSection]:
+    """Yield the prototype of each output, and the steps of the reduction to the first."""
+    if f"{_REDUCTION}/output" not in result:
+        return
+    outputs, letters, equations, *systems = (
         np.atleast_1d(result[f"{_REDUCTION}/{name}"].data)
         for name in ("output", "prototype", "prototype_equation", "system_a", "system_b")
     )
+    steps: Iterable[Any] = result[f"{_REDUCTION}/steps"].data if f"{_REDUCTION}/steps" in result else []
     items = []
-    for place, name in enumerate(output[:_OUTPUTS]):
-        lines = [f"prototype {letters[place]}:  {equations[place]}", *(str(part[place]) for part in systems)]
-        items.append((str(name), tuple(line for line in lines if len(line) < _LONGEST)))
-    yield DefinitionList(tuple(items))
-    yield from more(len(output), _OUTPUTS, "output")
-    if f"{_REDUCTION}/steps" in result:
-        rows = [row for row in result[f"{_REDUCTION}/steps"].data if row["output"] == output[0]]
-        yield _formulas([f"{row['rule']}: {row['equation']}" for row in rows[:_STEPS]])
-        yield from more(len(rows), _STEPS, "step")
+    for k, name in enumerate(outputs):
+        count = sum(row["output"] == name for row in steps) - 1  # the last row is the prototype itself
+        reduced = f"reduced in {counted(count, 'step')} to " if count > 0 else ""
+        parts = (Formula(system[k]) for system in systems)
+        items.append((str(name), (f"{reduced}prototype {letters[k]}:  {equations[k]}", *parts)))
+    blocks: list[Block] = [DefinitionList(tuple(items), noun="output", brief=6, most=12)]
+    if rows := [row for row in steps if row["output"] == outputs[0]]:
+        formulas = _formulas([f"{row['rule']}: {row['equation']}" for row in rows])
+        blocks.append(replace(formulas, noun="step", brief=MOST_ROOTS, most=_STEPS))
+    yield ReportSection("Reduction", tuple(blocks), "derivation", screen="reduction", detail="trace")
 
 
-def _causality(result: Result) -> Iterator[Block]:
+def causality_sections(result: Result) -> Iterator[ReportSection]:
+    """Yield the states, conflicts, derivative causality, loops, causal strokes and zero dynamics."""
+    if f"{_CAUSALITY}/bonds" not in result:
+        return
     states = result[f"{_CAUSALITY}/states"].data["name"]
-    yield definitions(("states", f"{len(states)}: {joined(states, _STATES)}" if len(states) else "none"))
-    for table, title in (
-        ("conflicts", "conflict"),
-        ("dependent_storages", "derivative"),
-        ("loops", "loop"),
-    ):
-        meanings = [str(text) for text in result[f"{_CAUSALITY}/{table}"].data["meaning"]]
+    text = f"{len(states)}: {joined(states, _STATES)}" if len(states) else "none"
+    items: list[tuple[str, tuple[str, ...]]] = []
+    remarks = []
+    for table, title in (("conflicts", "conflict"), ("dependent_storages", "derivative"), ("loops", "loop")):
+        meanings = [str(meaning) for meaning in result[f"{_CAUSALITY}/{table}"].data["meaning"]]
         tone = "bad" if table == "conflicts" else ""
-        yield from (Statement(f"{title}: {meaning}", tone) for meaning in meanings[:_REMARKS])
-        yield from more(len(meanings), _REMARKS, title)
+        remarks += [Statement(f"{title}: {meaning}", tone) for meaning in meanings[:_REMARKS]]
+        if len(meanings) > _REMARKS:
+            remarks.append(Statement(f"… {counted(len(meanings) - _REMARKS, f'more {title}')} in the file"))
+    if note := result.group_attrs.get(_CAUSALITY, {}).get("note"):
+        remarks.append(Statement(str(note)))
     prefix = f"{_CAUSALITY}/zero_dynamics/"
-    channels = [path for path in result if path.startswith(prefix) and path.endswith("/meaning")]
-    rows = []
-    for path in channels[:_REMARKS]:
-        name = path.removeprefix(prefix).removesuffix("/meaning").replace("/", " / ")
-        rows.append((f"zeros of {name}", str(result.value(path))))
-    if rows:
-        yield definitions(*rows)
+    for path in result:
+        if path.startswith(prefix) and path.endswith("/meaning"):
+            name = path.removeprefix(prefix).removesuffix("/meaning").replace("/", " / ")
+            items.append((f"zeros of {name}", tuple(_zero_dynamics(result, path.removesuffix("/meaning")))))
+    # Causal strokes: |-> with the stroke at the tail, ->| at the head.
+    strokes = [
+        f"{bond['tail']} {'|->' if bond['stroke'] == 'tail' else '->|'} {bond['head']}"
+        for bond in result[f"{_CAUSALITY}/bonds"].data
+    ]
+    bonds = definitions(("bonds (bar: causal stroke)", joined(strokes, _BONDS)))
+    zeros = DefinitionList(tuple(items), noun="channel", brief=6, most=_REMARKS)
+    blocks = (definitions(("states", text)), *remarks, on_screen(bonds), *((zeros,) if items else ()))
+    yield ReportSection("Causality", blocks, "derivation", screen="causality", detail="trace")
 
 
-def port_items(result: Result, longest: int) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Yield prototype, both sides as equivalent sources, dynamics and operating points of the port.
+def _zero_dynamics(result: Result, group: str) -> Iterator[str]:
+    """Yield the zero dynamics of a channel, its numbers of zeros and its relative degrees."""
+    yield str(result.value(f"{group}/meaning"))
+    counts = {
+        kind: f"{counted(result.value(f'{group}/zeros_{kind}'), 'zero')}, relative degree "
+        f"{result.value(f'{group}/relative_degree_{kind}')}"
+        for kind in ("structural", "exact")
+        if f"{group}/zeros_{kind}" in result
+    }
+    if len(counts) == 2 and len(set(counts.values())) == 1:
+        yield counts["exact"]
+    elif counts:
+        yield " · ".join(f"{kind}: {count}" for kind, count in counts.items())
+    if note := result.group_attrs.get(group, {}).get("note"):
+        yield str(note)
 
-    Parameters
-    ----------
-    result
-        Of a bond graph; nothing is yielded without a port.
-    longest
-        Length of the longest formula that is shown.
 
-    Yields
-    ------
-    tuple
-        A term and its lines.
-    """
+def _port(result: Result) -> Iterator[ReportSection]:
+    """Yield both sides of a port as equivalent sources, the prototype, its dynamics and operating points."""
+    items = list(_port_items(result))
+    if not items:
+        return
+    title = f"ort {result.group_attrs[PORT]['bond']}{approximate(result, f'{PORT}/prototype')}"
+    answer = [item for item in items if item[0] in ("prototype", "source", "load", "natural modes")]
+    others = [item for item in items if item not in answer]
+    blocks = (definitions(*answer), on_screen(definitions(*others)))
+    yield ReportSection(f"P{title}", blocks, "answer", screen=f"p{title}")
+    yield ReportSection(f"P{title} in full", (definitions(*items),))
+
+
+def _port_items(result: Result) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Yield prototype, both sides as equivalent sources, dynamics and operating points of the port."""
     if f"{PORT}/prototype" not in result:
         return
     letter, equation = (result.value(f"{PORT}/{name}") for name in ("prototype", "prototype_equation"))
     yield "prototype", (f"{letter}:  {equation}",)
     yield "type", (str(result.value(f"{PORT}/type")),)
     for side in ("source", "load"):
-        yield side, tuple(_side(result, side, longest))
+        yield side, tuple(_side(result, side))
     # The dynamics, the response they refer to, and the natural modes.
     hertz = in_hertz(result)
     for name in ("zero dynamics", "pole dynamics"):
@@ -344,8 +417,7 @@ def port_items(result: Result, longest: int) -> Iterator[tuple[str, tuple[str, .
         yield name, (f"{result.value(f'{group}/equation')}:  {found}", *others)
     response = f"{PORT}/zero_dynamics/response"
     if f"{response}/exact" in result:
-        exact = str(result.value(f"{response}/exact"))
-        exact = exact if len(exact) <= longest else "(in the file)"
+        exact = Formula(f"= {result.value(f'{response}/exact')}")
         zeros = f"zeros {roots_text(result[f'{response}/zeros'].data, hertz=hertz)}"
         yield str(result.value(f"{PORT}/zero_dynamics/response_name")), (exact, zeros)
     if f"{PORT}/natural_modes" in result:
@@ -361,7 +433,7 @@ def port_items(result: Result, longest: int) -> Iterator[tuple[str, tuple[str, .
     yield "at rest", tuple(_operating_points(result))
 
 
-def _side(result: Result, side: str, longest: int) -> Iterator[str]:
+def _side(result: Result, side: str) -> Iterator[str]:
     """Yield the nodes of a side, its equivalent source, and its form if it is an ideal source."""
     group = f"{PORT}/{side}"
     attrs = result.group_attrs[group]
@@ -379,7 +451,7 @@ def _side(result: Result, side: str, longest: int) -> Iterator[str]:
             formula = formula or str(result.value(f"{group}/{name}/exact"))
             variable, _, source = name.partition("/")
             driven = f" of {source}" if source else ""
-            yield f"{variable}{driven} = {formula if len(formula) <= longest else '(in the file)'}"
+            yield Formula(f"{variable}{driven} = {formula}")
     if str(attrs["form"]).startswith("an ideal"):
         yield str(attrs["form"])
 

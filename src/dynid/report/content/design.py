@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 
 from dynid.number_format import counted, general, unit_text
-from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable
+from dynid.report.content.blocks import ReportSection, Statement, TextTable
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
 
@@ -91,8 +91,8 @@ def compares(result: Result) -> bool:
     return f"{DESIGN}/compared/design" in result
 
 
-def statements(result: Result) -> Iterator[tuple[str, str]]:
-    """Yield sentences on how the design was found, each with its tone."""
+def statements(result: Result) -> Iterator[Statement]:
+    """Yield sentences on how the design was found."""
     about, counts = result.group_attrs[DESIGN], result[f"{DESIGN}/optima/count"].data
     starts = counted(int(about["starts"]), "start")
     if f"{DESIGN}/optimum" in result:
@@ -100,11 +100,11 @@ def statements(result: Result) -> Iterator[tuple[str, str]]:
             equal = int(result.value(f"{DESIGN}/active_maxima"))
             maxima = f", {equal} equal maxima" if equal > 1 else ""
             residual = result.value(f"{DESIGN}/stationarity")
-            yield f"a minimum{maxima}: the first-order conditions hold to {residual:.1g}", "good"
+            yield Statement(f"a minimum{maxima}: the first-order conditions hold to {residual:.1g}", "good")
         for text in result[f"{DESIGN}/warnings"].data if f"{DESIGN}/warnings" in result else ():
-            yield str(text), "bad"
+            yield Statement(f"warning: {text}", "bad")
     else:
-        yield "every target is met", "good"
+        yield Statement("every target is met", "good")
     ended = f"{int(about['ended'])} of {starts} ended in a solution"
     others = len(counts) - 1
     if others:
@@ -112,20 +112,19 @@ def statements(result: Result) -> Iterator[tuple[str, str]]:
         least = f"{DESIGN}/optimum" in result
         words = ("local minimum", "local minima") if least else ("solution", "solutions")
         values = f" with {', '.join(general(value, 6) for value in local[:4])}" if least else ""
-        yield f"{ended}, {counts[0]} in this one; {others} other {words[others > 1]}{values}", ""
+        yield Statement(f"{ended}, {counts[0]} in this one; {others} other {words[others > 1]}{values}")
     else:
         here = "all" if counts[0] == about["ended"] else str(counts[0])
-        yield f"{ended}, {here} in this one" if int(about["ended"]) > 1 else ended, ""
+        yield Statement(f"{ended}, {here} in this one" if int(about["ended"]) > 1 else ended)
 
 
 def design_sections(result: Result) -> Iterator[ReportSection]:
     """Yield the section on the design."""
     if f"{DESIGN}/value" not in result:
         return
-    (columns, rows), (headings, targets) = parameter_table(result), target_table(result)
-    blocks: list[Block] = [
-        TextTable(columns, tuple(rows), caption="Free parameters"),
-        TextTable(headings, tuple(targets), caption="Targets"),
+    parameters, targets = parameter_table(result), target_table(result)
+    tables = [
+        TextTable(columns, tuple(rows), caption=caption).filled()
+        for caption, (columns, rows) in (("free parameters", parameters), ("targets", targets))
     ]
-    blocks += [Statement(f"{text[0].upper()}{text[1:]}.", tone) for text, tone in statements(result)]
-    yield ReportSection("Design", tuple(blocks), "answer")
+    yield ReportSection("Design", (*tables, *statements(result)), "answer", screen="design")

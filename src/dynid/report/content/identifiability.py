@@ -13,14 +13,12 @@ from numpy.typing import NDArray
 from dynid.arrays import Array
 from dynid.defaults import CALIBRATION
 from dynid.number_format import headed, percent, quantity, time_text
-from dynid.report.content.blocks import ReportSection, Statement, TextTable, more
+from dynid.report.content.blocks import ALL, Block, ReportSection, Statement, TextTable, on_page, on_screen
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
 
 GROUP = "identification/identifiability"
 _CONSIDERED = "identification/considered"
-#: Most modes, and most quantities with calibration errors, that are listed.
-_MODES, _QUANTITIES = 20, 60
 #: Least relative change that is shown as a number; least effect, in standard errors, that has a sentence.
 _LEAST, _WORTH = 1e-6, 0.1
 #: Most rows and parameters of the table of known masses, stiffnesses and the clock.
@@ -44,61 +42,36 @@ def identifiability_sections(result: Result) -> Iterator[ReportSection]:
     """Yield bounds with collinear parameters, and the sensitivities of the modes to the parameters."""
     if f"{GROUP}/relative_bound" not in result:
         return
-    found = bound_table(result)
-    table = TextTable(found.heads, found.rows, caption=f"Cramér–Rao bound at the {''.join(found.where)}")
-    faults = (Statement(text, "bad") for text in (*collinear_groups(result), *interchangeable(result)))
-    yield ReportSection("Identifiability", (table, *faults))
+    blocks = (_bound_table(result), *_collinear_groups(result), *_interchangeable(result))
+    yield ReportSection("Identifiability", blocks, screen="identifiability")
     columns, rows = modal_shifts(result)
-    heading = modal_heading(result)
-    shown, count = first_modes(rows, _MODES)
-    modes = TextTable(columns, tuple(shown), caption=f"{heading[0].upper()}{heading[1:]}")
-    yield ReportSection("Parameters and modes", (modes, *more(count, _MODES, "mode")))
+    table = TextTable(columns, tuple(rows), caption=modal_heading(result), noun="mode", brief=8, most=20)
+    yield ReportSection("Parameters and modes", (table,), screen="")
 
 
-class BoundTable(NamedTuple):
-    """Cramér–Rao bounds of a record.
-
-    Parameters
-    ----------
-    where
-        The parameter values, and the noise, for which they are computed.
-    of_time
-        True for a time record, which has an initial state; False for frequency responses.
-    rows
-        Parameter with unit, value, bound, and for a time record the bound with known initial state.
-    """
-
-    where: tuple[str, str]
-    of_time: bool
-    rows: tuple[tuple[str, ...], ...]
-
-    @property
-    def heads(self) -> tuple[str, ...]:
-        """Headings of the columns."""
-        return ("", "value", "CR bound", *(["CR bound, initial state known"] if self.of_time else []))
-
-
-def bound_table(result: Result) -> BoundTable:
-    """Return the Cramér–Rao bound of every parameter."""
-    get = {name: result[f"{GROUP}/{name}"].data for name in ("parameter", "unit", "value", "relative_bound")}
-    known = result[f"{GROUP}/relative_bound_known_state"].data
+def _bound_table(result: Result) -> TextTable:
+    """Return the Cramér–Rao bound of every parameter; of a time record also with known initial state."""
     attrs = result.group_attrs[GROUP]
-    place = "true values" if attrs["at"] == "true" else "start values"
-    noise = "" if attrs["noise"] == "known" else "; noise assumed, 1 % of each channel"
     of_time = "identification/measurement/omega" not in result
+    where = "true values" if attrs["at"] == "true" else "start values"
+    record = "the record" if of_time else "the frequency responses"
+    source = "" if result.kind == "plan" else f" from {record}"
+    state = ", initial state unknown" if of_time else ""
+    noise = "" if attrs["noise"] == "known" else "; noise assumed, 1 % of each channel"
+    names = ("parameter", "unit", "value", "relative_bound", "relative_bound_known_state")
     rows = tuple(
-        (
-            headed(name, unit),
-            quantity(value),
-            bound_text(bound),
-            *([bound_text(least)] if of_time else []),
+        (headed(name, unit), quantity(value), bound_text(bound), *([bound_text(lower)] if of_time else []))
+        for name, unit, value, bound, lower in zip(
+            *(result[f"{GROUP}/{part}"].data for part in names), strict=True
         )
-        for name, unit, value, bound, least in zip(*get.values(), known, strict=True)
     )
-    return BoundTable((place, noise), of_time, rows)
+    heads = ("", "value", "CR bound", *(["CR bound, initial state known"] if of_time else []))
+    return TextTable(
+        heads, rows, caption=f"Cramér–Rao bounds{source} at the {where}{state}{noise}", brief=ALL, most=ALL
+    )
 
 
-def collinear_groups(result: Result) -> Iterator[str]:
+def _collinear_groups(result: Result) -> Iterator[Statement]:
     """Yield a sentence for each group of collinear parameters, and for those without any effect."""
     group = f"{GROUP}/groups"
     bounds = dict(zip(result[f"{GROUP}/parameter"].data, result[f"{GROUP}/relative_bound"].data, strict=True))
@@ -106,14 +79,15 @@ def collinear_groups(result: Result) -> Iterator[str]:
         bounded = all(math.isfinite(bounds[name]) for name in names.split(", "))
         how = "can hardly be distinguished" if bounded else "cannot be distinguished"
         only = f": the record shows {'mostly' if bounded else 'only'} {seen}" if seen else ""
-        yield f"{names} {how}{only}"
+        yield Statement(f"{how}{only}", "bad", names)
     grouped = {name for names in result[f"{group}/parameters"].data for name in names.split(", ")}
     unseen = [name for name, bound in bounds.items() if not math.isfinite(bound) and name not in grouped]
     if unseen:
-        yield f"{', '.join(unseen)} not identifiable: no effect on the record; excite or measure at the joint"
+        text = "not identifiable: no effect on the record; excite or measure at the joint"
+        yield Statement(text, "bad", ", ".join(unseen))
 
 
-def interchangeable(result: Result) -> Iterator[str]:
+def _interchangeable(result: Result) -> Iterator[Statement]:
     """Yield which parameters are interchangeable, and what would decide between the optima."""
     group = f"{GROUP}/interchangeable"
     if f"{group}/set" not in result:
@@ -121,10 +95,12 @@ def interchangeable(result: Result) -> Iterator[str]:
     sets = "; ".join(str(text) for text in result[f"{group}/set"].data)
     optima, left = int(result.value(f"{group}/optima")), int(result.value(f"{group}/undecided"))
     if left == 1:
-        yield f"{sets}; of {optima} optima with equal likelihood priors and limits leave one"
+        text = f"of {optima} optima with equal likelihood priors and limits leave one"
+        yield Statement(text, "bad", f"{sets};")
         return
     decide = result.group_attrs[group]["deciding"]
-    yield f"{sets}: {left} optima will explain the record equally well; to decide: {decide}"
+    text = f"{left} optima will explain the record equally well; to decide: {decide}"
+    yield Statement(text, "bad", f"{sets}:")
 
 
 def modal_heading(result: Result) -> str:
@@ -175,12 +151,6 @@ def modal_shifts(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]
         if not joints and any(text != _NO_SHIFT for text in damping):
             rows.append(("", "", "", *damping))
     return ("mode", unit.name, "ζ", *(str(names[j]) for j in kept)), rows
-
-
-def first_modes(rows: list[tuple[str, ...]], most: int) -> tuple[list[tuple[str, ...]], int]:
-    """Return the rows of the first modes, and the number of all modes."""
-    starts = [place for place, row in enumerate(rows) if row[0]]
-    return (rows[: starts[most]] if len(starts) > most else rows), len(starts)
 
 
 def shift_text(percent: float, symbol: str = "") -> str:
@@ -369,25 +339,25 @@ def _percent(part: float) -> str:
 
 def calibration_sections(result: Result) -> Iterator[ReportSection]:
     """Yield the effects of every gain error and of the delay on every estimate."""
-    found = calibration_effects(result)
-    if found is None or not found.changes:
+    effects = calibration_effects(result)
+    if effects is None or not effects.changes:
         return
     rows = tuple(
         (
             change,
             *(
                 "not identifiable" if not np.isfinite(move) else "-" if abs(move) < _LEAST else _percent(move)
-                for move in found.moves[:, j]
+                for move in effects.moves[:, j]
             ),
         )
-        for j, change in enumerate(found.changes[:_QUANTITIES])
+        for j, change in enumerate(effects.changes)
     )
-    caption = "First-order changes of the estimates that each error would cause"
-    yield ReportSection(
-        "Calibration errors",
-        (
-            *(Statement(f"{text[0].upper()}{text[1:]}.") for text in calibration_sentences(result)),
-            TextTable(("", *found.parameters), rows, caption=caption),
-            *more(len(found.changes), _QUANTITIES, "quantity"),
-        ),
-    )
+    caption = "first-order changes of the estimates that each error would cause"
+    table = on_page(TextTable(("", *effects.parameters), rows, caption=caption, noun="quantity"))
+    heads, known, remarks = known_parts_table(result)
+    biases: tuple[Block, ...] = ()
+    if known and "identification/parameters/estimate" in result:  # beside the standard errors
+        biases = (TextTable(heads, tuple(known)), *map(Statement, remarks))
+    sentences = map(Statement, calibration_sentences(result))
+    blocks = (*map(on_screen, biases), *sentences, table)
+    yield ReportSection("Calibration errors", blocks, screen="")

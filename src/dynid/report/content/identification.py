@@ -15,20 +15,20 @@ from dynid.number_format import (
     p_text,
     percent,
     quantity,
-    sentence,
     short_percent,
     significant,
     span_text,
     with_error,
 )
-from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable, more
+from dynid.report.content.blocks import ALL, ReportSection, Statement, TextTable, joined
 from dynid.report.content.identifiability import calibration_sections, identifiability_sections
 from dynid.report.content.modes import derived_sections, has_modes, modal_sections, modal_summary
+from dynid.report.content.responses import response_sections
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
 
-#: Most modes and massless DOFs that are listed.
-_MOST_MODES, _SHOWN = 60, 20
+#: Most massless DOFs that are listed.
+_SHOWN = 12
 #: Redundancy below which errors in masses and stiffnesses tend to stay unseen.
 _LITTLE = 10
 #: Most channels whose residuals a sentence lists.
@@ -69,68 +69,65 @@ def method(result: Result) -> str:
     return f"identification · {how[str(attrs['estimator'])]}"
 
 
-#: How sentences of doubt begin; others are facts.
-_DOUBTS = (
-    *("warning", "at a limit", "error bars", "badly conditioned"),
-    *("the residuals are not white", "the fit does not explain"),
-)
-
-
 def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the content of an identification, or of the responses of a structure."""
     if has_estimates(result):
-        good = not (is_rejected(result) or is_open(result))
-        sound = good and bool(result.value(f"{_DIAGNOSTICS}/white")) and not lacks_fit(result)
-        answer, quality = list[Statement](), list[Statement]()
-        for place, said in enumerate(verdict_sentences(result)):
-            doubtful = said.startswith(_DOUBTS)
-            bad = doubtful if place else not good or lacks_fit(result)
-            tone = "bad" if bad else "good" if sound and place == 0 else ""
-            (answer if bad or not place else quality).append(Statement(sentence(said), tone))
-        columns, rows = parameter_table(result)
-        yield ReportSection("Parameters", (TextTable(columns, tuple(rows)), *answer), "answer")
-        record = map(sentence, (record_summary(result), *preparation(result)))
-        yield ReportSection("Record and residuals", (*map(Statement, record), *quality))
+        yield from _estimate_sections(result)
     yield from modal_sections(result)
     yield from derived_sections(result)
     yield from calibration_sections(result)
     yield from identifiability_sections(result)
+    if "structure/modes/omega" in result:
+        yield _computed_modes(result)
+    yield from response_sections(result, "structure")
     if "bond_graph" in result.group_attrs:
-        from dynid.report.content.bond_graph import sections as sections_of_graph
+        from dynid.report.content.bond_graph import sections as graph_sections
 
-        asked = not has_estimates(result)
-        yield from (
-            section if asked or section.place != "answer" else replace(section, place="details")
-            for section in sections_of_graph(result)
-        )
-    group = "structure/modes"
-    if f"{group}/omega" not in result:
-        return
-    get = {name: result[f"{group}/{name}"].data for name in ("omega", "damping", "name")}
-    count, size, named = len(get["omega"]), len(result[f"{group}/dof"].data), any(get["name"])
-    modes = tuple(
-        (
-            str(k + 1),
-            significant(omega, 5),
-            significant(omega / (2 * math.pi), 5),
-            f"{100 * damping + 0.0:.3g} %",
-            *([str(name)] if named else []),
-        )
-        for k, (omega, damping, name) in enumerate(zip(*get.values(), strict=True))
-        if k < _MOST_MODES
+        for section in graph_sections(result):
+            aside = has_estimates(result) and section.place == "answer"
+            yield replace(section, place="details") if aside else section
+
+
+def _estimate_sections(result: Result) -> Iterator[ReportSection]:
+    """Yield the record, the estimates with what is doubtful of them, and the tests of the fit."""
+    title = "Record and residuals"
+    yield ReportSection(
+        title, tuple(map(Statement, (record_summary(result), *preparation(result)))), screen=""
     )
-    rigid = int(result.value(f"{group}/rigid"))
-    caption = f"{counted(count, 'mode')} of {counted(size, 'DOF')}, {rigid or 'none'} of the rigid body"
-    heads = ("mode", "rad/s", "Hz", "ζ", *([""] if named else []))
-    table = TextTable(heads, modes, caption=caption)
-    massless = list(result[f"{group}/massless"].data) if f"{group}/massless" in result else []
-    remark = []
-    if massless:
-        shown = ", ".join(map(str, massless[:_SHOWN]))
-        remark = [Statement(f"{len(massless)} massless: {shown}{', …' if len(massless) > _SHOWN else ''}")]
+    columns, rows = parameter_table(result)
+    verdict, *statements = verdict_statements(result)
+    doubts = (statement for statement in statements if statement.tone == "bad")
+    table = TextTable(columns, tuple(rows), brief=ALL, most=ALL)
+    yield ReportSection("Parameters", (table,), "answer", screen="")
+    yield ReportSection("Parameters", (verdict, *doubts), "answer", screen="")
+    yield ReportSection(title, tuple(said for said in statements if said.tone != "bad"), screen="")
+
+
+def _computed_modes(result: Result) -> ReportSection:
+    """Return the modes of the structure with its masses without inertia."""
+    group = "structure/modes"
+    omega, damping, names = (result[f"{group}/{part}"].data for part in ("omega", "damping", "name"))
+    rows = tuple(
+        (
+            str(k),
+            significant(size, 5),
+            significant(size / math.tau, 5),
+            f"{100 * ratio + 0.0:.3g} %",
+            str(name),
+        )
+        for k, (size, ratio, name) in enumerate(zip(omega, damping, names, strict=True), 1)
+    )
+    massless = [str(dof) for dof in result[f"{group}/massless"].data] if f"{group}/massless" in result else []
+    rigid, size = int(result.value(f"{group}/rigid")), len(result[f"{group}/dof"].data)
+    counts = [
+        counted(count, what) if count else f"no {what}s"
+        for count, what in ((rigid, "rigid-body mode"), (len(massless), "massless DOF"))
+    ]
+    caption = f"{counted(len(omega), 'mode')} of {counted(size, 'DOF')}; {', '.join(counts)}"
+    table = TextTable(("mode", "rad/s", "Hz", "ζ", ""), rows, caption=caption, noun="mode").filled()
+    remark = [Statement(f"massless: {joined(massless, _SHOWN)}")] if massless else []
     asked = not has_estimates(result) and "bond_graph" not in result.group_attrs
-    blocks: tuple[Block, ...] = (table, *more(count, _MOST_MODES, "mode"), *remark)
-    yield ReportSection("Modes", blocks, "answer" if asked else "details")
+    return ReportSection("Modes", (table, *remark), "answer" if asked else "details", screen="")
 
 
 def estimates_group(result: Result) -> str:
@@ -374,15 +371,6 @@ def noise_sentences(result: Result) -> Iterator[str]:
     yield f"{title}{', '.join(each[:_CHANNELS])}{', …' if len(each) > _CHANNELS else ''}"
 
 
-def _redundancy(result: Result) -> Iterator[str]:
-    """Yield the number of independent values in the data that could contradict the model."""
-    path = f"{_DIAGNOSTICS}/redundancy"
-    if path in result and not result.rejected:
-        count = int(result.value(path))
-        little = ": few, an error in what is known may stay unseen" if 0 < count < _LITTLE else ""
-        yield f"redundancy {count}{little}"
-
-
 def _rejected_bars(result: Result) -> str:
     """Return what a rejected result has for error bars."""
     if result.rejected:
@@ -393,18 +381,18 @@ def _rejected_bars(result: Result) -> str:
     return "error bars are not printed: the estimate is not converged (those in the file are nominal)"
 
 
-def _error_bar_sentences(result: Result, *, sound: bool) -> Iterator[str]:
+def _error_bars(result: Result, *, sound: bool) -> Iterator[Statement]:
     """Yield what is to be known of the error bars; `sound`: the residuals give no reason to."""
     if is_open(result):
         if bars := result.group_attrs.get(_PARAMETERS, {}).get("error_bars"):
-            yield f"error bars are {bars}"
+            yield Statement(f"error bars are {bars}", "bad")
     elif is_rejected(result):
-        yield _rejected_bars(result)
+        yield Statement(_rejected_bars(result), "bad")
     elif not sound:  # else the verdict says it
-        yield "error bars are nominal: the residuals are not white noise"
+        yield Statement("error bars are nominal: the residuals are not white noise", "bad")
 
 
-def _largest_error(result: Result) -> Iterator[str]:
+def _largest_error(result: Result) -> Iterator[Statement]:
     """Yield the largest relative standard error that is finite."""
     size = np.abs(result[f"{_PARAMETERS}/estimate"].data)
     error = result[f"{_PARAMETERS}/standard_error"].data
@@ -412,46 +400,61 @@ def _largest_error(result: Result) -> Iterator[str]:
     relative = relative / np.where(size > 0, size, 1.0)
     if relative.any():
         name = result[f"{_PARAMETERS}/name"].data[int(np.argmax(relative))]
-        yield f"largest relative standard error: {percent(100 * relative.max())} ({name})"
+        yield Statement(f"largest relative standard error: {percent(100 * relative.max())} ({name})")
 
 
-def verdict_sentences(result: Result) -> Iterator[str]:
+def verdict_statements(result: Result) -> Iterator[Statement]:
     """Yield the verdict on an estimate: residuals, limits, conditioning, worst parameter, warnings."""
-    p, white = result.value(f"{_DIAGNOSTICS}/whiteness_p"), bool(result.value(f"{_DIAGNOSTICS}/white"))
-    ratio = 100 * result[f"{_DIAGNOSTICS}/residual_ratio"].data
-    left = f"RMS residual {short_percent(ratio[0])} of the signal"
-    if len(ratio) > 1:
-        channels = result[f"{_DIAGNOSTICS}/channel"].data
-        parts = [f"{short_percent(value)} of {name}" for value, name in zip(ratio, channels, strict=True)]
-        left = f"RMS residual: {', '.join(parts[:_CHANNELS])}{', …' if len(parts) > _CHANNELS else ''}"
-    residuals = f"the residuals are not white ({p_text(p)})"
-    if white:
-        level = f"{WHITENESS.value:.0e}".replace("e-0", "e-")
-        residuals = f"the residuals are white ({p_text(p)}; level {level})"
-    exact = is_round_off(result)
-    if exact:
-        residuals = "the residuals are round-off: the record has no noise, and the estimates no error bars"
-    yield str(result.value(f"{_DIAGNOSTICS}/verdict"))
-    yield from _redundancy(result)
-    yield left
-    if not is_modal(result):  # modes alone have no order
-        yield residuals
-    yield from noise_sentences(result)
-    yield from _error_bar_sentences(result, sound=white or exact or lacks_fit(result))
+    white, exact = bool(result.value(f"{_DIAGNOSTICS}/white")), is_round_off(result)
+    good = not (is_rejected(result) or is_open(result) or lacks_fit(result))
+    tone = "bad" if not good else "good" if white else ""
+    yield Statement(str(result.value(f"{_DIAGNOSTICS}/verdict")), tone)
+    yield from _residuals(result, white=white)
+    yield from map(Statement, noise_sentences(result))
+    yield from _error_bars(result, sound=white or exact or lacks_fit(result))
     group = estimates_group(result)
     names, bounds = result[f"{group}/name"].data, f"{group}/at_bound"
     held = ", ".join(names[result[bounds].data]) if bounds in result else ""
     if held:
-        yield f"at a limit (min or max): {held}; the likelihood increases beyond it"
+        yield Statement(f"at a limit (min or max): {held}; the likelihood increases beyond it", "bad")
     if len(names) > 1 and not is_open(result):
         condition = result.value(f"{_DIAGNOSTICS}/condition")
-        verdict = (
-            "badly conditioned; the parameters are hardly distinguishable"
-            if condition > _BADLY
-            else "well conditioned; the parameters are distinguishable"
-        )
-        yield f"{verdict} (condition number {condition:.2g})"
+        number = f"(condition number {condition:.2g})"
+        if condition > _BADLY:
+            yield Statement(f"badly conditioned; the parameters are hardly distinguishable {number}", "bad")
+        else:
+            yield Statement(f"well conditioned; the parameters are distinguishable {number}")
     if not (is_rejected(result) or exact):
         yield from _largest_error(result)
     if f"{_DIAGNOSTICS}/warnings" in result:
-        yield from (f"warning: {warning}" for warning in result[f"{_DIAGNOSTICS}/warnings"].data)
+        for warning in result[f"{_DIAGNOSTICS}/warnings"].data:
+            yield Statement(f"warning: {warning}", "bad")
+
+
+def _residuals(result: Result, *, white: bool) -> Iterator[Statement]:
+    """Yield the redundancy, the sizes of the residuals, and their whiteness."""
+    path = f"{_DIAGNOSTICS}/redundancy"
+    if path in result and not result.rejected:
+        count = int(result.value(path))
+        little = ": few, an error in what is known may stay unseen" if 0 < count < _LITTLE else ""
+        yield Statement(f"redundancy {count}{little}")
+    ratio = 100 * result[f"{_DIAGNOSTICS}/residual_ratio"].data
+    if len(ratio) > 1:
+        channels = result[f"{_DIAGNOSTICS}/channel"].data
+        parts = [f"{short_percent(value)} of {name}" for value, name in zip(ratio, channels, strict=True)]
+        more = ", …" if len(parts) > _CHANNELS else ""
+        yield Statement(f"RMS residual: {', '.join(parts[:_CHANNELS])}{more}")
+    else:
+        yield Statement(f"RMS residual {short_percent(ratio[0])} of the signal")
+    p = p_text(result.value(f"{_DIAGNOSTICS}/whiteness_p"))
+    if is_modal(result):  # modes alone have no order
+        return
+    if is_round_off(result):
+        yield Statement(
+            "the residuals are round-off: the record has no noise, and the estimates no error bars"
+        )
+    elif white:
+        level = f"{WHITENESS.value:.0e}".replace("e-0", "e-")
+        yield Statement(f"the residuals are white ({p}; level {level})")
+    else:
+        yield Statement(f"the residuals are not white ({p})", "bad")

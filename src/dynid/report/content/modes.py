@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from dynid.number_format import counted, quantity
-from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable, more
+from dynid.report.content.blocks import ALL, ReportSection, Statement, TextTable, on_page
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
 
@@ -71,14 +71,12 @@ def modal_sections(result: Result) -> Iterator[ReportSection]:
     """Yield the comparison of measured and computed modes."""
     if has_modes(result):
         heads, rows = modal_table(result)
-        summary = Statement(f"{modal_summary(result)}.")
-        said = [Statement(f"{one[0].upper()}{one[1:]}.") for one in modal_statements(result)]
-        yield ReportSection("Measured modes", (summary, TextTable(heads, tuple(rows)), *said), "answer")
+        table = TextTable(heads, tuple(rows), noun="mode", most=ALL)
+        blocks = (on_page(Statement(modal_summary(result))), table, *map(Statement, modal_statements(result)))
+        yield ReportSection("Measured modes", blocks, "answer", screen="")
 
 
 DERIVED, _POSTERIOR = "identification/derived", "identification/posterior"
-#: Most rows of a table.
-_ROWS = 20
 
 
 def is_requested(result: Result) -> bool:
@@ -129,12 +127,7 @@ def statements(result: Result) -> Iterator[str]:
 
 def derived_sections(result: Result) -> Iterator[ReportSection]:
     """Yield the section on what follows from the estimate."""
-    said = list(statements(result))
-    if not (is_requested(result) or said):
-        return
     columns, rows = derived_table(result) if is_requested(result) else ((), [])
-    blocks: list[Block] = []
-    if rows:
-        blocks += [TextTable(columns, tuple(rows[:_ROWS])), *more(len(rows), _ROWS, "row")]
-    blocks += [Statement(f"{text[0].upper()}{text[1:]}.") for text in said]
-    yield ReportSection("What follows from the estimate", tuple(blocks), "answer")
+    table = (TextTable(columns, tuple(rows), most=20),) if rows else ()
+    if blocks := (*table, *map(Statement, statements(result))):
+        yield ReportSection("What follows from the estimate", blocks, "answer", screen="")

@@ -6,14 +6,13 @@ import math
 from collections.abc import Iterator
 
 from dynid.number_format import counted, span_text
-from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable
+from dynid.report.content.blocks import ALL, ReportSection, Statement, TextTable
 from dynid.report.content.identifiability import bound_text, calibration_sections, identifiability_sections
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
 
 #: Most bands that are listed.
 _BANDS = 12
-#: Texts of screens and reports.
 #: Heading of the gains of sines: each has the amplitude of the set, whatever their number.
 GAIN_OF_SINES = "gain at equal amplitude"
 PRESCRIBED = "the structure is excited by a prescribed motion: forces in its place are not ranked"
@@ -27,41 +26,44 @@ def method(result: Result) -> str:  # noqa: ARG001 - every kind has one
 def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the content of a plan."""
     group = "plan/sensors"
-    get = {name: result[f"{group}/{name}"].data for name in ("choice", "bound", "gain")}
+    choice, bounds, gains = (result[f"{group}/{name}"].data for name in ("choice", "bound", "gain"))
     rows = [
-        (f"{'+ ' if k else ''}{name}", *map(bound_text, bounds), gain_text(gain))
-        for k, (name, bounds, gain) in enumerate(zip(*get.values(), strict=True))
+        (f"{'+ ' if k else ''}{name}", *map(bound_text, bounds[k]), gain_text(gains[k]))
+        for k, name in enumerate(choice)
     ]
     present = ", ".join(map(str, result[f"{group}/present"].data))
     rows.append((f"present: {present}", *map(bound_text, result[f"{group}/present_bound"].data), ""))
-    heads = ("", *map(str, result[f"{group}/parameter"].data), "gain")
-    count = best_sensors_text(len(get["choice"]), len(result[f"{group}/candidate"].data))
-    table = TextTable(heads, tuple(rows), caption=_capitalized(count))
-    yield ReportSection("Sensors", (table, _efficiency(result, group, "sensors")), "answer")
-    group = "plan/excitation"
-    if f"{group}/choice" not in result:
-        yield ReportSection("Excitation", (Statement(f"{_capitalized(PRESCRIBED)}."),), "answer")
-    else:
-        caption = _capitalized(best_sines_text(result))
-        blocks: list[Block] = [
-            TextTable((*heads[:-1], GAIN_OF_SINES), tuple(sine_rows(result)), caption=caption)
-        ]
-        blocks.append(_efficiency(result, group, f"{driven(result)}s"))
-        yield ReportSection("Excitation", tuple(blocks), "answer")
-        bands = [result[f"{group}/bands/{name}"].data[:_BANDS] for name in ("dof", "low", "high", "bound")]
-        unit = frequency_unit(result)
-        spans = tuple(
-            (
-                f"{place_text(dof)}: {span_text(unit.factor * low, unit.factor * high)} {unit.name}",
-                *map(bound_text, bounds),
-            )
-            for dof, low, high, bounds in zip(*bands, strict=True)
-        )
-        table = TextTable(heads[:-1], spans, caption=_capitalized(best_bands_text(result)))
-        settled = Statement(f"{_capitalized(steady_state_text(result))}.")
-        yield ReportSection("Frequency bands", (settled, table))
+    names = tuple(map(str, result[f"{group}/parameter"].data))
+    count = best_sensors_text(len(choice), len(result[f"{group}/candidate"].data))
+    table = TextTable(("", *names, "gain"), tuple(rows), caption=count, brief=ALL, most=ALL)
+    efficiency = Statement(efficiency_text(result.value(f"{group}/efficiency"), "sensors"))
+    yield ReportSection("Sensors", (table, efficiency), "answer", screen="")
+    yield from _excitation(result, names)
     yield from identifiability_sections(result)
     yield from calibration_sections(result)
+
+
+def _excitation(result: Result, names: tuple[str, ...]) -> Iterator[ReportSection]:
+    """Yield the best sines and frequency bands with their bounds."""
+    group, unit = "plan/excitation", frequency_unit(result)
+    if f"{group}/choice" not in result:
+        yield ReportSection("Excitation", (Statement(PRESCRIBED),), "answer", screen="")
+        return
+    caption = best_sines_text(result)
+    heads = ("", *names, GAIN_OF_SINES)
+    sines = TextTable(heads, tuple(sine_rows(result)), caption=caption, brief=ALL, most=ALL)
+    efficiency = Statement(efficiency_text(result.value(f"{group}/efficiency"), f"{driven(result)}s"))
+    yield ReportSection("Excitation", (sines, efficiency), "answer", screen="")
+    columns = (result[f"{group}/bands/{name}"].data for name in ("dof", "low", "high", "bound"))
+    spans = tuple(
+        (
+            f"{place_text(dof)}: {span_text(unit.factor * low, unit.factor * high)} {unit.name}",
+            *map(bound_text, bounds),
+        )
+        for dof, low, high, bounds in zip(*columns, strict=True)
+    )
+    bands = TextTable(("", *names), spans, caption=best_bands_text(result), noun="band", brief=5, most=_BANDS)
+    yield ReportSection("Frequency bands", (Statement(steady_state_text(result)), bands), screen="")
 
 
 def place_text(name: str) -> str:
@@ -145,11 +147,3 @@ def efficiency_text(efficiency: float, what: str) -> str:
         return f"no better {what} were found than the present ones"
     share = f"{100 * efficiency:.2g} %"
     return f"efficiency of the present {what}: {share} (geometric mean of best bound / present bound)"
-
-
-def _efficiency(result: Result, group: str, what: str) -> Statement:
-    return Statement(_capitalized(efficiency_text(result.value(f"{group}/efficiency"), what)))
-
-
-def _capitalized(sentence: str) -> str:
-    return sentence[0].upper() + sentence[1:]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.number_format import counted, percent, quantity
-from dynid.report.content.blocks import ReportSection, Statement, TextTable
+from dynid.report.content.blocks import ALL, ReportSection, Statement, TextTable
 from dynid.report.scenes import frequency_unit
 from dynid.result import Result
 from dynid.units import FrequencyUnit
@@ -27,11 +27,13 @@ def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the comparison of the methods."""
     columns, rows = method_table(result)
     size = counted(len(result["reduction/dof"].data), "DOF")
-    unit, *others = (Statement(f"{sentence}.") for sentence in remarks(result))
-    table = TextTable(columns, tuple(rows), frozenset({0}), f"of {size}")
-    yield ReportSection("Methods", (table, unit), "answer")
+    took = seconds_text(result.group_attrs.get("reduction", {}).get("seconds"))
+    effort = f"; its modes took {took}" if took else ""
+    table = TextTable(columns, tuple(rows), frozenset({0}), f"{size}{effort}", brief=ALL)
+    unit, *others = remarks(result)
+    yield ReportSection("Methods", (table, unit), "answer", screen="")
     if others:
-        yield ReportSection("Masters and rigid-body modes", tuple(others))
+        yield ReportSection("Masters and rigid-body modes", tuple(others), screen="")
 
 
 def method_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
@@ -95,19 +97,20 @@ def _common(result: Result) -> set[int]:
     return set.intersection(*numbers) or set.union(*numbers)
 
 
-def remarks(result: Result) -> Iterator[str]:
+def remarks(result: Result) -> Iterator[Statement]:
     """Yield the remarks on the table: units, rigid-body modes, masters."""
     common, unit = sorted(_common(result)), frequency_unit(result)
-    yield f"{unit.symbol} in {unit.name}, joints included; worst error and least MAC of {_span(common)}"
+    sizes = f"natural frequencies {unit.symbol} in {unit.name}, joints included"
+    yield Statement(f"{sizes}; worst error and least MAC of {_span(common)}")
     rigid = [number for number, omega in sorted(_reference(result).items()) if not omega]
     if rigid:
-        yield f"{_span(rigid)}: of the rigid body, {unit.symbol} = 0"
+        yield Statement(f"{_span(rigid)}: of the rigid body, {unit.symbol} = 0")
     for name in _names(result):
         masters = _of(result, name, "masters")
         if len(masters):
             dofs = result["reduction/dof"].data[masters - 1]
             few = ", ".join(map(str, dofs[:12])) + (", …" if len(masters) > 12 else "")
-            yield f"{name}: {'master' if len(masters) == 1 else 'masters'} {few}"
+            yield Statement(f"{'master' if len(masters) == 1 else 'masters'} {few}", head=f"{name}:")
 
 
 def _span(numbers: list[int]) -> str:

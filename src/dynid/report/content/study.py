@@ -10,7 +10,15 @@ import numpy as np
 
 from dynid.checks.expectations import expected_words
 from dynid.number_format import counted, headed, limit, quantity, unit_text
-from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable, definitions, more
+from dynid.report.content.blocks import (
+    ALL,
+    Block,
+    ReportSection,
+    Statement,
+    TextTable,
+    definitions,
+    on_screen,
+)
 from dynid.report.scenes import plain_data
 from dynid.result import Result
 from dynid.study.analysis.influence import Influences
@@ -30,7 +38,7 @@ _LEVELS = 20  # different texts, of which the most frequent are shown
 _LEAST = 0.01  # least part of a variance that is shown
 _EXACT = 0.0005  # greatest error of such a part that is not shown
 _RANKED = 24  # numbers whose inputs are ranked
-_REASONS = 20
+_REASONS, _ERRORS = 20, 5  # reasons of failures on a page, on a screen
 
 
 def method(result: Result) -> str:
@@ -42,54 +50,81 @@ def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the content of a study."""
     table = StudyTable(result)
     shown, hidden = shown_numbers(table)
+    yield from _samples(table)
+    yield from _statistics(table, shown, hidden)
+    if met := tuple(met_expectations(table)):
+        always = sum(share == "all" for _, share in met)
+        text, share = min(met, key=lambda one: math.inf if one[1] == "all" else float(one[1].split()[0]))
+        rarest = "" if always == len(met) else f"; least often: {text} ({share})"
+        every = f"every {compared_samples(table).removesuffix('s')}"
+        summary = Statement(f"{every} meets {always} of {counted(len(met), 'expectation')}{rarest}")
+        yield ReportSection("Expectations of the samples", (summary,), "answer")
+        heads = ("expectations of the scene", f"share of the {compared_samples(table)} that meet them")
+        shares = TextTable(heads, met, brief=ALL, most=ALL)
+        yield ReportSection("Expectations of the scene", (shares,), screen="")
+    sources, notes = variance_sources(table, shown, _RANKED)
+    if sources:
+        blocks = (definitions(*sources, brief=_RANKED), *map(Statement, notes))
+        yield ReportSection("Sources of the variance", blocks, screen="sources of the variance")
+
+
+def _samples(table: StudyTable) -> Iterator[ReportSection]:
+    """Yield the status of the samples, and their inputs."""
     status = Statement(status_text(table), "bad" if len(table.failed) or len(table.pending) else "good")
-    inputs = tuple((name, range_text(column)) for name, column in table.inputs.items())
-    said: list[Block] = [status]
+    blocks: list[Block] = [status]
     if len(table.pending):
-        said.append(Statement("Interrupted: run the study again to continue.", "bad"))
-    if found := failures(table):
-        rows = tuple((f"{len(one.samples):,}", one.error, first_samples(one)) for one in found[:_REASONS])
-        said.append(TextTable(("samples", "failed with", "numbers"), rows, caption="Reasons of failures"))
-        said += more(len(found), _REASONS, "reason")
-    yield ReportSection("Samples", tuple(said), "answer")
-    yield ReportSection("Inputs", (TextTable(("input", "range"), inputs),))
-    numbers: list[tuple[str, ...]] = []
-    items = []
+        blocks.append(Statement("interrupted: run the study again to resume it", "bad"))
+    if reasons := failures(table):
+        rows = tuple((f"{len(reason.samples):,}", reason.error, first_samples(reason)) for reason in reasons)
+        heads = ("samples", "failed with", "numbers")
+        caption = "reasons of failures"
+        blocks.append(TextTable(heads, rows, caption=caption, noun="reason", brief=_ERRORS, most=_REASONS))
+    yield ReportSection("Samples", tuple(blocks), "answer", screen="")
+    if not table.paths and table.done.any():
+        hint = Statement("nothing was collected; name the outputs in the study's 'collect'")
+        yield ReportSection("Samples", (hint,), "", screen="")
+    inputs = tuple((name, range_text(column)) for name, column in table.inputs.items())
+    yield ReportSection("Inputs", (TextTable(("input", "range"), inputs, brief=ALL, most=ALL),), screen="")
+
+
+def _statistics(
+    table: StudyTable, shown: list[tuple[str, StudyColumn]], hidden: list[str]
+) -> Iterator[ReportSection]:
+    """Yield the statistics of the numbers that vary, then constants, verdicts, texts, and long arrays."""
+    rows, items, constants = list[tuple[str, ...]](), list[tuple[str, str]](), dict[str, list[str]]()
     names = [display_name(table, path, column) for path, column in shown]
     short = [re.sub(r"^bond_graph/\w+/", "", name) for name in names]
     if len(set(short)) < len(short):
         short = names
     for name, (path, column) in zip(short, shown, strict=True):
-        row = statistics_row(table, path, column)
-        if len(row) == 1:
-            items.append((name, row[0]))
+        if (constant := constant_text(table, path, column)) is not None:
+            group, last = split_name(name)
+            constants.setdefault(group, []).append(f"{last} {constant}")
+        elif table.variable(path).attrs.get("stored") == "bool":
+            items.append((name, f"{100 * np.nanmean(column.values):.4g} % true"))
         else:
-            numbers.append((headed(name, column.units) + having_it(table, column), *row))
-    items += [
-        *((re.sub(r"^bond_graph/\w+/", "", path), shares) for path, shares in text_shares(table)),
-        *((path, counted(table.size(path), "value") + " per sample") for path in hidden),
-    ]
-    few = not numbers or len(items) <= _FEW  # else they would push the figures down
-    if numbers or items:
-        blocks: list[Block] = [TextTable(("", *COLUMNS), tuple(numbers))] if numbers else []
-        blocks += map(Statement, approximate_texts(table))
-        yield ReportSection(
-            "Statistics", (*blocks, *([definitions(*items)] if items and few else [])), "answer"
-        )
+            heading = headed(name, column.units) + having_it(table, column)
+            rows.append((heading, *_statistics_row(table, column)))
+    for path, shares in text_shares(table):
+        name = re.sub(r"^bond_graph/\w+/", "", path)
+        if shares.endswith(" 100 %"):
+            group, last = split_name(name)
+            constants.setdefault(group, []).append(f"{last} {shares.removesuffix(' 100 %')}")
+        else:
+            items.append((name, shares))
+    items += ((path, counted(table.size(path), "value") + " per sample") for path in hidden)
+    few = not rows or len(items) + sum(map(len, constants.values())) <= _FEW  # else they push figures down
+    for group, values in constants.items():
+        where = f", {group}" if group else ""
+        items.append((f"the same in every sample{where}", ", ".join(values)))
+    numbers = [TextTable(("", *COLUMNS), tuple(rows), brief=ALL, most=ALL)] if rows else []
+    samples = [on_screen(Statement("samples count from 0"))] if rows else []
+    approximate = map(Statement, approximate_texts(table))
+    others = [definitions(*items, noun="number", brief=_ROWS, most=ALL)] if items else []
+    if blocks := (*numbers, *samples, *approximate, *(others if few else [])):
+        yield ReportSection("Statistics", blocks, "answer", screen="")
     if not few:
-        yield ReportSection("Constants, verdicts and texts", (definitions(*items),))
-    if met := tuple(met_expectations(table)):
-        always = sum(share == "all" for _, share in met)
-        text, share = min(met, key=lambda one: math.inf if one[1] == "all" else float(one[1].split()[0]))
-        least = "" if always == len(met) else f"; least often: {text} ({share})"
-        every = f"Every {compared_samples(table).removesuffix('s')}"
-        summary = Statement(f"{every} meets {always} of {counted(len(met), 'expectation')}{least}.")
-        yield ReportSection("Expectations of the samples", (summary,), "answer")
-        shares = TextTable(("", f"share of the {compared_samples(table)} that meet it"), met)
-        yield ReportSection("Expectations of the scene", (shares,))
-    sources, notes = variance_sources(table, shown, _RANKED)
-    if sources:
-        yield ReportSection("Sources of the variance", (definitions(*sources), *map(Statement, notes)))
+        yield ReportSection("Constants, verdicts and texts", tuple(others), screen="")
 
 
 def approximate_texts(table: StudyTable) -> list[str]:
@@ -265,19 +300,13 @@ def having_it(table: StudyTable, column: StudyColumn) -> str:
     return "" if count >= int(table.done.sum()) else f" (n = {count:,})"
 
 
-def statistics_row(table: StudyTable, path: str, column: StudyColumn) -> list[str]:
-    """Return the statistics of a number in the order of `COLUMNS`, or a sentence."""
-    if (constant := constant_text(table, path, column)) is not None:
-        return [f"{constant} in every sample"]
-    if table.variable(path).attrs.get("stored") == "bool":
-        return [f"{100 * np.nanmean(column.values):.4g} % true"]
-    found = statistics(column.values)
+def _statistics_row(table: StudyTable, column: StudyColumn) -> Iterator[str]:
+    """Yield the statistics of a number that varies, in the order of `COLUMNS`."""
+    values = statistics(column.values)
     extremes: dict[str, Direction] = {"min": "min", "max": "max"}
-    row = []
     for name in (heading.removesuffix(" (sample)") for heading in COLUMNS):
         at = worst(column.values, extremes[name]) if name in extremes else None
-        row.append(quantity(float(found[name])) + ("" if at is None else f" ({table.numbers[at]})"))
-    return row
+        yield quantity(float(values[name])) + ("" if at is None else f" ({table.numbers[at]})")
 
 
 def short_text(text: str) -> str:

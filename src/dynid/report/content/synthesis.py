@@ -6,7 +6,16 @@ from collections import Counter
 from collections.abc import Iterator
 
 from dynid.number_format import quantity, roots_text, unit_text
-from dynid.report.content.blocks import ReportSection, TextTable, definitions
+from dynid.report.content.blocks import (
+    ALL,
+    ReportSection,
+    Statement,
+    TextTable,
+    definitions,
+    joined,
+    on_page,
+    on_screen,
+)
 from dynid.report.content.transfer_functions import numeric_forms
 from dynid.report.drawing.sketch import ELEMENT_UNITS
 from dynid.report.scenes import in_hertz
@@ -14,6 +23,8 @@ from dynid.result import Result
 
 #: Types of elements, in the order of the tables.
 TYPES = ("I", "C", "R", "TF")
+#: Most elements of a form on a screen.
+_ELEMENTS = 40
 #: Kinds of functions in words.
 _KINDS = {
     "R": "a resistance",
@@ -35,17 +46,19 @@ def forms(result: Result) -> list[str]:
 
 
 def sections(result: Result) -> Iterator[ReportSection]:
-    """Yield the wanted function, the table of the forms, and the elements of each."""
+    """Yield the requested function, the table of the forms, and the elements of each."""
     function, zeros, poles = wanted(result)
-    given = definitions(
-        (function[0], function[1]), ("kind", kind_text(result)), ("zeros", zeros), ("poles", poles)
-    )
-    yield ReportSection(f"Driving-point {_about(result, 'function')}", (given,), "answer")
+    items = definitions(function, ("kind", kind_text(result)), ("zeros", zeros), ("poles", poles))
+    yield ReportSection(f"Driving-point {_about(result, 'function')}", (items,), "answer", screen="")
     columns, rows = form_table(result)
-    yield ReportSection("Forms", (TextTable(columns, tuple(rows)),), "answer")
+    yield ReportSection("Forms", (TextTable(columns, tuple(rows)),), "answer", screen="")
     for form in forms(result):
-        table = TextTable(("", "type", "value"), tuple(elements(result, form)))
-        yield ReportSection(f"Elements, {form} form", (table,), "answer" if len(rows) == 1 else "details")
+        rows_of_form = tuple(elements(result, form))
+        table = on_page(TextTable(("", "type", "value"), rows_of_form, most=ALL))
+        listed = joined((f"{name} = {value}" for name, _, value in rows_of_form), _ELEMENTS)
+        place = "answer" if len(rows) == 1 else "details"
+        blocks = (table, on_screen(Statement(listed, head=f"{form}:")))
+        yield ReportSection(f"Elements, {form} form", blocks, place, screen="")
 
 
 def wanted(result: Result) -> tuple[tuple[str, str], str, str]:

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.number_format import MOST_ROOTS, general, limit, root_text, roots_text, sentence, unit_text
-from dynid.report.content.blocks import Block, ReportSection, Statement, TextTable, definitions, more
+from dynid.number_format import MOST_ROOTS, counted, general, limit, root_text, roots_text, unit_text
+from dynid.report.content.blocks import Formula, ReportSection, TextTable, definitions
 from dynid.report.scenes import in_hertz
 from dynid.result import Result
 
-#: Most channels shown in full, rows of tables, and columns of sensitivities; longest formula.
-_FULL, _ROWS, _COLUMNS, _LONGEST = 6, 60, 6, 400
+#: Most channels shown in full, and columns of sensitivities.
+_FULL, _COLUMNS = 6, 6
 #: Most roots of a channel in the table of all.
 _SHOWN = 2
 #: Properties that are numbers, with their headings.
@@ -114,62 +115,54 @@ def channel_sections(result: Result) -> Iterator[ReportSection]:
     """Yield the common poles of all channels, the first channels in full, and a table of the others."""
     every = channels(result)
     common = len(every) > 1 and same_poles(result, every)
-    if every and (delays := delays_text(result)):
-        yield ReportSection("Delays", (Statement(sentence(delays)),), "answer")
     if common:
-        yield ReportSection("Every channel", (definitions(*_poles(result, *every[0])),), "answer")
-        if moved := tuple(_sensitivities(result, first_sensitivities(result, every), only=POLE)):
-            yield ReportSection("Sensitivities of the poles", moved)
+        poles = definitions(("poles", _poles(result, *every[0])))
+        yield ReportSection("Every channel", (poles,), "answer", screen="every channel")
+        group = first_sensitivities(result, every)
+        if moved := tuple(_sensitivities(result, group, only=POLE)):
+            yield ReportSection("Sensitivities of the poles", moved, screen="")
     if len(every) > 1:
-        table = TextTable(*_channel_table(result, every[:_ROWS], poles=not common))
-        yield ReportSection("Channels", (table, *more(len(every), _ROWS, "channel")), "answer")
+        table = _channel_table(result, every, poles=not common)
+        yield ReportSection("Channels", (table,), "answer")
     for output, source in every[:_FULL]:
-        items = definitions(*_channel_items(result, output, source, poles=not common))
-        group = f"bond_graph/sensitivities/{output}/{source}"
-        sensitivities = tuple(_sensitivities(result, group, without=POLE if common else None))
         name, place = f"{output} / {source}", "details" if len(every) > 1 else "answer"
-        if place == "answer" and sensitivities:
-            yield ReportSection(name, (items,), place)
-            yield ReportSection(f"Sensitivities of {name}", sensitivities)
-        else:
-            yield ReportSection(name, (items, *sensitivities), place)
+        items = definitions(*_channel_items(result, output, source, poles=not common))
+        yield ReportSection(name, (items,), place, screen=name)
+        group = f"bond_graph/sensitivities/{output}/{source}"
+        if moved := tuple(_sensitivities(result, group, without=POLE if common else None)):
+            title = name if place == "details" else f"Sensitivities of {name}"
+            yield ReportSection(title, moved, screen="")
+    if others := every[_FULL:]:
+        table = replace(_channel_table(result, others, poles=not common), brief=30)
+        yield ReportSection("Other channels", (table,), "", screen="")
 
 
-def _channel_table(
-    result: Result, every: list[Channel], *, poles: bool
-) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
-    """Return headings and rows of the channels: zeros, poles unless all have the same, gains, verdicts."""
+def _channel_table(result: Result, every: list[Channel], *, poles: bool) -> TextTable:
+    """Return the table of the channels: zeros, poles unless all have the same, gains, verdicts."""
     hertz, rows = in_hertz(result), []
+    kinds, verdicts = (
+        ["zeros", *(["poles"] if poles else [])],
+        ["zero_stability", *(["stability"] if poles else [])],
+    )
     for output, source in every:
-        roots, group = (
-            f"bond_graph/transfer_function/{output}/{source}",
-            f"bond_graph/properties/{output}/{source}",
-        )
-        get = {
-            name: result.value(f"{group}/{name}") if f"{group}/{name}" in result else None
-            for name in (*_NUMBERS, "zero_stability", "stability")
-        }
+        roots = f"bond_graph/transfer_function/{output}/{source}"
+        group = f"bond_graph/properties/{output}/{source}"
         unit = channel_unit(result, output, source)
-        found = [
-            _few_roots(result[f"{roots}/{name}"].data, hertz) + approximate(result, f"{roots}/{name}")
-            if f"{roots}/{name}" in result
-            else ""
-            for name in ("zeros", *(["poles"] if poles else []))
-        ]
-        numbers = [
-            "" if (value := get[name]) is None else f"{limit(value)}{unit if title.startswith('T') else ''}"
-            for name, title in _NUMBERS.items()
-            if name != "order"
-        ]
-        names = ("zero_stability", *(["stability"] if poles else []))
-        verdicts = (
-            str(get[name] or "").partition(":")[0] + approximate(result, f"{group}/{name}") for name in names
-        )
-        rows.append((f"{output} / {source}", *found, *numbers, *verdicts))
-    stable = ("zero dynamics", "stability") if poles else ("zero dynamics",)
-    heads = ("", "zeros", *(["poles"] if poles else []), *list(_NUMBERS.values())[1:], *stable)
-    used = [k for k in range(len(heads)) if any(row[k] for row in rows)]
-    return tuple(heads[k] for k in used), tuple(tuple(row[k] for k in used) for row in rows)
+        cells = [f"{output} / {source}"]
+        for path in (f"{roots}/{kind}" for kind in kinds):
+            text = _few_roots(result[path].data, hertz) + approximate(result, path) if path in result else ""
+            cells.append(text)
+        for name, title in _NUMBERS.items():
+            path = f"{group}/{name}"
+            number = limit(result.value(path)) if path in result else ""
+            suffix = unit if title.startswith("T") else approximate(result, path)
+            cells.append(f"{number}{suffix if number else ''}")
+        for path in (f"{group}/{verdict}" for verdict in verdicts):  # without its reason after the colon
+            text = str(result.value(path)).partition(":")[0] if path in result else ""
+            cells.append(text + approximate(result, path))
+        rows.append(tuple(cells))
+    heads = ("", *kinds, *_NUMBERS.values(), "zero dynamics", *(["stability"] if poles else []))
+    return TextTable(heads, tuple(rows), noun="channel").filled()
 
 
 def _few_roots(roots: NDArray[Any], hertz: bool) -> str:
@@ -183,19 +176,25 @@ def _channel_items(result: Result, output: str, source: str, *, poles: bool) -> 
     """Yield formula, zeros, poles, properties and hidden modes of a channel."""
     group = f"bond_graph/transfer_function/{output}/{source}"
     formulas = [*numeric_forms(result, group)]
-    if symbolic := symbolic_text(result, group):
-        formulas.append(symbolic if len(symbolic) < _LONGEST else "its formula is in the file")
+    if (symbolic := symbolic_text(result, group)) and formulas != ["0"]:
+        formulas.append(symbolic)
     if formulas:
         formulas[-1] += approximate(result, f"{group}/denominator", f"{group}/gain")
+    lines: list[str] = [Formula(f"= {formula}") for formula in formulas]
     if f"{group}/program" in result:
-        lines = str(result.value(f"{group}/program")).splitlines()
-        formulas += lines[:MOST_ROOTS]
-        if len(lines) > MOST_ROOTS:
-            formulas.append(f"… {len(lines) - MOST_ROOTS} more in the file")
-    yield "T(s)", tuple(formulas)
-    yield "zeros", tuple(_roots(result, output, source, "zeros", "zero_stability", hertz=in_hertz(result)))
+        program = str(result.value(f"{group}/program")).splitlines()
+        lines += [f"nested, in {counted(len(program), 'assignment')}:", *program[:MOST_ROOTS]]
+        if len(program) > MOST_ROOTS:
+            lines.append(f"… {len(program) - MOST_ROOTS} more in the file")
+    for part in ("numerator", "denominator"):
+        if f"{group}/symbolic_{part}" in result:
+            terms = counted(int(result[f"{group}/symbolic_{part}"].attrs["terms"]), "term")
+            lines.append(f"expanded {part} of {terms} in the file")
+    yield "T(s)", tuple(lines)
+    zeros = _roots(result, output, source, "zeros", "zero_stability", hertz=in_hertz(result))
+    yield "zeros", tuple(zeros)
     if poles:
-        yield from _poles(result, output, source)
+        yield "poles", _poles(result, output, source)
     group, unit = f"bond_graph/properties/{output}/{source}", channel_unit(result, output, source)
     numbers = (
         f"{title} = {limit(result.value(f'{group}/{name}'))}{unit}"
@@ -206,21 +205,25 @@ def _channel_items(result: Result, output: str, source: str, *, poles: bool) -> 
     )
     yield "properties", (" · ".join(numbers),)
     yield from ((title, (text,)) for title, text in characteristics(result, output, source))
-    hidden = result.get(f"{group}/hidden_modes")
-    if hidden is not None and len(hidden.data):
-        hertz = in_hertz(result)
-        about = approximate(result, f"{group}/hidden_modes")
-        where = "uncontrollable or unobservable in this channel"
-        modes = [f"{roots_text(hidden.data, hertz=hertz)}{about} ({where})"]
-        if f"{group}/hidden_mode_cause" in result:
-            causes, elements = (result[f"{group}/hidden_mode_{part}"].data for part in ("cause", "elements"))
-            upper = [place for place, root in enumerate(hidden.data) if root.imag >= 0]
-            for place in upper[:MOST_ROOTS]:
-                held = f"; its energy is in {elements[place]}" if elements[place] else ""
-                modes.append(f"{root_text(hidden.data[place], hertz=hertz)}: {causes[place]}{held}")
-        note = str(result.group_attrs.get(group, {}).get("hidden_mode_note", ""))
-        modes += [note] if note else []
-        yield "hidden modes", tuple(modes)
+    yield "hidden modes", tuple(_hidden_modes(result, group))
+
+
+def _hidden_modes(result: Result, group: str) -> Iterator[str]:
+    """Yield the modes that a channel does not show, with their causes."""
+    hidden, hertz = result.get(f"{group}/hidden_modes"), in_hertz(result)
+    if hidden is None or not len(hidden.data):
+        return
+    roots = roots_text(hidden.data, hertz=hertz) + approximate(result, f"{group}/hidden_modes")
+    yield f"{roots} (uncontrollable or unobservable in this channel)"
+    if note := str(result.group_attrs.get(group, {}).get("hidden_mode_note", "")):
+        yield note
+    if f"{group}/hidden_mode_cause" not in result:
+        return
+    causes, elements = (result[f"{group}/hidden_mode_{part}"].data for part in ("cause", "elements"))
+    upper = [index for index, root in enumerate(hidden.data) if root.imag >= 0]
+    for index in upper[:MOST_ROOTS]:
+        energy = f"; its energy is in {elements[index]}" if elements[index] else ""
+        yield f"{root_text(hidden.data[index], hertz=hertz)}: {causes[index]}{energy}"
 
 
 def _roots(
@@ -235,16 +238,16 @@ def _roots(
         yield str(result.value(path)) + approximate(result, path)
 
 
-def _poles(result: Result, output: str, source: str) -> list[Definition]:
+def _poles(result: Result, output: str, source: str) -> tuple[str, ...]:
     """Return the poles with their natural frequencies and damping ratios."""
     path = f"bond_graph/transfer_function/{output}/{source}/poles"
     pairs = [pole for pole in result[path].data if pole.imag > 0] if path in result else []
-    beside = 0 < len(pairs) <= MOST_ROOTS
-    hertz = in_hertz(result) and not beside  # natural frequencies are written once
+    oscillates = 0 < len(pairs) <= MOST_ROOTS
+    hertz = in_hertz(result) and not oscillates  # natural frequencies are written once
     lines = list(_roots(result, output, source, "poles", "stability", hertz=hertz))
-    if beside:
-        lines.append("; ".join(oscillation_text(result, pole) for pole in pairs))
-    return [("poles", tuple(lines))]
+    if oscillates:
+        lines.append(" · ".join(oscillation_text(result, pole) for pole in pairs))
+    return tuple(lines)
 
 
 def oscillation_text(result: Result, pole: complex) -> str:
@@ -256,27 +259,34 @@ def oscillation_text(result: Result, pole: complex) -> str:
 
 def _sensitivities(
     result: Result, group: str, *, only: str = "", without: str | None = None
-) -> Iterator[Block]:
+) -> Iterator[TextTable]:
     """Yield the table of sensitivities of a channel, the most influential parameter first.
 
     `only`, `without`: as of `sensitivity_columns`.
     """
     if f"{group}/parameter" not in result:
         return
-    every = sensitivity_columns(result, group, only=only, without=without)
-    shown = every[:_COLUMNS]
-    names = result[f"{group}/parameter"].data
-    weight = influence(every) if every else np.zeros(len(names))
-    order = [int(place) for place in np.argsort(-weight, kind="stable") if weight[place]]
+    columns = sensitivity_columns(result, group, only=only, without=without)
+    if not columns:
+        return
+    names, weight = result[f"{group}/parameter"].data, influence(columns)
     rows = tuple(
-        (str(names[place]), *(sensitivity_text(moved[place] / 100) for _, moved in shown))
-        for place in order[:_ROWS]
+        (str(names[k]), *(sensitivity_text(moved[k] / 100) for _, moved in columns[:_COLUMNS]))
+        for k in np.argsort(-weight, kind="stable")
+        if weight[k]
     )
-    if rows:
-        heads = ("", *(title for title, _ in shown))
-        caption = f"Changes if a parameter is larger by 1 %{approximate(result, f'{group}/poles')}"
-        yield TextTable(heads, rows, caption=caption)
-        yield from more(len(every), _COLUMNS, "column")
+    more = (
+        f", the first {_COLUMNS} of {len(columns)} zeros, poles and gains" if len(columns) > _COLUMNS else ""
+    )
+    about = approximate(result, f"{group}/poles")
+    yield TextTable(
+        ("", *(title for title, _ in columns[:_COLUMNS])),
+        rows,
+        caption=f"changes if a parameter is larger by 1 %{about}{more}",
+        noun="parameter",
+        brief=8,
+        brief_columns=5,
+    )
 
 
 def first_sensitivities(result: Result, every: list[Channel]) -> str:

@@ -21,26 +21,23 @@ from dynid.errors import DynidError
 from dynid.number_format import counted
 from dynid.progress import tracked
 from dynid.report.content import array_rows, content
-from dynid.report.content.blocks import Block, DefinitionList, NumberedList, ReportSection, Statement
+from dynid.report.content.blocks import DefinitionList, ReportSection, Statement
 from dynid.report.figure import Figure, figures, leading
 from dynid.report.page.html import (
     Markup,
     figure_table,
-    formula,
     grid,
     join,
     scrolling,
-    sentence,
-    table_entry,
     tag,
     text,
 )
+from dynid.report.page.nodes import node, page_sections
 from dynid.report.plot.chart import PageSpace, embedded
 from dynid.report.svg import css
 from dynid.result import Result
 
 _TOOLS = (("in", "+", "Zoom in"), ("out", "−", "Zoom out"), ("all", "Whole", "Show the whole figure"))
-_NUMBER = re.compile(r"(?:[ζ×] )?[-+−±]?[\d∞–]|-$")
 #: Most arrays, and most lines of a scene, that are listed.
 _ARRAYS, _LINES = 500, 3000
 #: Width of a picture, and that above which it takes the whole width of the page, px.
@@ -49,8 +46,6 @@ _WIDTH, _WIDE = re.compile(r'<svg[^>]*\bwidth="([\d.]+)"'), 520
 _TALL = 370.0
 _FIRST = ("created", "dynid_version", "python", "packages", "seed", "folder")
 
-#: A text of more characters in a cell has room for several words a line.
-_LONG = 24
 #: Most rows of a table of the answer that are not folded.
 _SHOWN = 6
 
@@ -98,17 +93,19 @@ def page(result: Result, *, live: int | None = None, note: str = "") -> str:
     first = [one for one in first if one is first[0] or 'class="wide"' not in beside[one.name]]
     others = [figure for figure in every if figure not in first or figure.name in previews]
     most = None if result.kind == "bench" else _SHOWN  # of a benchmark every row is an answer
-    parts = [_answer(found.sections, [beside[one.name] for one in first], note, most)]
+    parts = [
+        _answer(page_sections(found.sections, "answer"), [beside[one.name] for one in first], note, most)
+    ]
     parts[0] = parts[0]._replace(entries=[_entry(one) for one in first if one.name not in previews])
     if shown := [figure for figure in others if not figure.derivation]:
         cells = tag("div", *(drawn[figure.name] for figure in shown), class_="figures")
         parts.append(PagePart("Figures", cells, [_entry(figure) for figure in shown]))
     for place, heading in (("details", "Details"), ("derivation", "Derivations")):
-        sections = [section for section in found.sections if section.place == place]
+        sections = page_sections(found.sections, place)
         derived = [figure for figure in others if figure.derivation] if place == "derivation" else []
         names = [(f"{place}-{number}", section.title) for number, section in enumerate(sections, 1)]
         inside = [
-            _folded(name, title, *(_block(block, title) for block in section.blocks))
+            _folded(name, title, *(node(block, title) for block in section.blocks))
             for (name, title), section in zip(names, sections, strict=True)
         ]
         inside += [_folded(f"fold-{figure.name}", figure.title, drawn[figure.name]) for figure in derived]
@@ -133,17 +130,18 @@ def _answer(
     sections: Iterable[ReportSection], first: Sequence[Markup], note: str, most: int | None
 ) -> PagePart:
     """Return the answer with the figures that show it; all but the first `most` rows of tables are folded."""
-    answers = [section for section in sections if section.place == "answer"]
     cells = []
-    for one in answers:
-        blocks = (tag("div", _block(block, one.title, most), class_="block") for block in one.blocks)
+    for section in sections:
+        blocks = (tag("div", node(block, section.title, most), class_="block") for block in section.blocks)
         # Sentences need no heading.
-        head = "" if all(isinstance(block, Statement) for block in one.blocks) else tag("h3", one.title)
-        terms = all(isinstance(block, DefinitionList) for block in one.blocks)
+        head = (
+            "" if all(isinstance(block, Statement) for block in section.blocks) else tag("h3", section.title)
+        )
+        terms = all(isinstance(block, DefinitionList) for block in section.blocks)
         cells.append(tag("section", head, *blocks, class_="terms" if terms else None))
     inside = join(
         tag("p", note, class_="note") if note else "",
-        tag("div", *cells, class_="answers") if answers else "",
+        tag("div", *cells, class_="answers") if cells else "",
         tag("div", *first, class_="figures") if first else "",
     )
     return PagePart("Answer", inside)
@@ -237,48 +235,6 @@ def document(
         body=body,
         scripts="\n".join(f"<script>{script}</script>" for script in code),
     )
-
-
-def _block(block: Block, title: str, most: int | None = None) -> Markup:
-    """Return a block; in tables, columns of numbers are aligned to the right.
-
-    With `most`, all rows of longer tables are folded below the first.
-    """
-    if isinstance(block, DefinitionList):
-        items = (
-            join(tag("dt", name), *(tag("dd", formula(line)) for line in lines))
-            for name, lines in block.items
-        )
-        return tag("dl", *items)
-    if isinstance(block, Statement):
-        return tag("p", sentence(block.text), class_=f"note {block.tone}".strip())
-    if isinstance(block, NumberedList):
-        return tag("ol", *(tag("li", formula(item)) for item in block.items))
-    columns = zip(*block.rows, strict=True) if block.rows else ((),) * len(block.columns)
-    numeric = [
-        place > 0 and all(not value or _NUMBER.match(value) for value in column)
-        for place, column in enumerate(columns)
-    ]
-    rows = []
-    for place, row in enumerate(block.rows):
-        cells = (
-            tag(
-                "td",
-                table_entry(value),
-                class_="n" if right else "long" if len(value) > _LONG else None,
-            )
-            for value, right in zip(row[1:], numeric[1:], strict=True)
-        )
-        head = tag("th", row[0], scope="row") if row[0] else tag("td")
-        rows.append(tag("tr", head, *cells, class_="marked" if place in block.marked else None))
-    label = block.caption or title
-    caption = tag("p", block.caption, class_="quiet") if block.caption else Markup("")
-    if most is None or len(rows) <= most + 2:
-        return join(caption, scrolling(grid(block.columns, join(*rows), numeric), label))
-    first, whole = (grid(block.columns, join(*some), numeric) for some in (rows[:most], rows))
-    summary = tag("summary", f"All {len(rows):,} rows")
-    folded = tag("details", summary, scrolling(whole, f"{label}, all rows"), class_="rows")
-    return join(caption, scrolling(first, f"{label}, first rows"), folded)
 
 
 def _drawn(figure: Figure, tallest: float) -> tuple[Markup, int]:

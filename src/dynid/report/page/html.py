@@ -87,8 +87,8 @@ def table_entry(value: str) -> Markup:
     return Markup(NO_VALUE) if value in _NO_VALUES else formula(value)
 
 
-def sentence(value: str) -> Markup:
-    """Return a sentence; what stands between backticks is set as code."""
+def with_code(value: str) -> Markup:
+    """Return a text; what stands between backticks is set as code."""
     return _with_code(text(value))
 
 

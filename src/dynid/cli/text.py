@@ -1,4 +1,4 @@
-"""Parts of several screens: frequency and time responses, tables, texts as wide as the terminal."""
+"""Lines of text as wide as the terminal: paragraphs, names with descriptions, tables."""
 
 from __future__ import annotations
 
@@ -9,49 +9,8 @@ from shutil import get_terminal_size
 from textwrap import wrap
 from typing import Any
 
-from dynid.number_format import counted, general, span_text
-from dynid.report.content import extremes, time_span
-from dynid.report.scenes import frequency_span, peak_responses, time_courses
-from dynid.result import Result
-
 #: Widths of screens in characters: the usual one of texts, and limits of what terminals give.
 _USUAL, _NARROWEST, _WIDEST = 110, 60, 120
-#: Most channels and outputs that are listed.
-_MOST = 12
-
-
-def response_lines(result: Result, group: str) -> Iterable[str]:
-    """Yield the peaks of the frequency responses and the ranges of the time responses of a group."""
-    frequency, transient = f"{group}/frequency_response", f"{group}/time_response"
-    if f"{frequency}/omega" in result:
-        low, high, unit = frequency_span(result, frequency)
-        count = counted(len(result[f"{frequency}/omega"].data), "frequency")
-        yield f"  frequency response at {count}, {span_text(low, high)} {unit}"
-        top = peak_responses(result, frequency)
-        outputs, inputs = (result[f"{frequency}/{axis}"].data for axis in ("output", "input"))
-        channels = [(k, m) for k in range(len(outputs)) for m in range(len(inputs))]
-        for k, m in channels[:_MOST]:
-            ratio, size = f"|{outputs[k]} / {inputs[m]}|", general(top.magnitude[k, m])
-            if top.magnitude[k, m]:
-                yield f"    max {ratio} = {size} at {general(top.at[k, m])} {unit}{top.note[k, m]}"
-            else:
-                yield f"    {ratio} = 0 at all frequencies"
-        if len(channels) > _MOST:
-            yield f"    … {counted(len(channels) - _MOST, 'more channel')} in the file"
-    if f"{transient}/time" in result:
-        yield f"  time response {time_span(result, transient)}"
-        note = result.group_attrs.get(transient, {}).get("note")
-        if note:
-            yield from (f"    {line}" for line in wrapped(f"Note: {note}.", 96))
-        courses = time_courses(result, transient)
-        for name, course in courses[:_MOST]:
-            least, largest, final = extremes(course)
-            yield f"    {name}: min {least}, max {largest}, final {final}"
-        if len(courses) > _MOST:
-            alone = len(courses) == len(result[f"{transient}/output"].data)
-            kind = "output" if alone else "response"
-            yield f"    … {counted(len(courses) - _MOST, f'more {kind}')} in the file"
-
 
 #: The width of the screen of another process, for which this one writes; None: its own.
 screen_elsewhere: ContextVar[int | None] = ContextVar("screen_elsewhere", default=None)
