@@ -178,3 +178,54 @@ control:
   loops: [{from: m.f, to: act, reference: u, controller: {gain: "FACTOR*pi/(2*(LATE))", delay: LATE}}]
 """
     assert system(run(text, FACTOR=factor, LATE=late)[0])[1] == expected
+
+
+#: A mass on a damper, and another damper with a junction 'x' whose flow goes around between it and 'z'.
+FREE = """\
+dynid: 1
+kind: bond-graph
+graph:
+  nodes:
+    {u: Se, j: '1', r: {type: R, value: B}, m: {type: I, value: 3}, p: Sf, z: '0', y: {type: R, value: 2},
+     x: '1'}
+  bonds: [u -> j, j -> r, j -> m, p -> z, z -> y, z -> x, x -> z]
+analysis: {inputs: [u], outputs: [m.f], results: [properties]}
+"""
+LOOP = "control: {loops: [{from: m.f, to: p, controller: {gain: 3, delay: LATE}}]}\n"
+
+
+@pytest.mark.parametrize(("damper", "kind", "right"), [(0.7, "singular", -2), (-0.7, "unstable", -2)])
+@pytest.mark.parametrize("loop", ["", LOOP.replace("LATE", "0"), LOOP.replace("LATE", "0.2")])
+def test_a_part_without_a_unique_solution_makes_the_system_singular(loop, damper, kind, right):
+    result, _ = run(FREE + loop, B=damper)
+    assert system(result) == (False, kind, right)
+    if kind == "singular":
+        reason = str(result.value("bond_graph/system/reason"))
+        assert reason.startswith("a part has no unique solution: the flow of 'x' is not determined")
+        assert reason in " ".join(summary(result, "").split())
+
+
+@pytest.mark.parametrize("gain", [2, -5])
+@pytest.mark.parametrize("late", [0, 0.2])
+def test_loops_that_leave_a_variable_open_are_decided(late, gain):
+    """Two flow sources on one junction, each driven by a loop: their efforts have a sum alone."""
+    text = FREE[: FREE.index("  nodes")] + "  nodes: {u: Se, p: Sf, q: Sf, j: '1', m: {type: I, value: 3}}\n"
+    text += "  bonds: [u -> j, p -> j, q -> j, j -> m]\n"
+    text += "analysis: {inputs: [u], outputs: [m.f], results: [properties]}\n"
+    loops = ", ".join(
+        f"{{from: m.{y}, to: {source}, controller: {{gain: {gain}, delay: {late}}}}}"
+        for y, source in (("e", "p"), ("p", "q"))
+    )
+    result, _ = run(f"{text}control: {{loops: [{loops}]}}\n")
+    assert system(result) == (False, "singular", -2)
+    assert "the effort of 'q" in str(result.value("bond_graph/system/reason"))
+
+
+@pytest.mark.parametrize(("gain", "verdict"), [(2, (True, "stable", 0)), (-2, (False, "unstable", 1))])
+def test_a_loop_that_alone_ties_a_junction_is_decided_without_cutting_it(gain, verdict):
+    """The source 'a' is a damper of its gain: without it nothing takes up the effort of 'u'."""
+    text = FREE[: FREE.index("  nodes")] + "  nodes: {u: Se, a: Se, j: '1', x: '0', c: {type: C, value: 3}}\n"
+    text += "  bonds: [u -> j, a -> j, j -> x, x -> c]\n"
+    text += "analysis: {inputs: [u], outputs: [c.e], results: [properties]}\n"
+    result, _ = run(text + f"control: {{loops: [{{from: j.f, to: a, controller: {{gain: {gain}}}}}]}}\n")
+    assert system(result) == verdict

@@ -41,7 +41,7 @@ from dynid.lti.certified_roots import certified_roots
 from dynid.lti.delay_stability import COUNT
 from dynid.lti.delay_stability import stability as delayed_stability
 from dynid.lti.quasi_polynomials import Delay, QuasiPolynomial, common_factor, coprime
-from dynid.lti.stability import NO_SOLUTION, Verdict, combined, verdict
+from dynid.lti.stability import Verdict, combined, no_solution, verdict
 
 if TYPE_CHECKING:
     from dynid.arithmetic.real_field import RealField
@@ -183,7 +183,7 @@ class CutLoops:
         parts = [*separate_parts(self._reduced, self._natural), *(others or ())]
         hidden = certified_roots(self._unmoved(math.prod(parts, start=0 * self._common + 1)))
         verdicts += [verdict(hidden)] if hidden else []
-        return combined([*verdicts, *([] if others is not None else [NO_SOLUTION])])
+        return combined([*verdicts, *([] if others is not None else [no_solution(self._reduced.free)])])
 
     def _unmoved(self, modes: Any) -> Any:
         """Return the factor of natural modes, and those of controllers, that no feedback moves."""

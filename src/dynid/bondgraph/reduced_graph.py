@@ -234,8 +234,10 @@ class ReducedGraph(GraphProgram):
                 except Singular:
                     raise found[0].error from error
         rings = [] if self._all_solved else self.structure.rings
+        #: What is not determined, and no output depends on.
+        self.free = [part.error.problem for part in found]
         self.undetermined = [ring_text(graph, bond) for bond in rings]
-        self.undetermined += [f"{each.error.problem}; no requested output depends on it" for each in found]
+        self.undetermined += [f"{problem}; no requested output depends on it" for problem in self.free]
 
     @cached_property
     def structure(self) -> JunctionStructure:
@@ -407,6 +409,8 @@ def parts_without_output(reduced: ReducedGraph) -> list[Any] | None:
     list or None
         None where a part has no unique solution.
     """
+    if reduced.free:
+        return None
     covered, polynomials = set[str](), list[Any]()
     for name in [] if reduced._all_solved else reduced.unsolved():
         if name in covered or name not in reduced.graph.nodes:

@@ -110,12 +110,13 @@ class Verdict:
     Parameters
     ----------
     kind
-        stable, marginal, at the limit (of loops with delays, see `lti/delay_stability.py`), unstable or
-        undecided.
+        stable, marginal, at the limit (of loops with delays, see `lti/delay_stability.py`), unstable,
+        singular (no unique solution, of which stability is not defined) or undecided.
     reason
         Why; may be empty.
     unstable_poles
-        Poles in the right half-plane; inf where there are infinitely many, NaN where it is undecided.
+        Poles in the right half-plane; inf where there are infinitely many, NaN where it is undecided or not
+        defined.
     """
 
     kind: str
@@ -133,12 +134,8 @@ class Verdict:
         return f"{self.kind}: {self.reason}" if self.reason else self.kind
 
 
-#: Verdict on a system of which a part is undetermined.
-NO_SOLUTION = Verdict("undecided", "a part of the graph has no unique solution", math.nan)
-#: Verdict on loops that cannot be cut.
-NO_OPEN_SOLUTION = Verdict("undecided", "the graph has no unique solution with its loops cut", math.nan)
 #: Kinds of verdicts, of which the first that a part of a system has is that of the whole.
-KINDS = ("unstable", "undecided", "at the limit", "marginal", "stable")
+KINDS = ("unstable", "singular", "undecided", "at the limit", "marginal", "stable")
 
 
 def verdict(poles: Sequence[SidedRoot]) -> Verdict:
@@ -152,6 +149,11 @@ def verdict(poles: Sequence[SidedRoot]) -> Verdict:
     if axis:
         return Verdict("marginal", f"{_place(axis, 'pole')} on the imaginary axis", 0)
     return Verdict("stable", "" if poles else "there are no poles", 0)
+
+
+def no_solution(causes: Sequence[str]) -> Verdict:
+    """Return the verdict on a system of which a part has no unique solution."""
+    return Verdict("singular", ": ".join(["a part has no unique solution", *causes[:1]]), math.nan)
 
 
 def combined(verdicts: Iterable[Verdict]) -> Verdict:

@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from dynid.bondgraph.exact_engine import ExactEngine
-from dynid.bondgraph.reduced_graph import Channel, parts_without_output, separate_parts
+from dynid.bondgraph.reduced_graph import Channel, ReducedGraph, parts_without_output, separate_parts
 from dynid.lti.certified_roots import certified_roots
-from dynid.lti.stability import NO_SOLUTION, SidedRoot, Verdict, combined, verdict
+from dynid.lti.stability import SidedRoot, Verdict, combined, no_solution, verdict
 from dynid.result import Result
 
 if TYPE_CHECKING:
@@ -49,8 +49,20 @@ def graph_verdict(engine: ExactEngine | FloatEngine) -> Verdict:
         return Verdict("undecided", "parts of the graph overlap; use 'engine: exact'", math.nan)
     others = parts_without_output(reduced)
     if others is None:
-        return combined([*verdicts, NO_SOLUTION])
+        return combined([*verdicts, no_solution(reduced.free)])
     return combined([*verdicts, *(verdict(certified_roots(part)) for part in others)] or [verdict([])])
+
+
+def closed_verdict(reduced: ReducedGraph, *, delayed: bool) -> Verdict:
+    """Return the verdict on a graph with its loops closed that has no unique solution with its loops cut.
+
+    Delays, or their approximants, do not change whether a graph has one.
+    """
+    if reduced.free:
+        return no_solution(reduced.free)
+    if not delayed:
+        return graph_verdict(ExactEngine(reduced))
+    return Verdict("undecided", "the graph has no unique solution with its loops cut", math.nan)
 
 
 def _modes(engine: ExactEngine | FloatEngine, channel: Channel) -> list[SidedRoot]:
