@@ -65,6 +65,12 @@ def add_model_scope(result: Result, holder: str, parts: Sequence[ScopePart]) -> 
     result.add(f"{group}/why", [p.why if yes else "" for p, yes in zip(parts, any_left, strict=True)], dims)
 
 
+def wants_scope(result: Result, holder: str) -> bool:
+    """Return True if a result keeps anything of the scope of a model."""
+    columns = ("kept", "left_out", "kept_names", "left_out_names", "why")
+    return any(result.wants(f"{holder}/need/{column}") for column in columns)
+
+
 def scope_parts(result: Result, holder: str) -> list[ScopePart]:
     """Return the parts that `add_model_scope` added to a result."""
     group = f"{holder}/need"

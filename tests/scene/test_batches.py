@@ -33,14 +33,9 @@ def scene(text):
 
 
 def assert_same(template, overrides, collect=(), *, together=True):
-    """Check samples against each alone, and that the batched route takes them or not."""
+    """Check samples against each alone, and that they are run together or not."""
     assert (why_alone(template, tuple(overrides[0]), collect) == "") == together
-    kind, taken = KINDS[template.kind].load("batch"), []
-    route = kind.batched
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(kind, "batched", lambda *given: taken.append(route(*given)) or taken[0])
-        outcomes = run_batch(template, overrides, collect)
-    assert (taken[0] is not None) == together
+    outcomes = run_batch(template, overrides, collect)
     assert len(outcomes) == len(overrides)
     for override, outcome in zip(overrides, outcomes, strict=True):
         alone = run_alone(template, override, collect)
@@ -455,3 +450,17 @@ def test_an_undefined_characteristic_is_missing_with_the_reason():
 def test_irrational_values_are_run_alone():
     text = FUNCTIONS.replace("r: 2*z*sqrt(k*m)", "r: 2*z*sqrt(k)")
     assert_same(scene(text), [{"parameters.z": z} for z in (0.5, 2)], together=False)
+
+
+@pytest.mark.parametrize(
+    "name", ["isolator_controlled", "half_car", "quarter_car", "table2", "beam_reduction"]
+)
+def test_what_is_collected_of_one_group_is_what_a_whole_run_holds(name):
+    template = dynid.load_scene(CONFIGS / f"{name}.yaml")
+    whole = KINDS[template.kind].load("run")(template)
+    groups = {path.rpartition("/")[0] for path in whole if whole[path].data.dtype.names is None}
+    for collect in [(), *((group,) for group in sorted(groups)[::4])]:
+        collected = gather(whole, collect)
+        outcome = run_alone(template, {}, collect)
+        assert outcome.values.keys() == collected.keys()
+        assert all(outcome.values[path].equals(variable) for path, variable in collected.items())

@@ -483,11 +483,11 @@ measurement: {step: 0.002, samples: 10, channels: [{output: shaft.q}], simulate:
 
 def test_a_study_over_a_gain_of_a_controller_is_run_alone():
     """Samples run together differ in the values of nodes; a controller is none of them."""
-    from dynid.scene.kinds.bond_graph_samples import batched
+    from dynid.scene.batch import why_alone
 
     template = scene(SERVO.replace("CONTROLLER", "{gain: kp}") + "parameters: {kp: 20}\n")
     path = "bond_graph/properties/shaft.q/target/dc_gain"
-    assert batched(template, [{"parameters.kp": 10}, {"parameters.kp": 40}], (path,)) is None
+    assert why_alone(template, ["parameters.kp"], (path,))
 
 
 UNSTABLE = """\

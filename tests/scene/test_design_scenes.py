@@ -286,10 +286,9 @@ def test_numbers_that_cannot_depend_on_parameters_are_located():
 
 
 def test_every_sample_of_a_study_is_designed():
-    from dynid.scene.kinds.bond_graph_samples import batched, why_alone
+    from dynid.scene.batch import why_alone
 
     made = scene()
-    assert batched(made, [{"parameters.m": 2.0}, {"parameters.m": 3.0}], ()) is None
     assert why_alone(made, ["parameters.m"], ()) == "every sample is designed by itself"
 
 

@@ -14,7 +14,7 @@ REFERENCES = [
     for one in fields(KINDS[name])
     if one.name not in ("name", "template") and getattr(KINDS[name], one.name)
 ]
-MEMBERS = {"batch": ("batched", "why_alone"), "content": ("sections", "method")}
+MEMBERS = {"content": ("sections", "method")}
 
 
 @pytest.mark.parametrize(("name", "part"), REFERENCES)
@@ -37,4 +37,4 @@ def test_a_kind_has_a_template_of_its_own_kind(name):
 
 
 def test_what_a_kind_does_not_have_is_none():
-    assert KINDS["study"].load("batch") is None
+    assert KINDS["study"].load("samples") is None

@@ -474,10 +474,9 @@ def test_a_range_of_starts_in_order_is_searched():
 
 @pytest.mark.parametrize("point", ["", "operating_point: {}"])
 def test_samples_of_a_graph_with_laws_are_run_alone(point):
-    from dynid.scene.kinds.bond_graph_samples import batched, why_alone
+    from dynid.scene.batch import why_alone
 
     made = scene(DUFFING.replace("OPERATING", point))
-    assert batched(made, [{"graph.nodes.m.value": 2.0}, {"graph.nodes.m.value": 3.0}], ()) is None
     reason = why_alone(made, ["graph.nodes.m.value"], ())
     assert reason == "every sample has an operating point of its own"
 

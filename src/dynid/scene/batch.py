@@ -7,17 +7,25 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 from fractions import Fraction
+from functools import lru_cache
 from graphlib import TopologicalSorter
 from typing import TYPE_CHECKING, Any, Protocol
 
 from dynid.arithmetic.expression import Expression, parse
 from dynid.arithmetic.numbers import Number, OutOfRangeError, apply, pi, to_fraction
-from dynid.errors import DynidError, SceneError
+from dynid.errors import DynidError, SceneError, UsageError
 from dynid.native import call, compiled
 from dynid.result import Result
 from dynid.scene.kind import KINDS
 from dynid.scene.load import check_source
-from dynid.scene.outcomes import NUMBERS, SampleBlock, SampleOutcome, SampleOutcomes, gather
+from dynid.scene.outcomes import (
+    NUMBERS,
+    CollectedResult,
+    SampleBlock,
+    SampleOutcome,
+    SampleOutcomes,
+    gather,
+)
 from dynid.scene.schema.base import DefinedParameter
 from dynid.scene.schema.raw import reference_key, reference_values
 from dynid.scene.yaml.source import set_values
@@ -29,30 +37,34 @@ if TYPE_CHECKING:
     from dynid.scene.load import Scene
 
 
-# Bytes that a process of samples keeps between them.
-_KEPT = 2**26
+# Memory that a process of samples keeps between them, bytes.
+_KEPT_BYTES = 2**26
 
 Expected = Sequence[Mapping[str, Any]]
+Overrides = Sequence[Mapping[str, Any]]
+"""For each sample its values by dotted path, as `--set` takes them."""
 
 
 class NotShared(Exception):
     """The samples of a batch share too little; the text says why."""
 
 
+class SamplePlan(Protocol):
+    """What the samples of a scene share: made of the scene, the paths that vary and what is collected."""
+
+    def run(self, overrides: Overrides) -> SampleOutcomes:
+        """Run samples; those that are to be run alone are pending."""
+
+
 @dataclass(frozen=True)
-class BatchKey:
-    """Key of a prepared batch: scenes of equal text are equal."""
+class _PlanKey:
+    """Key of a plan: scenes of equal text are equal."""
 
     text: str
     file: str
     paths: tuple[str, ...]
     collect: tuple[str, ...]
     scene: Scene = field(compare=False)
-
-    @classmethod
-    def of(cls, scene: Scene, paths: Sequence[str], collect: tuple[str, ...] = ()) -> BatchKey:
-        """Return the key of a scene with values at some paths varied, and some results collected."""
-        return cls(scene.source.resolved_text(), scene.source.file, tuple(paths), collect, scene)
 
 
 class Judge(Protocol):
@@ -67,7 +79,7 @@ class Judge(Protocol):
 
 def run_batch(
     template: Scene,
-    overrides: Sequence[Mapping[str, Any]],
+    overrides: Overrides,
     collect: tuple[str, ...],
     judge: Judge | None = None,
 ) -> SampleOutcomes:
@@ -78,12 +90,12 @@ def run_batch(
     template
         The scene that they share.
     overrides
-        For each sample its values by dotted path, as `--set` takes them.
+        The values of the samples.
     collect
-        The arrays to gather from each result: paths, groups, or patterns with `*`; empty: every number under
+        The arrays to compute and gather: paths, groups, or patterns with `*`; empty: every number under
         `properties` and `parameters`.
     judge
-        Test of results against the expectations of the scene; absent: they are not tested.
+        Test of results against the expectations of the scene; default: they are not tested.
 
     Returns
     -------
@@ -92,38 +104,18 @@ def run_batch(
         depends on what else is run with it.
     """
     if compiled():
-        call("dynid_keep_memory", _KEPT)
-    together = _together(template, overrides, collect, judge) or SampleOutcomes([], len(overrides))
-    alone = [run_alone(template, overrides[row], collect, judge) for row in together.pending]
-    return together.completed(alone)
-
-
-def _together(
-    template: Scene,
-    overrides: Sequence[Mapping[str, Any]],
-    collect: tuple[str, ...],
-    judge: Judge | None,
-) -> SampleOutcomes | None:
-    """Return the outcomes of samples run together by their kind; None where it cannot.
-
-    Samples that are to be run alone are pending.
-    """
-    together = KINDS[template.kind].load("batch")
-    varied = {path.partition(".")[0] for one in overrides for path in one}
+        call("dynid_keep_memory", _KEPT_BYTES)
     expected = _expected(template) if judge is not None else []
-    if together is None or "expect" in varied:
-        return None
-    collect = collect or (NUMBERS,)
-    found = together.batched(template, overrides, (*collect, *(str(one["path"]) for one in expected)))
-    if found is None:
-        return None
-    outcomes = found if isinstance(found, SampleOutcomes) else SampleOutcomes.of(found)
-    if judge is None or not expected:
-        return outcomes
-    judged = outcomes.with_expectations(
-        lambda block: judge.many(block, expected, template.kind, template.title)
-    )
-    return judged.with_values(lambda block: gather(block.result(0), collect))
+    paths = tuple(overrides[0]) if overrides else ()
+    alike = bool(paths) and all(tuple(override) == paths for override in overrides)
+    plan = _plan(template, paths, _requested(collect, expected)) if alike else ""
+    outcomes = SampleOutcomes([], len(overrides)) if isinstance(plan, str) else plan.run(overrides)
+    if judge is not None and expected:
+        outcomes = outcomes.with_expectations(
+            lambda block: judge.many(block, expected, template.kind, template.title)
+        ).with_values(lambda block: gather(block.result(0), collect))
+    alone = [run_alone(template, overrides[row], collect, judge) for row in outcomes.pending]
+    return outcomes.completed(alone)
 
 
 def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...]) -> str:
@@ -136,24 +128,51 @@ def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...]) -
     paths
         The dotted paths of the values in which the samples differ.
     """
+    plan = _plan(template, tuple(paths), _requested(collect, _expected(template)))
+    return plan if isinstance(plan, str) else ""
+
+
+def _plan(scene: Scene, paths: tuple[str, ...], collect: tuple[str, ...]) -> SamplePlan | str:
+    """Return the plan of samples, made once a process; or why there is none."""
     if any(path.partition(".")[0] == "expect" for path in paths):
         return "what is expected varies"
-    together = KINDS[template.kind].load("batch")
-    if together is None:
-        return f"scenes of kind {template.kind} share nothing"
-    wanted = (*(collect or (NUMBERS,)), *(str(one["path"]) for one in _expected(template)))
-    return str(together.why_alone(template, paths, wanted))
+    return _planned(_PlanKey(scene.source.resolved_text(), scene.source.file, paths, collect, scene))
+
+
+@lru_cache(maxsize=4)
+def _planned(key: _PlanKey) -> SamplePlan | str:
+    make = KINDS[key.scene.kind].load("samples")
+    if make is None:
+        return f"scenes of kind {key.scene.kind} share nothing"
+    try:
+        plan: SamplePlan = make(key.scene, key.paths, key.collect)
+    except NotShared as reason:
+        return str(reason)
+    except (DynidError, ArithmeticError):
+        return "the scene as it stands cannot be run"
+    return plan
+
+
+def _requested(collect: tuple[str, ...], expected: Expected) -> tuple[str, ...]:
+    """Return what to compute: what is collected, and what is expected."""
+    return (*(collect or (NUMBERS,)), *(str(item["path"]) for item in expected))
 
 
 def run_alone(
     template: Scene, override: Mapping[str, Any], collect: tuple[str, ...], judge: Judge | None = None
 ) -> SampleOutcome:
-    """Load, check and run one sample."""
+    """Load, check and run one sample; only what is collected or expected is computed."""
     try:
-        scene = check_source(set_values(template.source, override))
-        result = KINDS[scene.kind].load("run")(scene)  # without the scene's text, which nothing collects
-        met = judge.one(result, _expected(scene)) if judge is not None and scene.model.expect else ()
-        return SampleOutcome(gather(result, collect), expectations=met)
+        scene = check_source(set_values(template.source, override)) if override else template
+        expected = _expected(scene) if judge is not None else []
+        run = KINDS[scene.kind].load("run")
+        result: Result = run(scene, CollectedResult(scene.kind, _requested(collect, expected)))
+        try:
+            values = gather(result, collect)
+        except UsageError:
+            values = gather(run(scene), collect)  # its error names what there is
+        met = judge.one(result, expected) if judge is not None and expected else ()
+        return SampleOutcome(values, expectations=met)
     except SceneError as error:
         # Each fault stands at the value that was set, or at its line of the scene.
         said = "; ".join(

@@ -23,7 +23,8 @@ class Kind:
     model
         The pydantic model of its scenes.
     run
-        Function of a scene; returns its `Result`.
+        Function of a scene; returns its `Result`. Given a `Result` of a study's sample besides, it adds to it
+        what that wants, and computes little else.
     explain
         Function of a scene; returns its `Explanation`.
     prepare
@@ -36,8 +37,9 @@ class Kind:
         Function of a valid scene; yields its parts that a run does not use, as faults that are warnings.
     unread
         Function of a valid scene; yields the keys whose files a run does not read.
-    batch
-        Module with `batched`, which runs samples together, and `why_alone`.
+    samples
+        Function of a scene, the paths that vary and what is collected; returns the plan of the samples
+        (`dynid.scene.batch.SamplePlan`), or raises `NotShared`.
     content
         Module with `sections` and `method`: a result as facts and tables, for screens and pages.
     alternatives
@@ -54,7 +56,7 @@ class Kind:
     check_valid: str = ""
     doubts: str = ""
     unread: str = ""
-    batch: str = ""
+    samples: str = ""
     content: str = ""
     alternatives: str = ""
 
@@ -89,7 +91,7 @@ _KINDS = (
         check_valid="dynid.scene.kinds.bond_graph:check_valid",
         doubts="dynid.scene.kinds.bond_graph:doubts",
         unread="dynid.scene.kinds.bond_graph:unread_files",
-        batch="dynid.scene.kinds.bond_graph_samples",
+        samples="dynid.scene.kinds.bond_graph_samples:GraphSamples",
         content="dynid.report.content.bond_graph",
         alternatives="dynid.bench.scenes.aspects:GRAPH_ASPECTS",
     ),
@@ -104,7 +106,7 @@ _KINDS = (
         check_valid="dynid.scene.kinds.parameters:check_parameters",
         doubts="dynid.scene.kinds.identification:doubts",
         unread="dynid.scene.kinds.identification:unread_files",
-        batch="dynid.scene.kinds.identification_samples",
+        samples="dynid.scene.kinds.identification_samples:IdentificationSamples",
         content="dynid.report.content.identification",
         alternatives="dynid.bench.scenes.identification:ASPECTS",
     ),
@@ -116,7 +118,7 @@ _KINDS = (
         explain="dynid.scene.explanations.reduction:explain",
         prepare="dynid.scene.kinds.reduction:preparation_steps",
         doubts="dynid.scene.kinds.structures:idle_masses",
-        batch="dynid.scene.kinds.reduction_samples",
+        samples="dynid.scene.kinds.reduction_samples:ReductionSamples",
         content="dynid.report.content.reduction",
         alternatives="dynid.bench.scenes.aspects:REDUCTION_ASPECTS",
     ),

@@ -29,6 +29,13 @@ from dynid.structure.response import common_unit
 
 _PROCESS = Path("/proc/self")
 
+ARRAYS = (
+    "T", "mass", "damping", "stiffness", "mass_without_joints", "damping_without_joints",
+    "stiffness_without_joints", "masters", "modes", "condition", "frequencies", "frequency_uncertainty",
+    "reference", "reference_uncertainty", "frequency_error", "mac", "orthogonality", "energy_error",
+)  # fmt: skip
+"""The names of the arrays of a method in the result of `compare`, axes apart."""
+
 
 class RequestedResponses(NamedTuple):
     """Frequency responses to compare: force DOFs, read-outs, and angular frequencies, rad/s."""
@@ -53,6 +60,7 @@ def compare(
     *,
     responses: RequestedResponses | None = None,
     parts: Mapping[str, Sequence[Label]] | None = None,
+    result: Result | None = None,
 ) -> Result:
     """Reduce a structure by several methods and compare each with the full one, joints included.
 
@@ -69,6 +77,8 @@ def compare(
         The frequency responses to compare; absent: none.
     parts
         Substructures by name, whose shares of the energy are compared.
+    result
+        The result to add to; methods and responses that it does not want are left out. Default: a new one.
 
     Returns
     -------
@@ -88,18 +98,23 @@ def compare(
     """
     import scipy.linalg  # noqa: F401 - loaded beforehand, so that no method pays for it
 
+    result = Result("reduction") if result is None else result
+    result.add_axis("reduction/method", list(methods))
+    result.add_axis("reduction/dof", [str(dof) for dof in model.dofs])
+    responding = any(result.wants(f"reduction/frf/{name}") for name in ("full", "frac", *methods))
+    responses = responses if responding else None
     with remembered_modes() as memory:
         candidates = {}
         for name, method in methods.items():
-            report_progress(f"reducing by {name}")
-            candidates[name] = candidate(model, method, memory)
-        most = max(max(made.numbers, default=0) for made in candidates.values())
+            if responses is not None or any(result.wants(f"reduction/{name}/{array}") for array in ARRAYS):
+                report_progress(f"reducing by {name}")
+                candidates[name] = candidate(model, method, memory)
+        if not candidates:
+            return result
+        highest = max(max(made.numbers, default=0) for made in candidates.values())
         report_progress("modes of the full structure")
         with measured(memory) as cost:
-            full = modes(*model.with_joints(), count=most)
-    result = Result("reduction")
-    result.add_axis("reduction/method", list(methods))
-    result.add_axis("reduction/dof", [str(dof) for dof in model.dofs])
+            full = modes(*model.with_joints(), count=highest)
     result.annotate("reduction", solver=full.method, **cost.attributes())
     if full.doubt:
         result.annotate("reduction", doubt=full.doubt)
@@ -166,10 +181,11 @@ def _add(
     result.add(f"{group}/mac", correlation.mac(shapes, target), ("mode", "full_mode"))
     cross = correlation.orthogonality(shapes, M, target)
     result.add(f"{group}/orthogonality", cross, ("mode", "full_mode"))
-    names, shares = correlation.energy_shares(model, shapes, made.modes.omega, parts=parts)
-    _, true = correlation.energy_shares(model, target, reference, parts=parts)
-    result.add_axis(f"{group}/part", names)
-    result.add(f"{group}/energy_error", shares - true, ("mode", "part"))
+    if result.wants(f"{group}/energy_error"):
+        names, shares = correlation.energy_shares(model, shapes, made.modes.omega, parts=parts)
+        _, true = correlation.energy_shares(model, target, reference, parts=parts)
+        result.add_axis(f"{group}/part", names)
+        result.add(f"{group}/energy_error", shares - true, ("mode", "part"))
 
 
 def _add_responses(

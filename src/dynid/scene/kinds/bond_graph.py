@@ -12,6 +12,7 @@ from dynid.bondgraph.analysis_request import Analysis, FormulaRequest, Sensitivi
 from dynid.bondgraph.graph import FIELDS, BondGraph, GraphUnits
 from dynid.defaults import TRACED_PARTS
 from dynid.errors import NumericalError, Singular, UsageError
+from dynid.model_scope import wants_scope
 from dynid.scene.kinds.graph_parts import BuiltGraph, build_graph, has_law, with_gains
 from dynid.scene.kinds.signals import DrivenSource, angular_frequencies, build_signals, record_of
 from dynid.scene.load import Scene
@@ -22,7 +23,7 @@ from dynid.scene.schema.signals import SignalPart, StepSignal
 from dynid.suggestions import shortened
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from dynid.arithmetic.dependent import Dual
     from dynid.bondgraph.controller_circuits import Loop
@@ -36,8 +37,36 @@ if TYPE_CHECKING:
     from dynid.scene.yaml.parser import Path as KeyPath
 
 
-def run(scene: Scene) -> Result:
+#: Groups under `bond_graph/` that hold the arrays of the results of an analysis.
+_GROUPS: Mapping[str, tuple[str, ...]] = {
+    "causality": ("causality",),
+    "reduction": ("reduction",),
+    "prototype": ("reduction",),
+    "transfer_function": ("transfer_function", "zero_input"),
+    # The engine is chosen by whether roots are asked for.
+    **dict.fromkeys(("zeros", "poles"), ("transfer_function", "properties", "margins", "system")),
+    "properties": ("properties", "margins", "system", "root_locus"),
+    "hidden_modes": ("properties",),
+    "step_info": ("properties",),
+    "bandwidth": ("properties",),
+    "sensitivities": ("sensitivities", "sensitivity_functions"),
+    "state_space": ("state_space",),
+    "frequency_response": ("frequency_response", "port"),
+    "time_response": ("time_response", "operating_point"),
+    "energy": ("energy",),
+    "source_performance": ("source_performance",),
+}
+
+
+def run(scene: Scene, sample: Result | None = None) -> Result:
     """Return the requested results of a bond graph; those of a design are of the designed graph.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    sample
+        The result of a sample of a study: only what it wants is computed.
 
     Raises
     ------
@@ -47,7 +76,17 @@ def run(scene: Scene) -> Result:
         Where the targets of a design cannot be reached.
     """
     if cast("BondGraphScene", scene.model).design is None:
-        return analyse(*question(scene), scene.title)
+        graph, analysis = question(scene)
+        if sample is not None and not wants_scope(sample, "bond_graph"):
+            analysis = replace(
+                analysis,
+                results=frozenset(
+                    name
+                    for name in analysis.results
+                    if any(sample.wants_below(f"bond_graph/{group}") for group in _GROUPS[name])
+                ),
+            )
+        return analyse(graph, analysis, scene.title)
     from dynid.bondgraph.design.solve import solve
     from dynid.bondgraph.results.design_results import add_design
     from dynid.scene.kinds.design import design_of, designed_scene

@@ -9,101 +9,37 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from fractions import Fraction
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any, cast
 
 from dynid.arithmetic.expression import Expression
 from dynid.arithmetic.numbers import Irrational, Number, to_fraction
 from dynid.bondgraph.sampling.analysis import SampledAnalysis, shared
-from dynid.errors import DynidError
-from dynid.result import Variable
 from dynid.scene.batch import (
-    BatchKey,
     NotShared,
+    Overrides,
     SampleColumn,
     dependent_parameters,
     evaluate,
     numbers,
+    run_alone,
     varied_parameter,
 )
 from dynid.scene.kinds.bond_graph import named_in, question
 from dynid.scene.kinds.graph_parts import has_law
 from dynid.scene.load import Scene
-from dynid.scene.outcomes import SampleOutcome, gather
-from dynid.scene.run import run_scene
+from dynid.scene.outcomes import SampleOutcome, SampleOutcomes
 from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.raw import read_names
 
 if TYPE_CHECKING:
     from dynid.scene.schema.bond_graph import BondGraphScene
 
-Overrides = Sequence[Mapping[str, Any]]
-Path = tuple[str, ...]
+VariedQuantity = tuple[str, str]
+"""What a path sets, `parameter`, `value` (of an element) or `stored` (energy), and its name."""
 
 
-def batched(
-    template: Scene,
-    overrides: Overrides,
-    collect: tuple[str, ...],
-) -> list[SampleOutcome | None] | None:
-    """Run samples together where they differ in parameters, values of elements and stored energy alone.
-
-    Returns
-    -------
-    list of SampleOutcome or None, or None
-        One a sample, None for one that is to be run alone; None where the samples share too little:
-        something else varies, or what is collected is not one of the numbers that are computed together.
-    """
-    paths = tuple(overrides[0]) if overrides else ()
-    if not paths or any(tuple(one) != paths for one in overrides):
-        return None
-    plan = _planned(BatchKey.of(template, paths, collect))
-    if plan is None:
-        return None
-    return [None if result is None else SampleOutcome(result) for result in plan.run(overrides)]
-
-
-def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...]) -> str:
-    """Return why samples that differ at these paths are not run together; empty where they are."""
-    if _has_operating_point(template):
-        return "every sample has an operating point of its own"
-    for path in paths:
-        if _place(template, path) is None:
-            return f"{path} is no parameter, no value of an element and no stored energy"
-    if cast("BondGraphScene", template.model).design is not None:
-        return "every sample is designed by itself"
-    if _planned(BatchKey.of(template, paths, collect)):
-        return ""
-    if question(template)[0].field is not None:
-        return "values are irrational: their cancellations are decided for each sample"
-    return "what is collected is more than numbers of the channels and responses"
-
-
-@lru_cache(maxsize=4)
-def _planned(family: BatchKey) -> _GraphBatch | None:
-    """Return the plan of a batch, made once a process; None where it cannot be run together."""
-    places = [_place(family.scene, path) for path in family.paths]
-    if None in places or cast("BondGraphScene", family.scene.model).design is not None:
-        return None
-    if _has_operating_point(family.scene):
-        return None
-    try:
-        exemplar = run_scene(family.scene)
-        wanted = tuple(gather(exemplar, family.collect))
-        return _GraphBatch(
-            family.scene, dict(zip(family.paths, cast("list[Path]", places), strict=True)), wanted
-        )
-    except (NotShared, DynidError, ArithmeticError):
-        return None
-
-
-def _has_operating_point(scene: Scene) -> bool:
-    model = cast("BondGraphScene", scene.model)
-    return model.operating_point is not None or any(map(has_law, model.graph.nodes.values()))
-
-
-def _place(scene: Scene, path: str) -> Path | None:
-    """Return what a path refers to: a parameter, the value of an element, or its stored energy."""
+def _varied(scene: Scene, path: str) -> VariedQuantity:
+    """Return the quantity that a path sets."""
     model, parts = cast("BondGraphScene", scene.model), path.split(".")
     if name := varied_parameter(model.parameters, parts):
         return ("parameter", name)
@@ -112,60 +48,72 @@ def _place(scene: Scene, path: str) -> Path | None:
             return ("value", name)
         case ["initial", name, ("e" | "f") as part] if getattr(model.initial.get(name), part, None):
             return ("stored", name)
-    return None
+    raise NotShared(f"{path} is no parameter, no value of an element and no stored energy")
 
 
-class _GraphBatch:
-    """Samples of one graph, run together.
+class GraphSamples:
+    """Samples of one graph that differ in parameters, values of elements and stored energy.
 
     Parameters
     ----------
     scene
         The scene.
-    places
-        The quantity that each varied path refers to.
-    wanted
-        The arrays to compute.
+    paths
+        The dotted paths of what varies.
+    collect
+        Paths, groups, or patterns of the arrays to compute.
+
+    Raises
+    ------
+    NotShared
+        If something else varies, or more is collected than what is computed together.
     """
 
-    def __init__(self, scene: Scene, places: dict[str, Path], wanted: tuple[str, ...]) -> None:
+    def __init__(self, scene: Scene, paths: Sequence[str], collect: tuple[str, ...]) -> None:
         model = cast("BondGraphScene", scene.model)
+        if model.operating_point is not None or any(map(has_law, model.graph.nodes.values())):
+            raise NotShared("every sample has an operating point of its own")
+        self._varied = {path: _varied(scene, path) for path in paths}
+        if model.design is not None:
+            raise NotShared("every sample is designed by itself")
         graph, analysis = question(scene)
         if graph.field is not None:
-            raise NotShared
-        varied = {name for kind, name in places.values() if kind == "parameter"}
-        self._expressions = dependent_parameters(scene.source.data.get("parameters") or {}, varied)
-        varied |= self._expressions.keys()
-        grids = [model.analysis.frequency, model.analysis.time]
+            raise NotShared("values are irrational: their cancellations are decided for each sample")
+        exemplar = run_alone(scene, {}, collect)
+        if exemplar.error:
+            raise NotShared("the scene as it stands cannot be run")
+        self._paths = frozenset(exemplar.values)
+        names = {name for kind, name in self._varied.values() if kind == "parameter"}
+        self._expressions = dependent_parameters(scene.source.data.get("parameters") or {}, names)
+        names |= self._expressions.keys()
         nodes = model.graph.nodes.values()
-        parts = [part for node in nodes for part in (node.matrix, node.structure, node.joints)]
-        if not shared(wanted, analysis) or any(
-            varied & names for names in map(named_in, [*grids, *parts, model.control])
-        ):
-            raise NotShared
-        self._places, self._binary = places, analysis.reading == "binary"
+        constant = [model.analysis.frequency, model.analysis.time, model.control]
+        constant += [part for node in nodes for part in (node.matrix, node.structure, node.joints)]
+        if not shared(self._paths, analysis) or any(names & set(named_in(part)) for part in constant):
+            raise NotShared("what is collected is more than numbers of the channels and responses")
+        self._binary = analysis.reading == "binary"
         self._fixed = read_names(scene.source)[0].parameters
-        self._values = _slots({name: node.value for name, node in model.graph.nodes.items()}, varied)
-        self._stored = _slots({name: one.f or one.e for name, one in model.initial.items()}, varied)
+        self._values = _slots({name: node.value for name, node in model.graph.nodes.items()}, names)
+        self._stored = _slots({name: given.f or given.e for name, given in model.initial.items()}, names)
         self._initial = dict(analysis.initial)
-        self._wanted = frozenset(wanted)
-        varying = [*self._values, *(name for kind, name in places.values() if kind == "value")]
+        varying = [*self._values, *(name for kind, name in self._varied.values() if kind == "value")]
         self._analysis = SampledAnalysis(
-            graph.rounded() if self._binary else graph, analysis, dict.fromkeys(varying), wanted
+            graph.rounded() if self._binary else graph, analysis, dict.fromkeys(varying), self._paths
         )
 
-    def run(self, overrides: Overrides) -> list[Mapping[str, Variable] | None]:
-        """Return the arrays of every sample; None for one that is to be run alone."""
+    def run(self, overrides: Overrides) -> SampleOutcomes:
+        """Return the outcomes of samples; those that differ in more than numbers are pending."""
         parameters, values, stored = self._quantities(overrides)
         columns = [*parameters.values(), *values.values(), *stored.values()]
         failed = {k for column in columns for k, value in enumerate(column) if value is None}
         sound = [k for k in range(len(overrides)) if k not in failed]
         exact = {name: [column[k] for k in sound] for name, column in values.items()}
         initial = [self._initial | {name: column[k] for name, column in stored.items()} for k in sound]
-        found: list[Mapping[str, Variable] | None] = [None] * len(overrides)
+        outcomes: list[SampleOutcome | None] = [None] * len(overrides)
         for k, result in zip(sound, self._analysis.run(exact, len(sound), initial), strict=True):
-            found[k] = result if result is not None and len(result) == len(self._wanted) else None
-        return found
+            if result is not None and len(result) == len(self._paths):
+                outcomes[k] = SampleOutcome(result)
+        return SampleOutcomes.of(outcomes)
 
     def _quantities(self, overrides: Overrides) -> tuple[dict[str, list[Any]], ...]:
         """Return varied parameters, values of elements and stored energies (both exact), one a sample."""
@@ -173,8 +121,8 @@ class _GraphBatch:
         parameters: dict[str, SampleColumn] = {}
         values: dict[str, list[Fraction | None]] = {}
         stored: dict[str, list[Fraction | None]] = {}
-        for path, (kind, name) in self._places.items():
-            column = numbers([one[path] for one in overrides])
+        for path, (kind, name) in self._varied.items():
+            column = numbers([override[path] for override in overrides])
             match kind:
                 case "parameter":
                     known[name] = parameters[name] = column

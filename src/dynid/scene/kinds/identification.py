@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from dynid.identification.records.measurement import Experiment
+from dynid.model_scope import wants_scope
 from dynid.progress import report_progress
 from dynid.result import Result
 from dynid.scene.kinds.measurements import (
@@ -47,12 +48,12 @@ if TYPE_CHECKING:
     from dynid.structure.reduction.mode_selection import Interest
 
 
-def run(scene: Scene) -> Result:
+def run(scene: Scene, sample: Result | None = None) -> Result:
     """Return the joints identified from a record, and the requested responses of the structure.
 
     Where the structure is reduced, both are done with the reduced model. Responses are those with the
     joints as identified; without a record, unknown joints have their true values where these are given,
-    else their starts.
+    else their starts. Of the `sample` of a study that wants nothing but estimates only these are computed.
 
     Raises
     ------
@@ -67,6 +68,8 @@ def run(scene: Scene) -> Result:
 
         return run_graph(scene)
     structure = structure_of(scene)
+    if sample is not None and estimates_alone(model, sample):
+        return identified(scene, setting(scene, structure), into=sample)
     method = reductor_of(scene)
     result = Result("identification", scene.title)
     add_doubts(result, structure)
@@ -88,6 +91,13 @@ def run(scene: Scene) -> Result:
     add_geometry(result, model, structure, None if made is None else made.model)
     add_identification_scope(result, model, structure, made)
     return result
+
+
+def estimates_alone(model: IdentificationScene, sample: Result) -> bool:
+    """Return True if a sample of a study wants nothing but estimates."""
+    if model.graph is not None or model.responses or model.identifiability or model.measurement is None:
+        return False
+    return not (sample.wants_below("structure") or wants_scope(sample, "identification"))
 
 
 def structure_of(scene: Scene) -> StructuralModel:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 from dynid.arithmetic.numbers import OutOfRangeError, to_fraction
@@ -17,88 +16,16 @@ from dynid.errors import DynidError
 from dynid.identification.problem import SharedRecords
 from dynid.identification.records.measurement import Experiment
 from dynid.identification.records.simulation import Simulation
-from dynid.result import Variable
-from dynid.scene.batch import BatchKey, run_alone
-from dynid.scene.kinds.identification import identified, setting, structure_of
+from dynid.scene.batch import NotShared, Overrides
+from dynid.scene.kinds.identification import Setting, estimates_alone, identified, setting, structure_of
 from dynid.scene.kinds.measurements import experiments
 from dynid.scene.load import Scene
-from dynid.scene.outcomes import CollectedResult, SampleOutcome, gather
+from dynid.scene.outcomes import CollectedResult, SampleOutcome, SampleOutcomes, gather
 from dynid.scene.schema.quantities import Quantity
 from dynid.structure.model import StructuralModel
 
 if TYPE_CHECKING:
     from dynid.scene.schema.identification import IdentificationScene
-
-Overrides = Sequence[Mapping[str, Any]]
-
-
-def batched(
-    template: Scene,
-    overrides: Overrides,
-    collect: tuple[str, ...],
-) -> list[SampleOutcome] | None:
-    """Run samples together where they differ in seeds, noise, starts and true values alone.
-
-    Parameters
-    ----------
-    template, overrides, collect
-        As for `dynid.scene.batch.run_batch`.
-
-    Returns
-    -------
-    list of SampleOutcome, or None
-        One a sample; None where something else varies, or more is requested than an identification.
-    """
-    paths = tuple(overrides[0]) if overrides else ()
-    if not paths or any(tuple(one) != paths for one in overrides):
-        return None
-    family = BatchKey.of(template, paths)
-    plan = _planned(family)
-    if plan is None:
-        return None
-    found = [plan.run(one, collect) for one in overrides]
-    return [
-        SampleOutcome(values) if values is not None else run_alone(template, one, collect)
-        for one, values in zip(overrides, found, strict=True)
-    ]
-
-
-def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...]) -> str:  # noqa: ARG001
-    """Return why samples that differ at these paths are not run together; empty where they are."""
-    model = cast("IdentificationScene", template.model)
-    if model.graph is not None:
-        return "samples of a graph are identified one by one"
-    for path in paths:
-        if _place(model, path) is None:
-            return f"{path} is no seed, noise, or start or true value of a joint"
-    measurement = model.measurement
-    if (
-        measurement is None
-        or measurement.frf
-        or measurement.modes
-        or model.responses
-        or model.identifiability
-    ):
-        return "more than an identification from records is asked for"
-    family = BatchKey.of(template, paths)
-    return "" if _planned(family) else "the scene as it stands cannot be run"
-
-
-@lru_cache(maxsize=4)
-def _planned(family: BatchKey) -> _RecordBatch | None:
-    """Return the plan of a batch, made once a process; None where it cannot be run together."""
-    model = cast("IdentificationScene", family.scene.model)
-    places = [_place(model, path) for path in family.paths]
-    measurement = model.measurement
-    alone = model.graph is not None or model.responses or model.identifiability
-    if alone or measurement is None or measurement.frf or measurement.modes or None in places:
-        return None
-    try:
-        return _RecordBatch(
-            family.scene, dict(zip(family.paths, cast("list[_VariedValue]", places), strict=True))
-        )
-    except DynidError:
-        return None
 
 
 class _VariedValue(NamedTuple):
@@ -109,103 +36,121 @@ class _VariedValue(NamedTuple):
     name: str
 
 
-def _place(model: IdentificationScene, path: str) -> _VariedValue | None:
-    """Return the value that a path refers to; None for one that cannot vary in a batch."""
+def _varied(model: IdentificationScene, path: str) -> _VariedValue:
+    """Return the value that a path sets."""
     measurement = model.measurement
     match path.split("."):
         case ["measurement", "simulate", ("seed" | "noise_ratio" | "noise") as name]:
             simulate = None if measurement is None or measurement.records else measurement.simulate
-            given = getattr(simulate, name, None)
-            return _VariedValue("", "", name) if isinstance(given, int | Quantity) else None
+            if isinstance(getattr(simulate, name, None), int | Quantity):
+                return _VariedValue("", "", name)
         case ["joints", joint, ("k" | "c") as letter, ("start" | "true") as name] if joint in model.joints:
-            parameter = getattr(model.joints[joint], letter)
-            return _VariedValue(joint, letter, name) if getattr(parameter, name, None) is not None else None
-    return None
+            if getattr(getattr(model.joints[joint], letter), name, None) is not None:
+                return _VariedValue(joint, letter, name)
+    raise NotShared(f"{path} is no seed, noise, or start or true value of a joint")
 
 
-class _RecordBatch:
-    """Samples of one identification, with their common part.
+class IdentificationSamples:
+    """Samples of one identification from records that differ in seeds, noise, starts and true values.
 
     Parameters
     ----------
     scene
         The scene.
-    places
-        The value that each varied path refers to.
+    paths
+        The dotted paths of what varies.
+    collect
+        Paths, groups, or patterns of the arrays to compute.
+
+    Raises
+    ------
+    NotShared
+        If something else varies, or more is requested than an identification.
     """
 
-    def __init__(self, scene: Scene, places: dict[str, _VariedValue]) -> None:
-        self._scene, self._places = scene, places
+    def __init__(self, scene: Scene, paths: Sequence[str], collect: tuple[str, ...]) -> None:
+        model = cast("IdentificationScene", scene.model)
+        if model.graph is not None:
+            raise NotShared("samples of a graph are identified one by one")
+        self._varied = {path: _varied(model, path) for path in paths}
+        measurement = model.measurement
+        from_records = measurement is not None and measurement.modes is None and measurement.frf is None
+        if not (from_records and estimates_alone(model, CollectedResult("identification", collect))):
+            raise NotShared("more than an identification from records is asked for")
+        self._scene, self._collect = scene, collect
         self._structure = structure_of(scene)
         self._setting = setting(scene, self._structure)
-        self._same = not any(place.joint for place in places.values())
-        changed = {place.name for place in places.values()}
-        records = self._setting.measurements
-        self._seeds = changed == {"seed"} and all(
-            isinstance(one.measurement.source, Simulation) for one in records
+        self._same = not any(varied.joint for varied in self._varied.values())
+        names = {varied.name for varied in self._varied.values()}
+        self._seeds = names == {"seed"} and all(
+            isinstance(record.measurement.source, Simulation) for record in self._setting.measurements
         )
         self._common: SharedRecords | None = None
         truth = self._setting.truth
-        if isinstance(truth, StructuralModel) and truth.basis is None and "true" not in changed:
+        if isinstance(truth, StructuralModel) and truth.basis is None and "true" not in names:
             self._common = SharedRecords.of(*self._setting[:3], same=self._same)
 
-    def _seeded(self, override: Mapping[str, Any]) -> list[Experiment]:
-        """Return the records with the seed of a sample, which is all that varies."""
+    def run(self, overrides: Overrides) -> SampleOutcomes:
+        """Return the outcomes of samples; those with other values, or an error, are pending."""
+        return SampleOutcomes.of([self._outcome(override) for override in overrides])
+
+    def _outcome(self, override: Mapping[str, Any]) -> SampleOutcome | None:
+        model = cast("IdentificationScene", self._scene.model)
+        for path, varied in self._varied.items():
+            changed = _changed(model, varied, override[path])
+            if changed is None:
+                return None
+            model = changed
+        scene, result = Scene(self._scene.source, model), CollectedResult("identification", self._collect)
+        try:
+            structure = self._structure if self._same else structure_of(scene)
+            given = self._setting_of(scene, structure, override)
+            identified(scene, given, common=self._common, into=result)
+            return SampleOutcome(gather(result, self._collect))
+        except DynidError:
+            return None
+
+    def _setting_of(self, scene: Scene, structure: StructuralModel, override: Mapping[str, Any]) -> Setting:
+        """Return the input of the estimator of a sample."""
+        if not self._same:
+            return setting(scene, structure)
+        if not self._seeds:
+            model = cast("IdentificationScene", scene.model)
+            assert model.measurement is not None
+            records = experiments(scene, model.excitation, model.measurement, self._structure)
+            return self._setting._replace(measurements=records)
         (seed,) = override.values()
-        return [
+        records = [
             Experiment(
                 loads, replace(measurement, source=replace(cast("Simulation", measurement.source), seed=seed))
             )
             for loads, measurement in self._setting.measurements
         ]
-
-    def run(self, override: Mapping[str, Any], collect: tuple[str, ...]) -> Mapping[str, Variable] | None:
-        """Return the collected arrays of a sample; None for one that is to be run alone."""
-        model = cast("IdentificationScene", self._scene.model)
-        for path, place in self._places.items():
-            changed = _changed(model, place, override[path])
-            if changed is None:
-                return None
-            model = changed
-        scene, result = Scene(self._scene.source, model), CollectedResult("identification", collect)
-        try:
-            structure = self._structure if self._same else structure_of(scene)
-            if self._seeds:
-                made = self._setting._replace(measurements=self._seeded(override))
-            elif self._same:
-                assert model.measurement is not None
-                records = experiments(scene, model.excitation, model.measurement, structure)
-                made = self._setting._replace(measurements=records)
-            else:
-                made = setting(scene, structure)
-            identified(scene, made, common=self._common, into=result)
-            return gather(result, collect)
-        except DynidError:
-            return None
+        return self._setting._replace(measurements=records)
 
 
-def _changed(model: IdentificationScene, place: _VariedValue, raw: Any) -> IdentificationScene | None:
-    """Return the scene with another value at a place; None for an expression or an invalid value."""
+def _changed(model: IdentificationScene, varied: _VariedValue, raw: Any) -> IdentificationScene | None:
+    """Return the scene with another value; None for an expression or an invalid value."""
     value = raw
-    if place.name != "seed":  # a number that double precision turns into neither zero nor infinity
+    if varied.name != "seed":  # a number that double precision turns into neither zero nor infinity
         try:
             value = None if isinstance(raw, bool | str) else Quantity(to_fraction(raw))
             if value is None or float(value) == 0 != value.value:
                 return None
         except (OutOfRangeError, OverflowError):
             return None
-    if place.joint:
-        joint = model.joints[place.joint]
-        parameter = getattr(joint, place.letter)
+    if varied.joint:
+        joint = model.joints[varied.joint]
+        parameter = getattr(joint, varied.letter)
         low, high = (None if bound is None else float(bound) for bound in (parameter.min, parameter.max))
         if value is None or not (low or 0.0) < float(value) <= (high or math.inf):
             return None
-        other = joint.model_copy(update={place.letter: parameter.model_copy(update={place.name: value})})
-        return model.model_copy(update={"joints": {**model.joints, place.joint: other}})
-    if type(value) is not (int if place.name == "seed" else Quantity) or float(value) < 0:
+        other = joint.model_copy(update={varied.letter: parameter.model_copy(update={varied.name: value})})
+        return model.model_copy(update={"joints": {**model.joints, varied.joint: other}})
+    if type(value) is not (int if varied.name == "seed" else Quantity) or float(value) < 0:
         return None
     measurement = model.measurement
     assert measurement is not None
     assert measurement.simulate is not None
-    simulate = measurement.simulate.model_copy(update={place.name: value})
+    simulate = measurement.simulate.model_copy(update={varied.name: value})
     return model.model_copy(update={"measurement": measurement.model_copy(update={"simulate": simulate})})

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from dynid.defaults import RESIDUALS
 from dynid.errors import NumericalError, UsageError
+from dynid.model_scope import wants_scope
 from dynid.result import Result
 from dynid.scene.kinds.measurements import channel_of, shown
 from dynid.scene.kinds.scope import add_geometry, add_reduction_scope
@@ -163,8 +164,10 @@ def _placed(place: str) -> Iterator[None]:
         raise type(error)(error.problem, remedy=error.remedy, names=(*names, f"{place}.method")) from error
 
 
-def run(scene: Scene) -> Result:
+def run(scene: Scene, sample: Result | None = None) -> Result:
     """Return the comparison of the reductions of a structure with the full one.
+
+    Of the `sample` of a study only what it wants is computed.
 
     Raises
     ------
@@ -175,12 +178,18 @@ def run(scene: Scene) -> Result:
     """
     model = cast("ReductionScene", scene.model)
     structure = build_structure(scene, model.structure, model.joints)
-    result = Result("reduction", scene.title)
+    narrow = sample is not None and not (sample.wants_below("structure") or wants_scope(sample, "reduction"))
+    result = sample if sample is not None and narrow else Result("reduction", scene.title)
     add_doubts(result, structure)
-    made = compare(
-        structure, methods_of(model), responses=responses_of(model, structure), parts=model.substructures
+    compare(
+        structure,
+        methods_of(model),
+        responses=responses_of(model, structure),
+        parts=model.substructures,
+        result=result,
     )
-    result.merge(made)
+    if narrow:
+        return result
     add_geometry(result, model, structure)
     names = result_names([part.method for part in model.reduction])
     add_reduction_scope(

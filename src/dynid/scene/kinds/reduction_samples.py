@@ -1,8 +1,9 @@
 """Samples of a reduction that differ in numbers of the structure and its joints, side by side in stacks.
 
 What they share is read, checked and assembled once: the matrices are sums of constant patterns, whose factors
-are evaluated for all samples. A sample beyond the usual case (see `dynid.structure.reduction.stacks`), or
-with a fault, is run alone.
+are evaluated for all samples. Only the methods of which something is collected are run, those samples
+together for which a method chooses the same masters and modes. A sample beyond the usual case (see
+`dynid.structure.reduction.stacked_methods`), or with a fault, is run alone.
 
 Numbers agree with those of each sample alone within the rounding of the matrices' entries, which
 ``frequency_uncertainty`` states: their sums and products are taken in another order. Every plan is checked
@@ -11,8 +12,8 @@ against the scene as it stands.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache, partial
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from functools import cached_property
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -23,103 +24,44 @@ from dynid.arithmetic.expression import Expression
 from dynid.arithmetic.numbers import Number
 from dynid.arrays import Array
 from dynid.defaults import DENSE_MODES
-from dynid.errors import DynidError, SceneError
+from dynid.errors import DynidError
 from dynid.result import Variable
 from dynid.scene.batch import (
-    BatchKey,
     NotShared,
+    Overrides,
     SampleColumn,
     dependent_parameters,
     evaluate,
     numbers,
+    run_alone,
     varied_parameter,
 )
 from dynid.scene.kinds.parameters import with_quantities
-from dynid.scene.kinds.reduction import interest_of, responses_of, run
+from dynid.scene.kinds.reduction import methods_of, responses_of
 from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene, with_text_keys
-from dynid.scene.outcomes import SampleBlock, SampleOutcomes, gather
+from dynid.scene.outcomes import SampleBlock, SampleOutcomes
 from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.raw import read_names
-from dynid.scene.schema.reduction import (
-    CraigBamptonModel,
-    DynamicModel,
-    GuyanModel,
-    JointAwareModel,
-    MastersModel,
-    ModalModel,
-    ModesModel,
-    ReductionScene,
-    SerepModel,
-    result_names,
-)
+from dynid.scene.schema.reduction import ReductionScene
 from dynid.scene.yaml.source import path_of, set_values
+from dynid.structure.comparison import ARRAYS
 from dynid.structure.correlation import frac
 from dynid.structure.frf import Ports, direct
 from dynid.structure.matrices import as_array
-from dynid.structure.model import StructuralModel
 from dynid.structure.ports import ports
-from dynid.structure.reduction import stacks
-from dynid.structure.reduction.masters import indices_of, interesting
-from dynid.structure.reduction.mode_selection import Interest
-from dynid.structure.reduction.stacks import Stack, StackedReduction
-from dynid.units import angular_factor
-
-Overrides = Sequence[Mapping[str, Any]]
+from dynid.structure.reduction.stacked_choices import Choice
+from dynid.structure.reduction.stacked_methods import StackedEnergies, StackedReduction, compared, stacked
+from dynid.structure.reduction.stacked_modes import Stack
 
 # Structures of more DOFs are run one by one: the work in their matrices is all that counts there.
-_MOST_DOFS = DENSE_MODES.value
+_MAX_DOFS = DENSE_MODES.value
 # Numbers in the matrices of the samples that are worked on together: these are in fast memory.
-_TOGETHER = 50_000
-# A constant part below this part of the varied ones at the reference has lost digits to them.
-_BESIDE = 1 / 64
-# How far a plan may differ from the scene run alone, beside the uncertainty of frequencies: in parts of an
-# array's largest entry.
+_STACK_NUMBERS = 50_000
+# A constant entry smaller than this part of the varied ones at the reference has lost digits to them.
+_MIN_CONSTANT = 1 / 64
+# How far a plan may differ from the scene run alone, relative to an array's largest entry.
 _AGREEMENT = 1e-9
-
-
-def batched(template: Scene, overrides: Overrides, collect: tuple[str, ...]) -> SampleOutcomes | None:
-    """Run samples together where they differ in numbers of the structure and its joints alone.
-
-    Returns
-    -------
-    SampleOutcomes or None
-        Those that are to be run alone are pending; None where the samples share too little.
-    """
-    paths = tuple(overrides[0]) if overrides else ()
-    if not paths or any(tuple(one) != paths for one in overrides):
-        return None
-    plan = _planned(BatchKey.of(template, paths, collect))
-    if isinstance(plan, str):
-        return None
-    step = max(1, _TOGETHER // plan.size**2)
-    rows = range(0, len(overrides), step)
-    blocks = [plan.run(overrides[row : row + step], row) for row in rows]
-    return SampleOutcomes([block for block in blocks if len(block)], len(overrides))
-
-
-def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...]) -> str:
-    """Return why samples that differ at these paths are not run together; empty where they are."""
-    plan = _planned(BatchKey.of(template, paths, collect))
-    return plan if isinstance(plan, str) else ""
-
-
-@lru_cache(maxsize=4)
-def _planned(family: BatchKey) -> _ReductionBatch | str:
-    """Return the plan of a batch, made once a process; or why there is none."""
-    from pydantic import ValidationError
-
-    try:
-        exemplar = run(family.scene)
-        plan = _ReductionBatch(family.scene, family.paths, gather(exemplar, family.collect))
-        plan.check()
-        return plan
-    except NotShared as why:
-        return str(why)
-    except ValidationError:
-        return "what varies is more than numbers of the structure and its joints"
-    except (DynidError, ArithmeticError, SceneError):
-        return "the scene as it stands cannot be run"
 
 
 class _VaryingMatrix(NamedTuple):
@@ -136,7 +78,7 @@ class _VaryingMatrix(NamedTuple):
         size = sum((np.abs(float(c) * pattern) for c, pattern in terms), np.zeros_like(reference))
         rest = reference - varied
         rest[np.abs(rest) <= 8 * np.finfo(float).eps * size] = 0.0
-        beside = (rest != 0) & (np.abs(rest) < _BESIDE * size)
+        beside = (rest != 0) & (np.abs(rest) < _MIN_CONSTANT * size)
         return cls(rest, list(terms), bool(beside.any()))
 
     def at(self, values: Mapping[str, Array], count: int) -> tuple[Array, NDArray[np.bool_]]:
@@ -147,7 +89,7 @@ class _VaryingMatrix(NamedTuple):
             factor = np.broadcast_to(coefficient.fold(_leaf(values), _operated), (count,))
             total += factor[:, None, None] * pattern
             whole &= np.isfinite(factor) & (
-                not self.weak or np.abs(factor) > _BESIDE * abs(float(coefficient))
+                not self.weak or np.abs(factor) > _MIN_CONSTANT * abs(float(coefficient))
             )
         return total, whole
 
@@ -177,7 +119,7 @@ def _operated(node: Dependent, operands: list[Any]) -> Any:
     raise NotShared(f"the matrices take the function {node.operation} of what varies")
 
 
-class _ReductionBatch:
+class ReductionSamples:
     """Samples of one structure and its reductions.
 
     Parameters
@@ -186,41 +128,63 @@ class _ReductionBatch:
         The scene.
     paths
         The dotted paths of what varies.
-    exemplar
-        What is collected, of the scene as it stands.
+    collect
+        Paths, groups, or patterns of the arrays to compute.
+
+    Raises
+    ------
+    NotShared
+        If they cannot be run together.
     """
 
-    def __init__(self, scene: Scene, paths: Sequence[str], exemplar: Mapping[str, Variable]) -> None:
-        self._exemplar = exemplar
+    def __init__(self, scene: Scene, paths: Sequence[str], collect: tuple[str, ...]) -> None:
+        self._scene, self._collect = scene, collect
         model = self._varying_model(scene, paths)
+        self._model = model
         self._structure = build_structure(Scene(scene.source, model), model.structure, model.joints)
-        self.size = self._structure.size
-        if self._structure.is_sparse or self.size > _MOST_DOFS:
-            raise NotShared(f"structures of more than {_MOST_DOFS} DOFs are reduced one by one")
-        if self._structure.modal is not None:
-            raise NotShared("modal damping is computed sample by sample")
-        bare: list[_VaryingMatrix] = []
-        joints: list[_VaryingMatrix] = []
-        for letter, joined in zip("MCK", self._structure.with_joints(), strict=True):
-            own = as_array(getattr(self._structure, letter))
-            for found, whole, terms in (
-                (bare, own, self._structure.terms),
-                (joints, as_array(joined) - own, self._structure.joint_terms),
-            ):
-                parts = [(one.coefficient, as_array(one.matrix)) for one in terms if one.letter == letter]
-                found.append(_VaryingMatrix.of(whole, parts))
-        self._bare, self._joints = bare, joints
-        names = result_names([part.method for part in model.reduction])
-        self._methods = {
-            name: _method(part, self._structure, interest_of(model))
-            for name, part in zip(names, model.reduction, strict=True)
-        }
+        size = self._structure.size
+        if self._structure.is_sparse or size > _MAX_DOFS:
+            raise NotShared(f"structures of more than {_MAX_DOFS} DOFs are reduced one by one")
+        self._step = max(1, _STACK_NUMBERS // size**2)
+        self._bare = self._varying_matrices(joints=False)
+        self._joints = self._varying_matrices(joints=True)
         self._responses = responses_of(model, self._structure)
-        for path in exemplar:
-            self._array(path)  # raises where it is none of these
+        reference = {path: float(self._fixed[name]) for path, name in self._parameters.items()}
+        self._exemplars: dict[tuple[Choice, ...], Mapping[str, Variable] | None] = {}
+        exemplar = run_alone(scene, {}, collect)
+        if exemplar.error:
+            raise NotShared("the scene as it stands cannot be run")
+        located = methods_of(model)
+        self._requested = {
+            path: _array_at(path, variable, located) for path, variable in exemplar.values.items()
+        }
+        requested = {key for key in self._requested.values() if key is not None}
+        self._responding = any(group == "frf" for group, _ in requested)
+        self._names = {
+            name: {array for group, array in requested if group == name}
+            for name in located
+            if self._responding or any(group == name for group, _ in requested)
+        }
+        damped = self._responding or any("damping" in array for _, array in requested)
+        if damped and self._structure.modal is not None:
+            raise NotShared("modal damping is computed sample by sample")
+        self._methods = {name: stacked(located[name].method, self._structure) for name in self._names}
+        self._check(reference, exemplar.values)
+
+    def _varying_matrices(self, *, joints: bool) -> list[_VaryingMatrix]:
+        """Return M, C and K without the joints, or the joints' part of these."""
+        structure, matrices = self._structure, []
+        terms = structure.joint_terms if joints else structure.terms
+        for letter, joined in zip("MCK", structure.with_joints(), strict=True):
+            bare = as_array(getattr(structure, letter))
+            parts = [(term.coefficient, as_array(term.matrix)) for term in terms if term.letter == letter]
+            matrices.append(_VaryingMatrix.of(as_array(joined) - bare if joints else bare, parts))
+        return matrices
 
     def _varying_model(self, scene: Scene, paths: Sequence[str]) -> ReductionScene:
         """Return the model of the scene, each quantity that varies a parameter of its own."""
+        from pydantic import ValidationError
+
         source = scene.source
         if source.written is not None:
             raise NotShared("the scene is composed of files")
@@ -239,11 +203,14 @@ class _ReductionBatch:
         self._fixed = read_names(source)[0].parameters
         if odd := next((path for path, name in self._parameters.items() if name not in self._fixed), ""):
             raise NotShared(f"{odd} is no number of the structure or its joints")
-        self.reference = {path: float(self._fixed[name]) for path, name in self._parameters.items()}
         free = {name: float(self._fixed[name]) for name in self._parameters.values()}
         self._dependent = dependent_parameters(source.data.get("parameters") or {}, free)
         names = read_names(source, free=free)[0]
-        model = ReductionScene.model_validate(with_text_keys(source.data), context=names)
+        try:
+            model = ReductionScene.model_validate(with_text_keys(source.data), context=names)
+        except ValidationError:
+            problem = "what varies is more than numbers of the structure and its joints"
+            raise NotShared(problem) from None
         self._expressions: dict[str, Expression] = {}
 
         def own(quantity: Quantity) -> Quantity:
@@ -256,43 +223,92 @@ class _ReductionBatch:
 
         return cast("ReductionScene", with_quantities(model, own))
 
-    def check(self) -> None:
+    def _check(self, reference: Mapping[str, float], exemplar: Mapping[str, Variable]) -> None:
         """Compare the scene as it stands with its run alone."""
-        found = self.run([self.reference], 0)
-        if not len(found):
+        (block,) = self.run([reference]).blocks or (None,)
+        if block is None:
             raise NotShared(
                 "the scene as it stands is no usual case: rigid-body motions or massless DOFs, soft springs, "
-                "or masters that barely see a mode"
+                "masters that barely see a mode, or choices of masters and modes that rounding may change"
             )
-        for path, variable in self._exemplar.items():
-            data, other = variable.data, found.values[path].data[0]
+        for path, variable in exemplar.items():
+            data, other = variable.data, block.values[path].data[0]
             if data.dtype.kind in "fc":
-                size = np.abs(data).max(initial=0.0)
-                if path.endswith("error"):
-                    size = 1.0
+                size = 1.0 if path.endswith("error") else np.abs(data).max(initial=0.0)
                 agrees = bool(np.all(np.abs(data - other) <= _AGREEMENT * size))
             else:
                 agrees = np.array_equal(data, other)
             if not agrees:
                 raise NotShared(f"rounding moves {path} of the scene as it stands")
 
-    def run(self, overrides: Overrides, first: int) -> SampleBlock:
-        """Return the samples of the usual case, their rows counted from `first`."""
+    def run(self, overrides: Overrides) -> SampleOutcomes:
+        """Return the outcomes of samples; those beyond the usual case are pending."""
+        blocks: list[SampleBlock] = []
+        for start in range(0, len(overrides), self._step):
+            blocks += self._blocks(overrides[start : start + self._step], start)
+        return SampleOutcomes(blocks, len(overrides))
+
+    def _blocks(self, overrides: Overrides, start: int) -> Iterator[SampleBlock]:
+        """Yield the samples of the usual case by what the methods choose, their rows counted from `start`."""
         count = len(overrides)
         values, sure = self._quantities(overrides)
+        with np.errstate(all="ignore"):  # of samples that are not sure
+            matrices, finite = _stacked(self._bare, values, count)
+            bare, sure = Stack(*matrices), sure & finite
+            whole = bare
+            if self._structure.joints:
+                joints, finite = _stacked(self._joints, values, count)
+                whole = Stack(*(a + b for a, b in zip(matrices, joints, strict=True)))
+                sure &= finite
+            try:
+                choices = []
+                for method in self._methods.values():
+                    chosen, certain = method.choose(bare, whole)
+                    choices.append(chosen)
+                    sure &= certain
+            except np.linalg.LinAlgError:
+                return
+        groups: dict[tuple[Choice, ...], list[int]] = {}
+        for s in np.flatnonzero(sure).tolist():
+            groups.setdefault(tuple(chosen[s] for chosen in choices), []).append(s)
+        for choice, members in groups.items():
+            if choice not in self._exemplars:
+                alone = run_alone(self._scene, overrides[members[0]], self._collect)
+                self._exemplars[choice] = None if alone.error else alone.values
+            exemplar = self._exemplars[choice]
+            if exemplar is not None and exemplar.keys() == self._requested.keys():
+                samples = np.array(members)
+                own = {text: column[samples] for text, column in values.items()}
+                some = bare if len(members) == count else bare[samples]
+                both = some if whole is bare else whole if len(members) == count else whole[samples]
+                yield from self._block(exemplar, choice, some, both, own, start + samples)
+
+    def _block(
+        self,
+        exemplar: Mapping[str, Variable],
+        choice: Sequence[Choice],
+        bare: Stack,
+        whole: Stack,
+        values: Mapping[str, Array],
+        rows: NDArray[np.intp],
+    ) -> Iterator[SampleBlock]:
+        """Yield the samples of the usual case of those with one choice of the methods."""
         try:
-            with np.errstate(all="ignore"):  # of samples that are not sure
-                arrays, usual = self._arrays(values, count)
+            with np.errstate(all="ignore"):
+                arrays, sure = self._arrays(choice, bare, whole, values)
         except np.linalg.LinAlgError:
-            arrays, usual = {}, np.zeros(count, dtype=bool)
-        places = np.flatnonzero(sure & usual)
-        found: dict[str, Variable] = {}
-        for path, variable in self._exemplar.items() if len(places) else ():
-            data = variable.data
-            key = self._array(path)
-            stack = np.broadcast_to(data, (len(places), *data.shape)) if key is None else arrays[key][places]
-            found[path] = Variable(("sample", *variable.dims), stack, variable.units, variable.attrs)
-        return SampleBlock(first + places, found, np.zeros((len(places), 0), dtype=bool))
+            return
+        samples = np.flatnonzero(sure)
+        if not len(samples):
+            return
+        collected: dict[str, Variable] = {}
+        for path, variable in exemplar.items():
+            data, key = variable.data, self._requested[path]
+            stack = (
+                np.broadcast_to(data, (len(samples), *data.shape)) if key is None else arrays[key][samples]
+            )
+            collected[path] = Variable(("sample", *variable.dims), stack, variable.units, variable.attrs)
+        yield SampleBlock(rows[samples], collected, np.zeros((len(samples), 0), dtype=bool))
 
     def _quantities(self, overrides: Overrides) -> tuple[dict[str, Array], NDArray[np.bool_]]:
         """Return the values of quantities by their expressions (samples), and where all are positive."""
@@ -314,35 +330,48 @@ class _ReductionBatch:
         return values, sure
 
     def _arrays(
-        self, values: Mapping[str, Array], count: int
+        self, choice: Sequence[Choice], bare: Stack, whole: Stack, values: Mapping[str, Array]
     ) -> tuple[dict[tuple[str, str], Array], NDArray[np.bool_]]:
         """Return the collected arrays by the reduction, or `frf`, and their names; and which are sure."""
-        sure = np.ones(count, dtype=bool)
-        bare: list[Array] = []
-        joints: list[Array] = []
-        for matrices, varying in ((bare, self._bare), (joints, self._joints)):
-            for each in varying:
-                matrix, whole = each.at(values, count)
-                whole &= np.isfinite(matrix).all(axis=(1, 2))
-                matrices.append(np.where(whole[:, None, None], matrix, np.eye(self.size)))
-                sure &= whole
-        own = full = Stack(*bare)
-        if self._structure.joints:
-            full = Stack(*(a + b for a, b in zip(bare, joints, strict=True)))
-        made = {name: reduce(own, full) for name, reduce in self._methods.items()}
-        wanted = {key for path in self._exemplar if (key := self._array(path))}
-        modes = full.modes(max(max(one.numbers) for one in made.values()))
-        out: dict[tuple[str, str], Array] = {}
-        for name, one in made.items():
-            names = {array for group, array in wanted if group == name}
-            found, usual = stacks.compared(modes, full, one, names)
+        reductions = {
+            name: method.reduce(bare, whole, part)
+            for (name, method), part in zip(self._methods.items(), choice, strict=True)
+        }
+        whole.modes(max(max(reduction.numbers) for reduction in reductions.values()))
+        sure = np.ones(len(bare.M), dtype=bool)
+        arrays: dict[tuple[str, str], Array] = {}
+        for name, reduction in reductions.items():
+            found, usual = compared(whole, reduction, self._names[name], lambda: self._energies(bare, values))
             sure &= usual
-            for item in names & found.keys():
-                out[name, item] = found[item]
-                sure &= np.isfinite(found[item]).all(axis=tuple(range(1, found[item].ndim)))
-        if any(group == "frf" for group, _ in wanted):
-            self._add_responses(out, full, made, sure)
-        return out, sure
+            for array, data in found.items():
+                arrays[name, array] = data
+                sure &= np.isfinite(data).all(axis=tuple(range(1, data.ndim)))
+        if self._responding:
+            self._add_responses(arrays, whole, reductions, sure)
+        return arrays, sure
+
+    def _energies(self, bare: Stack, values: Mapping[str, Array]) -> StackedEnergies:
+        """Return the stiffness of the structure's parts and of each joint."""
+        structure, count = self._structure, len(bare.M)
+        parts = [
+            np.array([structure.index(dof) for dof in dofs]) for dofs in self._model.substructures.values()
+        ]
+        rest = np.setdiff1d(np.arange(structure.size), np.concatenate([np.zeros(0, dtype=int), *parts]))
+        parts += [rest] if len(rest) else []
+        joints, _ = _stacked(self._joint_stiffness, values, count)
+        return StackedEnergies(bare.K, parts, joints)
+
+    @cached_property
+    def _joint_stiffness(self) -> list[_VaryingMatrix]:
+        """The stiffness of each joint."""
+        matrices, structure = [], self._structure
+        for joint in structure.joints:
+            single = structure.joined([joint])
+            terms = [
+                (term.coefficient, as_array(term.matrix)) for term in single.joint_terms if term.letter == "K"
+            ]
+            matrices.append(_VaryingMatrix.of(as_array(single.with_joints()[2]) - as_array(single.K), terms))
+        return matrices
 
     def _add_responses(
         self,
@@ -373,21 +402,35 @@ class _ReductionBatch:
                 responses["full"][s] = exact
         out.update({("frf", name): array for name, array in (*responses.items(), ("frac", shares))})
 
-    def _array(self, path: str) -> tuple[str, str] | None:
-        """Return the reduction, or `frf`, and the name of a collected array; None of a constant one."""
-        group, _, name = path.rpartition("/")
-        of = group.removeprefix("reduction/")
-        if self._exemplar[path].dims == (name,) or (name in _CONSTANT and group.startswith("reduction/")):
-            return None
-        if of == "frf" and (name in ("full", "frac") or name in self._methods):
-            return "frf", name
-        if of in self._methods and (name in stacks.NAMES or (name == "condition" and self._methods[of].sees)):
-            return of, name
-        raise NotShared(f"{path} is computed sample by sample")
 
-
-#: Arrays of reductions that do not depend on numbers, where masters and modes are given.
+#: Arrays of reductions that are the same for all samples with equal masters and modes.
 _CONSTANT = frozenset({"masters", "modes", "unit"})
+
+
+def _array_at(path: str, variable: Variable, names: Collection[str]) -> tuple[str, str] | None:
+    """Return the reduction, or `frf`, and the name of a collected array; None of a constant one."""
+    group, _, name = path.rpartition("/")
+    reduction = group.removeprefix("reduction/")
+    if variable.dims == (name,) or group == "reduction/need" or (reduction != group and name in _CONSTANT):
+        return None
+    if reduction == "frf" and (name in ("full", "frac") or name in names):
+        return "frf", name
+    if reduction in names and name in ARRAYS:
+        return reduction, name
+    raise NotShared(f"{path} is computed sample by sample")
+
+
+def _stacked(
+    matrices: Sequence[_VaryingMatrix], values: Mapping[str, Array], count: int
+) -> tuple[list[Array], NDArray[np.bool_]]:
+    """Return matrices of samples (s x n x n), unity where not all of them are finite with all digits."""
+    found, sure = [], np.ones(count, dtype=bool)
+    for varying in matrices:
+        matrix, exact = varying.at(values, count)
+        exact &= np.isfinite(matrix).all(axis=(1, 2))
+        found.append(np.where(exact[:, None, None], matrix, np.eye(matrix.shape[-1])))
+        sure &= exact
+    return found, sure
 
 
 def _float(value: Number | None) -> float:
@@ -395,72 +438,3 @@ def _float(value: Number | None) -> float:
         return np.nan if value is None else float(value)
     except OverflowError:
         return np.nan
-
-
-class _Method(NamedTuple):
-    """A reduction of stacks; `sees`: it states the condition of the modes at the masters."""
-
-    reduce: Callable[[Stack, Stack], StackedReduction]
-    sees: bool = False
-
-    def __call__(self, bare: Stack, whole: Stack) -> StackedReduction:
-        """Reduce structures, given without and with joints."""
-        return self.reduce(bare, whole)
-
-
-def _method(part: Any, structure: StructuralModel, interest: Interest) -> _Method:
-    """Return a method of the scene for stacks."""
-    if isinstance(masters := getattr(part, "masters", None), MastersModel):
-        raise NotShared("masters are chosen sample by sample")
-    given = indices_of(structure, masters) if masters else interesting(structure, interest)
-    match part:
-        case JointAwareModel() if part.residuals not in (None, [], "none"):
-            return _on_modal_coordinates(part, structure, interest, part.residuals)
-        case ModalModel():
-            return _on_modal_coordinates(part, structure, interest, part.residuals or "auto")
-        case SerepModel() | JointAwareModel():
-            modes = _numbers_of(part.modes, len(given) if masters else None)
-            if len(modes) != len(given):
-                raise NotShared("coordinates are chosen where masters are not as many as modes")
-            given = given if masters else np.sort(given)
-            aware = isinstance(part, JointAwareModel)
-            retained = aware or not structure.joints
-            reduce = partial(
-                stacks.on_modes, masters=given, modes=modes, joint_aware=aware, retained=retained
-            )
-            return _Method(reduce, sees=True)
-        case GuyanModel():
-            return _Method(partial(stacks.condensed, masters=given))
-        case DynamicModel():
-            band = interest.band
-            omega = (
-                band and band / 2
-                if part.frequency is None
-                else angular_factor(part.unit) * float(part.frequency)
-            )
-            return _Method(partial(stacks.condensed, masters=given, omega=omega or 0.0))
-        case CraigBamptonModel():
-            return _Method(partial(stacks.condensed, masters=given, fixed=_numbers_of(part.modes, None)))
-    raise NotShared(f"the method {part.method} chooses sample by sample")
-
-
-def _on_modal_coordinates(
-    part: JointAwareModel | ModalModel, structure: StructuralModel, interest: Interest, residuals: Any
-) -> _Method:
-    loads = np.zeros(0, dtype=np.intp)
-    if residuals == "auto":
-        loads = interesting(structure, interest)
-    elif residuals and residuals != "none":
-        loads = indices_of(structure, residuals, "residuals")
-    modes = _numbers_of(part.modes, None)
-    return _Method(partial(stacks.on_modal_coordinates, modes=modes, loads=loads))
-
-
-def _numbers_of(given: Any, masters: int | None) -> list[int]:
-    """Return the numbers of modes that are given, or one a master."""
-    if isinstance(given, list):
-        return given
-    count = given.count if isinstance(given, ModesModel) else masters
-    if count is None:
-        raise NotShared("how many modes are kept depends on their frequencies")
-    return list(range(1, count + 1))

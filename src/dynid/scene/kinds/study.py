@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from dynid.scene.schema.study import StudyFactor
 
 
-def run(scene: Scene) -> Result:
+def run(scene: Scene, _: Result | None = None) -> Result:
     """Raise the error that a study is not run as one scene."""
     raise UsageError(
         "this is a study: many runs of a scene", remedy=f"Run it with: dynid study {scene.source.file}"

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _LONGEST = 400
 
 
-def run(scene: Scene) -> Result:
+def run(scene: Scene, _: Result | None = None) -> Result:
     """Return the bond graphs of a wanted driving-point function, each analysed back.
 
     Raises

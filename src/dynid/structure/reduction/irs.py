@@ -48,12 +48,14 @@ from dynid.structure.reduction.reduction import (
     without_rounding,
 )
 
-# A change of the motion in a mode, relative to it, that is none.
-_SETTLED = 1e-14
+SETTLED = 1e-14
+"""A change of the motion in a mode, relative to it, that is none."""
 _EPS = float(np.finfo(float).eps)
 # The part of a frequency that rounding may leave open. It is seen by one random change, and may be so much
 # larger.
 _OPEN, _MARGIN = 1e-6, 10.0
+MAX_ROUNDING = _OPEN / _MARGIN
+"""Rounding amplified by the steps beyond which its effect on frequencies is measured."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ class Irs:
         solve = solver(cut.inner(K), FREE, REMEDY)
         problem = _Iteration(cut, M, K, solve, -solve(cut.coupling(K)))
         T, square, growth = problem.iterated(self.iterations)
-        if growth * _EPS > _OPEN / _MARGIN:
+        if growth * _EPS > MAX_ROUNDING:
             # Frequencies that move with rounding of the motions are refused.
             other, omega = problem.iterated(self.iterations, noise=_EPS)[1], np.sqrt(square)
             moved = _MARGIN * np.abs(np.sqrt(other) - omega) / np.where(omega > 0, omega, 1.0)
@@ -174,7 +176,7 @@ class _Iteration(NamedTuple):
             T[cut.masters] = last[cut.masters]
             T[cut.slaves] = self.static @ last[cut.masters] + self.solve(inertia) * square
             growth *= max(1.0, float(square.max()) * slowest)
-            if np.all(np.abs(T - last).max(axis=0) <= _SETTLED * np.abs(last).max(axis=0)):
+            if np.all(np.abs(T - last).max(axis=0) <= SETTLED * np.abs(last).max(axis=0)):
                 break
         return *_on_modes(T, self.M, self.K, iterations), growth
 
