@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Generic, cast
 
 from dynid.errors import DynidError, Fault, FileError, SceneError, UsageError
 from dynid.file_access import replace_file
@@ -20,8 +20,16 @@ from dynid.scene.yaml.source import Source, apply_overrides, read_source
 from dynid.suggestions import did_you_mean
 
 if TYPE_CHECKING:
+    from typing_extensions import TypeVar
+
     from dynid.scene.schema.base import SceneModel
     from dynid.scene.schema.quantities import Located
+
+    M = TypeVar("M", bound=SceneModel, covariant=True, default=Any)
+else:
+    from typing import TypeVar
+
+    M = TypeVar("M")
 
 #: The format that the schema describes.
 CURRENT = 1
@@ -31,8 +39,8 @@ STEPS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {}
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """A valid scene.
+class Scene(Generic[M]):
+    """A valid scene of the kind of its model.
 
     Parameters
     ----------
@@ -43,7 +51,7 @@ class Scene:
     """
 
     source: Source
-    model: SceneModel
+    model: M
 
     @property
     def kind(self) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -284,8 +284,8 @@ def solver(scene: Scene) -> Aspect:
     return solvers(structure, max(max(each.numbers, default=1) for each in made))
 
 
-def _structure(scene: Scene) -> tuple[ReductionScene, StructuralModel]:
-    model = cast("ReductionScene", scene.model)
+def _structure(scene: Scene[ReductionScene]) -> tuple[ReductionScene, StructuralModel]:
+    model = scene.model
     return model, build_structure(scene, model.structure, model.joints)
 
 

@@ -59,9 +59,9 @@ class EstimatedParameters(NamedTuple):
     bound: NDArray[np.float64]
 
 
-def estimator(scene: Scene) -> Aspect:
+def estimator(scene: Scene[IdentificationScene]) -> Aspect:
     """Return the estimators, and the one that the scene names."""
-    given = cast("IdentificationScene", scene.model).estimator
+    given = scene.model.estimator
     own = scene.source.data.get("estimator") or {}
     passes = {**dict.fromkeys(NAMES["identification"]["estimator"], 1), "output-error": 0}
     points = []
@@ -148,9 +148,9 @@ def _held(scene: Scene, name: str) -> Callable[[int], Callable[[], EstimatedPara
     return _identified(scene, changes)
 
 
-def response(scene: Scene) -> Aspect:
+def response(scene: Scene[IdentificationScene]) -> Aspect:
     """Return the ways to propagate the time response."""
-    wanted = cast("IdentificationScene", scene.model).graph_analysis
+    wanted = scene.model.graph_analysis
     if wanted is not None:
         built = identified_graph(scene)[1]
         return response_of(built.graph, graph_analysis(scene, wanted, built))
@@ -166,10 +166,10 @@ def response(scene: Scene) -> Aspect:
     return propagation(work, [load.signal for load in loads], asked["times"])
 
 
-def modes_of(scene: Scene) -> Aspect:
+def modes_of(scene: Scene[IdentificationScene]) -> Aspect:
     """Return the solvers of the requested modes."""
     structure, values = responding_structure(scene)
-    wanted = cast("IdentificationScene", scene.model).responses
+    wanted = scene.model.responses
     assert wanted is not None
     assert wanted.modes is not None
     return solvers(structure, *which_modes(wanted.modes), values)
@@ -194,12 +194,8 @@ def _identified(
     return prepare
 
 
-def _is_known(scene: Scene) -> bool:
-    model: Model
-    if cast("IdentificationScene", scene.model).graph is not None:
-        model = identified_graph(scene)[0]
-    else:
-        model = structure_of(scene)
+def _is_known(scene: Scene[IdentificationScene]) -> bool:
+    model: Model = structure_of(scene) if scene.model.graph is None else identified_graph(scene)[0]
     return all(unknown.true is not None for unknown in model.unknowns)
 
 

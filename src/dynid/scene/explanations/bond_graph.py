@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 from dynid.bondgraph.analysis_request import NUMERIC, RESULTS, Analysis, choose_engine
 from dynid.bondgraph.causality.report import join_nodes
 from dynid.bondgraph.field_expansion import field_warnings
@@ -73,13 +71,13 @@ def explain(scene: Scene) -> Explanation:
     return Explanation(result, facts)
 
 
-def _results(scene: Scene, analysis: Analysis) -> list[Fact]:
+def _results(scene: Scene[BondGraphScene], analysis: Analysis) -> list[Fact]:
     """Return the results that are computed, with the sizes of the grids that they need, and the others."""
     asked, others = (
         ", ".join(name for name in RESULTS if (name in analysis.results) == here).replace("_", " ")
         for here in (True, False)
     )
-    model = cast("BondGraphScene", scene.model)
+    model = scene.model
     unused = unused_grids(model, model.analysis)
     grids = []
     if analysis.omega is not None and "frequency" not in unused:
@@ -92,9 +90,9 @@ def _results(scene: Scene, analysis: Analysis) -> list[Fact]:
     return [*facts, Fact("not requested", others)] if others else facts
 
 
-def explain_synthesis(scene: Scene) -> Explanation:
+def explain_synthesis(scene: Scene[SynthesisScene]) -> Explanation:
     """Return the explanation of a scene of kind `synthesis`, whose forms are made: that takes no time."""
-    model = cast("SynthesisScene", scene.model)
+    model = scene.model
     function = wanted(scene)
     what = "admittance" if function.admittance else "impedance"
     degree = max(function.numerator.degree(), function.denominator.degree())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -38,9 +38,9 @@ if TYPE_CHECKING:
 _STATES = 12
 
 
-def explain(scene: Scene) -> Explanation:
+def explain(scene: Scene[IdentificationScene]) -> Explanation:
     """Return the explanation of a scene of kind `identification`, whose record is predicted once."""
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     if model.graph is not None:
         return _explain_graph(scene)
     structure = structure_of(scene)
@@ -62,9 +62,9 @@ def explain(scene: Scene) -> Explanation:
     return Explanation(result, facts)
 
 
-def _explain_graph(scene: Scene) -> Explanation:
+def _explain_graph(scene: Scene[IdentificationScene]) -> Explanation:
     """Return the explanation of an identification of a bond graph."""
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     result = Result("identification", scene.title)
     facts: list[Fact] = []
     try:
@@ -98,11 +98,13 @@ def _explain_graph(scene: Scene) -> Explanation:
     return Explanation(result, facts)
 
 
-def _add_record(scene: Scene, result: Result, facts: list[Fact], names: list[str]) -> Any:
+def _add_record(
+    scene: Scene[IdentificationScene], result: Result, facts: list[Fact], names: list[str]
+) -> Any:
     """Add identifiability, and what is said of record and estimator; return the likelihood."""
     from dynid.identification.estimators.origin import identifiable_origin
 
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     assert model.measurement is not None
     with guarded("what the record can tell", names=names):
         expected = _expected(scene, result)
@@ -147,7 +149,7 @@ def _of_model(structure: StructuralModel, made: StructuralReduction | None, meth
     yield Fact("basis", "; ".join(basis))
 
 
-def _expected(scene: Scene, result: Result) -> ExpectedRecords:
+def _expected(scene: Scene[IdentificationScene], result: Result) -> ExpectedRecords:
     """Return the predicted records, and add the identifiability of the parameters to a result."""
     from dynid.identification.identifiability import (
         add_expected_slopes,
@@ -157,7 +159,7 @@ def _expected(scene: Scene, result: Result) -> ExpectedRecords:
     )
     from dynid.identification.problem import Problem
 
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     assert model.measurement is not None
     report_progress("what the record can tell")
     small, measurements, truth, rebuild = prospect(scene)
@@ -171,9 +173,9 @@ def _expected(scene: Scene, result: Result) -> ExpectedRecords:
     return expected
 
 
-def _of_record(scene: Scene, likelihood: Likelihood) -> Iterator[Fact]:
+def _of_record(scene: Scene[IdentificationScene], likelihood: Likelihood) -> Iterator[Fact]:
     """Yield the size of the record, and its sampling rate beside the excited band."""
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     assert model.measurement is not None
     band, unit = interest_of(scene).band, unit_of_frequencies(scene.source.data)
     assert band is not None  # a record has its excitation, or that of a white one

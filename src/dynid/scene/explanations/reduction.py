@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import cast
 
 from dynid import progress
 from dynid.defaults import DENSE_MODES, FEW_MODES
@@ -26,9 +25,9 @@ _MADE = DENSE_MODES.value
 _UNKNOWN = 20
 
 
-def explain(scene: Scene) -> Explanation:
+def explain(scene: Scene[ReductionScene]) -> Explanation:
     """Return the explanation of a scene of kind `reduction`; the bases of small structures are computed."""
-    model = cast("ReductionScene", scene.model)
+    model = scene.model
     structure = build_structure(scene, model.structure, model.joints)
     result = Result("reduction", scene.title)
     n = structure.size

@@ -58,7 +58,7 @@ _GROUPS: Mapping[str, tuple[str, ...]] = {
 }
 
 
-def run(scene: Scene, sample: Result | None = None) -> Result:
+def run(scene: Scene[BondGraphScene], sample: Result | None = None) -> Result:
     """Return the requested results of a bond graph; those of a design are of the designed graph.
 
     Parameters
@@ -75,7 +75,7 @@ def run(scene: Scene, sample: Result | None = None) -> Result:
     Unreachable
         Where the targets of a design cannot be reached.
     """
-    if cast("BondGraphScene", scene.model).design is None:
+    if scene.model.design is None:
         graph, analysis = question(scene)
         if sample is not None and not wants_scope(sample, "bond_graph"):
             analysis = replace(
@@ -98,9 +98,9 @@ def run(scene: Scene, sample: Result | None = None) -> Result:
     return result
 
 
-def check_valid(scene: Scene) -> None:
+def check_valid(scene: Scene[BondGraphScene]) -> None:
     """Check the design of a valid scene, if it has one; raises `SceneError` with its faults."""
-    if cast("BondGraphScene", scene.model).design is not None:
+    if scene.model.design is not None:
         from dynid.scene.kinds.design import check_design
 
         check_design(scene)
@@ -117,8 +117,8 @@ def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
         yield step if checked is scene else partial(_unless_undecided, step)
 
 
-def _preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
-    model = cast("BondGraphScene", scene.model)
+def _preparation_steps(scene: Scene[BondGraphScene]) -> Iterator[PreparationStep]:
+    model = scene.model
     yield lambda: question(scene)
     yield lambda: _check_sources(scene)
     if model.design is not None:
@@ -131,9 +131,9 @@ def _preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
         yield lambda: GraphBisection.at(built_graph(scene).graph, port)
 
 
-def _with_few_starts(scene: Scene) -> Scene:
+def _with_few_starts(scene: Scene[BondGraphScene]) -> Scene:
     """Return a scene whose search for equilibria has a bounded number of starts, for a check."""
-    model = cast("BondGraphScene", scene.model)
+    model = scene.model
     point = model.operating_point
     if point is None or point.search.starts <= _CHECKED_STARTS:
         return scene
@@ -151,12 +151,12 @@ def _unless_undecided(step: PreparationStep) -> None:
             raise
 
 
-def _check_sources(scene: Scene) -> None:
+def _check_sources(scene: Scene[BondGraphScene]) -> None:
     """Raise where sources contradict each other, so that the graph has no solution."""
     from dynid.bondgraph.reduction.junctions import JunctionStructure
     from dynid.bondgraph.reduction.solvability import hold
 
-    built, wanted = built_graph(scene), cast("BondGraphScene", scene.model).analysis
+    built, wanted = built_graph(scene), scene.model.analysis
     graph = built.graph
     if built.opened is not None:
         _check_loops(built.opened, built.loops)
@@ -197,7 +197,7 @@ def unused_grids(model: BondGraphScene | IdentificationScene, wanted: AnalysisMo
 
 def doubts(scene: Scene) -> Iterator[Fault]:
     """Yield negative values, and unused blocks of an analysis."""
-    model = cast("BondGraphScene", scene.model)
+    model = scene.model
     negative = {
         name: (node.type, float(node.value))
         for name, node in model.graph.nodes.items()
@@ -218,15 +218,15 @@ def doubts(scene: Scene) -> Iterator[Fault]:
         yield scene.source.fault(("analysis", name), message, key=True)
 
 
-def unread_files(scene: Scene) -> Iterator[KeyPath]:
+def unread_files(scene: Scene[BondGraphScene]) -> Iterator[KeyPath]:
     """Yield the keys whose files a run does not read: the signals of a response that is not computed."""
-    if "time_response" not in cast("BondGraphScene", scene.model).analysis.asked():
+    if "time_response" not in scene.model.analysis.asked():
         yield ("analysis", "time")
 
 
-def question(scene: Scene) -> tuple[BondGraph, Analysis]:
+def question(scene: Scene[BondGraphScene]) -> tuple[BondGraph, Analysis]:
     """Return the graph of a scene, and the request of its analysis."""
-    model = cast("BondGraphScene", scene.model)
+    model = scene.model
     linearised = model.operating_point is not None or any(map(has_law, model.graph.nodes.values()))
     if "sensitivities" not in model.analysis.asked() or linearised:  # those are by slopes
         built = built_graph(scene)
@@ -267,7 +267,7 @@ def graph_analysis(
     variables
         Variables of the sensitivities; absent: the values of the nodes.
     """
-    model, graph = cast("BondGraphScene", scene.model), built.graph
+    model, graph = scene.model, built.graph
     flat = built.linearisation.flat if built.linearisation is not None else ()
     for name in model.initial:
         if name in flat:
@@ -324,12 +324,12 @@ def graph_analysis(
     )
 
 
-def built_graph(scene: Scene, control: ControlModel | None = None) -> BuiltGraph:
+def built_graph(scene: Scene[BondGraphScene], control: ControlModel | None = None) -> BuiltGraph:
     """Build the graph of a scene, with exact values, its fields and structures expanded.
 
     `control` is its feedback where it is not taken as written.
     """
-    model = cast("BondGraphScene", scene.model)
+    model = scene.model
     wanted = model.analysis
     band = float(angular_frequencies(wanted.frequency)[-1]) if wanted.frequency else None
     feedback = control or model.control

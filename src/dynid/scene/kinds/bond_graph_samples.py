@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from dynid.arithmetic.expression import Expression
 from dynid.arithmetic.numbers import Irrational, Number, to_fraction
@@ -38,9 +38,9 @@ VariedQuantity = tuple[str, str]
 """What a path sets, `parameter`, `value` (of an element) or `stored` (energy), and its name."""
 
 
-def _varied(scene: Scene, path: str) -> VariedQuantity:
+def _varied(scene: Scene[BondGraphScene], path: str) -> VariedQuantity:
     """Return the quantity that a path sets."""
-    model, parts = cast("BondGraphScene", scene.model), path.split(".")
+    model, parts = scene.model, path.split(".")
     if name := varied_parameter(model.parameters, parts):
         return ("parameter", name)
     match parts:
@@ -69,8 +69,8 @@ class GraphSamples:
         If something else varies, or more is collected than what is computed together.
     """
 
-    def __init__(self, scene: Scene, paths: Sequence[str], collect: tuple[str, ...]) -> None:
-        model = cast("BondGraphScene", scene.model)
+    def __init__(self, scene: Scene[BondGraphScene], paths: Sequence[str], collect: tuple[str, ...]) -> None:
+        model = scene.model
         if model.operating_point is not None or any(map(has_law, model.graph.nodes.values())):
             raise NotShared("every sample has an operating point of its own")
         self._varied = {path: _varied(scene, path) for path in paths}

@@ -40,7 +40,7 @@ def designed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
     return check_source(replace(scene.source, data=data, overridden=True))
 
 
-def design_of(scene: Scene) -> Design:
+def design_of(scene: Scene[BondGraphScene]) -> Design:
     """Return the design that a scene requests, its graph a function of the free parameters.
 
     Raises
@@ -48,7 +48,7 @@ def design_of(scene: Scene) -> Design:
     UsageError
         If a number of a parameter does not fit its scale, or a part of the graph cannot depend on parameters.
     """
-    model = cast("BondGraphScene", scene.model)
+    model = scene.model
     wanted = cast("DesignModel", model.design)
     parts = _dependent_parts(scene)
     asked = list(
@@ -80,7 +80,7 @@ def design_of(scene: Scene) -> Design:
     )
 
 
-def check_design(scene: Scene) -> None:
+def check_design(scene: Scene[BondGraphScene]) -> None:
     """Check the free parameters of a design.
 
     Raises
@@ -88,7 +88,7 @@ def check_design(scene: Scene) -> None:
     SceneError
         If a number does not fit the scale or limits of its parameter, or nothing depends on a free one.
     """
-    model, source = cast("BondGraphScene", scene.model), scene.source
+    model, source = scene.model, scene.source
     if model.design is None:
         return
     lawful = next((name for name, node in model.graph.nodes.items() if has_law(node)), None)
@@ -124,9 +124,9 @@ class _DependentParts(Section):
     control: ControlModel | None = None
 
 
-def _dependent_parts(scene: Scene) -> _DependentParts:
+def _dependent_parts(scene: Scene[BondGraphScene]) -> _DependentParts:
     """Return graph and feedback of a scene with quantities that depend on the free parameters."""
-    model = cast("BondGraphScene", scene.model)
+    model = scene.model
     assert model.design is not None
     starts = {name: _start(model, name) for name in model.design.free}
     names, _ = read_names(scene.source, free=starts)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dynid.bondgraph.analysis_request import MARGINS, PROPERTIES, ResultName
 from dynid.scene.kinds.parameters import unknown_parameters
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from dynid.scene.schema.bond_graph import BondGraphScene
     from dynid.scene.schema.identification import IdentificationScene
     from dynid.scene.schema.study import StudyScene
-    from dynid.scene.schema.synthesis import SynthesisScene
 
 #: Attributes of a channel's properties that are named like one of these.
 _NOTES = frozenset({"hidden_mode_note", "approximate"})
@@ -129,7 +128,7 @@ def impossible_paths(scene: Scene, study: Scene | None = None) -> Iterator[Fault
         The study that varies it; its `collect` is checked as well, except for patterns.
     """
     certain = _varies_values(study)
-    for path in (*_expected(scene), *_collected(study)):
+    for path in (*_expected(scene), *(_collected(study) if study is not None else ())):
         if problem := _problem(scene, path.parts, certain=certain, groups=path.holder is study):
             yield path.fault(problem)
     if scene.kind in _KNOWN_KINDS:
@@ -155,7 +154,7 @@ def _problem(scene: Scene, parts: tuple[str, ...], *, certain: bool, groups: boo
     elif root == "synthesis" and len(rest) > 1 and certain:
         from dynid.bondgraph.synthesis.forms import FORMS
 
-        forms = [*(cast("SynthesisScene", scene.model).forms or FORMS), "need"]
+        forms = [*(scene.model.forms or FORMS), "need"]
         problem = "" if rest[0] in forms else _not_among("form", rest[0], forms)
     problem = problem or _problem_of_layout(parts, _method_names(scene, parts), groups=groups)
     names = [parts[depth - 1] for depth in range(1, len(parts)) if is_of_scene(parts[:depth])]
@@ -192,11 +191,11 @@ def _words(data: Any) -> set[str]:
 
 def _method_names(scene: Scene, parts: tuple[str, ...]) -> list[str]:
     """Return the names of the reductions of a scene, which are arrays in `reduction/frf`."""
-    from dynid.scene.schema.reduction import ReductionScene, result_names
+    from dynid.scene.schema.reduction import result_names
 
     if parts[:2] != ("reduction", "frf"):
         return []
-    return result_names([part.method for part in cast("ReductionScene", scene.model).reduction])
+    return result_names([part.method for part in scene.model.reduction])
 
 
 def _problem_of_method(scene: Scene, name: str) -> str:
@@ -239,9 +238,9 @@ def _problem_of_layout(parts: tuple[str, ...], further: Sequence[str], *, groups
     return f"there is no '{missing}' in {'/'.join(above)}{_similar_or_all(missing, candidates)}"
 
 
-def _problem_of_graph(scene: Scene, rest: list[str], certain: bool) -> str:
+def _problem_of_graph(scene: Scene[BondGraphScene], rest: list[str], certain: bool) -> str:
     """Return the reason why the result of a bond graph has nothing at a path below `bond_graph`."""
-    model = cast("BondGraphScene", scene.model)
+    model = scene.model
     group, *below = rest
     groups = [*_GROUPS, *_OTHER_GROUPS]
     asked = model.analysis.asked()
@@ -315,7 +314,7 @@ def _labels(scene: Scene, parts: tuple[str, ...]) -> dict[str, list[str]]:
     return {}
 
 
-def _unknown_names(scene: Scene) -> list[str]:
+def _unknown_names(scene: Scene[IdentificationScene]) -> list[str]:
     """Return the names of the unknown parameters of a scene; none where others than `parameters` are."""
     waiting: list[Any] = [value for key, value in scene.source.data.items() if key != "parameters"]
     while waiting:
@@ -326,7 +325,7 @@ def _unknown_names(scene: Scene) -> list[str]:
             waiting += part.values()
         elif isinstance(part, list):
             waiting += part
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     return [parameter.name for parameter in unknown_parameters(model)]
 
 
@@ -336,9 +335,9 @@ def _has_block(group: str, model: BondGraphScene) -> bool:
     return (model.design if group == "design" else model.control) is not None
 
 
-def _labels_of_graph(scene: Scene) -> dict[str, list[str]]:
+def _labels_of_graph(scene: Scene[BondGraphScene]) -> dict[str, list[str]]:
     """Return the labels of axes of the results of a bond graph, as far as the scene alone says them."""
-    data, model = scene.source.data, cast("BondGraphScene", scene.model)
+    data, model = scene.source.data, scene.model
     types = node_types(data) | references(data)
     labels = {}
     if model.control is not None:
@@ -391,10 +390,10 @@ def _expected(scene: Scene) -> Iterator[_Wanted]:
             yield _Wanted(parts, scene, ("expect", number, "path"))
 
 
-def _collected(study: Scene | None) -> Iterator[_Wanted]:
-    for number, path in enumerate(cast("StudyScene", study.model).collect if study else ()):
+def _collected(study: Scene[StudyScene]) -> Iterator[_Wanted]:
+    for number, path in enumerate(study.model.collect):
         if (parts := _parts(path)) and not any(letter in path for letter in "*?["):
-            yield _Wanted(parts, cast("Scene", study), ("collect", number))
+            yield _Wanted(parts, study, ("collect", number))
 
 
 def _parts(path: str) -> tuple[str, ...]:
@@ -402,11 +401,11 @@ def _parts(path: str) -> tuple[str, ...]:
     return tuple(path.strip("/").split("/"))
 
 
-def _varies_values(study: Scene | None) -> bool:
+def _varies_values(study: Scene[StudyScene] | None) -> bool:
     """Return True if all samples of a study have the nodes, outputs and inputs of its scene."""
     if study is None:
         return True
-    model = cast("StudyScene", study.model)
+    model = study.model
     paths = [path for key in model.vary for path in paths_of(key)] + list(model.derive)
     return all(path.startswith("parameters.") or path.endswith(".value") or "." not in path for path in paths)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import count
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dynid.errors import FileError, UsageError
 from dynid.number_format import counted
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _MOTIONS = ("displacement", "velocity", "acceleration")
 
 
-def completed(scene: Scene) -> Source:
+def completed(scene: Scene[IdentificationScene]) -> Source:
     """Return the source of a valid scene with the channels and sensors that its files name, one by one.
 
     A record gets its channels, the columns of the file that they are, `step` and `samples` where these are
@@ -45,7 +45,7 @@ def completed(scene: Scene) -> Source:
     UsageError
         If nodes of the test are not found in the model.
     """
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     measurement = model.measurement
     if measurement is None:
         return scene.source

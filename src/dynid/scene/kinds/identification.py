@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dynid.identification.records.measurement import Experiment
 from dynid.model_scope import wants_scope
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from dynid.structure.reduction.mode_selection import Interest
 
 
-def run(scene: Scene, sample: Result | None = None) -> Result:
+def run(scene: Scene[IdentificationScene], sample: Result | None = None) -> Result:
     """Return the joints identified from a record, and the requested responses of the structure.
 
     Where the structure is reduced, both are done with the reduced model. Responses are those with the
@@ -62,7 +62,7 @@ def run(scene: Scene, sample: Result | None = None) -> Result:
     FileError
         Where measured data cannot be read.
     """
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     if model.graph is not None:
         from dynid.scene.kinds.identified_graphs import run_graph
 
@@ -100,9 +100,9 @@ def estimates_alone(model: IdentificationScene, sample: Result) -> bool:
     return not (sample.wants_below("structure") or wants_scope(sample, "identification"))
 
 
-def structure_of(scene: Scene) -> StructuralModel:
+def structure_of(scene: Scene[IdentificationScene]) -> StructuralModel:
     """Return the structure of an identification, with its joints."""
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     return build_assembly(scene, model)
 
 
@@ -118,9 +118,9 @@ def responding_structure(scene: Scene) -> tuple[StructuralModel, dict[str, float
     return method.at(values).reduce(started(scene, structure)).model, values
 
 
-def started(scene: Scene, structure: StructuralModel) -> StructuralModel:
+def started(scene: Scene[IdentificationScene], structure: StructuralModel) -> StructuralModel:
     """Return a structure as an estimator reduces it: its basis is made at the starts, not at the truth."""
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     at_start = at_starts(model)
     return structure if at_start is model else structure_of(Scene(scene.source, at_start))
 
@@ -134,7 +134,9 @@ class Setting(NamedTuple):
     rebuild: Rebuild | None = None
 
 
-def setting(scene: Scene, structure: StructuralModel, values: Mapping[str, float] | None = None) -> Setting:
+def setting(
+    scene: Scene[IdentificationScene], structure: StructuralModel, values: Mapping[str, float] | None = None
+) -> Setting:
     """Return the model and the measurements of an identification.
 
     Parameters
@@ -146,7 +148,7 @@ def setting(scene: Scene, structure: StructuralModel, values: Mapping[str, float
     values
         Parameters by name for which a basis that follows the joints is made; default: its own.
     """
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     assert model.measurement is not None
     measurements = measurements_of(scene, structure)
     rebuild = rebuilder(scene, structure)
@@ -158,10 +160,10 @@ def setting(scene: Scene, structure: StructuralModel, values: Mapping[str, float
 
 
 def models_of(
-    scene: Scene, structure: StructuralModel, values: Mapping[str, float] | None = None
+    scene: Scene[IdentificationScene], structure: StructuralModel, values: Mapping[str, float] | None = None
 ) -> tuple[StructuralModel, StructuralModel]:
     """Return the models of the estimator and of the simulation; `values` as of `setting`."""
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     method = reductor_of(scene)
     if method is None:
         return structure, structure
@@ -183,7 +185,7 @@ def expected_values(structure: StructuralModel) -> dict[str, float]:
 
 
 def identified(
-    scene: Scene,
+    scene: Scene[IdentificationScene],
     made: Setting,
     *,
     common: SharedRecords | None = None,
@@ -202,7 +204,7 @@ def identified(
     """
     from dynid.identification.identify import identify
 
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     return identify(
         made.model,
         made.measurements,
@@ -215,9 +217,9 @@ def identified(
     )
 
 
-def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
+def preparation_steps(scene: Scene[IdentificationScene]) -> Iterator[PreparationStep]:
     """Yield the steps of a run before any computation: build the structure, its records and reduction."""
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     measurement = model.measurement
     if model.graph is not None:
         from dynid.scene.kinds.identified_graphs import graph_preparation_steps
@@ -239,18 +241,18 @@ def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
         yield lambda: time_question(scene)
 
 
-def doubts(scene: Scene) -> Iterator[Fault]:
+def doubts(scene: Scene[IdentificationScene]) -> Iterator[Fault]:
     """Yield what nothing in a scene uses, as warnings: blocks of a graph's analysis, unconnected masses."""
-    if cast("IdentificationScene", scene.model).graph_analysis is not None:
+    if scene.model.graph_analysis is not None:
         from dynid.scene.kinds.bond_graph import doubts as of_graph
 
         yield from of_graph(scene)
     yield from idle_masses(scene)
 
 
-def unread_files(scene: Scene) -> Iterator[KeyPath]:
+def unread_files(scene: Scene[IdentificationScene]) -> Iterator[KeyPath]:
     """Yield the keys whose files a run does not read: shared ones that no record uses."""
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     records = model.measurement.records if model.measurement else []
     if records and all(record.simulate or (record.file and record.file.path) for record in records):
         yield ("measurement", "file")
@@ -263,9 +265,9 @@ def unread_files(scene: Scene) -> Iterator[KeyPath]:
         yield ("excitation",)
 
 
-def reductor_of(scene: Scene) -> LocatedReductor | None:
+def reductor_of(scene: Scene[IdentificationScene]) -> LocatedReductor | None:
     """Return the reduction of a scene, made for its sensors, loads and the band of its excitation."""
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     if not model.is_reduced:
         return None
     from dynid.scene.kinds.reduction import build_reductor, reductor_by_parts
@@ -275,13 +277,13 @@ def reductor_of(scene: Scene) -> LocatedReductor | None:
     return first if part is None else build_reductor(part, interest, "reduction", first)
 
 
-def reduction_of(scene: Scene) -> ReductionModel | None:
+def reduction_of(scene: Scene[IdentificationScene]) -> ReductionModel | None:
     """Return the reduction of a scene, with residual vectors where their choice is open.
 
     They are left out where the band of interest reaches half the sampling rate: there they gain nothing,
     and cost much.
     """
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     if model.reduction is None:
         return None
     if model.measurement is not None and model.measurement.frf is None and model.measurement.each:
@@ -293,9 +295,9 @@ def reduction_of(scene: Scene) -> ReductionModel | None:
     return with_residuals(model.reduction)
 
 
-def interest_of(scene: Scene) -> Interest:
+def interest_of(scene: Scene[IdentificationScene]) -> Interest:
     """Return the DOFs of sensors and loads, and the band of the excitation or the lines (rad/s)."""
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     from dynid.structure.reduction.mode_selection import Interest
 
     dofs = [part.dof for part in model.excitation]
@@ -379,12 +381,14 @@ def responses(
     return result
 
 
-def time_question(scene: Scene, structure: StructuralModel | None = None) -> dict[str, Any]:
+def time_question(
+    scene: Scene[IdentificationScene], structure: StructuralModel | None = None
+) -> dict[str, Any]:
     """Return the loads, outputs, times and initial motion of the time response of a scene.
 
     Without an input of its own it is driven by the excitation, or by nothing with an initial motion.
     """
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     wanted = model.responses
     assert wanted is not None
     assert wanted.time is not None

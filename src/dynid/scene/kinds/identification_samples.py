@@ -68,8 +68,10 @@ class IdentificationSamples:
         If something else varies, or more is requested than an identification.
     """
 
-    def __init__(self, scene: Scene, paths: Sequence[str], collect: tuple[str, ...]) -> None:
-        model = cast("IdentificationScene", scene.model)
+    def __init__(
+        self, scene: Scene[IdentificationScene], paths: Sequence[str], collect: tuple[str, ...]
+    ) -> None:
+        model = scene.model
         if model.graph is not None:
             raise NotShared("samples of a graph are identified one by one")
         self._varied = {path: _varied(model, path) for path in paths}
@@ -95,7 +97,7 @@ class IdentificationSamples:
         return SampleOutcomes.of([self._outcome(override) for override in overrides])
 
     def _outcome(self, override: Mapping[str, Any]) -> SampleOutcome | None:
-        model = cast("IdentificationScene", self._scene.model)
+        model = self._scene.model
         for path, varied in self._varied.items():
             changed = _changed(model, varied, override[path])
             if changed is None:
@@ -110,12 +112,14 @@ class IdentificationSamples:
         except DynidError:
             return None
 
-    def _setting_of(self, scene: Scene, structure: StructuralModel, override: Mapping[str, Any]) -> Setting:
+    def _setting_of(
+        self, scene: Scene[IdentificationScene], structure: StructuralModel, override: Mapping[str, Any]
+    ) -> Setting:
         """Return the input of the estimator of a sample."""
         if not self._same:
             return setting(scene, structure)
         if not self._seeds:
-            model = cast("IdentificationScene", scene.model)
+            model = scene.model
             assert model.measurement is not None
             records = experiments(scene, model.excitation, model.measurement, self._structure)
             return self._setting._replace(measurements=records)

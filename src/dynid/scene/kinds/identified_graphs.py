@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 from dynid.bondgraph.graph import BondGraph
 from dynid.identification.systems.graph_system import IdentifiedGraph
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _ANALYSIS = {"engines": "engines of the analysis"}
 
 
-def identified_graph(scene: Scene) -> tuple[IdentifiedGraph, BuiltGraph]:
+def identified_graph(scene: Scene[IdentificationScene]) -> tuple[IdentifiedGraph, BuiltGraph]:
     """Return the graph of an identification with its unknown parameters, and with the analysis' outputs.
 
     Raises
@@ -35,7 +35,7 @@ def identified_graph(scene: Scene) -> tuple[IdentifiedGraph, BuiltGraph]:
     UsageError
         If a number of a parameter does not fit its scale, or a matrix is not that of a passive field.
     """
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     assert model.graph is not None
     wanted = model.graph_analysis
     records = model.measurement.each if model.measurement else []
@@ -53,19 +53,19 @@ def identified_graph(scene: Scene) -> tuple[IdentifiedGraph, BuiltGraph]:
     return graph, built._replace(outputs=outputs)
 
 
-def started_graph(scene: Scene) -> tuple[IdentifiedGraph, BuiltGraph]:
+def started_graph(scene: Scene[IdentificationScene]) -> tuple[IdentifiedGraph, BuiltGraph]:
     """Return the graph that an estimator has: bases of structures are made at the starts, not at the truth.
 
     Raises as `identified_graph`.
     """
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     assert model.graph is not None
     at_start = at_starts(model)
     constant = at_start is model or all(node.reduction is None for node in model.graph.nodes.values())
     return identified_graph(scene if constant else Scene(scene.source, at_start))
 
 
-def run_graph(scene: Scene) -> Result:
+def run_graph(scene: Scene[IdentificationScene]) -> Result:
     """Return the parameters of a bond graph identified from a record, and the requested results.
 
     The results of `analysis` are those of the graph as identified; without a measurement at the true values
@@ -78,7 +78,7 @@ def run_graph(scene: Scene) -> Result:
     FileError
         Where measured data cannot be read.
     """
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     result, parts = Result("identification", scene.title), list[ScopePart]()
     graph, built = (identified_graph if model.measurement is None else started_graph)(scene)
     values: dict[str, float] = {one.name: one.expected for one in graph.unknowns}
@@ -111,9 +111,9 @@ def with_values(graph: BondGraph, values: Mapping[str, float]) -> BondGraph:
     return BondGraph(nodes, graph.bonds)
 
 
-def graph_preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
+def graph_preparation_steps(scene: Scene[IdentificationScene]) -> Iterator[PreparationStep]:
     """Yield the steps of a run before any computation: build the graph and its records."""
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     measurement = model.measurement
     yield lambda: identified_graph(scene)
     if measurement is not None and measurement.frf is not None:
@@ -124,11 +124,11 @@ def graph_preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
         yield lambda: graph_analysis(scene, wanted, identified_graph(scene)[1])
 
 
-def _identified(scene: Scene, graph: IdentifiedGraph) -> Result:
+def _identified(scene: Scene[IdentificationScene], graph: IdentifiedGraph) -> Result:
     """Identify the parameters of a graph from records, simulated ones of the graph at the true values."""
     from dynid.identification.identify import identify
 
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     measurements = measurements_of(scene, identified_graph(scene)[0])
     result = identify(graph, measurements, estimator_of(model), further=further_of(model))
     if model.identifiability:

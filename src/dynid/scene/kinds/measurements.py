@@ -96,7 +96,10 @@ def experiments(
 
 
 def _measurement(
-    scene: Scene, given: RecordModel, place: str, model: IdentifiedGraph | StructuralModel | None
+    scene: Scene[IdentificationScene],
+    given: RecordModel,
+    place: str,
+    model: IdentifiedGraph | StructuralModel | None,
 ) -> Measurement:
     """Return the channels and the samples of a record, or the noise of a simulated one."""
     from dynid.identification.records.measurement import Measurement
@@ -134,7 +137,7 @@ def _measurement(
         )
         if not any(channel.output for channel in given.channels or ()):
             structure = cast("StructuralModel | None", model)
-            source = replace(source, **initial_motion(cast("IdentificationScene", scene.model), structure))  # type: ignore[arg-type]
+            source = replace(source, **initial_motion(scene.model, structure))  # type: ignore[arg-type]
     else:
         source = table.values[:samples] * factors
         read = {"notes": (table.note,) if table.note else ()}
@@ -468,9 +471,9 @@ def _in_radians(found: MeasuredResponses, given: FrfModel) -> float:
     return angular_factor(stated)
 
 
-def measurements_of(scene: Scene, model: StructuralModel | IdentifiedGraph) -> list[Any]:
+def measurements_of(scene: Scene[IdentificationScene], model: StructuralModel | IdentifiedGraph) -> list[Any]:
     """Return the records of time or the frequency responses of a scene, and its modal survey."""
-    identification = cast("IdentificationScene", scene.model)
+    identification = scene.model
     given, measurements = identification.measurement, list[Any]()
     assert given is not None
     if given.frf is not None:

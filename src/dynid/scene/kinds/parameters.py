@@ -79,7 +79,7 @@ def considered_parameters(model: SceneModel) -> tuple[ConsideredParameter, ...]:
     )
 
 
-def check_parameters(scene: Scene) -> None:
+def check_parameters(scene: Scene[IdentificationScene]) -> None:
     """Check the unknown parameters of an identification.
 
     Raises
@@ -89,7 +89,7 @@ def check_parameters(scene: Scene) -> None:
     """
     from dynid.scene.schema.raw import read_names
 
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     if not any(isinstance(given, DefinedParameter) for given in model.parameters.values()):
         return
     if read_names(scene.source)[1]:  # what depends on a parameter without a value is not known

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 from dynid.errors import UsageError
 from dynid.identification.planning.plan import PlanRequest, plan
 from dynid.identification.systems.graph_system import IdentifiedGraph
@@ -18,9 +16,9 @@ from dynid.structure.ports import UNITS
 from dynid.units import angular_factor
 
 
-def prospect(scene: Scene) -> Setting:
+def prospect(scene: Scene[IdentificationScene]) -> Setting:
     """Return the model and the measurements of an identification, at the expected values of its unknowns."""
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     if model.graph is None:
         structure = structure_of(scene)
         return setting(scene, structure, expected_values(structure))
@@ -28,7 +26,9 @@ def prospect(scene: Scene) -> Setting:
     return Setting(graph, measurements_of(scene, graph), graph)
 
 
-def run_plan(scene: Scene, sensors: int | None = None, lines: int | None = None) -> Result:
+def run_plan(
+    scene: Scene[IdentificationScene], sensors: int | None = None, lines: int | None = None
+) -> Result:
     """Return ranked sensors and excitations for a scene of kind identification.
 
     Parameters
@@ -51,7 +51,7 @@ def run_plan(scene: Scene, sensors: int | None = None, lines: int | None = None)
             remedy="A plan is for scenes of kind identification.",
             names=("kind",),
         )
-    model = cast("IdentificationScene", scene.model)
+    model = scene.model
     if model.measurement is None:
         raise UsageError(
             "there is no measurement to plan",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from dynid.defaults import RESIDUALS
 from dynid.errors import NumericalError, UsageError
@@ -164,7 +164,7 @@ def _placed(place: str) -> Iterator[None]:
         raise type(error)(error.problem, remedy=error.remedy, names=(*names, f"{place}.method")) from error
 
 
-def run(scene: Scene, sample: Result | None = None) -> Result:
+def run(scene: Scene[ReductionScene], sample: Result | None = None) -> Result:
     """Return the comparison of the reductions of a structure with the full one.
 
     Of the `sample` of a study only what it wants is computed.
@@ -176,7 +176,7 @@ def run(scene: Scene, sample: Result | None = None) -> Result:
     UsageError
         Where masters or modes do not exist.
     """
-    model = cast("ReductionScene", scene.model)
+    model = scene.model
     structure = build_structure(scene, model.structure, model.joints)
     narrow = sample is not None and not (sample.wants_below("structure") or wants_scope(sample, "reduction"))
     result = sample if sample is not None and narrow else Result("reduction", scene.title)
@@ -198,9 +198,9 @@ def run(scene: Scene, sample: Result | None = None) -> Result:
     return result
 
 
-def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
+def preparation_steps(scene: Scene[ReductionScene]) -> Iterator[PreparationStep]:
     """Yield the steps of a run before any computation: build the structure and the methods."""
-    model = cast("ReductionScene", scene.model)
+    model = scene.model
     yield lambda: build_structure(scene, model.structure, model.joints)
     yield lambda: methods_of(model)
 

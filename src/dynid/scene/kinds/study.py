@@ -38,7 +38,7 @@ def run(scene: Scene, _: Result | None = None) -> Result:
     )
 
 
-def study_model(scene: Scene) -> StudyScene:
+def study_model(scene: Scene[StudyScene]) -> StudyScene:
     """Return the model of a study.
 
     Raises
@@ -49,7 +49,7 @@ def study_model(scene: Scene) -> StudyScene:
     if scene.kind != "study":
         problem = f"{scene.source.file} is a scene of kind {scene.kind}, not a study"
         raise UsageError(problem, remedy=f"Run it with: dynid run {scene.source.file}")
-    return cast("StudyScene", scene.model)
+    return scene.model
 
 
 def base_scene(scene: Scene) -> Scene:

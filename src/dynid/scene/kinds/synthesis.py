@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from dynid.bondgraph.exact_engine import TransferFunction
 from dynid.bondgraph.synthesis.forms import (
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _LONGEST = 400
 
 
-def run(scene: Scene, _: Result | None = None) -> Result:
+def run(scene: Scene[SynthesisScene], _: Result | None = None) -> Result:
     """Return the bond graphs of a wanted driving-point function, each analysed back.
 
     Raises
@@ -41,7 +41,7 @@ def run(scene: Scene, _: Result | None = None) -> Result:
     NoSuchForm
         Where a form that the scene names does not exist.
     """
-    model = cast("SynthesisScene", scene.model)
+    model = scene.model
     function = wanted(scene)
     forms = tuple(model.forms) if model.forms is not None else None
     found, missing = realisations(function, forms, model.domain or "")
@@ -56,7 +56,7 @@ def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
     yield lambda: wanted(scene)
 
 
-def wanted(scene: Scene) -> Driving:
+def wanted(scene: Scene[SynthesisScene]) -> Driving:
     """Return the wanted driving-point function of a scene, found to be positive real.
 
     Raises
@@ -64,7 +64,7 @@ def wanted(scene: Scene) -> Driving:
     NotPositiveReal
         Where it is not.
     """
-    model = cast("SynthesisScene", scene.model)
+    model = scene.model
     key = "impedance" if model.impedance is not None else "admittance"
 
     def exact(coefficients: list[Quantity]) -> list[Fraction]:
