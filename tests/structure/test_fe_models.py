@@ -325,8 +325,11 @@ def test_sets_points_and_constraints_of_bulk_data(tmp_path):
         ("GRID,1\nCORD2R,1,,0.,0.,0.,1.,0.,0.,\n,2.,0.,0.\n", "coordinate system 1 lie on one line"),
         ("GRID,1\nCORD2R,1,2,0.,0.,0.,1.,0.,0.,\n,0.,1.,0.\n", "coordinate system 1 refers to one that"),
         ("GRID,1\nCORD1R,1,5,6,7\n", "cannot be read as Nastran bulk data"),
-        ("GRID,1\nINCLUDE 'model.bdf'\n", "too many files include each other"),
-        ("GRID,1\nINCLUDE 'none.bdf'\n", "none.bdf is no file"),
+        ("GRID,1\nINCLUDE 'model.bdf'\n", "refers to another file, 'model.bdf', which is not followed"),
+        (
+            "GRID,1\nINCLUDE '/etc/hostname'\n",
+            "refers to another file, '/etc/hostname', which is not followed",
+        ),
         ("GRID,1,,1e999\n", "model.bdf"),
         ("GRID,1,,0.,0.,0.\n=,*1,,*10.,==\n=8220\n", "model.bdf repeats cards (=)"),
     ],

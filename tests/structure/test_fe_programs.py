@@ -3,6 +3,7 @@
 import importlib.util
 import json
 import re
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -11,6 +12,8 @@ import pytest
 from scipy.io import netcdf_file, savemat
 
 from dynid.errors import DynidError, FileError, SceneError
+from dynid.files import input_file
+from dynid.files.fe_text import check_reference
 from dynid.files.read_matrix import MatrixFile, read_matrix
 from dynid.files.read_structure import imported, model_files, read_nodes
 from dynid.scene.explanations.explanation import explain
@@ -209,7 +212,8 @@ def test_truncated_files_of_calculix(tmp_path, damaged, cut):
         ("*PART, NAME=A\n*NODE\n1, 0.\n*PART, NAME=B\n*NODE\n1, 2.\n", "has several parts"),
         ("*NODE\n1, 0.\n*NGEN\n1, 5\n", "has *NGEN, which is not read"),
         ("*NODE, SYSTEM=C\n1, 0.\n", "in a system other than Cartesian"),
-        ("*INCLUDE, INPUT=m.inp\n", "too many files include each other"),
+        ("*INCLUDE, INPUT=m.inp\n", "refers to another file, 'm.inp', which is not followed"),
+        ("*NODE, INPUT=../n.txt\n", "refers to another file, '../n.txt', which is not followed"),
         ("*NODE\n1, 0.\n*NSET, NSET=A, GENERATE\n1, 99999999999, 1\n", "it has a set from 1 to 99999999999"),
         ("*NODE\n1, nan, 0., 0.\n", "finite coordinates"),
         ("*NODE\n1, 0.\n*INSTANCE, NAME=I, PART=P\n1., 0., 0.\n", "has a moved instance"),
@@ -219,6 +223,15 @@ def test_damaged_input_files(tmp_path, text, said):
     (tmp_path / "m.inp").write_text(text)
     with pytest.raises(FileError, match=re.escape(said)):
         read_nodes(tmp_path / "m.inp")
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_files_that_include_each_other_end(tmp_path, count):
+    files = [tmp_path / f"{number}.inp" for number in range(count)]
+    for number, file in enumerate(files):
+        file.write_text(f"*INCLUDE, INPUT={(number + 1) % count}.inp\n")
+    with pytest.raises(FileError, match="too many files include each other"):
+        input_file.read_nodes(files[0], partial(check_reference, includes=files))
 
 
 def spoiled(text, old, new):

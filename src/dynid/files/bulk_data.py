@@ -17,7 +17,7 @@ import numpy as np
 
 from dynid.arrays import Array
 from dynid.errors import FileError
-from dynid.files.fe_text import Reference, included, opened, real
+from dynid.files.fe_text import Reference, check_reference, opened, real
 from dynid.files.matrix_data import COMPLEX, Container, ImportedMatrix
 from dynid.files.mesh_data import corners, edges
 from dynid.files.untrusted import read_errors
@@ -269,7 +269,7 @@ WHAT = "Nastran bulk data"
 Card = list[str]
 
 
-def read_cards(path: Path, kept: Set[str], reference: Reference = included) -> dict[str, list[Card]]:
+def read_cards(path: Path, kept: Set[str], reference: Reference = check_reference) -> dict[str, list[Card]]:
     """Return the cards of some names in a file, each as its fields, the name first, padded by blanks."""
     found: dict[str, list[Card]] = {}
     current: Card | None = None

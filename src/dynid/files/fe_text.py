@@ -17,11 +17,6 @@ Reference: TypeAlias = Callable[[Path, str], Path]
 """Function of a file and the name of another one in it, which returns the path of that, or refuses it."""
 
 
-def included(path: Path, named: str) -> Path:
-    """Return the path of a file that another one includes."""
-    return path.parent / named
-
-
 def opened(path: Path, depth: int, size: list[int]) -> TextIO:
     """Return a file opened for reading, as one of those that include each other.
 
@@ -53,8 +48,8 @@ def real(word: str) -> float:
     return float(re.sub(r"(?<=[0-9.])([+-])", r"e\1", word.upper().replace("D", "E")))
 
 
-def check_reference(path: Path, named: str, includes: Iterable[Path]) -> Path:
-    """Return a file to which a mesh refers, which the scene must name.
+def check_reference(path: Path, named: str, includes: Iterable[Path] | None = None) -> Path:
+    """Return a file to which another one refers, which the scene must name.
 
     Parameters
     ----------
@@ -63,13 +58,18 @@ def check_reference(path: Path, named: str, includes: Iterable[Path]) -> Path:
     named
         Its path as written there.
     includes
-        The files that the scene names.
+        The files that the scene names; default: it can name none.
 
     Raises
     ------
     FileError
         If it is none of them.
     """
+    if includes is None:
+        raise FileError(
+            f"{path} refers to another file, '{named}', which is not followed",
+            remedy="Write the lines of that file into this one.",
+        )
     file = path.parent / named
     if file.resolve() not in {include.resolve() for include in includes}:
         raise FileError(

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dynid.errors import FileError
-from dynid.files.fe_text import Reference, included, opened, real
+from dynid.files.fe_text import Reference, check_reference, opened, real
 from dynid.files.mesh_data import corners, edges
 from dynid.files.untrusted import read_errors
 from dynid.number_format import counted
@@ -49,7 +49,7 @@ class Block(NamedTuple):
     lines: list[list[str]]
 
 
-def read_nodes(path: Path, reference: Reference = included) -> NodeFile:
+def read_nodes(path: Path, reference: Reference = check_reference) -> NodeFile:
     """Return nodes and node sets of an input file.
 
     Parameters
@@ -180,7 +180,7 @@ def _elements(block: Block) -> Iterator[tuple[str, list[int]]]:
             waiting = []
 
 
-def blocks(path: Path, reference: Reference = included) -> Iterator[Block]:
+def blocks(path: Path, reference: Reference = check_reference) -> Iterator[Block]:
     """Yield the keywords of a file and those that it includes, with their data lines."""
     current: Block | None = None
     continued = ""
