@@ -2,12 +2,14 @@
 
 It measures all benchmarks at all sizes, by the processor's clock, each into a file of its own in the
 folder, by default a new one. What a folder has already is not measured again: name it to go on after an
-interruption. With files it writes what `dynid bench -o FILE.h5` wrote. The plots go to docs/accuracy/.
+interruption. With files it writes what `dynid bench -o FILE.h5` wrote. The measurements go to
+docs/accuracy.json, from which the site's build draws the plots (`accuracy.py --pictures`).
 Exit code 1: not all benchmarks are on the page.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import sys
@@ -16,6 +18,9 @@ import traceback
 from collections.abc import Iterable, Iterator
 from itertools import groupby
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 HERE = Path(__file__).parent
 #: What the hard cases of each half are about.
@@ -123,7 +128,6 @@ def section(result: Result, group: str) -> Iterator[str]:
     yield f"## {name}\n\n{about['title']}.\n"
     for figure in figures(result):
         if figure.name.startswith(f"bench-{name}-"):
-            (HERE / "accuracy" / f"{figure.name}.svg").write_text(figure.svg, encoding="utf-8")
             yield f"![{figure.title}](accuracy/{figure.name}.svg)\n"
     rows = []
     for size, some in groupby(by_size(result, group), key=lambda row: row.size):
@@ -136,6 +140,38 @@ def section(result: Result, group: str) -> Iterator[str]:
             rows.append((f"{size:,}" if place == 0 else "", row.name, *measured))
     yield table((str(about["size"]), "", "time, relative", "memory", "error", ""), rows) + "\n"
     yield "\n".join(f"- {said}: {text}" for said, text in remarks(result, group)) + "\n"
+
+
+#: Arrays of an alternative that its figures need.
+COLUMNS = {"time": "s", "memory": "B", "error": "", "pareto": "", "default": ""}
+
+
+def as_data(result: Result, group: str) -> dict[str, Any]:
+    """Return the measurements of a benchmark as JSON has them."""
+    alternatives = {
+        name: {
+            "attrs": result.group_attrs[f"{group}/{name}"],
+            **{column: result[f"{group}/{name}/{column}"].data.tolist() for column in ("size", *COLUMNS)},
+        }
+        for name in names_of(result, group)
+    }
+    return {"attrs": result.group_attrs[group], "alternatives": alternatives}
+
+
+def draw() -> None:
+    """Draw the plots from the measurements that are kept."""
+    result = Result("bench", "")
+    for name, benchmark in json.loads((HERE / "accuracy.json").read_text(encoding="utf-8")).items():
+        result.annotate(f"bench/{name}", **benchmark["attrs"])
+        for alternative, columns in benchmark["alternatives"].items():
+            group = f"bench/{name}/{alternative}"
+            result.annotate(group, **columns["attrs"])
+            result.add_axis(f"{group}/size", columns["size"])
+            for column, unit in COLUMNS.items():
+                result.add(f"{group}/{column}", np.array(columns[column]), ("size",), unit)
+    (HERE / "accuracy").mkdir(exist_ok=True)
+    for figure in figures(result):
+        (HERE / "accuracy" / f"{figure.name}.svg").write_text(figure.svg, encoding="utf-8")
 
 
 def measured(folder: Path) -> Iterator[Path]:
@@ -153,7 +189,10 @@ def measured(folder: Path) -> Iterator[Path]:
 
 
 def main() -> int:
-    """Measure or read, and write the page."""
+    """Measure or read, and write the page; or draw its plots alone."""
+    if sys.argv[1:] == ["--pictures"]:
+        draw()
+        return 0
     given = [Path(name) for name in sys.argv[1:]]
     if given and given[0].suffix == ".h5":
         files = given
@@ -162,7 +201,6 @@ def main() -> int:
     results = [read_result(file) for file in files]
     if not results:
         return 1
-    (HERE / "accuracy").mkdir(exist_ok=True)
     found = {
         f"bench/{name}": each
         for name in BENCHMARKS
@@ -191,6 +229,10 @@ def main() -> int:
         benchmarks="\n".join(part for group, result in found.items() for part in section(result, group)),
     )
     (HERE / "accuracy.md").write_text(raised(page.rstrip()) + "\n", encoding="utf-8")
+    data = {group.partition("/")[2]: as_data(result, group) for group, result in found.items()}
+    lines = (f" {json.dumps(name)}: {json.dumps(each, ensure_ascii=False)}" for name, each in data.items())
+    (HERE / "accuracy.json").write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
+    draw()
     absent = [name for name in BENCHMARKS if f"bench/{name}" not in found]
     if absent:
         print(f"not on the page: {', '.join(absent)}", file=sys.stderr)

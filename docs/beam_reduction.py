@@ -1,11 +1,11 @@
-"""Draw docs/beam_reduction.png from configs/beam_reduction.yaml: `python docs/beam_reduction.py`."""
+"""Draw docs/beam_reduction.svg from configs/beam_reduction.yaml: `python docs/beam_reduction.py`."""
 
 from pathlib import Path
 
 import numpy as np
+from gallery import on_paper
 
 import dynid
-from dynid.report.figure import as_file
 from dynid.report.plot import Annotation, Curve, Markers, PlotAxis, Subplot, chart, series_class
 from dynid.result import Result
 
@@ -53,4 +53,4 @@ if __name__ == "__main__":
     found = dynid.run(HERE.parent / "configs/beam_reduction.yaml")
     row = [responses(found), errors(found)]
     svg = chart("beam-reduction", "A beam and its reduced models", [row], width=1100.0, height=320.0)
-    (HERE / "beam_reduction.png").write_bytes(as_file(svg, "png"))
+    (HERE / "beam_reduction.svg").write_text(on_paper(svg), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Write docs/gallery.md and the figures in docs/gallery from the scenes: `python docs/gallery.py`."""
+"""Write docs/gallery.md and the figures in docs/gallery of scenes; with --pictures the figures alone."""
 
 from __future__ import annotations
 
@@ -139,7 +139,8 @@ def main() -> None:
     for old in folder.glob("*.svg"):
         if old.name not in names:
             old.unlink()
-    (HERE / "gallery.md").write_text("\n".join(lines), encoding="utf-8")
+    if sys.argv[1:] != ["--pictures"]:
+        (HERE / "gallery.md").write_text("\n".join(lines), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,12 +1,12 @@
-"""Test the paper's remarks: `python docs/remarks.py` draws docs/remarks.png and prints the numbers."""
+"""Test the paper's remarks: `python docs/remarks.py` draws docs/remarks.svg and prints the numbers."""
 
 from pathlib import Path
 
 import numpy as np
+from gallery import on_paper
 
 import dynid
 from dynid.errors import NumericalError
-from dynid.report.figure import as_file
 from dynid.report.plot import Curve, Markers, PlotAxis, ReferenceLine, Subplot, chart
 
 HERE = Path(__file__).parent
@@ -130,4 +130,4 @@ def resonance() -> Subplot:
 if __name__ == "__main__":
     row = [damping(), excitation(), resonance()]
     svg = chart("remarks", "The paper's remarks put to the test", [row], width=1300.0, height=300.0)
-    (HERE / "remarks.png").write_bytes(as_file(svg, "png"))
+    (HERE / "remarks.svg").write_text(on_paper(svg), encoding="utf-8")

@@ -1,5 +1,6 @@
-"""Write docs/tables.md and its figures from the scenes of the paper's tables: `python docs/tables.py`."""
+"""Write docs/tables.md, the tables of the paper, and its figures; with --pictures the figures alone."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -200,7 +201,8 @@ def main() -> None:
         "## Figures\n",
         FIGURES,
     ]
-    (HERE / "tables.md").write_text("\n".join(parts), encoding="utf-8")
+    if sys.argv[1:] != ["--pictures"]:
+        (HERE / "tables.md").write_text("\n".join(parts), encoding="utf-8")
     save(
         "suspension",
         "Joints of the suspension, identified",
