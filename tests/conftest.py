@@ -10,7 +10,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import pytest
 from hypothesis import HealthCheck, settings
 
-from dynid.trial import survives
 from tests.warm import Warm
 
 # The same examples in every run, so that a failure is of the change that is tested; other examples are
@@ -29,26 +28,10 @@ sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 
-@pytest.fixture(autouse=True, scope="session")
-def _few_samples():
-    """Sample what nobody requested less: its bands take most of the time of a small identification."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("dynid.identification.results.write_derived.FEW_SAMPLES", 16)
-        yield
-
-
-@pytest.fixture(autouse=True, scope="session")
-def _few_processes():
-    """Read files of other programs without a trial, which takes the start of a process for each of them."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("dynid.trial.survives", lambda *_, **__: None)
-        yield
-
-
 @pytest.fixture
-def on_trial(monkeypatch):
-    """Read files of other programs after a trial, as users do."""
-    monkeypatch.setattr("dynid.trial.survives", survives)
+def untried(monkeypatch):
+    """Read files of other programs without a trial, which takes the start of a process for each of them."""
+    monkeypatch.setattr("dynid.trial.survives", lambda *_, **__: None)
 
 
 @pytest.fixture(scope="session")

@@ -144,7 +144,6 @@ def test_readers_refuse_in_one_sentence_what_would_crash_them(tmp_path, monkeypa
             read(path)
 
 
-@pytest.mark.usefixtures("on_trial")
 def test_a_good_file_is_read_after_a_real_trial(tmp_path):
     with h5py.File(tmp_path / "k.h5", "w") as file:
         file["K"] = np.eye(2)

@@ -15,6 +15,8 @@ from dynid.hdf5 import Refused, check_stored, inside
 from dynid.store import read_result
 from tests.files.reading import read_columns, read_signal
 
+pytestmark = pytest.mark.usefixtures("untried")
+
 
 def refused(call, match):
     began, before = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -13,6 +13,8 @@ from dynid.scene.load import load_scene
 from dynid.structure.solid import Material, SetSupport, solid
 from tests.structure.boxes import box
 
+pytestmark = pytest.mark.usefixtures("untried")
+
 meshio = pytest.importorskip("meshio")
 
 SCENE = """\

@@ -8,6 +8,8 @@ from scipy.io import savemat
 
 from dynid.store import read_result
 
+pytestmark = pytest.mark.usefixtures("untried")
+
 FE = Path(__file__).parents[3] / "shared" / "data" / "fe"
 needs_data = pytest.mark.skipif(not FE.is_dir(), reason="the shared data are not here")
 

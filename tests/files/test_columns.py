@@ -10,6 +10,8 @@ from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene
 from tests.files.reading import read_columns, read_signal
 
+pytestmark = pytest.mark.usefixtures("untried")
+
 NAN = np.nan
 
 

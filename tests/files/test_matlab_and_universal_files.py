@@ -13,6 +13,8 @@ from dynid.files.table import TableLayout
 from tests.copies import answers
 from tests.files.reading import read_columns, read_signal
 
+pytestmark = pytest.mark.usefixtures("untried")
+
 MEASURED = Path(__file__).parents[3] / "shared" / "data" / "measured"
 needs_data = pytest.mark.skipif(not MEASURED.is_dir(), reason="the measured records are not here")
 T = 0.01 * np.arange(50)

@@ -8,6 +8,8 @@ import pytest
 from dynid.errors import FileError
 from dynid.files.read_measured import read_modes
 
+pytestmark = pytest.mark.usefixtures("untried")
+
 PLACE = "measurement.modes.file"
 
 

@@ -21,6 +21,8 @@ from dynid.files.read_measured import read_columns
 from tests.fuzz.files import spoilt
 from tests.fuzz.guided import scene
 
+pytestmark = pytest.mark.usefixtures("untried")
+
 
 class Payload:
     """Makes a folder when it is unpickled."""

@@ -12,6 +12,8 @@ from dynid.scene.run import run_scene
 from tests.scene.example_scenes import faults_of
 from tests.screens import lines
 
+pytestmark = pytest.mark.usefixtures("untried")
+
 HEAD = """\
 dynid: 1
 kind: identification

@@ -8,6 +8,8 @@ import pytest
 import dynid
 from dynid.errors import DynidError
 
+pytestmark = pytest.mark.usefixtures("untried")
+
 CHAIN = (Path(__file__).parents[2] / "configs" / "chain_modes.yaml").read_text()
 HEAD = CHAIN.partition("measurement:")[0]
 TRUE = (

@@ -15,6 +15,8 @@ from dynid.scene.load import load_scene
 from dynid.scene.run import run_scene
 from tests.files.universal_files import function, written
 
+pytestmark = pytest.mark.usefixtures("untried")
+
 DATA = Path(__file__).parents[1] / "data" / "fe"
 HEAD = """\
 dynid: 1

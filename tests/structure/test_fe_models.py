@@ -23,6 +23,8 @@ from dynid.structure.labels import Nodes
 from dynid.structure.matrices import nothing
 from dynid.structure.modes.modes import modes
 
+pytestmark = pytest.mark.usefixtures("untried")
+
 FE = Path(__file__).parents[3] / "shared" / "data" / "fe"
 needs_data = pytest.mark.skipif(not FE.is_dir(), reason="the shared data are not here")
 needs_pyyeti = pytest.mark.skipif(

@@ -22,6 +22,8 @@ from dynid.scene.run import run_scene
 from dynid.structure.modes.modes import modes
 from tests.copies import answers
 
+pytestmark = pytest.mark.usefixtures("untried")
+
 DATA = Path(__file__).parents[1] / "data" / "fe"
 FE = Path(__file__).parents[3] / "shared" / "data" / "fe"
 needs_data = pytest.mark.skipif(not FE.is_dir(), reason="the shared data are not here")

@@ -21,6 +21,8 @@ from dynid.files.read_structure import imported, model_files, read_nodes
 from dynid.structure.matrices import as_array
 from dynid.structure.modes.modes import modes
 
+pytestmark = pytest.mark.usefixtures("untried")
+
 FOLDER = os.environ.get("DYNID_FOREIGN_MODELS", "")
 FE = Path(__file__).parents[3] / "shared" / "data" / "fe"
 

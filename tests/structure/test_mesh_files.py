@@ -11,6 +11,8 @@ from dynid.structure.solid import Material, SetSupport, solid
 from dynid.structure.solid_elements import ELEMENTS
 from tests.structure.boxes import box
 
+pytestmark = pytest.mark.usefixtures("untried")
+
 meshio = pytest.importorskip("meshio")
 UNIT = Material(1.0, 0.3, 1.0)
 

@@ -17,6 +17,8 @@ from dynid.trial import survives
 from tests.structure.boxes import box
 from tests.structure.mesh_files import ABAQUS, referring
 
+pytestmark = pytest.mark.usefixtures("untried")
+
 UNIT = Material(1.0, 0.3, 1.0)
 KINDS = {"tetra": 4, "hexahedron": 5, "wedge": 6, "triangle": 2, "vertex": 15, "tetra10": 11}
 
@@ -403,9 +405,9 @@ def test_a_mesh_that_ends_its_reader_is_refused(tmp_path, monkeypatch, fate):
         read_mesh(tmp_path / "m.vtk")
 
 
-@pytest.mark.usefixtures("on_trial")
 @pytest.mark.parametrize("form", [".vtk", ".vtu", ".mesh"])
-def test_a_separate_process_reads_meshes_through_meshio(tmp_path, form):
+def test_a_separate_process_reads_meshes_through_meshio(tmp_path, monkeypatch, form):
+    monkeypatch.setattr(trial, "survives", survives)
     meshio = pytest.importorskip("meshio")
     mesh = box("hexahedron", (2, 1, 1))
     cells, xyz = mesh.blocks[0].cells, mesh.xyz

@@ -20,6 +20,8 @@ from dynid.structure.joints import Joint
 from dynid.structure.model import StructuralModel
 from tests.copies import answers
 
+pytestmark = pytest.mark.usefixtures("untried")
+
 FE = Path(__file__).parents[3] / "shared" / "data" / "fe"
 needs_data = pytest.mark.skipif(not FE.is_dir(), reason="the shared data are not here")
 needs_pyyeti = pytest.mark.skipif(

@@ -13,7 +13,7 @@ from dynid.errors import FileError
 from dynid.files.read_matrix import MatrixFile, read_matrix
 from dynid.files.read_structure import model_files
 
-pytestmark = pytest.mark.filterwarnings("error")
+pytestmark = [pytest.mark.filterwarnings("error"), pytest.mark.usefixtures("untried")]
 
 
 def matrix(n, seed):
