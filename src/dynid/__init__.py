@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from types import ModuleType
 
-    from dynid import checks, errors, lti
+    from dynid import checks, errors, lti, report, store
     from dynid.result import Result
     from dynid.scene.load import Scene
 
@@ -34,18 +34,17 @@ __all__ = [
     "load_scene",
     "lti",
     "open_result",
+    "report",
     "run",
     "scene_from",
+    "store",
     "write_result",
 ]
-
-# Packages that users reach as attributes after `import dynid`, and that only their use should load.
-_LAZY = ("checks", "errors", "lti", "report", "store")
 
 
 def __getattr__(name: str) -> ModuleType:
     """Import a public package at its first use, so that ``import dynid`` stays quick."""
-    if name in _LAZY:
+    if name in __all__:
         from importlib import import_module
 
         return import_module(f"dynid.{name}")
