@@ -50,9 +50,6 @@ EQUIVALENT: dict[str, str] = {
     f"{_REDUCTION}.reducer:Reducer.run: s if len(row.entries) < 2], most=1) → s if len(row.entries) < 3], most=1)": (
         "which of what lies on loops comes first is a choice"
     ),
-    f"{_REDUCTION}.solvability:ModularNodalForm.driven: ault(fixing, {{}}), name, -size, self.prime) → ault(fixing, {{}}), name, size, self.prime)": (
-        "a source that fixes feeds no balance, so that the sign is that of all its entries; zero stays zero"
-    ),
     "dynid.bondgraph.formulas.symbolic:: _WORK = 32 → _WORK = 33": "a limit of cost",
     "dynid.bondgraph.formulas.lowest_terms:independent: return False → return None": "both count as false",
     "dynid.bondgraph.formulas.expressions:shared: x(wanted, default=-1), -1, -1): → x(wanted, default=-1), -2, -1):": (
@@ -74,12 +71,6 @@ EQUIVALENT: dict[str, str] = {
         "a tie is the same from both sides"
     ),
     f"{_REDUCTION}.network:NodalNetwork.remove: del row.entries, row.terms, row.sources → pass": "it frees memory alone",
-    f"{_REDUCTION}.solvability:ModularNodalForm.__init__: Random(prime).randrange(1, prime) → Random(prime).randrange(2, prime)": (
-        "any random number does"
-    ),
-    f"{_REDUCTION}.solvability:ModularNodalForm.output: d in SOURCES and behind == ('e' if kind == 'Se' e → d in SOURCES and behind != ('e' if kind == 'Se' e": (
-        "a source that reacts to an undetermined variable also drives it, which was raised before"
-    ),
     "dynid.bondgraph.formulas.transfer:_register_polynomials: .leading_coefficient() < 0: → .leading_coefficient() <= 0:": (
         "the leading coefficient of a denominator is not zero"
     ),

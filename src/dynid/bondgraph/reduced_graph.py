@@ -223,7 +223,7 @@ class ReducedGraph(GraphProgram):
         with no_collection():
             try:
                 super().__init__(graph)
-                found = [] if self._all_solved else undetermined(self.structure, self.unsolved())[0]
+                found = [] if self._all_solved else undetermined(self.structure, self.unsolved())
             except Singular as error:
                 self._by_library = False  # from here on something is held
                 found = hold(self.structure, outputs)

@@ -8,7 +8,7 @@ gives the output that was requested (`port_form`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -85,7 +85,7 @@ class NodeRow:
 
 
 class NodalNetwork:
-    """The part of a junction structure that the root depends on.
+    """The nodal form of some junctions: one row for each, of which the first is the root.
 
     Parameters
     ----------
@@ -93,8 +93,8 @@ class NodalNetwork:
         The junction structure.
     program
         Where the arithmetic is written.
-    root
-        The junction of the port of interest.
+    depths
+        By junction its distance from the root, as `reach` gives it; none is fixed but the root.
     inputs
         Sources that are kept; all others are zero. `initial:NAME` is the equivalent source of the energy
         that a storage holds at t = 0, by its flow (I) or effort (C) then.
@@ -104,20 +104,21 @@ class NodalNetwork:
     rows
         The balances, by the names of their junctions, the nearest to the root first.
     root
-        That of the port of interest.
+        That of the port of interest, the first.
     junctions, elements
         The names of all junctions, and of the one-ports on the root.
     """
 
     def __init__(
-        self, structure: JunctionStructure, program: Program, root: str, inputs: Iterable[str]
+        self, structure: JunctionStructure, program: Program, depths: Mapping[str, int], inputs: Iterable[str]
     ) -> None:
         self.structure, self.program, self.graph = structure, program, structure.graph
         self.inputs = tuple(inputs)
         self._kept = frozenset(self.inputs)
         junctions = structure.junctions
-        self.rows = {name: NodeRow(junctions[name], depth) for name, depth in reach(structure, root).items()}
-        self.root, self.junctions, self.elements = self.rows[root], tuple(self.rows), junctions[root].elements
+        self.rows = {name: NodeRow(junctions[name], depth) for name, depth in depths.items()}
+        self.root, self.junctions = next(iter(self.rows.values())), tuple(self.rows)
+        self.elements = junctions[self.root.name].elements
         self._ties: dict[frozenset[NodeRow], Tie | None] = {}  # of pairs that are tied by other than one bond
         for name, row in self.rows.items():
             junction = junctions[name]

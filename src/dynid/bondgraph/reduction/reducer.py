@@ -332,7 +332,7 @@ def reduce_graph(
     Singular
         Where the equations have no solution or more than one; it names the junctions and sources.
     """
-    network = NodalNetwork(structure, program, structure.place[port.node], inputs)
+    network = NodalNetwork(structure, program, reach(structure, structure.place[port.node]), inputs)
     trace = TraceRecorder(network, names=names, suffix=suffix) if traced else NoTrace()
     return Reducer(network, trace, balanced=balanced).run(port)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from dynid.bondgraph.graph import Port
 from dynid.bondgraph.program.program import Program, Register
 from dynid.bondgraph.reduction.junctions import JunctionStructure
-from dynid.bondgraph.reduction.network import Immittance, NodalNetwork, NodeRow, PortForm, port_form
+from dynid.bondgraph.reduction.network import Immittance, NodalNetwork, NodeRow, PortForm, port_form, reach
 from dynid.bondgraph.reduction.reducer import JunctionElimination, Reducer
 from dynid.bondgraph.reduction.trace import ReductionStep, TraceRecorder
 
@@ -118,7 +118,7 @@ def snapshots(
     Singular
         As the reduction itself.
     """
-    network = NodalNetwork(structure, program, structure.place[port.node], inputs)
+    network = NodalNetwork(structure, program, reach(structure, structure.place[port.node]), inputs)
     taker = _SnapshotTaker(network, port)
     trace = TraceRecorder(network, taker.look)
     reducer = Reducer(network, trace, balanced=False)

@@ -12,14 +12,16 @@ The errors name junctions and sources.
 from __future__ import annotations
 
 import heapq
-import random
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
+from typing import NamedTuple
 
 from dynid.bondgraph.graph import SOURCES, Port
-from dynid.bondgraph.program.factored import primes_for
+from dynid.bondgraph.program.factored import field_point, numeric_point, primes_for
+from dynid.bondgraph.program.program import ModularPoint, Program
 from dynid.bondgraph.reduction.junctions import UNDETERMINED, JunctionStructure
+from dynid.bondgraph.reduction.network import NodalNetwork
 from dynid.errors import Singular
 
 # --- errors ---------------------------------------------------------------------------------------
@@ -117,81 +119,40 @@ class Undetermined:
     error: Singular
 
 
-class ModularNodalForm:
-    """The nodal form of some junctions at a random s, modulo a prime.
+class ModularNodalForm(NamedTuple):
+    """The nodal form of some junctions at a point modulo a prime.
 
     Parameters
     ----------
-    structure
-        The junction structure, with its values.
-    prime
-        A prime that divides no numerator or denominator of a value.
-    junctions
-        The junctions to write; those whose common variable is fixed are left out.
+    rows
+        By junction the coefficients of the common variables in its balance.
+    driven
+        By source what it contributes to the balances.
     """
 
-    def __init__(self, structure: JunctionStructure, prime: int, junctions: Iterable[str]) -> None:
-        self.structure, self.prime = structure, prime
-        self._s = random.Random(prime).randrange(1, prime)
-        self.rows: dict[str, Sparse] = {
-            name: {} for name in junctions if structure.junctions[name].fixing is None
-        }
-        for name, row in self.rows.items():
-            for element in structure.junctions[name].elements:
-                _add(row, name, self.immittance(element), prime)
-        for coupling in structure.couplings:
-            if coupling.tail in self.rows and coupling.head in self.rows:
-                size = self._size(coupling.two_port, inverse=coupling.inverse)
-                for one, other, sign in coupling.entries:
-                    _add(self.rows[one], other, sign * size, prime)
-
-    def _value(self, name: str) -> int:
-        value = self.structure.graph.value(name)
-        return value.numerator * pow(value.denominator, -1, self.prime) % self.prime
-
-    def _size(self, two_port: str | None, *, inverse: bool) -> int:
-        size = 1 if two_port is None else self._value(two_port)
-        return pow(size, -1, self.prime) if inverse else size
-
-    def immittance(self, element: str) -> int:
-        """Return the impedance of an element on a 1-junction, its admittance on a 0-junction."""
-        kind = self.structure.graph.nodes[element].type
-        law = self._value(element) * (1 if kind == "R" else self._s) % self.prime
-        own = "0" if kind == "C" else "1"
-        on = self.structure.junctions[self.structure.place[element]].kind
-        return law if on == own else pow(law, -1, self.prime)
-
-    def driven(self, junctions: Collection[str]) -> dict[str, Sparse]:
-        """Return the contributions of every source to the balances of some junctions."""
-        found: dict[str, Sparse] = {}
-        for name in junctions:
-            for source, sign in self.structure.junctions[name].feeding:
-                _add(found.setdefault(source, {}), name, sign, self.prime)
-            for coupling in self.structure.tied[name]:
-                for row, column, sign in coupling.entries:
-                    fixing = self.structure.junctions[column].fixing
-                    if row == name and fixing:
-                        size = sign * self._size(coupling.two_port, inverse=coupling.inverse)
-                        _add(found.setdefault(fixing, {}), name, -size, self.prime)
-        return found
-
-    def output(self, port: Port) -> Sparse:
-        """Return an output's coefficients of the common variables, up to a factor."""
-        graph, place = self.structure.graph, self.structure.place[port.node]
-        kind, behind = graph.nodes[port.node].type, graph.behind(port).quantity
-        if kind in SOURCES and behind == ("e" if kind == "Se" else "f"):
-            return {}
-        if behind == ("f" if self.structure.junctions[place].kind == "1" else "e"):
-            return {place: 1}
-        # The reaction of a source needs no form: by reciprocity a source that reacts to an undetermined
-        # variable drives it, which is a contradiction and was raised before.
-        size = 0 if kind in SOURCES else self.immittance(port.node)
-        return {place: size} if size else {}
+    rows: dict[str, Sparse]
+    driven: dict[str, Sparse]
 
 
-def undetermined(
-    structure: JunctionStructure, junctions: Iterable[str] | None = None
-) -> tuple[list[Undetermined], ModularNodalForm | None]:
+def _modular_nodal_form(
+    structure: JunctionStructure, point: ModularPoint, junctions: Iterable[str]
+) -> ModularNodalForm:
+    """Return the nodal form of junctions that no source fixes, driven by all sources."""
+    sources = [name for name, node in structure.graph.nodes.items() if node.type in SOURCES]
+    program = Program(point)
+    net = NodalNetwork(structure, program, dict.fromkeys(junctions, 0), sources)
+    rows: dict[str, Sparse] = {name: {} for name in net.rows}
+    driven: dict[str, Sparse] = {}
+    for name, row in net.rows.items():
+        for column, entry in [(row, net.diagonal(row)), *row.entries.items()]:
+            if not program.is_zero(entry):
+                rows[name][column.name] = int(program.image(entry))
+        for source, amount in row.sources.items():
+            driven.setdefault(source, {})[name] = int(program.image(amount))
+    return ModularNodalForm(rows, driven)
+
+
+def undetermined(structure: JunctionStructure, junctions: Iterable[str] | None = None) -> list[Undetermined]:
     """Return the variables that some equations leave open; none where the solution is unique.
 
     Parameters
@@ -199,49 +160,41 @@ def undetermined(
     structure
         The junction structure.
     junctions
-        Junctions that no others influence but through fixed ones; absent: all.
-
-    Returns
-    -------
-    list, ModularNodalForm
-        The undetermined parts, and the equations that show them; None where there are none.
+        Junctions that no others influence but through fixed ones; default: all.
 
     Raises
     ------
     Singular
         Where sources contradict each other: for some values of them there is no solution.
     """
-    every = structure.junctions if junctions is None else junctions
-    names = [name for name in every if structure.junctions[name].fixing is None]
+    candidates = structure.junctions if junctions is None else junctions
+    names = [name for name in candidates if structure.junctions[name].fixing is None]
     if not names:
-        return [], None
-    field = structure.graph.field
-    values = (node.value for node in structure.graph.nodes.values() if node.value)
-    for prime in islice(primes_for(values), 2) if field is None else (field.prime,):
-        form = ModularNodalForm(structure, prime, names)
-        elimination = _SparseElimination(form.rows, prime)
+        return []
+    graph = structure.graph
+    values = {name: node.value for name, node in graph.nodes.items() if node.value is not None}
+    if graph.field is None:
+        points = [numeric_point(values, prime) for prime in islice(primes_for(values.values()), 2)]
+    else:
+        points = [field_point(values, graph.field)]
+    for point in points:
+        form = _modular_nodal_form(structure, point, names)
+        elimination = _SparseElimination(form.rows, point.prime)
         if not elimination.free:
-            return [], None
+            return []
     # a contradiction: a left null vector that does not annihilate the sources; the smallest is reported
     transposed: dict[str, Sparse] = {name: {} for name in form.rows}
     for name, row in form.rows.items():
         for column, entry in row.items():
             transposed[column][name] = entry
     smallest: tuple[list[str], list[str]] | None = None
-    for vector in _SparseElimination(transposed, form.prime).null_vectors():
-        driven = form.driven(vector)
-        sources = [
-            name
-            for name in structure.graph.nodes
-            if name in driven and _product(driven[name], vector, form.prime)
-        ]
+    for vector in _SparseElimination(transposed, point.prime).null_vectors():
+        sources = [name for name, driven in form.driven.items() if _product(driven, vector, point.prime)]
         if sources and (smallest is None or len(vector) < len(smallest[0])):
-            smallest = list(vector), sources
+            smallest = list(vector), [name for name in graph.nodes if name in sources]
     if smallest is not None:
         raise no_solution(structure, *smallest)
-    return [
-        Undetermined(vector, not_determined(structure, vector)) for vector in elimination.null_vectors()
-    ], form
+    return [Undetermined(vector, not_determined(structure, vector)) for vector in elimination.null_vectors()]
 
 
 def hold(structure: JunctionStructure, outputs: Iterable[Port]) -> list[Undetermined]:
@@ -264,27 +217,37 @@ def hold(structure: JunctionStructure, outputs: Iterable[Port]) -> list[Undeterm
     Singular
         Where sources contradict each other, or an output depends on what is undetermined.
     """
-    found, form = undetermined(structure)
-    if form is None:
-        return []
+    parts = undetermined(structure)
     for port in outputs:
-        row = form.output(port)
-        for each in sorted(found, key=lambda each: len(each.vector)):
-            if _product(row, each.vector, form.prime):
-                raise each.error
-    for each in found:
-        structure.junctions[next(iter(each.vector))].fixing = UNDETERMINED
-    return found
+        for part in sorted(parts, key=lambda part: len(part.vector)):
+            if structure.place[port.node] in part.vector and _is_answer(structure, port):
+                raise part.error
+    for part in parts:
+        structure.junctions[next(iter(part.vector))].fixing = UNDETERMINED
+    return parts
+
+
+def _is_answer(structure: JunctionStructure, port: Port) -> bool:
+    """Test whether a variable depends on the common variable of its junction.
+
+    The reaction of a source needs no test: by reciprocity a source that reacts to an undetermined variable
+    drives it, which is a contradiction and was raised before.
+    """
+    graph, quantity = structure.graph, structure.graph.behind(port).quantity
+    node, junction = graph.nodes[port.node], structure.junctions[structure.place[port.node]]
+    if node.type in SOURCES and quantity == ("e" if node.type == "Se" else "f"):
+        return False
+    return quantity == ("f" if junction.kind == "1" else "e") or bool(node.value)
 
 
 def explain(structure: JunctionStructure) -> Singular:
     """Return the error for a graph without a unique solution."""
     try:
-        found, _ = undetermined(structure)
+        parts = undetermined(structure)
     except Singular as error:
         return error
-    if found:
-        return min(found, key=lambda each: len(each.vector)).error
+    if parts:
+        return min(parts, key=lambda part: len(part.vector)).error
     return Singular(
         "the equations of this graph have a unique solution for its values, but not for general ones",
         remedy="Give elements that cancel other values.",
