@@ -21,6 +21,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Self
 
 from dynid.bondgraph.graph import SOURCES, Port, bond_sign
+from dynid.bondgraph.program.program import Program, Register
 from dynid.bondgraph.reduction.junctions import JunctionStructure
 from dynid.errors import Singular
 
@@ -68,6 +69,54 @@ class NumberField:
             return fmpq(exact.numerator, exact.denominator)
 
         return cls(value, fmpq(1))
+
+    @classmethod
+    def registers(cls, program: Program) -> Self:
+        """Return the registers of a program as numbers."""
+        one = RegisterNumber(program, program.one)
+        return cls(lambda name: RegisterNumber(program, program.parameter(name)), one)
+
+
+class RegisterNumber:
+    """A number that is written down, not computed: a register of a program.
+
+    Parameters
+    ----------
+    program
+        Where operations are written.
+    register
+        What stands for the number; it is zero where its image at the program's point is.
+    """
+
+    __slots__ = ("program", "register")
+
+    def __init__(self, program: Program, register: Register) -> None:
+        self.program, self.register = program, register
+
+    def _made(self, register: Register) -> Self:
+        return type(self)(self.program, register)
+
+    def __bool__(self) -> bool:
+        return not self.program.is_zero(self.register)
+
+    def __add__(self, other: Self) -> Self:
+        return self._made(self.program.add(self.register, other.register))
+
+    def __neg__(self) -> Self:
+        return self._made(self.program.neg(self.register))
+
+    def __mul__(self, other: Self | int) -> Self:
+        if isinstance(other, int):  # of equations: a sign
+            return self if other == 1 else -self if other == -1 else self._made(self.program.constant(0))
+        return self._made(self.program.mul(self.register, other.register))
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Self) -> Self:
+        return self._made(self.program.div(self.register, other.register))
+
+    def __rtruediv__(self, other: int) -> Self:
+        return self._made(self.program.one) * other / self
 
 
 def add(form: LinearForm, other: LinearForm, factor: Any = None) -> None:
@@ -191,6 +240,10 @@ class Descriptor:
         self._integrals[element] = equation
         return {("w", element): self.field.one}
 
+    def models(self, junction: str) -> bool:
+        """Test whether a junction is modelled."""
+        return junction in self._balance
+
     def name(self, unknown: str) -> str:
         """Name an unknown as the variable that it is."""
         if unknown in self._balance:
@@ -232,6 +285,12 @@ class Descriptor:
         integral = f"integral:{port}"
         self.equations.append({("dw", integral): self.field.one, **scaled(form, -self.field.one)})
         return {("w", integral): self.field.one}
+
+
+def reduced_descriptor(reduced: ReducedGraph, field: NumberField, initial: Iterable[str] = ()) -> Descriptor:
+    """Return the equations of the part of a graph that its outputs depend on."""
+    junctions = {name for reduction in reduced.reductions.values() for name in reduction.junctions}
+    return Descriptor(reduced.structure, junctions, field, inputs=reduced.inputs, initial=initial)
 
 
 def constrained(

@@ -21,6 +21,7 @@ from dynid.bondgraph.descriptor import (
     constrained,
     contradiction,
     irreducible_blocks,
+    reduced_descriptor,
     solve,
     without_input_rates,
 )
@@ -84,14 +85,7 @@ def _derived(
     reduced: ReducedGraph, initial: Sequence[str]
 ) -> tuple[Descriptor, dict[str, LinearForm], list[LinearForm], list[str]]:
     """Return the equations of a graph, its state equations, and its inputs with those of stored energy."""
-    junctions = {name for reduction in reduced.reductions.values() for name in reduction.junctions}
-    system = Descriptor(
-        reduced.structure,
-        junctions,
-        NumberField.rational(reduced.graph),
-        inputs=reduced.inputs,
-        initial=initial,
-    )
+    system = reduced_descriptor(reduced, NumberField.rational(reduced.graph), initial)
     rates, outputs = solve(system.equations, [system.output(port) for port in reduced.outputs])
     return system, rates, outputs, [*reduced.inputs, *(f"initial:{name}" for name in initial)]
 

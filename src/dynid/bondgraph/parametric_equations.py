@@ -21,11 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.bondgraph.descriptor import (
-    Descriptor,
     FormSymbol,
     LinearForm,
     NumberField,
+    RegisterNumber,
     contradiction,
+    reduced_descriptor,
     solve,
     without_input_rates,
 )
@@ -34,7 +35,6 @@ from dynid.bondgraph.graph_response import Bounded
 from dynid.bondgraph.parametric_program import ParametricProgram, Tape
 from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.bondgraph.reduction.reducer import reduce_graph
-from dynid.bondgraph.state_equations import RegisterNumber
 from dynid.errors import NumericalError
 
 if TYPE_CHECKING:
@@ -111,15 +111,13 @@ class ParametricEquations:
 
     def _derive(self, reduced: ReducedGraph, initial: Sequence[str]) -> None:
         program, graph = self._program, self.graph
-        junctions = {name for reduction in reduced.reductions.values() for name in reduction.junctions}
-        one = RegisterNumber(program, program.one)
-        field = NumberField(lambda name: RegisterNumber(program, program.parameter(name)), one)
-        system = Descriptor(reduced.structure, junctions, field, inputs=reduced.inputs, initial=initial)
+        field = NumberField.registers(program)
+        system = reduced_descriptor(reduced, field, initial)
         forms = [system.output(port) for port in reduced.outputs]
         self.storages = [
             name
             for name, node in graph.nodes.items()
-            if node.type in STORAGES and reduced.structure.place[name] in junctions and field.value(name)
+            if node.type in STORAGES and system.models(reduced.structure.place[name]) and field.value(name)
         ]
         stores = [Port(name, "e" if graph.nodes[name].type == "C" else "f") for name in self.storages]
         rates, outputs = solve(system.equations, [*forms, *(system.output(port) for port in stores)])

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Self
 
-from dynid.bondgraph.descriptor import Descriptor, LinearForm, NumberField, constrained, solve
+from dynid.bondgraph.descriptor import LinearForm, NumberField, constrained, reduced_descriptor, solve
 from dynid.bondgraph.formula_printers import TEXT, Printed
 from dynid.bondgraph.formulas.expressions import free_letter, length, print_register, shared
 from dynid.bondgraph.formulas.transfer import symbol_names, symbol_value
@@ -20,48 +19,6 @@ from dynid.errors import UsageError
 _SYMBOLS, _TERMS = 100, 12
 #: Else: most operations of a coefficient that is written out whole; of one that is made of named parts.
 _WHOLE, _PART = 24, 12
-
-
-class RegisterNumber:
-    """A number that is written down, not computed: a register of a program.
-
-    Parameters
-    ----------
-    program
-        Where operations are written.
-    register
-        What stands for the number; it is zero where its image at the program's point is.
-    """
-
-    __slots__ = ("program", "register")
-
-    def __init__(self, program: Program, register: Register) -> None:
-        self.program, self.register = program, register
-
-    def _made(self, register: Register) -> Self:
-        return type(self)(self.program, register)
-
-    def __bool__(self) -> bool:
-        return not self.program.is_zero(self.register)
-
-    def __add__(self, other: Self) -> Self:
-        return self._made(self.program.add(self.register, other.register))
-
-    def __neg__(self) -> Self:
-        return self._made(self.program.neg(self.register))
-
-    def __mul__(self, other: Self | int) -> Self:
-        if isinstance(other, int):  # of equations: a sign
-            return self if other == 1 else -self if other == -1 else self._made(self.program.constant(0))
-        return self._made(self.program.mul(self.register, other.register))
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: Self) -> Self:
-        return self._made(self.program.div(self.register, other.register))
-
-    def __rtruediv__(self, other: int) -> Self:
-        return self._made(self.program.one) * other / self
 
 
 @dataclass(frozen=True)
@@ -139,13 +96,9 @@ class _Solved:
     def __init__(self, reduced: ReducedGraph, point: ModularPoint, held: tuple[Port, str] | None) -> None:
         self.reduced, self.graph = reduced, reduced.graph
         program = self.program = Program(point)
-        field = NumberField(
-            lambda name: RegisterNumber(program, program.parameter(name)),
-            RegisterNumber(program, program.one),
-        )
+        field = NumberField.registers(program)
         if held is None:
-            junctions = {name for reduction in reduced.reductions.values() for name in reduction.junctions}
-            self.system = Descriptor(reduced.structure, junctions, field, inputs=reduced.inputs)
+            self.system = reduced_descriptor(reduced, field)
             forms = [self.system.output(port) for port in reduced.outputs]
             equations, self.ports = self.system.equations, [str(port) for port in reduced.outputs]
         else:
