@@ -66,7 +66,7 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         outputs=listed_names([str(port) for port in analysis.outputs]),
     )
     if analysis.approximations:
-        texts = [part.why for part in analysis.approximations]
+        texts = [approximation.why for approximation in analysis.approximations]
         result.add_axis("bond_graph/approximations", np.array(texts, dtype=object))
     warnings = [*_add_operating_point(result, analysis), *field_warnings(graph)]
     causality = None
@@ -83,7 +83,7 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         if analysis.results != {"causality"}:
             raise
         open_parts = hold(JunctionStructure(graph), ())  # raises where the graph has no solution
-        warnings += [each.error.problem for each in open_parts]
+        warnings += [undetermined.error.problem for undetermined in open_parts]
         result.add_axis("bond_graph/warnings", np.array(warnings, dtype=object))
         add_graph_scope(result, None, analysis)
         return result

@@ -91,17 +91,17 @@ def pade(delay: Real, order: int) -> tuple[list[Real], list[Real]]:
         weight = Fraction(factorial(2 * order - k) * factorial(order), factorial(2 * order) * factorial(k))
         below.append(power * (weight / factorial(order - k)))
         power = power * delay
-    above = [-one if k % 2 else one for k, one in enumerate(below)]
+    above = [-coefficient if k % 2 else coefficient for k, coefficient in enumerate(below)]
     return above[::-1], below[::-1]
 
 
-def _product(one: Polynomial, other: Polynomial) -> list[Real]:
+def _product(a_coefficients: Polynomial, b_coefficients: Polynomial) -> list[Real]:
     """Return the product of two polynomials."""
-    found: list[Real] = [Fraction(0)] * (len(one) + len(other) - 1)
-    for i, a in enumerate(one):
-        for k, b in enumerate(other):
-            found[i + k] = found[i + k] + a * b
-    return found
+    product: list[Real] = [Fraction(0)] * (len(a_coefficients) + len(b_coefficients) - 1)
+    for i, a in enumerate(a_coefficients):
+        for k, b in enumerate(b_coefficients):
+            product[i + k] = product[i + k] + a * b
+    return product
 
 
 @dataclass(frozen=True)
@@ -170,19 +170,19 @@ class Circuit:
         self.nodes[source] = Node(source, "1" if effort else "0", domain=node.domain)
         link = self._add("0" if effort else "1", f"{source}.link")
         end = self._add("1" if effort else "0", f"{source}.end")
-        place = next(k for k, one in enumerate(self.bonds) if source in one)
+        index = next(k for k, bond_ends in enumerate(self.bonds) if source in bond_ends)
         outward = bond.tail == source
         way = (
-            [source, link, end, self.bonds[place].head]
+            [source, link, end, self.bonds[index].head]
             if outward
-            else [self.bonds[place].tail, end, link, source]
+            else [self.bonds[index].tail, end, link, source]
         )
-        self.bonds[place : place + 1] = [Bond(*ends) for ends in pairwise(way)]
+        self.bonds[index : index + 1] = [Bond(*ends) for ends in pairwise(way)]
         self.driven[source] = 1 if outward else -1
         pairs: tuple[tuple[Quantity, Quantity], ...] = (("e", "p"), ("f", "q"))
-        own, other = pairs if effort else pairs[::-1]
-        self.variables |= {Port(source, q): Port(link, q, f"{source}.{q}") for q in own}
-        self.variables |= {Port(source, q): Port(end, q, f"{source}.{q}") for q in other}
+        variables, others = pairs if effort else pairs[::-1]
+        self.variables |= {Port(source, q): Port(link, q, f"{source}.{q}") for q in variables}
+        self.variables |= {Port(source, q): Port(end, q, f"{source}.{q}") for q in others}
 
     def close(self, loop: Loop) -> Port:
         """Add a controller, the reference and the setpoint; return what the controller answers to."""
@@ -233,9 +233,9 @@ class Circuit:
                 self._sensors[key] = near[0]  # its junction has the variable
             if key not in self._sensors:
                 self._sensors[key] = sensor = self._add(kind, f"{port.node}.{behind.quantity}_sensor")
-                place = next(k for k, one in enumerate(self.bonds) if port.node in one)
-                bond = self.bonds[place]
-                self.bonds[place : place + 1] = [Bond(bond.tail, sensor), Bond(sensor, bond.head)]
+                index = next(k for k, bond_ends in enumerate(self.bonds) if port.node in bond_ends)
+                bond = self.bonds[index]
+                self.bonds[index : index + 1] = [Bond(bond.tail, sensor), Bond(sensor, bond.head)]
             at = self._sensors[key]
         if self.graph.is_state(port):
             value: Real = node.dependent or self.graph.value(port.node)
@@ -271,9 +271,9 @@ class Circuit:
         self._activate(rate, copy, Fraction(1))
         return rate
 
-    def _integrator(self, wanted: str) -> str:
+    def _integrator(self, preferred: str) -> str:
         """Return a junction whose flow is the integral of the signals that it is fed."""
-        junction = self._add("1", wanted)
+        junction = self._add("1", preferred)
         self.bonds.append(Bond(junction, self._add("I", f"{junction}_I", Fraction(1))))
         return junction
 
@@ -282,11 +282,11 @@ class Circuit:
             name = self._add(ACTIVATED, f"{tail}_to_{head.rpartition('.')[2]}", gain)
             self.bonds += [Bond(tail, name), Bond(name, head)]
 
-    def _add(self, kind: NodeType, wanted: str, value: Real | None = None) -> str:
-        name, number = wanted, 1
+    def _add(self, kind: NodeType, preferred: str, value: Real | None = None) -> str:
+        name, number = preferred, 1
         while name in self.nodes:
             number += 1
-            name = f"{wanted}_{number}"
+            name = f"{preferred}_{number}"
         dependent = value if isinstance(value, Dependent) else None
         exact = None if value is None else reference(value)
         self.nodes[name] = Node(name, kind, exact, None, "", dependent, self.part)
@@ -305,7 +305,9 @@ def _divided(numerator: Polynomial, denominator: Polynomial) -> tuple[list[Real]
         quotient.insert(0, factor)
         shift = len(rest) - len(monic)
         lower = [Fraction(0)] * shift + [factor * coefficient for coefficient in monic]
-        rest = [one - other for one, other in zip_longest(rest, lower, fillvalue=Fraction(0))][:-1]
+        rest = [upper - subtrahend for upper, subtrahend in zip_longest(rest, lower, fillvalue=Fraction(0))][
+            :-1
+        ]
     return quotient, rest, monic
 
 

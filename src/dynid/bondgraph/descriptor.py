@@ -73,8 +73,8 @@ class NumberField:
     @classmethod
     def registers(cls, program: Program) -> Self:
         """Return the registers of a program as numbers."""
-        one = RegisterNumber(program, program.one)
-        return cls(lambda name: RegisterNumber(program, program.parameter(name)), one)
+        unity = RegisterNumber(program, program.one)
+        return cls(lambda name: RegisterNumber(program, program.parameter(name)), unity)
 
 
 class RegisterNumber:
@@ -119,9 +119,9 @@ class RegisterNumber:
         return self._made(self.program.one) * other / self
 
 
-def add(form: LinearForm, other: LinearForm, factor: Any = None) -> None:
+def add(form: LinearForm, summand: LinearForm, factor: Any = None) -> None:
     """Add a multiple of another form in place; zero coefficients disappear."""
-    for symbol, value in other.items():
+    for symbol, value in summand.items():
         term = value if factor is None else factor * value
         total = form[symbol] + term if symbol in form else term
         if total:
@@ -223,20 +223,20 @@ class Descriptor:
         fixing = self.structure.junctions[junction].fixing
         return {("w", junction): self.field.one} if fixing is None else self.signal(fixing)
 
-    def _response(self, element: str, place: str) -> LinearForm:
+    def _response(self, element: str, junction: str) -> LinearForm:
         """Return the effort (on a 1) or flow (on a 0) of an element in terms of the common variable."""
         node, value = self.graph.nodes[element], self.field.value(element)
-        on_one = self.structure.junctions[place].kind == "1"
+        on_one = self.structure.junctions[junction].kind == "1"
         stored: LinearForm = {("u", f"initial:{element}", 0): -value} if element in self.initial else {}
         if node.type == "R":
             size = value if on_one else self.field.one / value
-            return scaled(self._common(place), size) if size else {}
+            return scaled(self._common(junction), size) if size else {}
         if on_one is (node.type == "I"):  # it answers with a rate: e = I f' - I f(0) delta(t)
-            return {**scaled(rate(self._common(place)), value), **stored} if value else {}
+            return {**scaled(rate(self._common(junction)), value), **stored} if value else {}
         # it integrates: C e' = f + C e(0) delta(t); what it stores is given along the arrow of its bond
         stored = scaled(stored, self.field.one * bond_sign(self.graph, element))
         equation: LinearForm = {("dw", element): value, **stored} if value else {}
-        add(equation, self._common(place), -self.field.one)
+        add(equation, self._common(junction), -self.field.one)
         self._integrals[element] = equation
         return {("w", element): self.field.one}
 
@@ -254,27 +254,27 @@ class Descriptor:
 
     def carriers(self, rows: Iterable[int], unknowns: Collection[str]) -> list[str]:
         """Name the one-ports that act on these unknowns in these equations of the graph."""
-        found: dict[str, None] = {}
+        names: dict[str, None] = {}
         for owner in (self._owners[row] for row in rows if row < len(self._owners)):
             if owner in self._responses:
-                found[owner] = None
+                names[owner] = None
                 continue
             for element in self.structure.junctions[owner].elements:
                 if any(symbol[1] in unknowns for symbol in self._responses[element]):
-                    found[element] = None
-        return [name for name in self.graph.nodes if name in found]
+                    names[element] = None
+        return [name for name in self.graph.nodes if name in names]
 
     def output(self, port: Port) -> LinearForm:
         """Return a variable of the graph as a form; q and p are integrals unless they are a state."""
         name, quantity = port.node, self.graph.behind(port).quantity
-        kind, place = self.graph.nodes[name].type, self.structure.place[name]
+        kind, junction = self.graph.nodes[name].type, self.structure.place[name]
         sign = bond_sign(self.graph, name)
         if kind in SOURCES and quantity == ("e" if kind == "Se" else "f"):
             form = self.signal(name)
-        elif quantity == ("f" if self.structure.junctions[place].kind == "1" else "e"):
-            form = self._common(place)
+        elif quantity == ("f" if self.structure.junctions[junction].kind == "1" else "e"):
+            form = self._common(junction)
         elif kind in SOURCES:  # the reaction of a source that fixes the junction
-            form = scaled(self._balance[place], -(self.field.one * sign))
+            form = scaled(self._balance[junction], -(self.field.one * sign))
         else:
             form = scaled(self._responses[name], self.field.one * sign)
         if self.graph.is_state(port):
@@ -389,8 +389,10 @@ class _IndexReduction:
             heapq.heappush(self.algebraic, (len(form), row))
             return
         form = self.rows[row] = scaled(form, 1 / form[pivot])
-        for other in [other for other in self.rows_with[pivot] if other in self.pivot]:
-            self._add(other, form, -self.rows[other][pivot])
+        for row_with_pivot in [
+            row_with_pivot for row_with_pivot in self.rows_with[pivot] if row_with_pivot in self.pivot
+        ]:
+            self._add(row_with_pivot, form, -self.rows[row_with_pivot][pivot])
         self.rate_row[pivot], self.pivot[row] = row, pivot
 
     def _solve_for_an_unknown(self, row: int) -> None:
@@ -476,14 +478,16 @@ def irreducible_blocks(equations: Sequence[LinearForm]) -> list[IrreducibleBlock
     Singular
         Where the determinant vanishes whatever the coefficients are.
     """
-    place: dict[str, int] = {}
+    columns_of: dict[str, int] = {}
     columns: list[int] = []
     starts = [0]
     for form in equations:
-        columns += {place.setdefault(symbol[1], len(place)): None for symbol in form if symbol[0] != "u"}
+        columns += {
+            columns_of.setdefault(symbol[1], len(columns_of)): None for symbol in form if symbol[0] != "u"
+        }
         starts.append(len(columns))
     size = len(equations)
-    if len(place) != size:
+    if len(columns_of) != size:
         raise contradiction()
     if not size:
         return []
@@ -502,9 +506,9 @@ def irreducible_blocks(equations: Sequence[LinearForm]) -> list[IrreducibleBlock
     _, label = connected_components(pattern(row_of[columns]), directed=True, connection="strong")
     by_row, by_column = label.tolist(), label[row_of].tolist()
     blocks = [IrreducibleBlock([], []) for _ in range(max(by_row) + 1)]
-    block_of = {name: by_column[column] for name, column in place.items()}
+    block_of = {name: by_column[column] for name, column in columns_of.items()}
     for row, form in enumerate(equations):
-        own = {s: v for s, v in form.items() if s[0] != "u" and block_of[s[1]] == by_row[row]}
+        inside = {s: v for s, v in form.items() if s[0] != "u" and block_of[s[1]] == by_row[row]}
         blocks[by_row[row]].rows.append(row)
-        blocks[by_row[row]].forms.append(own)
+        blocks[by_row[row]].forms.append(inside)
     return blocks

@@ -71,7 +71,9 @@ class TransferFunction(TransferProperties):
         above, below = gain * numerator.rounded(), denominator.rounded()
         common = above.denom() * below.denom()
         above, below = (above * common).numer(), (below * common).numer()
-        return cls(*(part // math.gcd(above.content(), below.content()) for part in (above, below)))
+        return cls(
+            *(polynomial // math.gcd(above.content(), below.content()) for polynomial in (above, below))
+        )
 
     @classmethod
     def of_roots(
@@ -82,9 +84,9 @@ class TransferFunction(TransferProperties):
         poles: tuple[CertifiedRoot, ...],
     ) -> TransferFunction:
         """Return it with zeros and poles that are certified already."""
-        known = cls(numerator, denominator)
-        vars(known).update(zeros=zeros, poles=poles)
-        return known
+        transfer = cls(numerator, denominator)
+        vars(transfer).update(zeros=zeros, poles=poles)
+        return transfer
 
     def times(self, factor: Fraction) -> TransferFunction:
         """Return it times a number."""

@@ -60,12 +60,12 @@ class Expansion:
     bonds: list[Bond] = field(default_factory=list)
     variables: dict[str, Port] = field(default_factory=dict)
 
-    def add(self, kind: NodeType, wanted: str, value: Real | None = None, domain: str = "") -> str:
+    def add(self, kind: NodeType, preferred: str, value: Real | None = None, domain: str = "") -> str:
         """Add a node, and return its name: the wanted one where that is free."""
-        name, number = wanted, 1
+        name, number = preferred, 1
         while name in self.taken:
             number += 1
-            name = f"{wanted}_{number}"
+            name = f"{preferred}_{number}"
         self.taken.add(name)
         exact = None if value is None else reference(value)
         dependent = value if isinstance(value, Dependent) else None
@@ -91,7 +91,7 @@ class Expansion:
         self,
         port: str,
         kind: Literal["0", "1"],
-        wanted: Iterable[str],
+        quantities: Iterable[str],
         domain: str = "",
         outward: bool = False,
     ) -> str:
@@ -103,7 +103,7 @@ class Expansion:
             Its name.
         kind
             0 or 1: the junction that bonds of the user are at.
-        wanted
+        quantities
             The quantities e, f, q, p that are outputs. Those that the junction does not have in common are
             those of one of the other kind behind it.
         domain
@@ -112,7 +112,7 @@ class Expansion:
             True where power is positive out of the port.
         """
         outer = self.add(kind, f"{self.name}.{port}", None, domain)
-        others = [quantity for quantity in wanted if quantity in ("ep" if kind == "1" else "fq")]
+        others = [quantity for quantity in quantities if quantity in ("ep" if kind == "1" else "fq")]
         if not others:
             return outer
         sensor = self.add("0" if kind == "1" else "1", f"{outer}_{others[0]}", None, domain)
@@ -153,15 +153,15 @@ class Expansion:
         for pivot, value, entries in terms:
             size = Fraction(1) / value if letter and kind == "C" else value
             element = self.add(kind, f"{prefix}{identifier(labels[pivot])}", size)
-            place = junctions[pivot]
+            junction = junctions[pivot]
             if entries:
                 at = f"{self.name}.{letter}_{labels[pivot]}" if letter else f"{self.name}.sum_{labels[pivot]}"
-                place = self.add("1" if dual else "0", at)
-                self.connect(junctions[pivot], place)
-            self.connect(place, element)
+                junction = self.add("1" if dual else "0", at)
+                self.connect(junctions[pivot], junction)
+            self.connect(junction, element)
             for i, entry in entries.items():
                 modulus = Fraction(1) / entry if dual else entry
-                self.connect(junctions[i], place, modulus, f"{element}_{identifier(labels[i])}")
+                self.connect(junctions[i], junction, modulus, f"{element}_{identifier(labels[i])}")
 
 
 def identifier(label: str) -> str:
@@ -174,8 +174,8 @@ def expand_field(
     kind: FieldType,
     ports: Sequence[str],
     matrix: Sequence[Sequence[Real]],
-    taken: set[str],
-    wanted: Mapping[str, Iterable[str]],
+    names_in_use: set[str],
+    quantities: Mapping[str, Iterable[str]],
     domain: str = "",
     outward: Container[str] = (),
 ) -> Expansion:
@@ -191,9 +191,9 @@ def expand_field(
         Names of its ports.
     matrix
         M (ports x ports), symmetric; of unknown parameters positive semidefinite.
-    taken
+    names_in_use
         Names of other nodes.
-    wanted
+    quantities
         By port the quantities that are outputs.
     domain
         The domain of its ports.
@@ -206,20 +206,22 @@ def expand_field(
         If the matrix is not symmetric, or, with unknown parameters, indefinite; or an entry needed is zero at
         the start.
     """
-    made = Expansion(name, taken)
+    expansion = Expansion(name, names_in_use)
     problem = field_fault(matrix)
     if problem:
         raise UsageError(f"{kind} '{name}': {problem}", names=(name,))
     junctions = {
-        row: made.add_port(port, "0" if kind == "C" else "1", wanted.get(port, ()), domain, port in outward)
+        row: expansion.add_port(
+            port, "0" if kind == "C" else "1", quantities.get(port, ()), domain, port in outward
+        )
         for row, port in enumerate(ports)
     }
     rows = nonzero(matrix)
     if kind != "C":  # 1-junctions have the flow f along the arrow, and the effort S e inside: S e = (S Z S) f
         signs = [-1 if port in outward else 1 for port in ports]
         rows = {i: {j: entry * (signs[i] * signs[j]) for j, entry in row.items()} for i, row in rows.items()}
-    made.add_squares(kind, symmetric_squares(name, rows, signed=True), junctions, dict(enumerate(ports)))
-    return made
+    expansion.add_squares(kind, symmetric_squares(name, rows, signed=True), junctions, dict(enumerate(ports)))
+    return expansion
 
 
 def expand_coupling(
@@ -227,8 +229,8 @@ def expand_coupling(
     kind: Literal["TF", "GY"],
     ports: Sequence[str],
     matrix: Sequence[Sequence[Real]],
-    taken: set[str],
-    wanted: Mapping[str, Iterable[str]],
+    names_in_use: set[str],
+    quantities: Mapping[str, Iterable[str]],
 ) -> Expansion:
     """Return a multiport transformer or gyrator as ordinary nodes.
 
@@ -242,9 +244,9 @@ def expand_coupling(
         Names of its ports: first those of the rows (1), then those of the columns (2).
     matrix
         N (rows x columns).
-    taken
+    names_in_use
         Names of other nodes.
-    wanted
+    quantities
         By port the quantities that are outputs.
 
     Raises
@@ -252,17 +254,19 @@ def expand_coupling(
     UsageError
         If an entry is zero at the start values of the parameters that it depends on.
     """
-    made, second = Expansion(name, taken), ports[len(matrix) :]
-    rows = [made.add_port(port, "1", wanted.get(port, ())) for port in ports[: len(matrix)]]
-    other: Literal["0", "1"] = "0" if kind == "TF" else "1"
-    columns = [made.add_port(port, other, wanted.get(port, ()), outward=True) for port in second]
+    expansion, second = Expansion(name, names_in_use), ports[len(matrix) :]
+    rows = [expansion.add_port(port, "1", quantities.get(port, ())) for port in ports[: len(matrix)]]
+    column_kind: Literal["0", "1"] = "0" if kind == "TF" else "1"
+    columns = [
+        expansion.add_port(port, column_kind, quantities.get(port, ()), outward=True) for port in second
+    ]
     for row, into, entries in zip(rows, ports, matrix, strict=False):
         for column, out, entry in zip(columns, second, entries, strict=True):
             if reference(entry):
-                made.connect(row, column, entry, f"{name}_{identifier(into)}_{identifier(out)}", kind)
+                expansion.connect(row, column, entry, f"{name}_{identifier(into)}_{identifier(out)}", kind)
             elif isinstance(entry, Dependent):
                 raise _zero_at_start(name, "modulus")
-    return made
+    return expansion
 
 
 def symmetric_squares(name: str, rows: Rows, rounding: float = 0.0, *, signed: bool = False) -> list[Square]:
@@ -306,11 +310,11 @@ def field_fault(matrix: Sequence[Sequence[Real]]) -> str:
     """Return what is wrong with the matrix of a field, or an empty text."""
     for i, row in enumerate(matrix):
         for j in range(i):
-            one, other = reference(row[j]), reference(matrix[j][i])
-            if one != other:
+            entry, mirrored = reference(row[j]), reference(matrix[j][i])
+            if entry != mirrored:
                 return (
-                    f"the matrix is not symmetric: entry ({i + 1}, {j + 1}) is {float(one):g}, "
-                    f"({j + 1}, {i + 1}) is {float(other):g}; a gyrator couples ports antisymmetrically"
+                    f"the matrix is not symmetric: entry ({i + 1}, {j + 1}) is {float(entry):g}, "
+                    f"({j + 1}, {i + 1}) is {float(mirrored):g}; a gyrator couples ports antisymmetrically"
                 )
     if not any(isinstance(entry, Dependent) for row in matrix for entry in row):
         return ""

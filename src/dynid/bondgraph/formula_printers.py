@@ -30,7 +30,7 @@ class FormulaPrinter(ABC):
     """A notation of formulas; every method returns the printed text and its precedence."""
 
     @abstractmethod
-    def bracket(self, part: Printed, least: int) -> str:
+    def bracket(self, printed: Printed, precedence: int) -> str:
         """Return a part, in brackets where its precedence is lower than needed."""
 
     @abstractmethod
@@ -97,9 +97,9 @@ class FormulaPrinter(ABC):
 
     def squared(self, a: PrintedFraction) -> PrintedFraction:
         """Square a fraction."""
-        parts = (_unsigned(part) for part in a)
+        parts = (_unsigned(printed) for printed in a)
         return PrintedFraction(
-            *(part if part == ONE else self.power(part, self.integer(2)) for part in parts)
+            *(printed if printed == ONE else self.power(printed, self.integer(2)) for printed in parts)
         )
 
     def opposite(self, a: PrintedFraction) -> PrintedFraction:
@@ -130,8 +130,8 @@ class FormulaPrinter(ABC):
                 return a
         written = [self.whole(operand) for operand in operands]
         binary = {"+": self.total, "-": self.difference, "**": self.power}
-        found = binary[operation](*written) if operation in binary else self.call(operation, written)
-        return PrintedFraction(found)
+        printed = binary[operation](*written) if operation in binary else self.call(operation, written)
+        return PrintedFraction(printed)
 
     def total(self, a: Printed, b: Printed) -> Printed:
         """Write a + b."""
@@ -169,9 +169,9 @@ class FormulaPrinter(ABC):
 class TextPrinter(FormulaPrinter):
     """Plain text, as SymPy and Python read it."""
 
-    def bracket(self, part: Printed, least: int) -> str:
+    def bracket(self, printed: Printed, precedence: int) -> str:
         """Return a part, in brackets where it needs them."""
-        return part[0] if part[1] >= least else f"({part[0]})"
+        return printed[0] if printed[1] >= precedence else f"({printed[0]})"
 
     def name(self, name: str) -> Printed:
         """Write a name as it is."""
@@ -206,9 +206,9 @@ class TextPrinter(FormulaPrinter):
 class LatexPrinter(FormulaPrinter):
     """LaTeX in mathematical mode."""
 
-    def bracket(self, part: Printed, least: int) -> str:
+    def bracket(self, printed: Printed, precedence: int) -> str:
         r"""Return a part, in \left( \right) where it needs them."""
-        return part[0] if part[1] >= least else rf"\left({part[0]}\right)"
+        return printed[0] if printed[1] >= precedence else rf"\left({printed[0]}\right)"
 
     def name(self, name: str) -> Printed:
         """Write a name with its subscript."""
@@ -265,11 +265,11 @@ _GREEK = re.compile(
 
 def latex_name(name: str) -> str:
     r"""Typeset a name: `m_s` as m_{s}, `k12` as k_{12}, `omega_in` as \omega_{\mathrm{in}}."""
-    head, *below = [part for part in name.split("_") if part] or [name]
+    head, *below = [word for word in name.split("_") if word] or [name]
     match = re.fullmatch(r"([^\W\d_]+)(\d+)", head)
     if match:
         head, below = match[1], [match[2], *below]
-    return _word(head) + (f"_{{{','.join(_word(part) for part in below)}}}" if below else "")
+    return _word(head) + (f"_{{{','.join(_word(word) for word in below)}}}" if below else "")
 
 
 def _word(word: str) -> str:

@@ -69,8 +69,8 @@ def unit_quotient(above: str, below: str) -> str:
     """Return the unit of a quotient: `m/s` over `N` is `m/(N.s)`; `1` where nothing is left."""
     powers: dict[str, int] = {}
     for text, sign in ((above, 1), (below, -1)):
-        for part, way in zip(text.split("/"), (sign, -sign), strict=False):
-            for name, power in _FACTOR.findall(part):
+        for units, way in zip(text.split("/"), (sign, -sign), strict=False):
+            for name, power in _FACTOR.findall(units):
                 powers[name] = powers.get(name, 0) + way * int(power or 1)
     top = [_power(name, power) for name, power in powers.items() if power > 0]
     under = [_power(name, -power) for name, power in powers.items() if power < 0]
@@ -243,10 +243,10 @@ class BondGraph:
         irrational = [number for number in numbers if isinstance(number, Irrational)]
         if not irrational:
             return self
-        other = copy(self)
-        other.nodes = dict(self.nodes)
-        other.field = other._code(irrational)
-        return other
+        graph = copy(self)
+        graph.nodes = dict(self.nodes)
+        graph.field = graph._code(irrational)
+        return graph
 
     def _code(self, others: Sequence[Irrational] = ()) -> RealField | None:
         """Code values that are irrational (`RealField`); return their field, None where all are rational."""
@@ -263,11 +263,11 @@ class BondGraph:
         assert field is not None
         for name, value in irrational.items():
             self.nodes[name] = replace(self.nodes[name], value=coded(value, field))
-        every = [
+        exact = [
             *(self.nodes[name].value for name in irrational),
             *(coded(number, field) for number in others),
         ]
-        return field if any(isinstance(value, Irrational) for value in every) else None
+        return field if any(isinstance(value, Irrational) for value in exact) else None
 
     def _sound(self) -> bool:
         """Test whether `graph_faults` would find nothing, by arrays; False for bonds to other names, too."""
@@ -289,12 +289,12 @@ class BondGraph:
     @cached_property
     def _bonds_at(self) -> dict[str, list[Bond]]:
         """The bonds of every node."""
-        found: dict[str, list[Bond]] = {name: [] for name in self.nodes}
+        bonds_at: dict[str, list[Bond]] = {name: [] for name in self.nodes}
         for bond in self.bonds:
             for end in bond:
-                if end in found:
-                    found[end].append(bond)
-        return found
+                if end in bonds_at:
+                    bonds_at[end].append(bond)
+        return bonds_at
 
     @cached_property
     def kinds(self) -> Any:
@@ -326,13 +326,13 @@ class BondGraph:
 
     def with_values(self, values: Mapping[str, Fraction]) -> BondGraph:
         """Return the graph with other values of some of its elements."""
-        other = copy(self)
-        other.nodes = {
+        graph = copy(self)
+        graph.nodes = {
             name: replace(node, value=values[name], dependent=None) if name in values else node
             for name, node in self.nodes.items()
         }
-        other.field = other._code()
-        return other
+        graph.field = graph._code()
+        return graph
 
     def rounded(self) -> BondGraph:
         """Return the graph with every value rounded to the nearest double, which is then its exact value.
@@ -414,7 +414,7 @@ def port_fault(types: Mapping[str, str], port: Port) -> str:
     return ""
 
 
-def spread_domains(graph: BondGraph, given: Mapping[str, str]) -> dict[str, str]:
+def spread_domains(graph: BondGraph, seeds: Mapping[str, str]) -> dict[str, str]:
     """Return the domain of every node that has one for sure.
 
     A bond joins nodes of one domain; only a TF or GY may stand between two. It has a domain itself where both
@@ -424,24 +424,24 @@ def spread_domains(graph: BondGraph, given: Mapping[str, str]) -> dict[str, str]
     ----------
     graph
         The graph.
-    given
+    seeds
         The domains of some nodes.
     """
-    known = dict(given)
-    queue = list(given)
+    domains = dict(seeds)
+    queue = list(seeds)
     for name in queue:
         for bond in graph.bonds_of(name):
-            other = bond.head if bond.tail == name else bond.tail
-            if other not in known and graph.nodes[other].type not in TWO_PORTS | {ACTIVATED}:
-                known[other] = known[name]
-                queue.append(other)
+            neighbour = bond.head if bond.tail == name else bond.tail
+            if neighbour not in domains and graph.nodes[neighbour].type not in TWO_PORTS | {ACTIVATED}:
+                domains[neighbour] = domains[name]
+                queue.append(neighbour)
     for name, node in graph.nodes.items():
         if node.type in TWO_PORTS:
             ends = {end for bond in graph.bonds_of(name) for end in (bond.tail, bond.head)} - {name}
-            sides = {known.get(end, "") for end in ends}
+            sides = {domains.get(end, "") for end in ends}
             if len(sides) == 1 and "" not in sides:
-                known[name] = sides.pop()
-    return known
+                domains[name] = sides.pop()
+    return domains
 
 
 class GraphUnits:
@@ -459,8 +459,8 @@ class GraphUnits:
     @cached_property
     def domains(self) -> dict[str, str]:
         """The domain of every node that has one for sure."""
-        given = {name: node.domain for name, node in self._graph.nodes.items() if node.domain}
-        return spread_domains(self._graph, given) if given else {}
+        marked = {name: node.domain for name, node in self._graph.nodes.items() if node.domain}
+        return spread_domains(self._graph, marked) if marked else {}
 
     def of(self, node: str, quantity: str) -> str:
         """Return the unit of e, f, q or p at a node."""

@@ -194,19 +194,19 @@ def _certified(
     """Return the channels at one frequency to full double precision; inf at a pole."""
     if omega == 0.0:  # where storage elements block, hardly a program can be run
         return _at_rest(planned, registers, again)
-    found = _planned_again(planned, omega, again) if len(planned.program) > _LONG else None
-    found = found or _in_balls(planned, registers, omega) or _on_a_mode(planned, registers, omega)
-    if found is None and again is not None:  # long ways through loops may be what costs the digits
+    values = _planned_again(planned, omega, again) if len(planned.program) > _LONG else None
+    values = values or _in_balls(planned, registers, omega) or _on_a_mode(planned, registers, omega)
+    if values is None and again is not None:  # long ways through loops may be what costs the digits
         planned = planned.balanced()
         response, trusted = _doubled(planned, again(planned), np.array([omega]))
-        found = response[0].tolist() if trusted[0] else None
-    if found is None:
+        values = response[0].tolist() if trusted[0] else None
+    if values is None:
         raise NumericalError(
             f"the frequency response at {frequency_text(omega, 17)}: this graph, or a part of it, has a "
             f"natural mode so near that {_PRECISIONS[-1]} bits do not distinguish the two",
             remedy="Leave this frequency out, or move it by a little.",
         )
-    return found
+    return values
 
 
 def _at_rest(planned: GraphProgram, registers: list[int], again: Again | None) -> list[complex]:
@@ -266,10 +266,10 @@ def _on_a_mode(planned: GraphProgram, registers: list[int], omega: float) -> lis
     from dynid.bondgraph.floating.series import orders_on_axis
 
     orders = orders_on_axis(planned, registers, Fraction(omega))
-    found = {register: complex(np.inf if order < 0 else 0.0) for register, order in orders.items() if order}
-    finite = [register for register in registers if register not in found]
-    one, other = (_in_balls(planned, finite, omega, aside) for aside in (_BESIDE, _BESIDE + 8))
-    if one is None or other is None or not np.allclose(one, other, rtol=1e-15, atol=0.0):
+    limits = {register: complex(np.inf if order < 0 else 0.0) for register, order in orders.items() if order}
+    finite = [register for register in registers if register not in limits]
+    near, nearer = (_in_balls(planned, finite, omega, aside) for aside in (_BESIDE, _BESIDE + 8))
+    if near is None or nearer is None or not np.allclose(near, nearer, rtol=1e-15, atol=0.0):
         return None
-    found |= dict(zip(finite, one, strict=True))
-    return [found[register] for register in registers]
+    limits |= dict(zip(finite, near, strict=True))
+    return [limits[register] for register in registers]

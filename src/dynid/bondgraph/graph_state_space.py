@@ -115,8 +115,8 @@ def natural_order(
         structure = JunctionStructure(graph)
         if structure.rings:
             raise contradiction()
-    wanted = structure.junctions if junctions is None else junctions
-    return len(solve(Descriptor(structure, wanted, NumberField.rational(graph)).equations, [])[0])
+    modelled = structure.junctions if junctions is None else junctions
+    return len(solve(Descriptor(structure, modelled, NumberField.rational(graph)).equations, [])[0])
 
 
 def zero_dynamics(reduced: ReducedGraph, port: Port, source: str) -> StateSpace:
@@ -208,8 +208,10 @@ def zero_parts(reduced: ReducedGraph, port: Port, source: str) -> tuple[ZeroPart
         polynomial = None
         if len(rates) <= _MOST_STATES:  # det(s - A), times a positive integer
             rows = [[_rational(form.get(("w", name), 0)) for name in rates] for form in rates.values()]
-            whole, field = fmpq_mat(rows).charpoly(), reduced.graph.field
-            polynomial = whole.numer() if field is None else FieldPolynomial(field, whole).numer()
+            characteristic, field = fmpq_mat(rows).charpoly(), reduced.graph.field
+            polynomial = (
+                characteristic.numer() if field is None else FieldPolynomial(field, characteristic).numer()
+            )
         carriers = tuple(system.carriers(block.rows, block.unknowns))
         parts.append(ZeroPart(carriers, tuple(system.name(name) for name in rates), polynomial))
     return tuple(parts)
@@ -280,13 +282,13 @@ def _matrices(
 
 def _matrix(forms: Collection[LinearForm], columns: Sequence[FormSymbol]) -> NDArray[np.float64]:
     """Round forms to a matrix, one row a form."""
-    place = {symbol: column for column, symbol in enumerate(columns)}
+    column_of = {symbol: column for column, symbol in enumerate(columns)}
     matrix = np.zeros((len(forms), len(columns)))
     for row, form in enumerate(forms):
         for symbol, value in form.items():
-            if symbol in place:
+            if symbol in column_of:
                 try:
-                    matrix[row, place[symbol]] = int(value.p) / int(value.q)
+                    matrix[row, column_of[symbol]] = int(value.p) / int(value.q)
                 except OverflowError:
                     raise NumericalError(
                         "a coefficient of the state equations is beyond the range of numbers",

@@ -152,7 +152,7 @@ def _rank(rows: list[list[Any]]) -> int:
     left, rank = rows, 0
     while left and left[0]:
         places = [(i, j) for i, row in enumerate(left) for j in range(len(row))]
-        i, j = max(places, key=lambda place: abs(left[place[0]][place[1]]).mid())
+        i, j = max(places, key=lambda index: abs(left[index[0]][index[1]]).mid())
         pivot = left.pop(i)
         if abs(pivot[j]).mid() < 2.0**-_ZERO_BITS:
             break
@@ -174,12 +174,12 @@ def conserved(reduced: ReducedGraph, channel: Channel, names: Collection[str]) -
     matrices = _modular(reduced, channel, fmpz_poly([0, 1]))
     driven = [[*row, entry] for row, entry in zip(matrices.a, matrices.b, strict=True)]
     rank = len(driven) - matrices.deficit(driven)
-    found = []
+    dependent = []
     for name in names:
         others = [row for state, row in zip(matrices.states, driven, strict=True) if state != name]
         if len(others) < len(driven) and others and len(driven) - matrices.deficit(others) == rank:
-            found.append(name)  # its row depends on those of the others
-    return found
+            dependent.append(name)  # its row depends on those of the others
+    return dependent
 
 
 @dataclass(frozen=True)
@@ -208,22 +208,22 @@ def _modular(reduced: ReducedGraph, channel: Channel, factor: Any) -> _Modular:
     """Return the state equations at a root of an irreducible polynomial, modulo a prime."""
     from flint import nmod
 
-    one: Any
+    unity: Any
     if (field := reduced.field) is not None:  # only 0 is known to be a root modulo its prime
-        prime, root, one = field.prime, 0, field.residues(1)
+        prime, root, unity = field.prime, 0, field.residues(1)
     else:
         prime, root = _root_modulo(factor, reduced)
-        one = nmod(1, prime)
+        unity = nmod(1, prime)
 
     def value(name: str) -> Any:
         exact = reduced.graph.value(name)
-        return one * exact.numerator / (one * exact.denominator)
+        return unity * exact.numerator / (unity * exact.denominator)
 
-    _, rates, (output,) = _equations(reduced, channel, NumberField(value, one), [_rated(reduced, channel)])
+    _, rates, (output,) = _equations(reduced, channel, NumberField(value, unity), [_rated(reduced, channel)])
     states: list[FormSymbol] = [("w", name) for name in rates]
     a = [
-        [form.get(s, 0) - root * (s == own) for s in states]
-        for own, form in zip(states, rates.values(), strict=True)
+        [form.get(s, 0) - root * (s == state) for s in states]
+        for state, form in zip(states, rates.values(), strict=True)
     ]
     b = [form.get(("u", channel[1], 0), 0) for form in rates.values()]
     return _Modular(prime, list(rates), a, b, [output.get(s, 0) for s in states])

@@ -156,7 +156,9 @@ class ParametricEquations:
         kind = nodes[name].type if junction is None else "I" if junction.kind == "1" else "C"
         element = name
         if junction is not None:
-            element = next(one for one in junction.elements if nodes[one].type == kind and field.value(one))
+            element = next(
+                name for name in junction.elements if nodes[name].type == kind and field.value(name)
+            )
         sign = bond_sign(self.graph, element)
         if kind == "I":  # the flow of a 1-junction is that of its elements; what integrates has its own arrow
             return StateOfGraph(Port(element, "f"), "f"), field.one * (sign if junction is None else 1)
@@ -166,7 +168,7 @@ class ParametricEquations:
 
     def _entries(self) -> list[tuple[str, tuple[int, ...], int]]:
         """Return matrix, place and register of every coefficient."""
-        found: list[tuple[str, tuple[int, ...], int]] = []
+        entries: list[tuple[str, tuple[int, ...], int]] = []
         columns: list[list[FormSymbol]] = [
             [("u", name, order) for name in self.inputs] for order in range(self.highest + 1)
         ]
@@ -175,10 +177,12 @@ class ParametricEquations:
             ("B", self._rates, columns[0]),
             ("C", self._outputs, self._symbols),
         ):
-            found += [(name, place, register) for place, register in _places(forms, symbols)]
+            entries += [(name, index, register) for index, register in _places(forms, symbols)]
         for order, symbols in enumerate(columns):
-            found += [("D", (order, *place), register) for place, register in _places(self._outputs, symbols)]
-        return found
+            entries += [
+                ("D", (order, *index), register) for index, register in _places(self._outputs, symbols)
+            ]
+        return entries
 
     def _registers(self) -> list[int]:
         return [register for _, _, register in self._entries()]
@@ -200,10 +204,10 @@ class ParametricEquations:
         slopes_begin = {name: parts[4 + k][0] for k, name in enumerate(_NAMES)}
         registers, places = [], []
         index = {name: k for k, name in enumerate(self.unknown)}
-        found = self._program.slopes([register for _, _, register in entries])
-        for (name, place, register), slopes in zip(entries, found, strict=True):
+        slopes_of = self._program.slopes([register for _, _, register in entries])
+        for (name, at, register), slopes in zip(entries, slopes_of, strict=True):
             shape = shapes[name]
-            flat = int(np.ravel_multi_index(place, shape))
+            flat = int(np.ravel_multi_index(at, shape))
             registers.append(register)
             places.append(begin[name] + flat)
             for parameter, slope in slopes.items():
@@ -244,17 +248,17 @@ class ParametricEquations:
         entries = list(_places(self._stored, self._symbols))
         values = [self._program.parameter(name) for name in self.storages]
         return Tape(self._program, [*values, *(register for _, register in entries)]), [
-            (place[0], place[1]) for place, _ in entries
+            (index[0], index[1]) for index, _ in entries
         ]
 
     def energy(self, values: Mapping[str, float]) -> StoredEnergy:
         """Return the stored energy as a function of the state, at values of the parameters."""
         tape, places = self._energy_tape
-        found, count = np.array(tape.run(self._program.leaves(values))), len(self.storages)
+        numbers, count = np.array(tape.run(self._program.leaves(values))), len(self.storages)
         rows = np.zeros((count, len(self.states)))
-        for place, number in zip(places, found[count:], strict=True):
-            rows[place] = number
-        return StoredEnergy(rows, found[:count])
+        for index, number in zip(places, numbers[count:], strict=True):
+            rows[index] = number
+        return StoredEnergy(rows, numbers[:count])
 
     def generic_rank(self, rows: Sequence[int], columns: Sequence[int]) -> int:
         """Return the rank of a block of A for all values of the parameters but exceptional ones."""
@@ -312,8 +316,10 @@ class ParametricResponse:
         channels: list[int] = []
         try:
             for port in reduced.outputs:
-                found = reduce_graph(reduced.structure, program, port, reduced.inputs, traced=False).channels
-                channels += [found.get(source, program.zero) for source in reduced.inputs]
+                transfers = reduce_graph(
+                    reduced.structure, program, port, reduced.inputs, traced=False
+                ).channels
+                channels += [transfers.get(source, program.zero) for source in reduced.inputs]
             slopes = program.slopes(channels)
         except ZeroDivisionError:
             raise contradiction() from None
@@ -346,9 +352,9 @@ class ParametricResponse:
         with np.errstate(all="ignore"):
             run = program.run(self._registers, bounded, s, Bounded(np.ones((), dtype=np.complex128), 0.0))
             numbers = [run[register] for register in self._registers]
-            found = np.stack([np.broadcast_to(one.value, omega.shape) for one in numbers], axis=-1)
-            error = np.stack([np.broadcast_to(one.error, omega.shape) for one in numbers], axis=-1)
-            count, size = int(np.prod(self._shape)), np.abs(found)
+            values_at = np.stack([np.broadcast_to(number.value, omega.shape) for number in numbers], axis=-1)
+            error = np.stack([np.broadcast_to(number.error, omega.shape) for number in numbers], axis=-1)
+            count, size = int(np.prod(self._shape)), np.abs(values_at)
             theta = np.abs([values[name] for name in self._unknown])
             size[:, count:] = np.maximum(
                 size[:, count:],
@@ -356,10 +362,10 @@ class ParametricResponse:
                     len(omega), size.shape[1] - count
                 ),
             )
-            trusted = np.all((error <= _TOLERANCE * size) & np.isfinite(found), axis=1)
+            trusted = np.all((error <= _TOLERANCE * size) & np.isfinite(values_at), axis=1)
         for line in np.flatnonzero(~trusted):
-            found[line] = self._tape.run(leaves, float(omega[line]))
+            values_at[line] = self._tape.run(leaves, float(omega[line]))
         return (
-            found[:, :count].reshape(len(omega), *self._shape),
-            found[:, count:].reshape(len(omega), *self._shape, len(self._unknown)),
+            values_at[:, :count].reshape(len(omega), *self._shape),
+            values_at[:, count:].reshape(len(omega), *self._shape, len(self._unknown)),
         )

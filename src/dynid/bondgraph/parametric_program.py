@@ -48,15 +48,15 @@ class ParametricProgram(Program):
             for name, node in graph.nodes.items()
             if node.dependent is not None and node.dependent.names.intersection(unknown)
         }
-        known = {
+        exact_values = {
             name: node.value
             for name, node in graph.nodes.items()
             if node.value is not None and name not in self._dependent
         }
-        self.known: Mapping[str, Fraction] = known
-        numbers = [part for number in self._dependent.values() for part in _numbers(number)]
-        prime = prime_for([*known.values(), *numbers])
-        exact = numeric_point(known, prime)
+        self.known: Mapping[str, Fraction] = exact_values
+        numbers = [constant for number in self._dependent.values() for constant in _numbers(number)]
+        prime = prime_for([*exact_values.values(), *numbers])
+        exact = numeric_point(exact_values, prime)
         source = random.Random(0x5EED)
         # what holds at a random point of the unknown parameters holds for all of their values
         residues = {f"@{name}": nmod(source.getrandbits(60), prime) for name in self.unknown}
@@ -115,13 +115,13 @@ class ParametricProgram(Program):
 
     # --- derivatives ---------------------------------------------------------------------------
 
-    def slopes(self, wanted: Iterable[Register]) -> list[dict[str, Register]]:
+    def slopes(self, registers: Iterable[Register]) -> list[dict[str, Register]]:
         """Write the derivatives of registers by the unknown parameters; those that vanish are left out."""
-        wanted = list(wanted)
-        for register in self.needed(wanted):
+        registers = list(registers)
+        for register in self.needed(registers):
             if register not in self._slopes:
                 self._slopes[register] = self._differentiated(register)
-        return [self._slopes[register] for register in wanted]
+        return [self._slopes[register] for register in registers]
 
     def _differentiated(self, register: Register) -> dict[str, Register]:
         op, a, b = self.ops[register]
@@ -133,7 +133,7 @@ class ParametricProgram(Program):
         if op < Operation.ADD:
             return {}
         first, second = self._slopes[a], {} if op is Operation.NEG else self._slopes[b]
-        found = {}
+        slopes = {}
         for name in (name for name in self.unknown if name in first or name in second):
             da, db = first.get(name, self.zero), second.get(name, self.zero)
             match op:
@@ -148,12 +148,12 @@ class ParametricProgram(Program):
                 case _:
                     slope = self.div(self.sub(da, self.mul(register, db)), b)
             if not self.is_zero(slope):
-                found[name] = slope
-        return found
+                slopes[name] = slope
+        return slopes
 
-    def needed(self, wanted: Sequence[Register]) -> list[Register]:
+    def needed(self, registers: Sequence[Register]) -> list[Register]:
         """Return the registers that these depend on, themselves included, in order."""
-        return [register for register, one in enumerate(self._needed(list(wanted))) if one]
+        return [register for register, is_needed in enumerate(self._needed(list(registers))) if is_needed]
 
     # --- evaluation ----------------------------------------------------------------------------
 
@@ -165,8 +165,8 @@ class ParametricProgram(Program):
         Singular
             If a value is not defined there.
         """
-        found: dict[str, float | Fraction] = {**self.known}
-        found |= {f"@{name}": float(values[name]) for name in self.unknown}
+        leaves: dict[str, float | Fraction] = {**self.known}
+        leaves |= {f"@{name}": float(values[name]) for name in self.unknown}
         try:
             duals = {id(node): node.dual(values) for node, _ in self.opaque.values()}
         except OutOfRangeError as error:
@@ -177,19 +177,19 @@ class ParametricProgram(Program):
             ) from None
         for key, (node, by) in self.opaque.items():
             dual = duals[id(node)]
-            found[key] = dual.slopes.get(by, Fraction(0)) if by else dual.value
-        return found
+            leaves[key] = dual.slopes.get(by, Fraction(0)) if by else dual.value
+        return leaves
 
 
 def _numbers(number: Dependent) -> list[Fraction]:
     """Return the numbers that an expression is written with."""
-    found: list[Fraction] = []
+    numbers: list[Fraction] = []
 
     def note(item: Real) -> None:
-        found.append(Fraction(item.reference if isinstance(item, Dependent) else item))
+        numbers.append(Fraction(item.reference if isinstance(item, Dependent) else item))
 
     number.fold(note, lambda *_: None)
-    return found
+    return numbers
 
 
 class Tape:
@@ -199,22 +199,22 @@ class Tape:
     ----------
     program
         The program.
-    wanted
+    registers
         The registers.
     """
 
-    def __init__(self, program: ParametricProgram, wanted: Sequence[Register]) -> None:
+    def __init__(self, program: ParametricProgram, registers: Sequence[Register]) -> None:
         self._program = program
-        needed = program.needed(wanted)
+        needed = program.needed(registers)
         read = [register for register in needed if program.ops[register][0] < Operation.ADD]
         done = [register for register in needed if program.ops[register][0] >= Operation.ADD]
-        place = {register: k for k, register in enumerate([*read, *done])}
+        index = {register: k for k, register in enumerate([*read, *done])}
         self._read = [program.ops[register][:2] for register in read]
         self._steps = [
-            (op, place[a], place[b] if op is not Operation.NEG else 0)
+            (op, index[a], index[b] if op is not Operation.NEG else 0)
             for op, a, b in (program.ops[register] for register in done)
         ]
-        self._wanted = [place[register] for register in wanted]
+        self._wanted = [index[register] for register in registers]
         self._known: dict[int, list[Any]] = {}  # what is read and does not change, by precision
 
     def _numbers(self, leaves: Mapping[str, float | Fraction], s: Any, precision: int) -> list[Any]:
@@ -224,13 +224,13 @@ class Tape:
         def ball(number: float | Fraction) -> Any:
             return arb(number if isinstance(number, float) else fmpq(number.numerator, number.denominator))
 
-        known = self._program.known
+        exact_values = self._program.known
         if precision not in self._known:
             self._known[precision] = [
                 arb(a)
                 if op is Operation.CONSTANT
-                else ball(known[a])
-                if op is Operation.PARAMETER and a in known
+                else ball(exact_values[a])
+                if op is Operation.PARAMETER and a in exact_values
                 else None
                 for op, a in self._read
             ]
@@ -297,7 +297,7 @@ class Tape:
                 append(memory[a] / memory[b])
             else:
                 append(-memory[a])
-        return [memory[place] for place in self._wanted]
+        return [memory[index] for index in self._wanted]
 
 
 def _complex(ball: Any) -> complex:

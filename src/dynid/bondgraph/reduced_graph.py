@@ -109,11 +109,11 @@ class GraphProgram(ABC):
 
     def with_values(self, values: Mapping[str, Fraction]) -> Self:
         """Return the plan with other values of some elements, for which it is known to hold."""
-        other = copy(self)
-        other.graph = self.graph.with_values(values)
-        other._values = {name: other.graph.value(name) for name in self._values}
-        other._prime = prime_for(other._values.values())
-        return other
+        program = copy(self)
+        program.graph = self.graph.with_values(values)
+        program._values = {name: program.graph.value(name) for name in self._values}
+        program._prime = prime_for(program._values.values())
+        return program
 
     def on_axis(self, omega: Fraction) -> Self:
         """Return the plan for one frequency: none of its pivots is exactly zero at s = j omega.
@@ -123,20 +123,20 @@ class GraphProgram(ABC):
         Singular
             Where the equations are singular there.
         """
-        other = copy(self)
-        other._plan(omega)
-        return other
+        program = copy(self)
+        program._plan(omega)
+        return program
 
     def balanced(self) -> Self:
         """Return the plan, with its numbers, for short paths through its loops (`Reducer`).
 
         Bounds on rounding errors, which grow with each step on a loop, stay small in long ladders and rings.
         """
-        other = copy(self)
-        other._balanced = True
+        program = copy(self)
+        program._balanced = True
         with no_collection():
-            other._plan("values")
-        return other
+            program._plan("values")
+        return program
 
     @abstractmethod
     def _write(self) -> None:
@@ -150,9 +150,11 @@ class GraphProgram(ABC):
     def answers(self) -> Iterable[int]:
         """Return the registers that will be asked for."""
 
-    def run(self, registers: Iterable[int], values: dict[str, Any], laplace: Any, one: Any) -> dict[int, Any]:
+    def run(
+        self, registers: Iterable[int], values: dict[str, Any], laplace: Any, unity: Any
+    ) -> dict[int, Any]:
         """Run the program for these registers on any number type."""
-        return self.program.run(registers, values, laplace, one)
+        return self.program.run(registers, values, laplace, unity)
 
     def rational(self, registers: Iterable[int]) -> dict[int, RationalFunction]:
         """Run the program on exact rational functions of s (factored, not yet in lowest terms)."""
@@ -179,8 +181,8 @@ class GraphProgram(ABC):
         def constant(value: Fraction, storages: int = 0) -> RationalFunction:
             if not value:
                 return ratio(None, 1, storages)
-            given = ((value.numerator, 1), (value.denominator, -1))
-            return ratio({integer(part): power for part, power in given if part != 1}, 1, storages)
+            powers = ((value.numerator, 1), (value.denominator, -1))
+            return ratio({integer(number): power for number, power in powers if number != 1}, 1, storages)
 
         values = {name: constant(self.graph.value(name), bits.get(name, 0)) for name in self.valued}
         s = ratio.of(polynomial([0, 1]), polynomial([1]))
@@ -223,19 +225,19 @@ class ReducedGraph(GraphProgram):
         with no_collection():
             try:
                 super().__init__(graph)
-                found = [] if self._all_solved else undetermined(self.structure, self.unsolved())
+                undetermined_parts = [] if self._all_solved else undetermined(self.structure, self.unsolved())
             except Singular as error:
                 self._by_library = False  # from here on something is held
-                found = hold(self.structure, outputs)
-                if not found:
+                undetermined_parts = hold(self.structure, outputs)
+                if not undetermined_parts:
                     raise
                 try:
                     super().__init__(graph)
                 except Singular:
-                    raise found[0].error from error
+                    raise undetermined_parts[0].error from error
         rings = [] if self._all_solved else self.structure.rings
         #: What is not determined, and no output depends on.
-        self.free = [part.error.problem for part in found]
+        self.free = [undetermined_part.error.problem for undetermined_part in undetermined_parts]
         self.undetermined = [ring_text(graph, bond) for bond in rings]
         self.undetermined += [f"{problem}; no requested output depends on it" for problem in self.free]
 
@@ -263,13 +265,13 @@ class ReducedGraph(GraphProgram):
 
         at_random = at == "random"
         residues = PlanResidues.random(self.graph, self._prime) if at_random else self._residues()
-        found = compiled_reductions(
+        planned = compiled_reductions(
             self.graph, residues, self.inputs, self.outputs, lambda: self.structure, balanced=self._balanced
         )
-        if found is None:
+        if planned is None:
             return False
-        self.program, self._all_solved = found.program, not found.unsolved
-        self.reductions = found.reductions
+        self.program, self._all_solved = planned.program, not planned.unsolved
+        self.reductions = planned.reductions
         return True
 
     def _residues(self) -> PlanResidues:
@@ -417,11 +419,11 @@ def parts_without_output(reduced: ReducedGraph) -> list[Any] | None:
             continue
         port = Port(name, "e" if reduced.graph.nodes[name].type == "0" else "f")
         try:
-            other = ReducedGraph(reduced.graph, (), [port], traced=False)
+            separate = ReducedGraph(reduced.graph, (), [port], traced=False)
         except Singular:
             return None
-        covered |= set(other.reductions[port].junctions)
-        polynomials += characteristic_polynomials(other).values()
+        covered |= set(separate.reductions[port].junctions)
+        polynomials += characteristic_polynomials(separate).values()
     return polynomials
 
 

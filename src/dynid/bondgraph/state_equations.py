@@ -82,12 +82,12 @@ def zero_dynamics_equations(
 
 
 def _written(reduced: ReducedGraph, states: Sequence[str], held: tuple[Port, str] | None) -> StateEquations:
-    own = reduced.modulo()
+    numeric = reduced.modulo()
     prime = prime_for(reduced.exact.values())
     general = _Solved(reduced, random_point(reduced.valued, prime), held)
-    if general.states == tuple(states) and not general.program.vanishing(general.registers, (), own):
+    if general.states == tuple(states) and not general.program.vanishing(general.registers, (), numeric):
         return general.written()
-    return _Solved(reduced, own, held).written()
+    return _Solved(reduced, numeric, held).written()
 
 
 class _Solved:
@@ -114,16 +114,18 @@ class _Solved:
         return [value.register for form in (*self.rates.values(), *self.outputs) for value in form.values()]
 
     def written(self) -> StateEquations:
-        whole = self._lowest_terms()
-        nodes, wanted = self.graph.nodes, set(self.registers)
+        coefficients_written = self._lowest_terms()
+        nodes, coefficients = self.graph.nodes, set(self.registers)
         labels: dict[Register, str] = {}  # what coefficients share, where one of them would be long
-        if not whole and any(length(self.program, register, _WHOLE) >= _WHOLE for register in wanted):
+        if not coefficients_written and any(
+            length(self.program, register, _WHOLE) >= _WHOLE for register in coefficients
+        ):
             formulas = (node.formula.names for node in nodes.values() if node.formula)
             letter = free_letter({*nodes, *(name for names in formulas for name in names)})
-            named = [r for r in shared(self.program, wanted, _PART) if length(self.program, r, 4) == 4]
+            named = [r for r in shared(self.program, coefficients, _PART) if length(self.program, r, 4) == 4]
             labels = {register: f"{letter}{k}" for k, register in enumerate(named, 1)}
-        if not whole:
-            whole = {
+        if not coefficients_written:
+            coefficients_written = {
                 register: TEXT.name(labels[register])
                 if register in labels
                 else print_register(self.program, register, nodes, labels)
@@ -134,8 +136,8 @@ class _Solved:
             tuple(
                 f"{name} = {print_register(self.program, r, nodes, labels)[0]}" for r, name in labels.items()
             ),
-            tuple(self._equations(left, self.rates.values(), whole)),
-            tuple(self._equations(self.ports, self.outputs, whole)),
+            tuple(self._equations(left, self.rates.values(), coefficients_written)),
+            tuple(self._equations(self.ports, self.outputs, coefficients_written)),
         )
 
     def _lowest_terms(self) -> dict[Register, Printed]:
@@ -146,10 +148,10 @@ class _Solved:
             names = symbol_names(self.reduced)
             if len(names) > _SYMBOLS:
                 return {}
-            symbols, one = variables(names or ["s"], _TERMS**2)
-            values = {name: symbol_value(self.reduced, name, symbols, one) for name in self.reduced.valued}
-            found = self.program.run(self.registers, values, one, one)
-            lowest = {register: value.lowest_terms() for register, value in found.items()}
+            symbols, unity = variables(names or ["s"], _TERMS**2)
+            values = {name: symbol_value(self.reduced, name, symbols, unity) for name in self.reduced.valued}
+            ratios = self.program.run(self.registers, values, unity, unity)
+            lowest = {register: value.lowest_terms() for register, value in ratios.items()}
         except (UsageError, FormulaTooLong, KeyError, ZeroDivisionError):
             return {}
         if any(max(len(above), len(below)) > _TERMS for above, below in lowest.values()):

@@ -32,10 +32,10 @@ _DOMAINS = {"translation": "mechanical", "rotation": "rotational"}
 
 
 def expand_structure(
-    made: Expansion,
+    expansion: Expansion,
     model: StructuralModel,
     ports: Mapping[str, Label],
-    wanted: Mapping[str, Iterable[str]],
+    quantities: Mapping[str, Iterable[str]],
     reading: Reading = "decimal",
     domain: str = "",
     outward: Container[str] = (),
@@ -47,13 +47,13 @@ def expand_structure(
 
     Parameters
     ----------
-    made
+    expansion
         The expansion of the node.
     model
         The structure.
     ports
         DOFs of the ports by name.
-    wanted
+    quantities
         By port the quantities that are outputs.
     reading
         What a float means.
@@ -70,34 +70,38 @@ def expand_structure(
     """
     if model.size > STRUCTURES_IN_GRAPHS.value:
         raise UsageError(
-            f"the structure '{made.name}' has {model.size} DOFs, more than the {STRUCTURES_IN_GRAPHS.value} "
-            "that enter a bond graph one by one",
+            f"the structure '{expansion.name}' has {model.size} DOFs, more than the "
+            f"{STRUCTURES_IN_GRAPHS.value} that enter a bond graph one by one",
             remedy="Give it a 'reduction'.",
-            names=(made.name,),
+            names=(expansion.name,),
         )
-    at = _places(made.name, model, ports)
-    names = {place: name for name, place in at.items()}
-    texts = {place: str(names.get(place, label)) for place, label in enumerate(model.dofs)}
+    at = _places(expansion.name, model, ports)
+    names = {index: name for name, index in at.items()}
+    texts = {index: str(names.get(index, label)) for index, label in enumerate(model.dofs)}
     junctions = {}
-    for place, label in enumerate(model.dofs):
-        own = domain or _DOMAINS.get(labels.kind(label), "")
-        if place in names:
-            port = names[place]
-            junctions[place] = made.add_port(port, "1", wanted.get(port, ()), own, port in outward)
+    for index, label in enumerate(model.dofs):
+        port_domain = domain or _DOMAINS.get(labels.kind(label), "")
+        if index in names:
+            port = names[index]
+            junctions[index] = expansion.add_port(
+                port, "1", quantities.get(port, ()), port_domain, port in outward
+            )
         else:
-            junctions[place] = made.add("1", f"{made.name}.{label}", None, own)
+            junctions[index] = expansion.add("1", f"{expansion.name}.{label}", None, port_domain)
     for letter, kind in _ELEMENTS:
-        made.add_squares(kind, _squares(made.name, model, letter, reading), junctions, texts, letter)
+        expansion.add_squares(
+            kind, _squares(expansion.name, model, letter, reading), junctions, texts, letter
+        )
 
 
 def _places(name: str, model: StructuralModel, ports: Mapping[str, Label]) -> dict[str, int]:
     """Return the places of the ports among the DOFs."""
     places: dict[str, int] = {}
     for port, dof in ports.items():
-        place = model.index(dof)
-        if place in places.values():
+        index = model.index(dof)
+        if index in places.values():
             raise UsageError(f"two ports of '{name}' are at DOF {model.label(dof)}", names=(name,))
-        places[port] = place
+        places[port] = index
     return places
 
 
@@ -110,9 +114,11 @@ def _squares(name: str, model: StructuralModel, letter: str, reading: Reading) -
             remedy="Give proportional damping (alpha, beta), or make the parameters of its modes known.",
             names=(name,),
         )
-    known = {one.name: one.expected for one in model.joint_unknowns}  # all others: their reference
-    matrix = dict(zip("MCK", model.with_joints(known), strict=True))[letter]
-    rows: dict[int, dict[int, Any]] = {place: {} for place in range(model.size)}
+    expected = {
+        unknown.name: unknown.expected for unknown in model.joint_unknowns
+    }  # all others: their reference
+    matrix = dict(zip("MCK", model.with_joints(expected), strict=True))[letter]
+    rows: dict[int, dict[int, Any]] = {index: {} for index in range(model.size)}
     for i, j, entry in _entries(matrix):
         rows[i][j] = to_fraction(entry, reading)
     for term in (*model.joint_terms, *model.terms):
@@ -136,10 +142,10 @@ def _entries(matrix: Matrix) -> Iterable[tuple[int, int, float]]:
 
 
 def expand_modes(
-    made: Expansion,
+    expansion: Expansion,
     reduction: StructuralReduction,
     ports: Mapping[str, Label],
-    wanted: Mapping[str, Iterable[str]],
+    quantities: Mapping[str, Iterable[str]],
     domain: str = "",
     outward: Container[str] = (),
 ) -> None:
@@ -152,7 +158,7 @@ def expand_modes(
 
     Parameters
     ----------
-    made, ports, wanted, domain, outward
+    expansion, ports, quantities, domain, outward
         As of `expand_structure`; a port may be at any DOF of the full structure.
     reduction
         The reduced structure.
@@ -166,31 +172,33 @@ def expand_modes(
     rows = np.array([model.row(dof) for dof in ports.values()])
     if model.terms or model.joint_terms:
         coordinates, shapes = _displacements(model, rows)
-        known = model.projected(shapes, coordinates)
-        squares = {letter: _squares(made.name, known, letter, "binary") for letter, _ in _ELEMENTS}
+        displaced = model.projected(shapes, coordinates)
+        squares = {letter: _squares(expansion.name, displaced, letter, "binary") for letter, _ in _ELEMENTS}
         texts = dict(enumerate(map(str, coordinates)))
     else:
-        shapes, squares = _modal(made.name, model)
-        texts = {place: f"mode_{place + 1}" for place in range(shapes.shape[1])}
+        shapes, squares = _modal(expansion.name, model)
+        texts = {index: f"mode_{index + 1}" for index in range(shapes.shape[1])}
     values = rows @ shapes
     values[np.abs(values) <= _ROUNDING * np.abs(_motion(model, shapes)).max(axis=0)] = 0.0
-    junctions = {place: made.add("1", f"{made.name}.{text}") for place, text in texts.items()}
+    junctions = {index: expansion.add("1", f"{expansion.name}.{text}") for index, text in texts.items()}
     for letter, kind in _ELEMENTS:
-        made.add_squares(kind, squares[letter], junctions, texts, letter)
-    for (port, dof), own in zip(ports.items(), values, strict=True):
+        expansion.add_squares(kind, squares[letter], junctions, texts, letter)
+    for (port, dof), motion in zip(ports.items(), values, strict=True):
         kind_of = domain or _DOMAINS.get(labels.kind(_full(model).label(dof)), "")
-        inner = made.add_port(port, "1", wanted.get(port, ()), kind_of, port in outward)
-        force = made.add("0", f"{made.name}.{port}_force", None, kind_of)
-        made.connect(inner, force)
-        if not own.any():
+        inner = expansion.add_port(port, "1", quantities.get(port, ()), kind_of, port in outward)
+        force = expansion.add("0", f"{expansion.name}.{port}_force", None, kind_of)
+        expansion.connect(inner, force)
+        if not motion.any():
             raise UsageError(
-                f"no coordinate of the reduced structure '{made.name}' moves the port '{port}'",
+                f"no coordinate of the reduced structure '{expansion.name}' moves the port '{port}'",
                 remedy="Keep more modes, or residual vectors.",
-                names=(made.name,),
+                names=(expansion.name,),
             )
-        for place in np.flatnonzero(own).tolist():
-            modulus = 1 / Fraction(float(own[place]))
-            made.connect(force, junctions[place], modulus, f"{made.name}_{port}_{identifier(texts[place])}")
+        for index in np.flatnonzero(motion).tolist():
+            modulus = 1 / Fraction(float(motion[index]))
+            expansion.connect(
+                force, junctions[index], modulus, f"{expansion.name}_{port}_{identifier(texts[index])}"
+            )
 
 
 def _full(model: StructuralModel) -> StructuralModel:
@@ -205,21 +213,21 @@ def _motion(model: StructuralModel, shapes: Array) -> Array:
 def _modal(name: str, model: StructuralModel) -> tuple[Array, dict[str, list[Square]]]:
     """Return the modes of a reduced model (r x r), and modal mass, damping and stiffness as squares."""
     M, C, K = model.dense()
-    found = modes(M, C, K)
-    if len(found.omega) < model.size:
+    natural = modes(M, C, K)
+    if len(natural.omega) < model.size:
         raise UsageError(
             f"the reduced structure '{name}' has coordinates without mass, which no mode moves",
             remedy="Reduce to DOFs with mass, or to modes.",
             names=(name,),
         )
-    one, stiffness = Fraction(1), [Fraction(float(omega)) ** 2 for omega in found.omega]
-    shapes = found.shapes
+    unity, stiffness = Fraction(1), [Fraction(float(omega)) ** 2 for omega in natural.omega]
+    shapes = natural.shapes
     damping = shapes.T @ C @ shapes
     parts = np.sqrt(np.einsum("im,ij,jm->m", np.abs(shapes), np.abs(C), np.abs(shapes)))
     damping[np.abs(damping) <= model.size * _ROUNDING * np.outer(parts, parts)] = 0.0
     undamped = np.diag(damping) <= 0
     damping[undamped], damping[:, undamped] = 0.0, 0.0
-    rows: dict[int, dict[int, Any]] = {place: {} for place in range(len(damping))}
+    rows: dict[int, dict[int, Any]] = {index: {} for index in range(len(damping))}
     for i, j, entry in _entries((damping + damping.T) / 2):
         rows[i][j] = Fraction(entry)
     try:
@@ -230,8 +238,8 @@ def _modal(name: str, model: StructuralModel) -> tuple[Array, dict[str, list[Squ
             remedy="A bond graph needs matrices of a passive structure.",
             names=(name,),
         ) from None
-    mass = [Square(place, one, {}) for place in range(len(stiffness))]
-    springs = [Square(place, value, {}) for place, value in enumerate(stiffness) if value]
+    mass = [Square(index, unity, {}) for index in range(len(stiffness))]
+    springs = [Square(index, value, {}) for index, value in enumerate(stiffness) if value]
     return shapes, {"M": mass, "C": dissipated, "K": springs}
 
 
@@ -249,4 +257,4 @@ def _displacements(model: StructuralModel, rows: Array) -> tuple[list[Label], Ar
     for row in rows:
         weight[np.all(np.abs(motion - row) <= _ROUNDING * size, axis=1)] = 1e3
     pivots = qr((motion / size * weight[:, None]).T, mode="economic", pivoting=True)[2][: model.size]
-    return [full.dofs[place] for place in pivots], np.linalg.inv(motion[pivots])
+    return [full.dofs[index] for index in pivots], np.linalg.inv(motion[pivots])

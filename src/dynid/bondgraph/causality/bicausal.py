@@ -82,12 +82,12 @@ def zero_causality(graph: BondGraph, port: Port, source: str) -> ZeroCausality |
     best: ZeroCausality | None = None
     count = 0
     for line in _lines(kinds, bonds, detector, source):
-        found = _along(kinds, bonds, line, (detector, source))
-        if found is None:
+        causality = _along(kinds, bonds, line, (detector, source))
+        if causality is None:
             continue
         count += 1
-        if best is None or found.inside.order > best.inside.order:
-            best = found
+        if best is None or causality.inside.order > best.inside.order:
+            best = causality
         if count == _LINES:
             break
     if best is None:
@@ -101,18 +101,18 @@ def _with_detector(graph: BondGraph, port: Port) -> tuple[dict[str, str], list[t
     bonds = [(bond.tail, bond.head) for bond in graph.bonds]
     detector = unique(str(port), kinds)
     effort = graph.behind(port).quantity == "e"
-    wanted = "0" if effort else "1"
+    kind = "0" if effort else "1"
     at = port.node
     if kinds[at] in ONE_PORTS:
-        place = next(index for index, pair in enumerate(bonds) if at in pair)
-        tail, head = bonds[place]
+        at_bond = next(index for index, pair in enumerate(bonds) if at in pair)
+        tail, head = bonds[at_bond]
         neighbour = tail if head == at else head
-        if kinds[neighbour] == wanted:
+        if kinds[neighbour] == kind:
             at = neighbour
         else:
             at = unique(f"{'e' if effort else 'f'}_{port.node}", kinds)
-            kinds[at] = wanted
-            bonds[place : place + 1] = [(tail, at), (at, head)]
+            kinds[at] = kind
+            bonds[at_bond : at_bond + 1] = [(tail, at), (at, head)]
     kinds[detector] = "SS"
     return kinds, [*bonds, (at, detector)], detector
 
@@ -128,10 +128,10 @@ def _lines(
     distance, queue = {end: 0}, [end]
     for node in queue:
         for bond in bonds_at[node]:
-            other = bonds[bond][bonds[bond][0] == node]
-            if other not in distance:
-                distance[other] = distance[node] + 1
-                queue.append(other)
+            neighbour = bonds[bond][bonds[bond][0] == node]
+            if neighbour not in distance:
+                distance[neighbour] = distance[node] + 1
+                queue.append(neighbour)
     if start not in distance:
         return
     stack: list[tuple[str, tuple[int, ...], frozenset[str]]] = [(start, (), frozenset([start]))]
@@ -144,9 +144,9 @@ def _lines(
             continue
         onward = []
         for bond in bonds_at[node]:
-            other = bonds[bond][bonds[bond][0] == node]
-            if other not in seen and (other == end or kinds[other] not in ONE_PORTS | {"SS"}):
-                onward.append((other, (*line, bond), seen | {other}))
+            neighbour = bonds[bond][bonds[bond][0] == node]
+            if neighbour not in seen and (neighbour == end or kinds[neighbour] not in ONE_PORTS | {"SS"}):
+                onward.append((neighbour, (*line, bond), seen | {neighbour}))
         stack += sorted(onward, key=lambda step: -distance[step[0]])
 
 
@@ -159,24 +159,24 @@ def _along(
         nodes.append(bonds[bond][bonds[bond][0] == nodes[-1]])
     # the bonds beside the line take causality from its junctions, which impose their common variables on them
     on_line = set(nodes)
-    beside = [bond for bond in range(len(bonds)) if bond not in set(line)]
+    off_line = [bond for bond in range(len(bonds)) if bond not in set(line)]
     rest = {
         name: "held" if name in on_line else kind
         for name, kind in kinds.items()
         if name not in on_line or kind in JUNCTIONS
     }
-    strokes = Strokes(rest, [bonds[bond] for bond in beside])
-    for place, bond in enumerate(beside):
+    strokes = Strokes(rest, [bonds[bond] for bond in off_line])
+    for index, bond in enumerate(off_line):
         for node in on_line.intersection(bonds[bond]):
-            away = strokes.towards(node, place) is (kinds[node] == "1")
-            if strokes.put(place, away, "bicausal") is not None:
+            away = strokes.towards(node, index) is (kinds[node] == "1")
+            if strokes.put(index, away, "bicausal") is not None:
                 return None
     assigned = run_scap(strokes, [name for name, kind in rest.items() if kind in ONE_PORTS])
     if assigned.conflicts:
         return None
     inside = describe(assigned)
     table: dict[int, BicausalBond] = {}
-    for bond, settled in zip(beside, inside.bonds, strict=True):
+    for bond, settled in zip(off_line, inside.bonds, strict=True):
         table[bond] = BicausalBond(
             settled.tail,
             settled.head,

@@ -150,8 +150,8 @@ def explain_dependent(strokes: Strokes, name: str) -> CausalityRemark:
 
 def explain_conflict(strokes: Strokes, bond: int, problem: Contradiction) -> CausalityRemark:
     """Return which rules contradict each other, and where, in words."""
-    found = set(_owners(strokes, [bond, *problem.roots]))
-    owners = [name for name in strokes.kinds if name in found]
+    involved = set(_owners(strokes, [bond, *problem.roots]))
+    owners = [name for name in strokes.kinds if name in involved]
     kind = strokes.kinds.get(problem.node, "")
     sources = len(owners) > 1 and all(strokes.kinds[owner] in SOURCES for owner in owners)
     who = join_with_types(strokes.kinds, owners or problem.nodes)
@@ -225,9 +225,9 @@ def _dependences(strokes: Strokes) -> Iterator[tuple[int, int]]:
                 signals = 2 * bond + _EFFORT, 2 * bond + _FLOW
                 yield signals if effort_in[bond] else signals[::-1]
             case "TF" | "GY":
-                for one, two in (bonds, bonds[::-1]):
-                    given = _EFFORT if effort_in[one] else _FLOW
-                    yield 2 * one + given, 2 * two + (given if kind == "TF" else 1 - given)
+                for entry, two in (bonds, bonds[::-1]):
+                    imposed = _EFFORT if effort_in[entry] else _FLOW
+                    yield 2 * entry + imposed, 2 * two + (imposed if kind == "TF" else 1 - imposed)
 
 
 def _remark(strokes: Strokes, bonds: tuple[int, ...], count: int) -> CausalityRemark:

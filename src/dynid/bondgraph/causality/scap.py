@@ -52,8 +52,10 @@ class StrokeCompletion:
             name: [_follow(strokes, name, bond)[0] for bond in strokes.bonds_at[name]]
             for name in strokes.setter
         }
-        neighbours = {name: [end for end in found if end in strokes.setter] for name, found in ends.items()}
-        degree = {name: len(found) for name, found in neighbours.items()}
+        neighbours = {
+            name: [end for end in ends_at if end in strokes.setter] for name, ends_at in ends.items()
+        }
+        degree = {name: len(linked) for name, linked in neighbours.items()}
         #: The junctions that are left when those with a single link to others are taken off in turn.
         self.loops = dict.fromkeys(strokes.setter)
         leaves = [name for name, count in degree.items() if count < 2]
@@ -73,15 +75,15 @@ class StrokeCompletion:
 
         links, alone = self._links(strokes)
         names = sorted({*(name for pair in links for name in pair), *alone, *self._unset(strokes)})
-        place = {name: index for index, name in enumerate(names)}
+        index_of = {name: index for index, name in enumerate(names)}
         draw = random.Random(0x5CA9)
         matrix = nmod_mat(len(names), len(names), _PRIME)
         for name in sorted(alone):
-            matrix[place[name], place[name]] = draw.randrange(1, _PRIME)
+            matrix[index_of[name], index_of[name]] = draw.randrange(1, _PRIME)
         for a, b in links:
             size = draw.randrange(1, _PRIME)
-            matrix[place[a], place[b]] = matrix[place[a], place[b]] + size
-            matrix[place[b], place[a]] = matrix[place[b], place[a]] - size
+            matrix[index_of[a], index_of[b]] = matrix[index_of[a], index_of[b]] + size
+            matrix[index_of[b], index_of[a]] = matrix[index_of[b], index_of[a]] - size
         return int(matrix.det()) != 0
 
     def _unset(self, strokes: Strokes) -> list[str]:
@@ -115,7 +117,7 @@ def _follow(strokes: Strokes, start: str, bond: int) -> tuple[str, int, bool]:
     node = strokes.other_end(bond, start)
     while strokes.kinds[node] in ("TF", "GY"):
         stroke_here = (at_head is strokes.towards(node, bond)) is (strokes.kinds[node] == "GY")
-        bond = next(other for other in strokes.bonds_at[node] if other != bond)
+        bond = next(onward for onward in strokes.bonds_at[node] if onward != bond)
         at_head = stroke_here is strokes.towards(node, bond)
         node = strokes.other_end(bond, node)
     return node, bond, node in strokes.setter and strokes.sets(node, bond, at_head)
@@ -211,7 +213,7 @@ class _Procedure:
     def _prefer(self, bond: int, at_head: bool, how: StrokeReason) -> None:
         """Put a stroke if it can stand, else its opposite."""
         strokes = self.strokes
-        if strokes.at_head[bond] is not None or any(bond == other for other, _ in self.conflicts):
+        if strokes.at_head[bond] is not None or any(bond == conflicting for conflicting, _ in self.conflicts):
             return
         problem = self._try(bond, at_head, how)
         if problem is None:

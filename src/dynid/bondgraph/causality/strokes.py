@@ -67,10 +67,10 @@ class Strokes:
 
     def copy(self) -> Strokes:
         """Return an independent copy."""
-        other = Strokes(self.kinds, self.bonds)
-        other.at_head, other.how, other.causes = self.at_head[:], self.how[:], self.causes[:]
-        other.between, other.setter, other._open = dict(self.between), dict(self.setter), dict(self._open)
-        return other
+        copied = Strokes(self.kinds, self.bonds)
+        copied.at_head, copied.how, copied.causes = self.at_head[:], self.how[:], self.causes[:]
+        copied.between, copied.setter, copied._open = dict(self.between), dict(self.setter), dict(self._open)
+        return copied
 
     # --- reading -------------------------------------------------------------------------------
 
@@ -143,21 +143,23 @@ class Strokes:
         """Queue what a new stroke forces at one of its ends."""
         kind = self.kinds[node]
         if kind in TWO_PORTS:
-            for other in self.bonds_at[node]:
-                if other != bond:
+            for neighbour in self.bonds_at[node]:
+                if neighbour != bond:
                     here = (self.at_head[bond] is self.towards(node, bond)) is (kind == "GY")
-                    queue.append((other, here is self.towards(node, other), "propagated", (bond,)))
+                    queue.append((neighbour, here is self.towards(node, neighbour), "propagated", (bond,)))
         elif kind in JUNCTIONS and self.sets(node, bond):
             earlier = self.setter[node]
             if earlier is not None:
                 return self._contradiction(node, (earlier, bond), surplus=True)
             self.setter[node] = bond
-            for other in self.bonds_at[node]:
-                if self.at_head[other] is None:
-                    queue.append((other, not self.setting(node, other), "propagated", (bond,)))
+            for neighbour in self.bonds_at[node]:
+                if self.at_head[neighbour] is None:
+                    queue.append((neighbour, not self.setting(node, neighbour), "propagated", (bond,)))
         elif kind in JUNCTIONS and self.setter[node] is None and self._open[node] < 2:
-            last = [other for other in self.bonds_at[node] if self.at_head[other] is None]
-            others = tuple(other for other in self.bonds_at[node] if self.at_head[other] is not None)
+            last = [open_bond for open_bond in self.bonds_at[node] if self.at_head[open_bond] is None]
+            others = tuple(
+                closed_bond for closed_bond in self.bonds_at[node] if self.at_head[closed_bond] is not None
+            )
             if not last:
                 return self._contradiction(node, others, surplus=False)
             queue.append((last[0], self.setting(node, last[0]), "propagated", others))

@@ -85,12 +85,12 @@ def one_port_equivalent(
             junction = structure.junctions[structure.place[probe]]
             if junction.fixing not in (None, probe):  # nothing else of this side reaches the port
                 source = str(junction.fixing)
-                known = {source: program.one} if source in inputs else {}
-                given = _given(cut, program, end, junction.kind, known)
+                drives = {source: program.one} if source in inputs else {}
+                contributions = _given(cut, program, end, junction.kind, drives)
                 side = partial(OnePortEquivalent, name, end, (source, *junction.members), None)
                 if junction.kind == "1":
-                    return side(None, None, program.zero, given, None, program.one)
-                return side(program.zero, given, None, None, program.one, None)
+                    return side(None, None, program.zero, contributions, None, program.one)
+                return side(program.zero, contributions, None, None, program.one, None)
             port = Port(probe, "f" if junction.kind == "1" else "e")
             reduction = reduce_graph(structure, program, port, [*inputs, probe], names=names, suffix=suffix)
         except Singular as error:
@@ -98,11 +98,11 @@ def one_port_equivalent(
             continue
         if reduction.prototype.fixed and junction.fixing != probe:
             fixed = _product(program, reduction.pivots, reduction.integrators)
-            given = _given(cut, program, end, reduction.prototype.kind, reduction.channels)
+            contributions = _given(cut, program, end, reduction.prototype.kind, reduction.channels)
             side = partial(OnePortEquivalent, name, end, _nodes(cut, reduction), reduction)
             if reduction.prototype.kind == "1":
-                return side(None, None, program.zero, given, None, fixed)
-            return side(program.zero, given, None, None, fixed, None)
+                return side(None, None, program.zero, contributions, None, fixed)
+            return side(program.zero, contributions, None, None, fixed, None)
         return _read(cut, program, name, end, reduction)
     assert failure is not None
     raise Singular(
@@ -117,10 +117,10 @@ def _given(
 ) -> dict[str, Register]:
     """Return the equivalent source of a side by input, without the probe and inputs that do not reach it."""
     probe = cut.probe(end)
-    given = {source: r for source, r in registers.items() if source != probe and not program.is_zero(r)}
+    others = {source: r for source, r in registers.items() if source != probe and not program.is_zero(r)}
     if kind == "1" and not cut.points_out(end):  # the bond as drawn enters here: what drives it counts back
-        return {source: program.neg(register) for source, register in given.items()}
-    return given
+        return {source: program.neg(register) for source, register in others.items()}
+    return others
 
 
 def _nodes(cut: GraphBisection, reduction: Reduction) -> tuple[str, ...]:
@@ -132,17 +132,17 @@ def _read(
 ) -> OnePortEquivalent:
     """Return the equivalent of a side from its reduction."""
     kind = reduction.prototype.kind
-    given = _given(cut, program, end, kind, reduction.drives)
+    drives = _given(cut, program, end, kind, reduction.drives)
     side = partial(OnePortEquivalent, name, end, _nodes(cut, reduction), reduction)
     total = program.add(reduction.prototype.part_a, reduction.prototype.part_b)
     bare = _product(program, reduction.others, reduction.integrators)
     joined = program.mul(bare, total)
     inverse, turned = None, None
     if not program.is_zero(total):
-        inverse, turned = program.inv(total), {source: program.div(r, total) for source, r in given.items()}
+        inverse, turned = program.inv(total), {source: program.div(r, total) for source, r in drives.items()}
     if kind == "1":
-        return side(total, given, inverse, turned, bare, joined)
-    return side(inverse, turned, total, given, joined, bare)
+        return side(total, drives, inverse, turned, bare, joined)
+    return side(inverse, turned, total, drives, joined, bare)
 
 
 def _product(program: Program, pivots: Iterable[Register], integrators: int) -> Register:
@@ -228,22 +228,22 @@ class Decomposition(GraphProgram):
 
     def pivots(self) -> list[int]:
         """Return the registers that the program divides by."""
-        found: list[Register] = []
+        pivots: list[Register] = []
         for side in (self.source, self.load):
-            found += side.reduction.pivots if side.reduction is not None else ()
+            pivots += side.reduction.pivots if side.reduction is not None else ()
             immittances = (side.impedance, side.admittance)
-            found += [r for r in immittances if r is not None and not self.program.is_zero(r)]
+            pivots += [r for r in immittances if r is not None and not self.program.is_zero(r)]
         if self.driven is not None:
-            found += self.driven.pivots
-        return found if self.total is None else [*found, self.total]
+            pivots += self.driven.pivots
+        return pivots if self.total is None else [*pivots, self.total]
 
     def answers(self) -> Iterable[int]:
         """Return the registers that will be asked for."""
         yield from [*self.effort.values(), *self.flow.values()]
         for side in (self.source, self.load):
             yield from [*(side.effort or {}).values(), *(side.flow or {}).values()]
-            own = (side.impedance, side.admittance, side.opened, side.shorted)
-            yield from (register for register in own if register is not None)
+            registers = (side.impedance, side.admittance, side.opened, side.shorted)
+            yield from (register for register in registers if register is not None)
         if self.driven is not None:
             yield from (register for _, register in self.driven.prototype.systems)
 
@@ -253,8 +253,8 @@ class Decomposition(GraphProgram):
         if source.effort is not None and source.ideal:
             return source.effort.get(name, program.zero)
         if load.effort is not None and load.impedance is not None:
-            own = load.effort.get(name, program.zero)
-            return program.add(own, program.mul(load.impedance, self._flow(name)))
+            effort = load.effort.get(name, program.zero)
+            return program.add(effort, program.mul(load.impedance, self._flow(name)))
         assert self.total is not None
         return program.div(self._sum(source.flow, load.flow, name), self.total)
 
@@ -265,13 +265,13 @@ class Decomposition(GraphProgram):
             return source.flow.get(name, program.zero)
         if source.effort is not None and load.effort is not None:
             assert self.total is not None
-            against = {other: program.neg(register) for other, register in load.effort.items()}
+            against = {source: program.neg(register) for source, register in load.effort.items()}
             return program.div(self._sum(source.effort, against, name), self.total)
         assert load.flow is not None
-        own = program.neg(load.flow.get(name, program.zero))
+        drives_flow = program.neg(load.flow.get(name, program.zero))
         if load.admittance is None or program.is_zero(load.admittance):
-            return own
-        return program.add(own, program.mul(load.admittance, self._effort(name)))
+            return drives_flow
+        return program.add(drives_flow, program.mul(load.admittance, self._effort(name)))
 
     def _sum(self, a: Contributions | None, b: Contributions | None, name: str) -> Register:
         zero = self.program.zero
@@ -333,4 +333,4 @@ class Decomposition(GraphProgram):
             parts = (
                 (source.opened, load.shorted) if source.ideal == "effort" else (source.shorted, load.opened)
             )
-        return self.program.product(part for part in parts if part is not None)
+        return self.program.product(factor for factor in parts if factor is not None)

@@ -36,9 +36,9 @@ def bond_fault(types: Mapping[str, str], bonds: Sequence[Bond], port: Bond) -> s
         return "; ".join(f"no node '{name}'{did_you_mean(name, types)}" for name in unknown)
     if drawn_bond(bonds, port) is not None:
         return ""
-    beside = [str(bond) for bond in bonds if {port.tail, port.head} & {bond.tail, bond.head}]
-    wanted = f"{port}", f"{port.head} -> {port.tail}"
-    hint = did_you_mean(wanted[0], beside) or did_you_mean(wanted[1], beside)
+    adjacent = [str(bond) for bond in bonds if {port.tail, port.head} & {bond.tail, bond.head}]
+    directions = f"{port}", f"{port.head} -> {port.tail}"
+    hint = did_you_mean(directions[0], adjacent) or did_you_mean(directions[1], adjacent)
     return f"there is no bond between '{port.tail}' and '{port.head}'{hint}"
 
 

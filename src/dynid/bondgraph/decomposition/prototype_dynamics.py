@@ -124,14 +124,16 @@ class PrototypeDynamics:
         from dynid.arithmetic.field_polynomials import integers
 
         # powers that A and B take for a unit of the common variable, times their denominators
-        a, given = self.systems
-        turned = not self.prototype.fixed and not given.vanishes  # back from Y_B to Z_B, or from Z_B to Y_B
-        b = TransferFunction(given.denominator, given.numerator) if turned else given
+        a, system_b = self.systems
+        turned = (
+            not self.prototype.fixed and not system_b.vanishes
+        )  # back from Y_B to Z_B, or from Z_B to Y_B
+        b = TransferFunction(system_b.denominator, system_b.numerator) if turned else system_b
         from_a, from_b = integers(a.numerator * b.denominator, b.numerator * a.denominator)
         simple = self.natural // self.natural.gcd(self.natural.derivative())
         hidden = _without(simple, self.shown)
         seen = simple // hidden
-        simple, hidden, seen = (integers(each)[0] for each in (simple, hidden, seen))
+        simple, hidden, seen = (integers(polynomial)[0] for polynomial in (simple, hidden, seen))
         powers = []
         with ctx.workprec(_DIGITS + 16 * int(self.natural.degree())):
             for mode in modes:
@@ -144,12 +146,12 @@ class PrototypeDynamics:
         return np.array(powers, dtype=float)
 
 
-def _nearer(one: Any, other: Any, s: Any) -> bool:
+def _nearer(first: Any, second: Any, s: Any) -> bool:
     """Test whether a refined root of the product of two coprime polynomials is one of the first."""
-    if one.degree() < 1 or other.degree() < 1:
-        return bool(one.degree() > 0)
-    here, there = (abs(part(s)).mid() for part in (one, other))
-    slope_here, slope_there = (abs(part.derivative()(s)).mid() for part in (one, other))
+    if first.degree() < 1 or second.degree() < 1:
+        return bool(first.degree() > 0)
+    here, there = (abs(polynomial(s)).mid() for polynomial in (first, second))
+    slope_here, slope_there = (abs(polynomial.derivative()(s)).mid() for polynomial in (first, second))
     return bool(here * slope_there < there * slope_here)  # the shorter Newton step
 
 
@@ -215,6 +217,6 @@ def _lowest(numerator: Any, denominator: Any) -> TransferFunction:
     return TransferFunction(numerator // common, denominator // common)
 
 
-def _without(polynomial: Any, other: Any) -> Any:
+def _without(polynomial: Any, divisor: Any) -> Any:
     """Return a polynomial without the roots that it shares with another, each as often as both have it."""
-    return polynomial if other == 0 or polynomial == 0 else polynomial // polynomial.gcd(other)
+    return polynomial if divisor == 0 or polynomial == 0 else polynomial // polynomial.gcd(divisor)

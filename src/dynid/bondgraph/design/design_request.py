@@ -149,12 +149,12 @@ class Design:
     @property
     def roots(self) -> tuple[RootTarget, ...]:
         """The wanted zeros and poles."""
-        return tuple(one for one in self.targets if isinstance(one, RootTarget))
+        return tuple(target for target in self.targets if isinstance(target, RootTarget))
 
     @property
     def criteria(self) -> tuple[Criterion, ...]:
         """The norms to minimise."""
-        return tuple(one for one in self.targets if isinstance(one, Criterion))
+        return tuple(target for target in self.targets if isinstance(target, Criterion))
 
 
 #: Imaginary parts below this part of a root are those of a real one.
@@ -204,17 +204,17 @@ def nearest(
 
     options = [_candidates(target, values, slopes) for target in targets]
     if len(targets) == 1:
-        found = list(options[0].values())
-        return [min(found, key=_distance) if found else None]
-    keys = list(dict.fromkeys(key for one in options for key in one))
+        roots = list(options[0].values())
+        return [min(roots, key=_distance) if roots else None]
+    keys = list(dict.fromkeys(key for candidates in options for key in candidates))
     costs = np.full((len(targets), len(keys) + len(targets)), _MISSING)
-    for row, one in enumerate(options):
-        for key, reached in one.items():
+    for row, candidates in enumerate(options):
+        for key, reached in candidates.items():
             costs[row, keys.index(key)] = min(_distance(reached), _MISSING)
     columns = linear_sum_assignment(costs)[1]
     return [
-        one.get(keys[column]) if column < len(keys) else None
-        for one, column in zip(options, columns, strict=True)
+        candidates.get(keys[column]) if column < len(keys) else None
+        for candidates, column in zip(options, columns, strict=True)
     ]
 
 
@@ -227,29 +227,29 @@ def _candidates(
 ) -> dict[tuple[int, ...], Reached]:
     """Return what could meet a target, by the places of its roots."""
     real = np.abs(values.imag) <= _REAL * np.abs(values)
-    found: dict[tuple[int, ...], Reached] = {}
+    candidates: dict[tuple[int, ...], Reached] = {}
     if target.damping is not None and abs(target.damping) == 1:
-        wanted = target.value.real
+        requested = target.value.real
         for k in np.flatnonzero(real & (values != 0)).tolist():
             value = values[k].real
-            residual = np.array([value / wanted - 1])
+            residual = np.array([value / requested - 1])
             damping = -math.copysign(1.0, value)
-            found[k,] = Reached(abs(value), damping, residual, slopes[k : k + 1].real / wanted)
-        return found
+            candidates[k,] = Reached(abs(value), damping, residual, slopes[k : k + 1].real / requested)
+        return candidates
     for k in np.flatnonzero(~real & (values.imag > 0)).tolist():
         z, change = values[k], slopes[k]
         by_log = np.real(z.conjugate() * change) / abs(z) ** 2
-        found[k,] = _reached(target, abs(z), -z.real / abs(z), by_log, -change.real / abs(z))
+        candidates[k,] = _reached(target, abs(z), -z.real / abs(z), by_log, -change.real / abs(z))
     if target.damping is not None:
         for pair in combinations(np.flatnonzero(real & (values != 0)).tolist(), 2):
             a, b = values[list(pair)].real
             if a * b > 0:
                 size, moved = math.sqrt(a * b), slopes[list(pair)].real
                 by_log = (moved[0] / a + moved[1] / b) / 2
-                found[pair] = _reached(
+                candidates[pair] = _reached(
                     target, size, -(a + b) / (2 * size), by_log, -moved.sum(axis=0) / 2 / size
                 )
-    return found
+    return candidates
 
 
 def _reached(target: RootTarget, size: float, damping: float, by_log: Array, by_sum: Array) -> Reached:

@@ -54,62 +54,68 @@ class Coordinates:
     @cached_property
     def units(self) -> Array:
         """The size of a unit of each coordinate: 1 of a logarithm."""
-        return np.array([1.0 if one.logarithmic else _size(one) for one in self.free], dtype=float)
+        return np.array(
+            [1.0 if parameter.logarithmic else _size(parameter) for parameter in self.free], dtype=float
+        )
 
     @cached_property
     def start(self) -> Array:
         """The coordinates of the starts."""
-        return np.array([one.coordinate(one.start) for one in self.free]) / self.units
+        return np.array([parameter.coordinate(parameter.start) for parameter in self.free]) / self.units
 
     @cached_property
     def low(self) -> Array:
         """The lowest coordinates: the limits, else far below the start."""
-        return self._limits([one.low for one in self.free], -1)
+        return self._limits([parameter.low for parameter in self.free], -1)
 
     @cached_property
     def high(self) -> Array:
         """The highest coordinates: the limits, else far above the start."""
-        return self._limits([one.high for one in self.free], 1)
+        return self._limits([parameter.high for parameter in self.free], 1)
 
-    def _limits(self, given: list[float | None], side: int) -> Array:
-        far = np.where([one.logarithmic for one in self.free], math.log(SPAN), SPAN)
+    def _limits(self, bounds: list[float | None], side: int) -> Array:
+        far = np.where([parameter.logarithmic for parameter in self.free], math.log(SPAN), SPAN)
         limits: Array = self.start + side * far
-        for k, (one, limit) in enumerate(zip(self.free, given, strict=True)):
-            if limit is not None and (limit > 0 or not one.logarithmic):
-                limits[k] = one.coordinate(limit) / self.units[k]
+        for k, (parameter, limit) in enumerate(zip(self.free, bounds, strict=True)):
+            if limit is not None and (limit > 0 or not parameter.logarithmic):
+                limits[k] = parameter.coordinate(limit) / self.units[k]
         return limits
 
     def values(self, eta: Array) -> Array:
         """Return the values at coordinates, those at a limit exactly it."""
-        found = np.array([one.value(x) for one, x in zip(self.free, eta * self.units, strict=True)])
-        for k, one in enumerate(self.free):
-            for limit, at in ((one.low, self.low[k]), (one.high, self.high[k])):
+        values = np.array(
+            [parameter.value(x) for parameter, x in zip(self.free, eta * self.units, strict=True)]
+        )
+        for k, parameter in enumerate(self.free):
+            for limit, at in ((parameter.low, self.low[k]), (parameter.high, self.high[k])):
                 if limit is not None and eta[k] == at:
-                    found[k] = limit
-        return found
+                    values[k] = limit
+        return values
 
     def rates(self, values: Array) -> Array:
         """Return the derivatives of values by their coordinates."""
-        log = np.array([one.logarithmic for one in self.free], dtype=bool)
+        log = np.array([parameter.logarithmic for parameter in self.free], dtype=bool)
         return np.asarray(np.where(log, values, self.units), dtype=float)
 
     def of(self, values: Mapping[str, float]) -> Array:
         """Return the coordinates of values, by name; the start where there is none."""
-        given = [one.coordinate(values.get(one.name, one.start)) for one in self.free]
-        return np.asarray(np.array(given) / self.units)
+        coordinates = [
+            parameter.coordinate(values.get(parameter.name, parameter.start)) for parameter in self.free
+        ]
+        return np.asarray(np.array(coordinates) / self.units)
 
     def drawn(self, count: int, seed: int) -> Array:
         """Return random coordinates within the limits (count x p)."""
-        near = np.where([one.logarithmic for one in self.free], math.log(_SPREAD), 3.0)
+        near = np.where([parameter.logarithmic for parameter in self.free], math.log(_SPREAD), 3.0)
         low, high = np.maximum(self.low, self.start - near), np.minimum(self.high, self.start + near)
         return np.random.default_rng(seed).uniform(low, high, (count, len(self.free)))
 
 
-def _size(one: Parameter) -> float:
+def _size(parameter: Parameter) -> float:
     """Return the typical size of a parameter that may be zero."""
-    if one.start:
-        return abs(one.start)
-    limits = [abs(limit) for limit in (one.low, one.high) if limit]
+    if parameter.start:
+        return abs(parameter.start)
+    limits = [abs(limit) for limit in (parameter.low, parameter.high) if limit]
     return max(limits, default=1.0)
 
 
@@ -166,7 +172,7 @@ class Evaluation:
     @property
     def exists(self) -> bool:
         """True if every target has a root, and every norm is finite."""
-        return bool(np.isfinite(self.residuals).all()) and not any(one.why for one in self.norms)
+        return bool(np.isfinite(self.residuals).all()) and not any(norm.why for norm in self.norms)
 
 
 class DesignFunctions:
@@ -191,10 +197,10 @@ class DesignFunctions:
     def __init__(self, design: Design) -> None:
         self.design, self.coordinates = design, Coordinates(design.free)
         self.low, self.high = self.coordinates.low.copy(), self.coordinates.high.copy()
-        self._outputs = list(dict.fromkeys(one.output for one in design.targets))
-        self._inputs = list(dict.fromkeys(one.input for one in design.targets))
+        self._outputs = list(dict.fromkeys(target.output for target in design.targets))
+        self._inputs = list(dict.fromkeys(target.input for target in design.targets))
         reduced = ReducedGraph(design.graph, self._inputs, self._outputs, traced=False)
-        self._names = [one.name for one in design.free]
+        self._names = [parameter.name for parameter in design.free]
         self._equations = ParametricEquations(reduced, self._names)
 
     @property
@@ -211,41 +217,43 @@ class DesignFunctions:
             Where the equations have no solution, or one whose squares overflow.
         """
         values = self.coordinates.values(eta)
-        found = self._equations.at(dict(zip(self._names, values.tolist(), strict=True)))
-        largest = max(float(np.abs(part).max(initial=0.0)) for part in found[:4])
+        matrices = self._equations.at(dict(zip(self._names, values.tolist(), strict=True)))
+        largest = max(float(np.abs(matrix).max(initial=0.0)) for matrix in matrices[:4])
         if not largest <= LARGEST:
             raise NumericalError(f"the state equations reach {largest:.3g}; a design takes up to {LARGEST:g}")
         rates = self.coordinates.rates(values)
-        slopes = (np.einsum("p,p...->p...", rates, one) for one in found[4:])
-        return Matrices(*found[:4], *slopes)
+        slopes = (np.einsum("p,p...->p...", rates, slope) for slope in matrices[4:])
+        return Matrices(*matrices[:4], *slopes)
 
-    def channel(self, found: Matrices, target: Target) -> ParametricSystem:
+    def channel(self, matrices: Matrices, target: Target) -> ParametricSystem:
         """Return the system of a target's channel."""
-        return single(found, self._outputs.index(target.output), self._inputs.index(target.input))
+        return single(matrices, self._outputs.index(target.output), self._inputs.index(target.input))
 
-    def derivative(self, found: Matrices, target: Target) -> int:
+    def derivative(self, matrices: Matrices, target: Target) -> int:
         """Return the order of the derivative of its input that a channel follows.
 
         Its system (`channel`) is driven by this derivative.
         """
-        direct = found.D[:, self._outputs.index(target.output), self._inputs.index(target.input)]
+        direct = matrices.D[:, self._outputs.index(target.output), self._inputs.index(target.input)]
         return int(np.flatnonzero(direct).max(initial=0))
 
-    def response(self, found: Matrices, target: Target, omega: Array) -> ComplexArray:
+    def response(self, matrices: Matrices, target: Target, omega: Array) -> ComplexArray:
         """Return the response of a target's channel at frequencies (L), infinite at an undamped pole."""
-        system, factor = self.channel(found, target), (1j * omega) ** self.derivative(found, target)
+        system, factor = self.channel(matrices, target), (1j * omega) ** self.derivative(matrices, target)
         try:
             return norms.response(system, omega) * factor
         except np.linalg.LinAlgError:
             if len(omega) == 1:
                 return np.array([complex(math.inf)])
-            return np.concatenate([self.response(found, target, part) for part in np.array_split(omega, 2)])
+            return np.concatenate(
+                [self.response(matrices, target, block) for block in np.array_split(omega, 2)]
+            )
 
     def at(self, eta: Array) -> Evaluation:
         """Evaluate all targets; where the equations have no solution, all are infinite."""
         p = len(self._names)
         try:
-            found = self.matrices(eta)
+            matrices = self.matrices(eta)
         except NumericalError as error:
             rows = sum(map(residual_count, self.design.roots))
             empty = Norm(np.zeros(0), np.zeros((0, p)), why=error.problem)
@@ -256,75 +264,75 @@ class DesignFunctions:
                 (None,) * len(self.design.roots),
                 (empty,) * len(self.design.criteria),
             )
-        reached = self._roots(found)
+        reached = self._roots(matrices)
         residuals, jacobian = [np.zeros(0)], [np.zeros((0, p))]
-        for target, one in zip(self.design.roots, reached, strict=True):
+        for target, root in zip(self.design.roots, reached, strict=True):
             count = residual_count(target)
-            residuals.append(np.full(count, np.inf) if one is None else one.residuals)
-            usable = one is not None and bool(np.isfinite(one.slopes).all())
-            jacobian.append(one.slopes if one is not None and usable else np.zeros((count, p)))
+            residuals.append(np.full(count, np.inf) if root is None else root.residuals)
+            usable = root is not None and bool(np.isfinite(root.slopes).all())
+            jacobian.append(root.slopes if root is not None and usable else np.zeros((count, p)))
         return Evaluation(
             eta,
             np.concatenate(residuals),
             np.concatenate(jacobian),
             tuple(reached),
-            tuple(self._norm(found, one) for one in self.design.criteria),
+            tuple(self._norm(matrices, criterion) for criterion in self.design.criteria),
         )
 
-    def _roots(self, found: Matrices) -> list[Reached | None]:
+    def _roots(self, matrices: Matrices) -> list[Reached | None]:
         """Return the nearest root of every target."""
         groups: dict[tuple[str, object, str], list[int]] = {}
-        for place, one in enumerate(self.design.roots):
-            groups.setdefault((one.kind, one.output, one.input), []).append(place)
+        for index, target in enumerate(self.design.roots):
+            groups.setdefault((target.kind, target.output, target.input), []).append(index)
         reached: list[Reached | None] = [None] * len(self.design.roots)
         for places in groups.values():
-            own = [self.design.roots[place] for place in places]
-            values, slopes = self.channel_roots(found, own[0])
-            for place, found_root in zip(places, nearest(own, values, slopes), strict=True):
-                reached[place] = found_root
+            targets = [self.design.roots[index] for index in places]
+            values, slopes = self.channel_roots(matrices, targets[0])
+            for index, found_root in zip(places, nearest(targets, values, slopes), strict=True):
+                reached[index] = found_root
         return reached
 
-    def channel_roots(self, found: Matrices, target: RootTarget) -> tuple[ComplexArray, ComplexArray]:
+    def channel_roots(self, matrices: Matrices, target: RootTarget) -> tuple[ComplexArray, ComplexArray]:
         """Return the zeros or poles of a channel (m) without hidden modes, and their derivatives (m x p)."""
-        wanted = target.kind == "pole"
-        roots = poles(found.A, found.A_slopes) if wanted else zeros(self.channel(found, target))
+        is_pole = target.kind == "pole"
+        roots = poles(matrices.A, matrices.A_slopes) if is_pole else zeros(self.channel(matrices, target))
         if roots is None:
             return np.zeros(0, dtype=complex), np.zeros((0, len(self._names)), dtype=complex)
-        proper = found._replace(D=found.D[:1], D_slopes=found.D_slopes[:, :1])
-        known = norms.modes(self.channel(proper, target))
+        proper = matrices._replace(D=matrices.D[:1], D_slopes=matrices.D_slopes[:, :1])
+        modes = norms.modes(self.channel(proper, target))
         kept = np.ones(len(roots.values), dtype=bool)
-        for value in known.values[known.hidden]:
+        for value in modes.values[modes.hidden]:
             away = np.where(kept, np.abs(roots.values - value), np.inf)
             if len(away) and np.isfinite(away).any():
                 kept[int(np.argmin(away))] = False
         return roots.values[kept], roots.slopes[kept]
 
-    def _norm(self, found: Matrices, one: Criterion) -> Norm:
+    def _norm(self, matrices: Matrices, criterion: Criterion) -> Norm:
         p = len(self._names)
-        system, channel_poles = norms.without_hidden(self.channel(found, one))
-        if why := self._without_norm(found, one, system, channel_poles):
+        system, channel_poles = norms.without_hidden(self.channel(matrices, criterion))
+        if why := self._without_norm(matrices, criterion, system, channel_poles):
             return Norm(np.zeros(0), np.zeros((0, p)), why=why)
-        if one.kind == "h2":
+        if criterion.kind == "h2":
             value, slopes = norms.h2_norm(system)
             return Norm(np.array([value]), slopes[None], system)
-        maxima = norms.maxima(system, channel_poles, one.low, one.high)
+        maxima = norms.maxima(system, channel_poles, criterion.low, criterion.high)
         return Norm(maxima.magnitude, maxima.slopes, system, maxima)
 
     def _without_norm(
-        self, found: Matrices, one: Criterion, system: ParametricSystem, channel_poles: ComplexArray
+        self, matrices: Matrices, criterion: Criterion, system: ParametricSystem, channel_poles: ComplexArray
     ) -> str:
         """Return the reason why a channel has no finite norm; empty where it has."""
-        name = f"{one.output}/{one.input}"
-        if self.derivative(found, one):
+        name = f"{criterion.output}/{criterion.input}"
+        if self.derivative(matrices, criterion):
             return f"{name} follows a derivative of its input: its response grows without limit"
-        if one.kind == "h2" and system.d:
+        if criterion.kind == "h2" and system.d:
             return f"{name} follows its input directly (gain {system.d:.4g}): its H2 norm is infinite"
         size = float(np.linalg.norm(system.A)) or 1.0
         channel_poles = np.where(np.abs(channel_poles) <= _ORIGIN * size, 0.0, channel_poles)
         axis = norms.on_axis(channel_poles, size)
         at = np.abs(channel_poles.imag)
-        within = axis & (at >= one.low * (1 - 1e-9)) & (at <= one.high * (1 + 1e-9))
-        bad = within if one.kind == "peak" else axis
+        within = axis & (at >= criterion.low * (1 - 1e-9)) & (at <= criterion.high * (1 + 1e-9))
+        bad = within if criterion.kind == "peak" else axis
         right = (channel_poles.real > 0) & ~axis
         if right.any():
             return f"{name} is unstable: {_pole_text(channel_poles[right][0])} in the right half-plane"
@@ -332,29 +340,29 @@ class DesignFunctions:
             return f"{name} is not stable: {_pole_text(channel_poles[bad][0])} on the imaginary axis"
         return ""
 
-    def with_frequencies(self, here: Evaluation, other: Evaluation) -> Evaluation:
+    def with_frequencies(self, here: Evaluation, candidate: Evaluation) -> Evaluation:
         """Return an evaluation with further pieces of its norms: the magnitudes where another's maxima are.
 
         They are not above the norms. Each is a smooth function of the parameters, at a fixed frequency.
         """
-        pairs = zip(here.norms, other.norms, strict=True)
-        return replace(here, norms=tuple(_with_frequencies(one, beside) for one, beside in pairs))
+        pairs = zip(here.norms, candidate.norms, strict=True)
+        return replace(here, norms=tuple(_with_frequencies(norm, further) for norm, further in pairs))
 
     def gradients(self, eta: Array, near: Evaluation) -> tuple[Array, list[Array]]:
         """Return the derivatives of the residuals and of the pieces of every norm, at a point nearby.
 
         The pieces are those of the evaluation: its maxima are followed.
         """
-        found = self.matrices(eta)
+        matrices = self.matrices(eta)
         jacobian = [np.zeros((0, len(eta)))]
-        for target, known, one in zip(self.design.roots, near.reached, self._roots(found), strict=True):
-            lost = one is None or known is None or not np.isfinite(one.slopes).all()
+        for target, reached, root in zip(self.design.roots, near.reached, self._roots(matrices), strict=True):
+            lost = root is None or reached is None or not np.isfinite(root.slopes).all()
             jacobian.append(
-                np.zeros((residual_count(target), len(eta))) if lost or one is None else one.slopes
+                np.zeros((residual_count(target), len(eta))) if lost or root is None else root.slopes
             )
         slopes = []
         for criterion, known_norm in zip(self.design.criteria, near.norms, strict=True):
-            system, _ = norms.without_hidden(self.channel(found, criterion))
+            system, _ = norms.without_hidden(self.channel(matrices, criterion))
             if known_norm.maxima is None:
                 slopes.append(norms.h2_norm(system)[1][None])
             else:
@@ -363,21 +371,21 @@ class DesignFunctions:
         return np.concatenate(jacobian), slopes
 
 
-def _with_frequencies(one: Norm, beside: Norm) -> Norm:
-    known, others = one.maxima, beside.maxima
-    if known is None or others is None or one.system is None:
-        return one
-    own, new = (each.omega[np.isfinite(each.omega)] for each in (known, others))
-    distance = np.abs(new[:, None] - own).min(axis=1, initial=np.inf)
+def _with_frequencies(norm: Norm, further: Norm) -> Norm:
+    maxima, others = norm.maxima, further.maxima
+    if maxima is None or others is None or norm.system is None:
+        return norm
+    at, new = (set_of_maxima.omega[np.isfinite(set_of_maxima.omega)] for set_of_maxima in (maxima, others))
+    distance = np.abs(new[:, None] - at).min(axis=1, initial=np.inf)
     new = new[distance > _SAME_FREQUENCY * new]
-    values, slopes = norms.at_frequencies(one.system, new)
-    every = norms.Maxima(
-        np.append(known.omega, new),
-        np.append(known.magnitude, values),
-        np.concatenate([known.slopes, slopes]),
-        known.fixed + len(new),
+    values, slopes = norms.at_frequencies(norm.system, new)
+    joined = norms.Maxima(
+        np.append(maxima.omega, new),
+        np.append(maxima.magnitude, values),
+        np.concatenate([maxima.slopes, slopes]),
+        maxima.fixed + len(new),
     )
-    return Norm(every.magnitude, every.slopes, one.system, every)
+    return Norm(joined.magnitude, joined.slopes, norm.system, joined)
 
 
 def _pole_text(value: complex) -> str:

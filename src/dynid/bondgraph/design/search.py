@@ -89,16 +89,16 @@ def meet_roots(functions: DesignFunctions, start: Array) -> Evaluation:
         return here
     low, high = functions.low, functions.high
     free = high > low
-    known: dict[bytes, Evaluation] = {}
+    evaluations: dict[bytes, Evaluation] = {}
     if not free.any():
         return here
 
     def at(x: Array) -> Evaluation:
         eta = start.copy()
         eta[free] = x
-        if (key := eta.tobytes()) not in known:
-            known[key] = functions.at(eta)
-        return known[key]
+        if (key := eta.tobytes()) not in evaluations:
+            evaluations[key] = functions.at(eta)
+        return evaluations[key]
 
     def residuals(x: Array) -> Array:
         return at(x).residuals
@@ -185,19 +185,19 @@ class _Search:
     def __init__(self, functions: DesignFunctions, start: Evaluation) -> None:
         self.functions = functions
         self.low, self.high = functions.low, functions.high
-        self.weights = np.array([one.weight for one in functions.design.criteria])
-        size = float(self.weights @ np.array([one.value for one in start.norms]))
+        self.weights = np.array([criterion.weight for criterion in functions.design.criteria])
+        size = float(self.weights @ np.array([norm.value for norm in start.norms]))
         self.scale = 1 / size if size > 0 else 1.0
 
     def objective(self, at: Evaluation) -> float:
-        return float(self.weights @ np.array([one.value for one in at.norms]))
+        return float(self.weights @ np.array([norm.value for norm in at.norms]))
 
     def problem(self, at: Evaluation) -> _Problem:
         factors = self.scale * self.weights
         return _Problem(
-            np.concatenate([factor * one.values for factor, one in zip(factors, at.norms, strict=True)]),
-            np.concatenate([factor * one.slopes for factor, one in zip(factors, at.norms, strict=True)]),
-            np.concatenate([np.full(len(one.values), k) for k, one in enumerate(at.norms)]),
+            np.concatenate([factor * norm.values for factor, norm in zip(factors, at.norms, strict=True)]),
+            np.concatenate([factor * norm.slopes for factor, norm in zip(factors, at.norms, strict=True)]),
+            np.concatenate([np.full(len(norm.values), k) for k, norm in enumerate(at.norms)]),
             at.residuals,
             at.jacobian,
         )
@@ -213,7 +213,7 @@ class _Search:
                 eta = at.eta.copy()
                 eta[k] += side * _WIDTH
                 jacobian, slopes = self.functions.gradients(eta, at)
-                pieces = np.concatenate([f * one for f, one in zip(factors, slopes, strict=True)])
+                pieces = np.concatenate([f * slope for f, slope in zip(factors, slopes, strict=True)])
                 gradients.append(multipliers.pieces @ pieces + multipliers.roots @ jacobian)
             rows[k] = (gradients[0] - gradients[1]) / (2 * _WIDTH)
         return np.asarray((rows + rows.T) / 2)
@@ -224,29 +224,29 @@ class _Search:
         multipliers: _Multipliers | None = None
         for _ in range(_PROGRAMS):
             now = self.problem(here)
-            known = multipliers or self._guess(now)
-            if len(known.pieces) != len(now.values):
-                known = self._guess(now)
+            guess = multipliers or self._guess(now)
+            if len(guess.pieces) != len(now.values):
+                guess = self._guess(now)
             try:
-                B = _convex(self.hessian(here, known))
+                B = _convex(self.hessian(here, guess))
             except NumericalError:
                 B = np.eye(len(here.eta))
             accepted, seen = False, here
             while radius > 1e-7:
-                step, found, predicted = self._step(now, here.eta, B, radius, penalty)
+                step, found_multipliers, predicted = self._step(now, here.eta, B, radius, penalty)
                 if predicted < -_PREDICTED:  # the program was not solved: standing still is better
                     radius *= 0.3
                     continue
                 if predicted <= _PREDICTED:
                     return here
                 trial = self.functions.at(np.clip(here.eta + step, self.low, self.high))
-                penalty = max(penalty, 2 * float(np.abs(found.roots).max(initial=0.0)))
+                penalty = max(penalty, 2 * float(np.abs(found_multipliers.roots).max(initial=0.0)))
                 gained = self._merit(here, penalty) - self._merit(trial, penalty)
                 if gained >= 0.1 * predicted:
                     far = float(np.abs(step).max()) >= 0.99 * radius
                     radius = min(2 * radius, 2.0) if gained >= 0.75 * predicted and far else radius
-                    same = seen is here and len(found.pieces) == _pieces(trial)
-                    multipliers = found if same else None
+                    same = seen is here and len(found_multipliers.pieces) == _pieces(trial)
+                    multipliers = found_multipliers if same else None
                     here, accepted = trial, True
                     break
                 radius = 0.3 * min(radius, float(np.abs(step).max()))
@@ -336,22 +336,24 @@ class _Search:
         guess = self._step(now, here.eta, np.eye(len(here.eta)), 1e-3, 1e3)[1]
         active = guess.pieces > _ACTIVE * guess.pieces.max()
         for i in range(int(now.owner.max()) + 1):  # each norm has one at least
-            own = np.flatnonzero(now.owner == i)
-            active[own[np.argmax(now.values[own])]] = True
+            of_norm = np.flatnonzero(now.owner == i)
+            active[of_norm[np.argmax(now.values[of_norm])]] = True
         at_low, at_high = here.eta <= self.low, here.eta >= self.high
         free = ~(at_low | at_high)
         pieces = np.flatnonzero(active)
         rows, c = self._equations(now, pieces)
-        gradient, found = self._multipliers(now, pieces, rows, free)
-        sizes = np.abs(found.pieces) @ np.abs(now.slopes) + np.abs(found.roots) @ np.abs(now.jacobian)
+        gradient, multipliers_now = self._multipliers(now, pieces, rows, free)
+        sizes = np.abs(multipliers_now.pieces) @ np.abs(now.slopes) + np.abs(multipliers_now.roots) @ np.abs(
+            now.jacobian
+        )
         size = max(float(sizes.max(initial=0.0)), float(now.tops.sum()))
         stationarity = float(np.abs(gradient[free]).max(initial=0.0)) / size
-        signs = found.pieces[pieces].min(initial=0.0) >= -1e-7
+        signs = multipliers_now.pieces[pieces].min(initial=0.0) >= -1e-7
         held = (gradient[at_low] >= -STATIONARY * size).all() and (
             gradient[at_high] <= STATIONARY * size
         ).all()
         try:
-            B = self.hessian(here, found)[np.ix_(free, free)]
+            B = self.hessian(here, multipliers_now)[np.ix_(free, free)]
         except NumericalError:
             return here, Conditions(stationarity, np.nan, len(pieces), verified=False), None
         curvature = _reduced_curvature(B, rows[:, free])
@@ -392,22 +394,22 @@ class _Search:
         """Return the gradient of the Lagrangian, and the multipliers for which it is least."""
         first = np.array([pieces[now.owner[pieces] == i][0] for i in range(int(now.owner.max()) + 1)])
         plain = now.slopes[first].sum(axis=0)
-        found = (
+        solution = (
             np.linalg.lstsq(rows[:, free].T, -plain[free], 1e-12)[0] if free.any() else np.zeros(len(rows))
         )
         weights = np.zeros(len(now.values))
         weights[first] = 1.0
-        place = len(now.residuals)
+        index = len(now.residuals)
         for i, lead in enumerate(first):
-            for other in pieces[now.owner[pieces] == i][1:]:
-                weights[other] += found[place]
-                weights[lead] -= found[place]
-                place += 1
-        return plain + found @ rows, _Multipliers(weights, found[: len(now.residuals)])
+            for piece in pieces[now.owner[pieces] == i][1:]:
+                weights[piece] += solution[index]
+                weights[lead] -= solution[index]
+                index += 1
+        return plain + solution @ rows, _Multipliers(weights, solution[: len(now.residuals)])
 
 
 def _pieces(at: Evaluation) -> int:
-    return sum(len(one.values) for one in at.norms)
+    return sum(len(norm.values) for norm in at.norms)
 
 
 def _size(step: Array | None) -> float:

@@ -62,7 +62,7 @@ class Designed:
     @property
     def values(self) -> dict[str, float]:
         """The designed values of the free parameters."""
-        names = [one.name for one in self.functions.design.free]
+        names = [parameter.name for parameter in self.functions.design.free]
         values = self.functions.coordinates.values(self.solution.found.eta)
         return dict(zip(names, values.tolist(), strict=True))
 
@@ -80,7 +80,7 @@ def solve(design: Design) -> Designed:
     starts = [coordinates.start, *coordinates.drawn(design.starts - 1, design.seed)]
     evaluations = [functions.at(eta) for eta in starts[: max(2, min(_PROBES, len(starts)))]]
     idle = without_influence(functions, evaluations)
-    kept = np.array([one.name in idle for one in design.free])
+    kept = np.array([parameter.name in idle for parameter in design.free])
     starts = [np.where(kept, coordinates.start, eta) for eta in starts]
     if kept.any():
         functions.low[kept] = functions.high[kept] = coordinates.start[kept]
@@ -95,9 +95,9 @@ def solve(design: Design) -> Designed:
             ends.append(minimise(functions, here))
         else:
             ends.append(Solution(here, 0.0, met=True))
-    met = [one for one in ends if one.met]
+    met = [solution for solution in ends if solution.met]
     if not met:
-        missed += [one.found for one in ends]
+        missed += [solution.found for solution in ends]
         raise no_norm(functions, refused) if refused else unreachable(functions, missed, idle)
     optima = _optima(coordinates.start, met)
     best = optima[0].solution
@@ -111,31 +111,31 @@ def _optima(start: Array, met: list[Solution]) -> list[Optimum]:
 
     Where the targets leave freedom and nothing is minimised, every start ends elsewhere: the nearest counts.
     """
-    least = min(one.objective for one in met)
+    lowest = min(solution.objective for solution in met)
 
-    def rank(one: Solution) -> tuple[int, bool, float]:
-        behind = round((one.objective - least) / (_EQUAL * abs(least))) if least else 0
-        unsure = one.conditions is not None and not one.conditions.verified
-        return behind, unsure, float(np.linalg.norm(one.found.eta - start))
+    def rank(solution: Solution) -> tuple[int, bool, float]:
+        behind = round((solution.objective - lowest) / (_EQUAL * abs(lowest))) if lowest else 0
+        unsure = solution.conditions is not None and not solution.conditions.verified
+        return behind, unsure, float(np.linalg.norm(solution.found.eta - start))
 
     best, *others = sorted(met, key=rank)
     optima = [Optimum(best, 1)]
-    for one in others:
-        same = next((k for k, other in enumerate(optima) if _is_same(one, other.solution)), None)
+    for solution in others:
+        same = next((k for k, optimum in enumerate(optima) if _is_same(solution, optimum.solution)), None)
         if same is not None:
             optima[same] = Optimum(optima[same].solution, optima[same].count + 1)
-        elif one.conditions.verified if one.conditions is not None else _is_isolated(one):
-            optima.append(Optimum(one, 1))
+        elif solution.conditions.verified if solution.conditions is not None else _is_isolated(solution):
+            optima.append(Optimum(solution, 1))
     return optima
 
 
-def _is_same(one: Solution, other: Solution) -> bool:
-    return bool(np.abs(one.found.eta - other.found.eta).max() <= _SAME)
+def _is_same(a: Solution, b: Solution) -> bool:
+    return bool(np.abs(a.found.eta - b.found.eta).max() <= _SAME)
 
 
-def _is_isolated(one: Solution) -> bool:
+def _is_isolated(solution: Solution) -> bool:
     """Return True if the targets leave no freedom at a solution."""
-    jacobian = one.found.jacobian
+    jacobian = solution.found.jacobian
     used = np.abs(jacobian).max(axis=0) > 0
     return bool(np.linalg.matrix_rank(jacobian, 1e-9 * np.abs(jacobian).max()) == np.count_nonzero(used))
 
@@ -151,25 +151,28 @@ _AWAY = 1e3
 def without_influence(functions: DesignFunctions, evaluations: Sequence[Evaluation]) -> tuple[str, ...]:
     """Return the free parameters that no target depends on, by derivatives at several points."""
     free = functions.design.free
-    usable = [one for one in evaluations if one.exists]
-    blocks = [np.concatenate([one.jacobian, *(norm.slopes for norm in one.norms)]) for one in usable]
-    found = []
+    usable = [evaluation for evaluation in evaluations if evaluation.exists]
+    blocks = [
+        np.concatenate([evaluation.jacobian, *(norm.slopes for norm in evaluation.norms)])
+        for evaluation in usable
+    ]
+    idle = []
     for k, parameter in enumerate(free):
         still = all(
             (np.abs(rows[:, k]) <= _NOTHING * np.abs(rows).max(axis=1, initial=0.0)).all() for rows in blocks
         )
         if parameter.name not in functions.reached or (len(blocks) > 1 and still):
-            found.append(parameter.name)
-    return tuple(found)
+            idle.append(parameter.name)
+    return tuple(idle)
 
 
 def unreachable(functions: DesignFunctions, missed: Sequence[Evaluation], idle: Sequence[str]) -> Unreachable:
     """Return the error of wanted roots that no start reaches, with the reason."""
     design = functions.design
-    usable = [one for one in missed if np.isfinite(one.residuals).all()]
+    usable = [evaluation for evaluation in missed if np.isfinite(evaluation.residuals).all()]
     if not usable:
         return _missing_roots(functions, missed)
-    best = min(usable, key=lambda one: float(np.linalg.norm(one.residuals)))
+    best = min(usable, key=lambda evaluation: float(np.linalg.norm(evaluation.residuals)))
     places = _rows(design)
     off = [k for k, rows in enumerate(places) if np.abs(best.residuals[rows]).max() > MET]
     target, reached = design.roots[off[0]], best.reached[off[0]]
@@ -181,7 +184,9 @@ def unreachable(functions: DesignFunctions, missed: Sequence[Evaluation], idle: 
         return _error(design, target, f"{fixed}; {nearest}", "Free another parameter that moves it.")
     limits = list(_limits(functions, best))
     values = functions.coordinates.values(best.eta)
-    at = ", ".join(f"{one.name} = {value:.6g}" for one, value in zip(design.free, values, strict=True))
+    at = ", ".join(
+        f"{parameter.name} = {value:.6g}" for parameter, value in zip(design.free, values, strict=True)
+    )
     if limits:
         needed = _needed(functions, best)
         reason = f"{' and '.join(limits)}; there {there} is reached{needed}"
@@ -204,8 +209,8 @@ def unreachable(functions: DesignFunctions, missed: Sequence[Evaluation], idle: 
 def no_norm(functions: DesignFunctions, refused: Sequence[Evaluation]) -> Unreachable:
     """Return the error of norms that are infinite at every start."""
     design = functions.design
-    place, why = next((k, one.why) for k, one in enumerate(refused[0].norms) if one.why)
-    target = design.criteria[place]
+    index, why = next((k, norm.why) for k, norm in enumerate(refused[0].norms) if norm.why)
+    target = design.criteria[index]
     everywhere = f" (so at all {len(refused)} starts)" if len(refused) > 1 else ""
     return Unreachable(
         f"the {target} cannot be minimised: {why}{everywhere}",
@@ -220,20 +225,20 @@ def no_minimum(functions: DesignFunctions, best: Solution) -> Unreachable | None
     if best.conditions is None:
         return None
     values = coordinates.values(best.found.eta)
-    for k, one in enumerate(design.free):
+    for k, parameter in enumerate(design.free):
         away = best.found.eta[k] - coordinates.start[k]
-        factor = np.exp(abs(away)) if one.logarithmic else abs(away)
-        limit = one.high if away > 0 else one.low
-        open_end = limit is None or (one.logarithmic and limit <= 0)
+        factor = np.exp(abs(away)) if parameter.logarithmic else abs(away)
+        limit = parameter.high if away > 0 else parameter.low
+        open_end = limit is None or (parameter.logarithmic and limit <= 0)
         at_end = min(best.found.eta[k] - functions.low[k], functions.high[k] - best.found.eta[k]) < _AT_LIMIT
         if open_end and (at_end or (factor > _AWAY and not best.conditions.verified)):
-            way, key = ("grows", "max") if values[k] > one.start else ("falls", "min")
+            way, key = ("grows", "max") if values[k] > parameter.start else ("falls", "min")
             target = design.criteria[0]
             return Unreachable(
                 f"the {target} has no minimum: it still falls, at {best.found.norms[0].value:.6g}, as "
-                f"{one.name} {way} to {values[k]:.3g}",
-                remedy=f"Give {one.name} a limit: `{key}`.",
-                names=(f"design.free.{one.name}", _name(design, target)),
+                f"{parameter.name} {way} to {values[k]:.3g}",
+                remedy=f"Give {parameter.name} a limit: `{key}`.",
+                names=(f"design.free.{parameter.name}", _name(design, target)),
             )
     return None
 
@@ -245,8 +250,8 @@ def _rows(design: Design) -> list[slice]:
 
 
 def _name(design: Design, target: Target) -> str:
-    place = next(k for k, one in enumerate(design.targets) if one is target)
-    return f"design.targets.{place}"
+    index = next(k for k, candidate in enumerate(design.targets) if candidate is target)
+    return f"design.targets.{index}"
 
 
 def _error(design: Design, target: RootTarget, reason: str, remedy: str) -> Unreachable:
@@ -259,8 +264,8 @@ def _missing_roots(functions: DesignFunctions, missed: Sequence[Evaluation]) -> 
     """Return the error of a target for which the channel has no roots at any start."""
     design = functions.design
     reached = missed[0].reached
-    place = next((k for k, one in enumerate(reached) if one is None), 0)
-    target = design.roots[place]
+    index = next((k for k, root in enumerate(reached) if root is None), 0)
+    target = design.roots[index]
     try:
         values, _ = functions.channel_roots(functions.matrices(missed[0].eta), target)
     except NumericalError as error:
@@ -268,7 +273,10 @@ def _missing_roots(functions: DesignFunctions, missed: Sequence[Evaluation]) -> 
     if not len(values):
         return _error(design, target, f"{target.channel} has no {target.kind}s", "Choose another channel.")
     what = "real" if target.damping is not None and abs(target.damping) == 1 else "oscillating"
-    fewer = sum(one.kind == target.kind and one.channel == target.channel for one in design.roots)
+    fewer = sum(
+        root_target.kind == target.kind and root_target.channel == target.channel
+        for root_target in design.roots
+    )
     text = f"no {what} {target.kind}s" if fewer == 1 else f"fewer {what} {target.kind}s than targets"
     reason = f"{target.channel} has {text} at any of {counted(len(missed), 'start')}"
     return _error(design, target, reason, "Start elsewhere, or choose another target.")
@@ -282,15 +290,15 @@ def _fixed_part(
     evaluations: Sequence[Evaluation],
 ) -> str:
     """Return what of a root does not depend on the free parameters; empty where all that is missed does."""
-    names = ", ".join(one.name for one in functions.design.free)
-    slopes = np.stack([one.jacobian[rows] for one in evaluations])
+    names = ", ".join(parameter.name for parameter in functions.design.free)
+    slopes = np.stack([evaluation.jacobian[rows] for evaluation in evaluations])
     still = np.asarray((np.abs(slopes) <= _NOTHING).all(axis=(0, 2)))
     if still.all():
         return f"the {target.kind}s of {target.channel} do not depend on {names}"
     missed = np.abs(reached.residuals) > MET
-    for part, (fixed, off) in enumerate(zip(still, np.atleast_1d(missed), strict=True)):
+    for quantity, (fixed, off) in enumerate(zip(still, np.atleast_1d(missed), strict=True)):
         if fixed and off:
-            what = ("natural frequency", "damping ratio")[part]
+            what = ("natural frequency", "damping ratio")[quantity]
             return f"the {what} of this {target.kind} does not depend on {names}"
     return ""
 
@@ -300,26 +308,30 @@ def _limits(functions: DesignFunctions, best: Evaluation) -> Iterator[str]:
     coordinates = functions.coordinates
     gradient = best.jacobian.T @ best.residuals
     size = np.abs(best.jacobian).max(initial=0.0) * np.linalg.norm(best.residuals)
-    for k, one in enumerate(functions.design.free):
+    for k, parameter in enumerate(functions.design.free):
         for key, limit, edge, way in (
-            ("min", one.low, functions.low[k], 1),
-            ("max", one.high, functions.high[k], -1),
+            ("min", parameter.low, functions.low[k], 1),
+            ("max", parameter.high, functions.high[k], -1),
         ):
             at = abs(best.eta[k] - edge) <= _AT_LIMIT * (1 + abs(edge))
             if at and way * gradient[k] > _NOTHING * size:
                 value = coordinates.values(best.eta)[k]
                 runs = f"{'falls' if way > 0 else 'grows'} to"
-                yield f"{one.name} {runs if limit is None else f'is at its {key},'} {value:.6g}"
+                yield f"{parameter.name} {runs if limit is None else f'is at its {key},'} {value:.6g}"
 
 
 def _needed(functions: DesignFunctions, best: Evaluation) -> str:
     """Return the values that reach the targets without limits, in words; empty where none do."""
     design = functions.design
-    open_ended = replace(design, free=tuple(replace(one, low=None, high=None) for one in design.free))
+    open_ended = replace(
+        design, free=tuple(replace(parameter, low=None, high=None) for parameter in design.free)
+    )
     free = DesignFunctions(open_ended)
-    found = meet_roots(free, np.clip(best.eta, free.low, free.high))
-    if not np.abs(found.residuals).max() <= MET:
+    evaluation = meet_roots(free, np.clip(best.eta, free.low, free.high))
+    if not np.abs(evaluation.residuals).max() <= MET:
         return ""
-    values = free.coordinates.values(found.eta)
-    text = ", ".join(f"{one.name} = {value:.6g}" for one, value in zip(design.free, values, strict=True))
+    values = free.coordinates.values(evaluation.eta)
+    text = ", ".join(
+        f"{parameter.name} = {value:.6g}" for parameter, value in zip(design.free, values, strict=True)
+    )
     return f"; without limits it needs {text}"

@@ -141,19 +141,19 @@ class RootDiscs:
         if not parts:
             return cls.none()
         return cls(
-            np.concatenate([part.centre for part in parts]),
-            np.concatenate([part.radius for part in parts]),
-            np.concatenate([part.residual for part in parts]),
+            np.concatenate([discs.centre for discs in parts]),
+            np.concatenate([discs.radius for discs in parts]),
+            np.concatenate([discs.residual for discs in parts]),
         )
 
     def where(self, mask: NDArray[np.bool_]) -> RootDiscs:
         """Return some of them."""
         return RootDiscs(self.centre[mask], self.radius[mask], self.residual[mask])
 
-    def overlaps(self, other: RootDiscs) -> NDArray[np.bool_]:
+    def overlaps(self, discs: RootDiscs) -> NDArray[np.bool_]:
         """Return for every pair whether they may be one root, shape (len(self), len(other))."""
-        apart = np.abs(self.centre[:, None] - other.centre[None, :])
-        return apart <= self.radius[:, None] + other.radius[None, :]
+        apart = np.abs(self.centre[:, None] - discs.centre[None, :])
+        return apart <= self.radius[:, None] + discs.radius[None, :]
 
     def clusters(self) -> NDArray[np.int64]:
         """Return a number for every root: the same for those that overlap, also by way of others."""
@@ -232,7 +232,7 @@ def settled(discs: RootDiscs, counts: RootCounts, *, strict: bool = False) -> tu
         raise _undecided(
             f"which roots lie at the origin ({counts.at_origin} do)", discs.where(around | origin)
         )
-    found = [EstimatedRoot(0j, counts.at_origin, 0.0, 0, 0.0)] if counts.at_origin else []
+    roots = [EstimatedRoot(0j, counts.at_origin, 0.0, 0, 0.0)] if counts.at_origin else []
     rest = discs.where(~origin)
     labels = rest.clusters()
     order = np.argsort(labels, kind="stable")
@@ -251,17 +251,17 @@ def settled(discs: RootDiscs, counts: RootCounts, *, strict: bool = False) -> tu
         what = f"how often repeated roots are repeated ({powers})"
         raise _undecided(what, clustered if len(clustered) else rest)
     if not agree:
-        merged = [part for group in groups for part in _apart(rest, group)]
+        merged = [root for group in groups for root in _apart(rest, group)]
     sides = _sides(merged, counts.mirrored - counts.at_origin)
     if strict and None in sides:
         near = np.array([side is None for side in sides])
-        centre, radius = (np.array([part[k] for part in merged])[near] for k in (0, 2))
+        centre, radius = (np.array([root[k] for root in merged])[near] for k in (0, 2))
         raise _undecided("on which side of the imaginary axis roots lie", RootDiscs(centre, radius, radius))
-    found += [
+    roots += [
         EstimatedRoot(value, multiplicity, radius, side, residual)
         for (value, multiplicity, radius, residual), side in zip(merged, sides, strict=True)
     ]
-    return tuple(sorted(found, key=lambda root: (abs(root.value), root.value.real, root.value.imag)))
+    return tuple(sorted(roots, key=lambda root: (abs(root.value), root.value.real, root.value.imag)))
 
 
 _Part = tuple[complex, int, float, float]
@@ -270,23 +270,23 @@ _Part = tuple[complex, int, float, float]
 def _merged(discs: RootDiscs, group: NDArray[np.int64]) -> _Part:
     """Return roots that are one: their mean, real where they are closed under conjugation."""
     if len(group) == 1:
-        (one,) = group.tolist()
-        return complex(discs.centre[one]), 1, float(discs.radius[one]), float(discs.residual[one])
-    own = discs.centre[group]
-    centre = complex(own.mean())
-    if sorted(own.imag) == sorted(-own.imag):
+        (index,) = group.tolist()
+        return complex(discs.centre[index]), 1, float(discs.radius[index]), float(discs.residual[index])
+    centres = discs.centre[group]
+    centre = complex(centres.mean())
+    if sorted(centres.imag) == sorted(-centres.imag):
         centre = complex(centre.real, 0.0)
-    radius = float(np.max(np.abs(own - centre) + discs.radius[group]))
+    radius = float(np.max(np.abs(centres - centre) + discs.radius[group]))
     return centre, len(group), radius, float(discs.residual[group].max())
 
 
 def _apart(discs: RootDiscs, group: NDArray[np.int64]) -> list[_Part]:
     """Return roots whose enclosures cannot be separated: each may be any of them."""
-    own = discs.centre[group]
-    radius = [float(np.max(np.abs(own - value) + discs.radius[group])) for value in own]
+    centres = discs.centre[group]
+    radius = [float(np.max(np.abs(centres - value) + discs.radius[group])) for value in centres]
     return [
         (complex(value), 1, r, float(residual))
-        for value, r, residual in zip(own, radius, discs.residual[group], strict=True)
+        for value, r, residual in zip(centres, radius, discs.residual[group], strict=True)
     ]
 
 
@@ -300,7 +300,7 @@ def _sides(parts: list[_Part], mirrored: int) -> list[int | None]:
         -1 if value.real + radius < 0 else 1 if value.real - radius > 0 else None
         for value, _, radius, _ in parts
     ]
-    near = [part for part, side in zip(parts, sides, strict=True) if side is None]
+    near = [root for root, side in zip(parts, sides, strict=True) if side is None]
     if 1 in sides or sum(multiplicity for _, multiplicity, _, _ in near) != mirrored:
         return sides
     centre = np.array([value for value, _, _, _ in parts])

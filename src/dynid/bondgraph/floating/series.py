@@ -47,12 +47,14 @@ class LaurentSeries:
         self.start, self.coefficients, self.terms = start + leading, coefficients[leading:], terms
 
     def __add__(self, other: LaurentSeries) -> LaurentSeries:
-        one, later = (self, other) if self.start <= other.start else (other, self)
-        end = min(one._end, later._end, one.start + self.terms)
-        total = one.coefficients[: end - one.start]
-        for place, c in zip(range(later.start - one.start, len(total)), later.coefficients, strict=False):
-            total[place] = total[place] + c
-        return LaurentSeries(one.start, total, self.terms) if total else LaurentSeries(end, [], self.terms)
+        earlier, later = (self, other) if self.start <= other.start else (other, self)
+        end = min(earlier._end, later._end, earlier.start + self.terms)
+        total = earlier.coefficients[: end - earlier.start]
+        for index, c in zip(range(later.start - earlier.start, len(total)), later.coefficients, strict=False):
+            total[index] = total[index] + c
+        return (
+            LaurentSeries(earlier.start, total, self.terms) if total else LaurentSeries(end, [], self.terms)
+        )
 
     def __neg__(self) -> LaurentSeries:
         return LaurentSeries(self.start, [-c for c in self.coefficients], self.terms)
@@ -162,7 +164,7 @@ def _sharp(
     planned: GraphProgram,
     registers: Iterable[int],
     power: int,
-    known: Callable[[LaurentSeries], bool],
+    is_known: Callable[[LaurentSeries], bool],
     precisions: Sequence[int] = PRECISIONS,
 ) -> dict[int, LaurentSeries]:
     """Return the series of registers in t, s = t^power, with as many bits as their first terms take.
@@ -174,11 +176,11 @@ def _sharp(
     """
     from flint import ctx
 
-    wanted = list(registers)
-    _, terms = _expanded(planned, wanted, _residues(planned, power), known)
+    requested = list(registers)
+    _, terms = _expanded(planned, requested, _residues(planned, power), is_known)
     for precision in precisions:
         with ctx.workprec(precision):
-            run, _ = _expanded(planned, wanted, _certain(planned, power), known, terms)
+            run, _ = _expanded(planned, requested, _certain(planned, power), is_known, terms)
         if all(series.coefficients[0].is_sharp for series in run.values() if series.coefficients):
             return run
     raise NumericalError(
@@ -265,11 +267,11 @@ def _expanded(
     planned: GraphProgram,
     registers: Iterable[int],
     point: _Point,
-    known: Callable[[LaurentSeries], bool],
+    is_known: Callable[[LaurentSeries], bool],
     terms: int = _FIRST,
 ) -> tuple[dict[int, LaurentSeries], int]:
     """Return the series of registers, with as many terms as it takes to know them, and how many that is."""
-    wanted = list(registers)
+    requested = list(registers)
 
     def series(start: int, *coefficients: Any) -> LaurentSeries:
         return LaurentSeries(start, [*coefficients, *[point.field(0)] * (terms - len(coefficients))], terms)
@@ -278,8 +280,8 @@ def _expanded(
         values = {n: series(0, v) if v else LaurentSeries(_NEVER, [], terms) for n, v in point.values.items()}
         start, coefficients = point.laplace
         try:
-            run = planned.run(wanted, values, series(start, *coefficients), series(0, point.field(1)))
-            if all(map(known, run.values())):
+            run = planned.run(requested, values, series(start, *coefficients), series(0, point.field(1)))
+            if all(map(is_known, run.values())):
                 return run, terms
         except _TooFew:
             pass

@@ -80,11 +80,11 @@ def _certified(block: list[LinearForm]) -> RootDiscs | None:
     if not 1 < len(rates) <= _MOST_CERTIFIED:
         return None
     matrix = fmpq_mat(len(rates), len(rates))
-    place, field = {name: k for k, name in enumerate(rates)}, None
+    index_of, field = {name: k for k, name in enumerate(rates)}, None
     for name, form in rates.items():
         for symbol, value in form.items():
             field = getattr(value, "field", None)  # all are irrational, or none
-            matrix[place[name], place[symbol[1]]] = value if field is None else value.value
+            matrix[index_of[name], index_of[symbol[1]]] = value if field is None else value.value
     monic = matrix.charpoly()
     polynomial = monic.numer() if field is None else FieldPolynomial(field, monic)
     roots = [root for root in certified_roots(polynomial) for _ in range(root.multiplicity)]
@@ -95,7 +95,9 @@ def _certified(block: list[LinearForm]) -> RootDiscs | None:
 def first_values(equations: Sequence[LinearForm]) -> list[complex]:
     """Return the roots of the determinant of equations as the eigenvalues come, without any judgement."""
     states = [_states(block.forms) for block in irreducible_blocks(equations)]
-    return [complex(s) for one in states for s in (_eigenvalues(one) if len(one) > 1 else one.ravel())]
+    return [
+        complex(s) for matrix in states for s in (_eigenvalues(matrix) if len(matrix) > 1 else matrix.ravel())
+    ]
 
 
 def _states(block: list[LinearForm]) -> NDArray[np.float64]:
@@ -103,11 +105,11 @@ def _states(block: list[LinearForm]) -> NDArray[np.float64]:
     if len(block) == 1:
         return _state(block[0])
     rates, _ = solve(block, [])
-    place = {name: k for k, name in enumerate(rates)}
-    matrix = np.zeros((len(place), len(place)))
+    index_of = {name: k for k, name in enumerate(rates)}
+    matrix = np.zeros((len(index_of), len(index_of)))
     for name, form in rates.items():
         for symbol, value in form.items():
-            matrix[place[name], place[symbol[1]]] = _float(value)
+            matrix[index_of[name], index_of[symbol[1]]] = _float(value)
     finite("a coefficient of the state equations", matrix)
     return matrix
 
@@ -140,11 +142,11 @@ class _Pencil:
     """The equations of a block as a sparse matrix A + s E."""
 
     def __init__(self, block: list[LinearForm]) -> None:
-        place: dict[str, int] = {}
+        column_of: dict[str, int] = {}
         entries: dict[tuple[int, int], list[float]] = {}
         for row, form in enumerate(block):
             for symbol, value in form.items():
-                column = place.setdefault(symbol[1], len(place))
+                column = column_of.setdefault(symbol[1], len(column_of))
                 entries.setdefault((row, column), [0.0, 0.0])[symbol[0] == "dw"] = _float(value)
         self.size = len(block)
         keys = np.array(list(entries), dtype=np.int32)
@@ -255,7 +257,7 @@ class _Pencil:
         from scipy.sparse import csc_array
         from scipy.sparse.linalg import splu
 
-        for shift in (0.0, *(part * size for size in (reach, self.unit) for part in _SHIFTS)):
+        for shift in (0.0, *(share * size for size in (reach, self.unit) for share in _SHIFTS)):
             entries = (self.constant + (s + shift) * self.slope) * scale
             matrix = csc_array((entries, self.rows, self.starts_of), shape=(self.size, self.size))
             try:

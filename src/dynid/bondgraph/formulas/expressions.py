@@ -69,25 +69,29 @@ def print_sum(
         order = tuple(in_order(program, register, labels)) if whole_formula else (register,)
         named = {r: labels[r] for r in order if r in labels and not (spelled and r == register)}
         expressions.append(RegisterExpression(order, named))
-    if sum(len(one.order) for one in expressions) > _LONGEST or independent(program, expressions, nodes):
+    if sum(len(expression.order) for expression in expressions) > _LONGEST or independent(
+        program, expressions, nodes
+    ):
         return [_as_it_stands(program, expression, nodes, hand) for expression in expressions]
     ring = FormulaRing(program, expressions, nodes)
     try:
         summands: list[SumTerm] = []
         for expression in expressions:
-            whole = ring.part(expression)
-            if not whole.cancelled:
-                summands.append(SumTerm(whole, 1, expression))
+            quotient = ring.part(expression)
+            if not quotient.cancelled:
+                summands.append(SumTerm(quotient, 1, expression))
                 continue
             for sign, addend in _addends(program, expression):
-                part = ring.part(addend)
-                summands.append(SumTerm(part._replace(above=sign * part.above), sign, addend))
+                addend_quotient = ring.part(addend)
+                summands.append(
+                    SumTerm(addend_quotient._replace(above=sign * addend_quotient.above), sign, addend)
+                )
     except OverflowError:
         return [_as_it_stands(program, expression, nodes, hand) for expression in expressions]
     written: list[Printed] = []
-    for part, sign, single in combined(summands):
-        if single is None or part.cancelled:
-            written.append(ring.write(part, hand))
+    for addend_quotient, sign, single in combined(summands):
+        if single is None or addend_quotient.cancelled:
+            written.append(ring.write(addend_quotient, hand))
         else:
             term = _as_it_stands(program, single, nodes, hand)
             written.append(term if sign > 0 else hand.whole(hand.opposite(PrintedFraction(term))))
@@ -96,7 +100,7 @@ def print_sum(
 
 def _addends(program: Program, expression: RegisterExpression) -> list[tuple[int, RegisterExpression]]:
     """Split a sum into its terms, each with its sign."""
-    found: list[tuple[int, RegisterExpression]] = []
+    addends: list[tuple[int, RegisterExpression]] = []
     stack = [(1, expression.order[-1])]
     while stack:
         sign, register = stack.pop()
@@ -104,25 +108,25 @@ def _addends(program: Program, expression: RegisterExpression) -> list[tuple[int
         if op not in (Operation.ADD, Operation.SUB, Operation.NEG) or register in expression.named:
             order = tuple(in_order(program, register, expression.named))
             order = (register,) if register in expression.named else order
-            found.append((sign, RegisterExpression(order, expression.named)))
+            addends.append((sign, RegisterExpression(order, expression.named)))
         elif op is Operation.NEG:
             stack.append((-sign, a))
         else:
             stack += [(sign if op is Operation.ADD else -sign, b), (sign, a)]
-    return found
+    return addends
 
 
 def _as_it_stands(
     program: Program, expression: RegisterExpression, nodes: Mapping[str, Node], hand: FormulaPrinter
 ) -> Printed:
     """Write an expression as the program builds it."""
-    known: dict[Register, PrintedFraction] = {}
+    written: dict[Register, PrintedFraction] = {}
     for current in expression.order:
         if current in expression.named:
-            known[current] = PrintedFraction(hand.name(expression.named[current]))
+            written[current] = PrintedFraction(hand.name(expression.named[current]))
         else:
-            known[current] = _write(*program.ops[current], known, nodes, hand)
-    return hand.whole(known[expression.order[-1]])
+            written[current] = _write(*program.ops[current], written, nodes, hand)
+    return hand.whole(written[expression.order[-1]])
 
 
 def length(program: Program, register: Register, limit: int) -> int:
@@ -140,7 +144,9 @@ def in_order(program: Program, register: Register, stops: Container[Register]) -
     while stack:
         current = stack[-1]
         leaf = current != register and current in stops
-        missing = [] if leaf else [part for part in operands(*program.ops[current]) if part not in done]
+        missing = (
+            [] if leaf else [operand for operand in operands(*program.ops[current]) if operand not in done]
+        )
         if missing:
             stack += missing
             continue
@@ -154,7 +160,7 @@ def _write(
     op: Operation,
     a: int,
     b: int,
-    known: Mapping[int, PrintedFraction],
+    written: Mapping[int, PrintedFraction],
     nodes: Mapping[str, Node],
     hand: FormulaPrinter,
 ) -> PrintedFraction:
@@ -166,27 +172,27 @@ def _write(
         case Operation.LAPLACE:
             return PrintedFraction(hand.name("s"))
         case Operation.NEG:
-            return hand.opposite(known[a])
+            return hand.opposite(written[a])
         case Operation.ADD:
-            return PrintedFraction(hand.total(hand.whole(known[a]), hand.whole(known[b])))
+            return PrintedFraction(hand.total(hand.whole(written[a]), hand.whole(written[b])))
         case Operation.SUB:
-            return PrintedFraction(hand.difference(hand.whole(known[a]), hand.whole(known[b])))
+            return PrintedFraction(hand.difference(hand.whole(written[a]), hand.whole(written[b])))
         case Operation.MUL if a == b:
-            return hand.squared(known[a])
+            return hand.squared(written[a])
         case Operation.MUL:
-            return hand.times(known[a], known[b])
+            return hand.times(written[a], written[b])
         case Operation.DIV:
-            return hand.divided(known[a], known[b])
+            return hand.divided(written[a], written[b])
 
 
-def shared(program: Program, wanted: Collection[Register], longest: int) -> list[Register]:
+def shared(program: Program, registers: Collection[Register], longest: int) -> list[Register]:
     """Return the registers to name: the wanted ones, those used more than once, and long ones.
 
     Parameters
     ----------
     program
         Holds the registers.
-    wanted
+    registers
         What is to be written.
     longest
         Most operations of a formula before a part of it is named.
@@ -196,8 +202,8 @@ def shared(program: Program, wanted: Collection[Register], longest: int) -> list
     list
         Registers in the order of the program.
     """
-    behind = set(wanted)
-    for register in range(max(wanted, default=-1), -1, -1):
+    behind = set(registers)
+    for register in range(max(registers, default=-1), -1, -1):
         if register in behind:
             behind.update(operands(*program.ops[register]))
     order = sorted(behind)
@@ -212,16 +218,16 @@ def shared(program: Program, wanted: Collection[Register], longest: int) -> list
             size[register] = 1
             continue
         size[register] = 1 + sum(size[operand] for operand in operands(*program.ops[register]))
-        if register in wanted or uses[register] > 1 or size[register] > longest:
+        if register in registers or uses[register] > 1 or size[register] > longest:
             named.append(register)
             size[register] = 1
     return named
 
 
-def free_letter(taken: Collection[str], letter: str = "t") -> str:
+def free_letter(names: Collection[str], letter: str = "t") -> str:
     """Return a beginning of names that no node and no parameter has."""
     while any(
-        (name.startswith(letter) and name[len(letter) :].isdigit()) or name == letter for name in taken
+        (name.startswith(letter) and name[len(letter) :].isdigit()) or name == letter for name in names
     ):
         letter += "_"
     return letter

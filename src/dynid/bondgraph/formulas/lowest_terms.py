@@ -78,8 +78,10 @@ def _names(node: Node) -> list[str]:
     def leaf(item: Fraction | str) -> list[str]:
         return [item] if isinstance(item, str) else []
 
-    found: list[str] = node.formula.fold(leaf, lambda _, parts: [name for part in parts for name in part])
-    return found
+    names: list[str] = node.formula.fold(
+        leaf, lambda _, parts: [name for names_of_operand in parts for name in names_of_operand]
+    )
+    return names
 
 
 class FormulaRing:
@@ -107,7 +109,7 @@ class FormulaRing:
             for op, name, _ in (program.ops[register] for register in order if register not in named):
                 if op is Operation.PARAMETER:
                     names["value", name] = None
-                    names |= dict.fromkeys(("name", each) for each in _names(nodes[name]))
+                    names |= dict.fromkeys(("name", symbol) for symbol in _names(nodes[name]))
         self._keys = list(names)
         self._ring = fmpz_mpoly_ctx.get([f"x{index}" for index in range(len(names))], "lex")
         self.one = self._ring.constant(1)
@@ -121,22 +123,22 @@ class FormulaRing:
         OverflowError
             Where it has too many terms, or divides by zero.
         """
-        known: dict[Register, ReducedQuotient] = {}
+        quotients: dict[Register, ReducedQuotient] = {}
         cancelled = False
         for register in expression.order:
             label = expression.named.get(register)
-            part = (
+            quotient = (
                 ReducedQuotient(self._gens["label", label], self.one)
                 if label
-                else self._part(register, known)
+                else self._part(register, quotients)
             )
-            if max(len(part.above), len(part.below)) > _MOST:
+            if max(len(quotient.above), len(quotient.below)) > _MOST:
                 raise OverflowError
-            cancelled |= part.cancelled
-            known[register] = part
-        return known[expression.order[-1]]._replace(cancelled=cancelled)
+            cancelled |= quotient.cancelled
+            quotients[register] = quotient
+        return quotients[expression.order[-1]]._replace(cancelled=cancelled)
 
-    def _part(self, register: Register, known: Mapping[Register, ReducedQuotient]) -> ReducedQuotient:
+    def _part(self, register: Register, quotients: Mapping[Register, ReducedQuotient]) -> ReducedQuotient:
         op, a, b = self._program.ops[register]
         match op:
             case Operation.CONSTANT:
@@ -146,15 +148,15 @@ class FormulaRing:
             case Operation.LAPLACE:
                 return ReducedQuotient(self._gens["s", ""], self.one)
             case Operation.NEG:
-                return ReducedQuotient(-known[a].above, known[a].below)
+                return ReducedQuotient(-quotients[a].above, quotients[a].below)
             case Operation.ADD:
-                return added(known[a], known[b])
+                return added(quotients[a], quotients[b])
             case Operation.SUB:
-                return added(known[a], ReducedQuotient(-known[b].above, known[b].below))
+                return added(quotients[a], ReducedQuotient(-quotients[b].above, quotients[b].below))
             case Operation.MUL:
-                return multiplied(known[a], known[b], same=a == b)
+                return multiplied(quotients[a], quotients[b], same=a == b)
             case _:
-                return multiplied(known[a], ReducedQuotient(known[b].below, known[b].above))
+                return multiplied(quotients[a], ReducedQuotient(quotients[b].below, quotients[b].above))
 
     def _value(self, node: Node) -> ReducedQuotient:
         from dynid.bondgraph.formulas.symbolic import FormulaTooLong, SymbolicQuotient, apply
@@ -173,13 +175,16 @@ class FormulaRing:
         except (KeyError, FormulaTooLong, ZeroDivisionError):  # no short rational function
             return ReducedQuotient(self._gens["value", node.name], self.one)
 
-    def write(self, part: ReducedQuotient, hand: FormulaPrinter) -> Printed:
+    def write(self, quotient: ReducedQuotient, hand: FormulaPrinter) -> Printed:
         """Write a quotient in factors, its sign in front."""
-        if part.above == 0:
+        if quotient.above == 0:
             return hand.integer(0)
-        (sign, above), (other, below) = self._product(part.above, hand), self._product(part.below, hand)
-        whole = above if part.below in (1, -1) else hand.quotient(above, below)
-        return hand.negative(whole) if sign * other < 0 else whole
+        (sign, above), (sign_below, below) = (
+            self._product(quotient.above, hand),
+            self._product(quotient.below, hand),
+        )
+        written = above if quotient.below in (1, -1) else hand.quotient(above, below)
+        return hand.negative(written) if sign * sign_below < 0 else written
 
     def _product(self, polynomial: Any, hand: FormulaPrinter) -> tuple[int, Printed]:
         """Write a polynomial as a product, and return its sign apart."""
@@ -220,15 +225,15 @@ def combined(summands: list[SumTerm]) -> list[SumTerm]:
     left = list(summands)
     pair = next(iter(_cancelling(left)), None)
     while pair is not None:
-        one, other = pair
-        total = added(one.part, other.part)
-        left = [each for each in left if each is not one and each is not other]
+        first, second = pair
+        total = added(first.part, second.part)
+        left = [term for term in left if term is not first and term is not second]
         left += [SumTerm(total, 1, None)] if total.above != 0 else []
         pair = next(iter(_cancelling(left)), None)
     total = ReducedQuotient(summands[0].part.above * 0, summands[0].part.below ** 0)
     cancelled = False
-    for each in left:
-        total = added(total, each.part)
+    for term in left:
+        total = added(total, term.part)
         cancelled |= total.cancelled
     return [SumTerm(total, 1, None)] if cancelled else left
 
@@ -241,12 +246,12 @@ def added(a: ReducedQuotient, b: ReducedQuotient) -> ReducedQuotient:
     """Add quotients, and note whether terms combine or a factor of the denominator cancels."""
     shared = a.below.gcd(b.below)
     left, right = b.below // shared, a.below // shared
-    one, other = a.above * left, b.above * right
-    total, below = one + other, a.below * left
+    from_a, from_b = a.above * left, b.above * right
+    total, below = from_a + from_b, a.below * left
     if total == 0:
         return ReducedQuotient(total, below**0, cancelled=True)
     common = total.gcd(below)
-    fewer = len(total) < len(one) + len(other) and a.above != 0 and b.above != 0
+    fewer = len(total) < len(from_a) + len(from_b) and a.above != 0 and b.above != 0
     return ReducedQuotient(total // common, below // common, fewer or common != 1)
 
 

@@ -39,7 +39,7 @@ class SymbolicQuotient(FactoredQuotient):
         super().__init__(factors, sign)
         self.ring, self.limit = ring, limit
 
-    def _made(self, factors: Mapping[PolynomialFactor, int] | None, sign: int, other: Self) -> Self:  # noqa: ARG002
+    def _made(self, factors: Mapping[PolynomialFactor, int] | None, sign: int, operand: Self) -> Self:  # noqa: ARG002
         if any(len(factor.polynomial) > self.limit for factor in factors or ()):
             raise FormulaTooLong
         return type(self)(factors, sign, self.ring, self.limit)
@@ -58,7 +58,9 @@ class SymbolicQuotient(FactoredQuotient):
         if value == 0:
             return SymbolicQuotient(None, 1, self.ring, self.limit)
         parts = ((abs(value.numerator), 1), (value.denominator, -1))
-        factors = {PolynomialFactor(self.ring.constant(part)): power for part, power in parts if part != 1}
+        factors = {
+            PolynomialFactor(self.ring.constant(number)): power for number, power in parts if number != 1
+        }
         return SymbolicQuotient(factors, 1 if value > 0 else -1, self.ring, self.limit)
 
     def as_integer(self) -> int | None:
@@ -128,8 +130,8 @@ def quotient(numerator: Any, denominator: Any) -> Printed:
         numerator, denominator = -numerator, -denominator
     negative = numerator != 0 and all(c < 0 for c in numerator.coeffs())
     top = _plain(-numerator if negative else numerator)
-    whole = top if denominator == 1 else TEXT.quotient(top, _plain(denominator))
-    return TEXT.negative(whole) if negative else whole
+    written = top if denominator == 1 else TEXT.quotient(top, _plain(denominator))
+    return TEXT.negative(written) if negative else written
 
 
 def _plain(polynomial: Any) -> Printed:

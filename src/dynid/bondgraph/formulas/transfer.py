@@ -36,13 +36,13 @@ def readable(reduced: ReducedGraph) -> dict[Channel, Polynomials]:
     from dynid.bondgraph.formulas.symbolic import FormulaTooLong
 
     try:
-        found = _polynomials(reduced, _LIMIT)
+        formulas = _polynomials(reduced, _LIMIT)
     except (FormulaTooLong, UsageError):
         return {}
     return {
         channel: polynomials
-        for channel, polynomials in found.items()
-        if max(len(part) for part in polynomials) <= _READABLE
+        for channel, polynomials in formulas.items()
+        if max(len(polynomial) for polynomial in polynomials) <= _READABLE
     }
 
 
@@ -51,13 +51,13 @@ def readable_registers(planned: GraphProgram, registers: Iterable[Register]) -> 
     from dynid.bondgraph.formulas.symbolic import FormulaTooLong, quotient
 
     try:
-        found = _register_polynomials(planned, registers, _LIMIT)
+        formulas = _register_polynomials(planned, registers, _LIMIT)
     except (FormulaTooLong, UsageError):
         return {}
     return {
         register: quotient(*polynomials)[0]
-        for register, polynomials in found.items()
-        if max(len(part) for part in polynomials) <= _READABLE
+        for register, polynomials in formulas.items()
+        if max(len(polynomial) for polynomial in polynomials) <= _READABLE
     }
 
 
@@ -116,14 +116,14 @@ def nested(reduced: ReducedGraph, registers: Iterable[Register], hand: FormulaPr
         Where a name is ambiguous.
     """
     symbol_names(reduced)
-    wanted = list(dict.fromkeys(registers))
-    taken = {*reduced.graph.nodes, *_parameters(reduced)}
-    named = shared(reduced.program, wanted, _NESTED)
-    letter = free_letter(taken)
-    inner = [register for register in named if register not in wanted]
+    requested = list(dict.fromkeys(registers))
+    reserved = {*reduced.graph.nodes, *_parameters(reduced)}
+    named = shared(reduced.program, requested, _NESTED)
+    letter = free_letter(reserved)
+    inner = [register for register in named if register not in requested]
     names = {register: f"{letter}{k}" for k, register in enumerate(inner, 1)}
-    final = free_letter(taken, "T")
-    ends = {r: final if len(wanted) == 1 else f"{final}{k}" for k, r in enumerate(wanted, 1)}
+    final = free_letter(reserved, "T")
+    ends = {r: final if len(requested) == 1 else f"{final}{k}" for k, r in enumerate(requested, 1)}
     labels = {**names, **ends}
     nodes = reduced.graph.nodes
     lines = [
@@ -135,8 +135,8 @@ def nested(reduced: ReducedGraph, registers: Iterable[Register], hand: FormulaPr
 
 def _polynomials(reduced: ReducedGraph, limit: int) -> dict[Channel, Polynomials]:
     channels = reduced.channels()
-    found = _register_polynomials(reduced, channels.values(), limit)
-    return {channel: found[register] for channel, register in channels.items()}
+    formulas = _register_polynomials(reduced, channels.values(), limit)
+    return {channel: formulas[register] for channel, register in channels.items()}
 
 
 def _register_polynomials(
@@ -144,30 +144,30 @@ def _register_polynomials(
 ) -> dict[Register, Polynomials]:
     from dynid.bondgraph.formulas.symbolic import variables
 
-    wanted = list(registers)
-    symbols, one = variables(["s", *symbol_names(planned)], limit)
-    values = {name: symbol_value(planned, name, symbols, one) for name in planned.valued}
-    run = planned.run(wanted, values, symbols["s"], one)
-    common = _common_factors(planned, values, symbols["s"], one, wanted)
-    found = {}
-    for register in wanted:  # a common factor is sought only where there is one
+    requested = list(registers)
+    symbols, unity = variables(["s", *symbol_names(planned)], limit)
+    values = {name: symbol_value(planned, name, symbols, unity) for name in planned.valued}
+    run = planned.run(requested, values, symbols["s"], unity)
+    common = _common_factors(planned, values, symbols["s"], unity, requested)
+    formulas = {}
+    for register in requested:  # a common factor is sought only where there is one
         formula = run[register]
         numerator, denominator = formula.lowest_terms() if common[register] else formula.multiplied_out()
         if denominator.leading_coefficient() < 0:
             numerator, denominator = -numerator, -denominator
         content = int(numerator.content()) if numerator != 0 else 1
-        whole = math.gcd(content, int(denominator.content())) if content > 1 else 1
-        if whole > 1:
-            numerator, denominator = numerator // whole, denominator // whole
-        found[register] = numerator, denominator
-    return found
+        content_of_both = math.gcd(content, int(denominator.content())) if content > 1 else 1
+        if content_of_both > 1:
+            numerator, denominator = numerator // content_of_both, denominator // content_of_both
+        formulas[register] = numerator, denominator
+    return formulas
 
 
 def _common_factors(
     reduced: GraphProgram,
     values: dict[str, SymbolicQuotient],
     s: SymbolicQuotient,
-    one: SymbolicQuotient,
+    unity: SymbolicQuotient,
     registers: Iterable[Register],
 ) -> dict[Register, bool]:
     """Return, for each register, whether numerator and denominator, multiplied out, have a common factor.
@@ -194,17 +194,17 @@ def _common_factors(
         )
 
     images = {name: restricted(value) for name, value in values.items()}
-    run = reduced.run(registers, images, restricted(s), restricted(one))
+    run = reduced.run(registers, images, restricted(s), restricted(unity))
     parts = {register: run[register].multiplied_out() for register in registers}
     return {r: above == 0 or above.gcd(below).degree() > 0 for r, (above, below) in parts.items()}
 
 
-def _on_line(part: Any, lines: Sequence[Any], prime: int) -> Any:
+def _on_line(restricted: Any, lines: Sequence[Any], prime: int) -> Any:
     """Return a polynomial where each of its variables is one of these of a single one, modulo a prime."""
     from dynid.bondgraph.program.factored import polynomial
 
     total = polynomial([0], prime)
-    for exponents, coefficient in part.terms():
+    for exponents, coefficient in restricted.terms():
         term = polynomial([int(coefficient) % prime], prime)
         for line, power in zip(lines, exponents, strict=True):
             if power:
@@ -225,13 +225,13 @@ def symbol_names(reduced: GraphProgram) -> list[str]:
     parameters = _parameters(reduced)
     if "s" in parameters:
         raise _ambiguous("s", "is the variable of the transfer function")
-    own = [node.name for node in nodes if not (node.formula and node.formula.names)]
-    for name in own:
+    named = [node.name for node in nodes if not (node.formula and node.formula.names)]
+    for name in named:
         if not name.isidentifier():
             raise _ambiguous(name, "would be read as arithmetic")
         if name == "s" or name in parameters:
             raise _ambiguous(name, "stands for two things")
-    return [*dict.fromkeys([*own, *sorted(parameters)])]
+    return [*dict.fromkeys([*named, *sorted(parameters)])]
 
 
 def _parameters(reduced: GraphProgram) -> set[str]:
@@ -249,7 +249,7 @@ def _ambiguous(name: str, why: str) -> UsageError:
 
 
 def symbol_value(
-    reduced: GraphProgram, name: str, symbols: dict[str, SymbolicQuotient], one: SymbolicQuotient
+    reduced: GraphProgram, name: str, symbols: dict[str, SymbolicQuotient], unity: SymbolicQuotient
 ) -> SymbolicQuotient:
     """Return the value of a node as a formula in the symbols.
 
@@ -265,7 +265,7 @@ def symbol_value(
         return symbols[name]
 
     def leaf(item: Fraction | str) -> SymbolicQuotient:
-        return symbols[item] if isinstance(item, str) else one.constant(item)
+        return symbols[item] if isinstance(item, str) else unity.constant(item)
 
     try:
         value: SymbolicQuotient = formula.fold(leaf, apply)

@@ -48,7 +48,7 @@ class Gradient:
         self._number: Callable[[Any], Any] = _high if high else float
         self._functions = _on_high_precision() if high else _ON_FLOATS
         self._count, self._high = len(variables), high
-        places = {name: place for place, name in enumerate(variables)}
+        places = {name: index for index, name in enumerate(variables)}
         self._given: list[Any] = []  # values of the constant entries behind the variables
         self._steps: list[tuple[int, str, tuple[int, ...]]] = []
         exact: dict[int, Number] = {}  # of the constant entries
@@ -62,20 +62,20 @@ class Gradient:
             if isinstance(item, str) and item in places:
                 return places[item]
             if item == "pi":
-                place = constant(math.pi)
+                slot = constant(math.pi)
                 self._given[-1] = self._functions["pi"]()
-                return place
+                return slot
             return constant(constants[item] if isinstance(item, str) else item)
 
         def operation(name: str, operands: list[int]) -> int:
-            known = [exact[k] for k in operands if k in exact]
-            if len(known) == len(operands):
-                place, value = constant(apply(name, known)), exact[len(self._given) + self._count - 1]
+            exact_operands = [exact[k] for k in operands if k in exact]
+            if len(exact_operands) == len(operands):
+                slot, value = constant(apply(name, exact_operands)), exact[len(self._given) + self._count - 1]
                 if not isinstance(value, Fraction) or isinstance(
                     value, Irrational
                 ):  # rounded: take it at the precision of the numbers
                     self._given[-1] = self._functions[name](*(self._given[k - self._count] for k in operands))
-                return place
+                return slot
             self._given.append(None)
             self._steps.append((self._count + len(self._given) - 1, name, tuple(operands)))
             return self._count + len(self._given) - 1
@@ -101,22 +101,22 @@ class Gradient:
         """
         entries = [*(values if self._high else map(float, values)), *self._given]
         try:
-            for place, name, operands in self._steps:
-                entries[place] = self._functions[name](*[entries[k] for k in operands])
+            for slot, name, operands in self._steps:
+                entries[slot] = self._functions[name](*[entries[k] for k in operands])
             value = _finite(entries[self._root])
         except (ValueError, ZeroDivisionError, OverflowError, TypeError):
             raise OutOfRangeError("the law has no finite value there") from None
         slopes: list[Any] = [self._number(0)] * len(entries)
         slopes[self._root] = self._number(1)
         try:
-            for place, name, operands in reversed(self._steps):
-                rate = slopes[place]
+            for slot, name, operands in reversed(self._steps):
+                rate = slopes[slot]
                 if rate == 0:
                     continue
                 x = [entries[k] for k in operands]
                 for which, k in enumerate(operands):
                     if k not in self._constant:
-                        slopes[k] = slopes[k] + rate * self._partial(name, which, x, entries[place], side)
+                        slopes[k] = slopes[k] + rate * self._partial(name, which, x, entries[slot], side)
             return value, [_finite(slope) for slope in slopes[: self._count]]
         except (ValueError, ZeroDivisionError, OverflowError, TypeError):
             raise OutOfRangeError("the law has no finite slope there") from None
@@ -153,7 +153,7 @@ class Gradient:
             case "abs":
                 return (1 if x[0] > 0 else -1) if x[0] != 0 else (1 if side > 0 else -1)
             case _:  # min and max
-                equal = [place for place, one in enumerate(x) if one is value or one == value]
+                equal = [index for index, operand in enumerate(x) if operand is value or operand == value]
                 return int(which == (equal[0] if side > 0 else equal[-1]))
 
 

@@ -92,19 +92,19 @@ class LawEquations:
     def __post_init__(self) -> None:
         graph = self.model.graph
         self._bonds: dict[str, list[int]] = {name: [] for name in graph.nodes}
-        for place, bond in enumerate(graph.bonds):
-            self._bonds[bond.tail].append(place)
-            self._bonds[bond.head].append(place)
+        for index, bond in enumerate(graph.bonds):
+            self._bonds[bond.tail].append(index)
+            self._bonds[bond.head].append(index)
         needed = [port for law in self.model.laws.values() for port in law.ports]
-        own = [
+        of_storages = [
             Port(name, "p" if node.type == "I" else "q")
             for name, node in graph.nodes.items()
             if node.type in STORAGES
         ]
-        wanted = [
+        of_outputs = [
             Port(port.node, port.quantity) for port in (*needed, *self.integrals) if port.quantity in "qp"
         ]
-        self.states: tuple[Port, ...] = tuple(dict.fromkeys([*own, *wanted]))
+        self.states: tuple[Port, ...] = tuple(dict.fromkeys([*of_storages, *of_outputs]))
         first = 2 * len(graph.bonds)
         self._places = {state: first + k for k, state in enumerate(self.states)}
         self.size = first + len(self.states)
@@ -136,21 +136,21 @@ class LawEquations:
     def beside(self, column: int) -> list[int]:
         """Return the columns of the same quantity at the bonds of both ends of a bond."""
         places = [k for end in self.model.graph.bonds[column // 2] for k in self._bonds[end]]
-        return [2 * place + column % 2 for place in places]
+        return [2 * bond + column % 2 for bond in places]
 
     def _add(self, name: str) -> None:
         """Add the equations of a node."""
         graph, kind = self.model.graph, self.model.graph.nodes[name].type
         at = self._bonds[name]
-        one, law = Fraction(1), self.model.laws.get(name)
+        unity, law = Fraction(1), self.model.laws.get(name)
         if kind in ("0", "1"):
             same, balanced = (0, 1) if kind == "0" else (1, 0)
             for bond in at[1:]:
-                self.rows.append((name, {2 * at[0] + same: one, 2 * bond + same: -one}, ""))
-            signs = {2 * bond + balanced: one if graph.bonds[bond].head == name else -one for bond in at}
+                self.rows.append((name, {2 * at[0] + same: unity, 2 * bond + same: -unity}, ""))
+            signs = {2 * bond + balanced: unity if graph.bonds[bond].head == name else -unity for bond in at}
             self.rows.append((name, signs, ""))
         elif kind in SOURCES:
-            self.rows.append((name, {2 * at[0] + (kind == "Sf"): one}, name))
+            self.rows.append((name, {2 * at[0] + (kind == "Sf"): unity}, name))
         elif kind in TWO_PORTS:
             into, out = (at[0], at[1]) if graph.bonds[at[0]].head == name else (at[1], at[0])
             pairs = (
@@ -160,7 +160,7 @@ class LawEquations:
             )
             for left, right in pairs:
                 if law is None:
-                    self.rows.append((name, {left: one, right: -graph.value(name)}, ""))
+                    self.rows.append((name, {left: unity, right: -graph.value(name)}, ""))
                 else:
                     self.laws.append(LawRow(name, left, 1, self._arguments(law), right))
         else:
@@ -189,7 +189,7 @@ class LawEquations:
         """Return the state of a storage that an integral is a multiple of (but for a constant), else it."""
         graph = self.model.graph
         for kept in self.conserved if port.quantity in "qp" and not graph.is_state(port) else ():
-            others = [other for other in kept.weights if other != port]
+            others = [port_kept for port_kept in kept.weights if port_kept != port]
             if port in kept.weights and len(others) == 1 and graph.is_state(others[0]) and not kept.rate:
                 return others[0], -kept.weights[others[0]] / kept.weights[port]
         return port, Fraction(1)
@@ -200,7 +200,7 @@ class LawEquations:
         # Only equations of efforts and flows: junctions, sources, transformers and resistances.
         first = 2 * len(self.model.graph.bonds)
         pivots: dict[int, dict[Any, Fraction]] = {}
-        found = []
+        sums = []
 
         def reduced(row: dict[Any, Fraction]) -> dict[Any, Fraction]:
             while columns := [key for key in row if isinstance(key, int) and key in pivots]:
@@ -229,8 +229,8 @@ class LawEquations:
             if not keep(row):
                 weights = {key[1]: -value for key, value in row.items() if key[0] == "x"}
                 sources = {key[1]: value for key, value in row.items() if key[0] == "u"}
-                found.append(Conserved(weights, sources))
-        return found
+                sums.append(Conserved(weights, sources))
+        return sums
 
 
 @dataclass
@@ -286,15 +286,15 @@ class LawSystem:
             value, rates = gradient([z[column] for column in law.arguments])
             factor = law.sign * (z[law.factor] if law.factor >= 0 else 1.0)
             residuals.append(z[law.out] - factor * value)
-            own = [
+            law_residuals = [
                 (law.out, 1.0),
                 *((c, -factor * rate) for c, rate in zip(law.arguments, rates, strict=True)),
             ]
             if law.factor >= 0:
-                own.append((law.factor, -law.sign * value))
-            rows += [k] * len(own)
-            columns += [column for column, _ in own]
-            slopes += [slope for _, slope in own]
+                law_residuals.append((law.factor, -law.sign * value))
+            rows += [k] * len(law_residuals)
+            columns += [column for column, _ in law_residuals]
+            slopes += [slope for _, slope in law_residuals]
         shape = (count + len(residuals), self.equations.size)
         where = (
             np.concatenate([self._where[0], rows]).astype(int),
@@ -318,16 +318,16 @@ class LawSystem:
         """Return the residuals at high precision, each with the sum of the magnitudes of its terms."""
         from flint import arb, fmpq
 
-        found = []
+        residuals = []
         for _, row, right in self.linear:
             terms = [arb(fmpq(v.numerator, v.denominator)) * z[column] for column, v in row.items()]
             terms.append(-arb(fmpq(right.numerator, right.denominator)))
-            found.append((sum(terms, arb(0)), sum(map(abs, terms), arb(0))))
+            residuals.append((sum(terms, arb(0)), sum(map(abs, terms), arb(0))))
         for law, gradient in zip(self.equations.laws, gradients, strict=True):
             value, _ = gradient([z[column] for column in law.arguments])
             term = law.sign * value * (z[law.factor] if law.factor >= 0 else 1)
-            found.append((z[law.out] - term, abs(z[law.out]) + abs(term)))
-        return found
+            residuals.append((z[law.out] - term, abs(z[law.out]) + abs(term)))
+        return residuals
 
 
 def at_rest(

@@ -117,32 +117,32 @@ def find_operating_point(model: LawGraph, request: OperatingPointRequest) -> Ope
 
 def _solved(equations: LawEquations, request: OperatingPointRequest) -> OperatingPoint:
     system = at_rest(equations, request.inputs, request.start)
-    own = _vector(equations, request.start)
-    found: list[NewtonSolution] = []
+    start = _vector(equations, request.start)
+    solutions: list[NewtonSolution] = []
     worst: NewtonSolution | None = None
-    for z in _first_starts(system, own):
+    for z in _first_starts(system, start):
         solution = _solution(system, z)
         if solution is not None and solution.residual <= CONSISTENT:
-            found.append(solution)
+            solutions.append(solution)
             break
         worst = worst or solution
-    reference = found[0].z if found else own
-    if not (found and found[0].free):
-        for number, z in enumerate(_random_starts(equations, request, own, reference), 1):
+    reference = solutions[0].z if solutions else start
+    if not (solutions and solutions[0].free):
+        for number, z in enumerate(_random_starts(equations, request, start, reference), 1):
             report_progress(f"equilibrium from start {number} of {request.starts}")
             solution = _solution(system, z)
             if solution is None or solution.residual > CONSISTENT or solution.free:
                 worst = worst or solution
-            elif not any(_equal(solution, other) for other in found):
-                found.append(solution)
-    if not found:
+            elif not any(_equal(solution, solution_before) for solution_before in solutions):
+                solutions.append(solution)
+    if not solutions:
         raise _no_equilibrium(equations, worst)
-    scale = np.max([np.abs(one.z) for one in found], axis=0)
+    scale = np.max([np.abs(solution.z) for solution in solutions], axis=0)
     scale[scale == 0] = 1.0
-    first, rest = found[0], found[1:]
-    rest.sort(key=lambda one: float(np.abs((one.z - first.z) / scale).max()))
+    first, rest = solutions[0], solutions[1:]
+    rest.sort(key=lambda solution: float(np.abs((solution.z - first.z) / scale).max()))
     equilibria = (first, *rest)
-    stable = tuple(_stability(equations, request.inputs, one) for one in equilibria)
+    stable = tuple(_stability(equations, request.inputs, solution) for solution in equilibria)
     number = _chosen(request.choose, stable)
     chosen = equilibria[number - 1]
     return OperatingPoint(
@@ -215,25 +215,25 @@ def _no_equilibrium(equations: LawEquations, worst: NewtonSolution | None) -> Nu
 
 def _solution(system: LawSystem, z: NDArray[np.float64]) -> NewtonSolution | None:
     """Return the solution that a start leads to; None where it leads to none, or out of a law's domain."""
-    found = iterate(system, z)
-    if found is None:
+    solution = iterate(system, z)
+    if solution is None:
         return None
     try:
-        return refined(system, *found)
+        return refined(system, *solution)
     except OutOfRangeError:  # at the edge of the domain, as sqrt at 0
         return None
 
 
-def _vector(equations: LawEquations, given: Mapping[Port, Fraction]) -> NDArray[np.float64]:
+def _vector(equations: LawEquations, values: Mapping[Port, Fraction]) -> NDArray[np.float64]:
     z = np.zeros(equations.size)
-    for port, value in given.items():
+    for port, value in values.items():
         z[equations.column(port)] = float(value)
     return z
 
 
-def _first_starts(system: LawSystem, own: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+def _first_starts(system: LawSystem, start: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
     """Yield the start, and solutions of linear graphs: every law replaced by a line through the origin."""
-    yield own
+    yield start
     equations, laws = system.equations, system.equations.model.laws
     for slope in (1, 10**6, 10**-6, 10**12):
         linear = list(system.linear)
@@ -244,18 +244,18 @@ def _first_starts(system: LawSystem, own: NDArray[np.float64]) -> Iterator[NDArr
             steep = Fraction(slope) if laws[row.node].gives == "e" else 1 / Fraction(slope)
             factor = Fraction(1) if laws[row.node].gives == "value" else steep
             linear.append((row.node, {row.out: Fraction(1), right: -row.sign * factor}, Fraction(0)))
-        residual, matrix = LawSystem(equations, linear, lines=True, fixed=system.fixed).residual(own)
+        residual, matrix = LawSystem(equations, linear, lines=True, fixed=system.fixed).residual(start)
         try:
             factors = Factor(matrix, system.fixed)
         except (OutOfRangeError, np.linalg.LinAlgError):
             continue
-        yield own - factors.scale * factors.solve(residual)
+        yield start - factors.scale * factors.solve(residual)
 
 
 def _random_starts(
     equations: LawEquations,
     request: OperatingPointRequest,
-    own: NDArray[np.float64],
+    start: NDArray[np.float64],
     reference: NDArray[np.float64],
 ) -> Iterator[NDArray[np.float64]]:
     """Yield random multiples of a solution; variables that are zero in it have the size 1."""
@@ -263,18 +263,18 @@ def _random_starts(
     held = [equations.column(port) for port in request.start]
     for _ in range(request.starts):
         size = np.where(reference == 0, 1.0, np.abs(reference))
-        z = size * random.choice([-1.0, 1.0], len(own)) * 10 ** random.uniform(-2, 1, len(own))
-        z[held] = own[held] * random.uniform(-2, 2, len(held))
+        z = size * random.choice([-1.0, 1.0], len(start)) * 10 ** random.uniform(-2, 1, len(start))
+        z[held] = start[held] * random.uniform(-2, 2, len(held))
         for port, (low, high) in request.ranges.items():
             z[equations.column(port)] = random.uniform(low, high)
         yield z
 
 
-def _equal(one: NewtonSolution, other: NewtonSolution) -> bool:
-    size = np.maximum(np.abs(one.z), np.abs(other.z))
-    scaled = size / one.scale
-    floor = _SAME * float(scaled.max(initial=0.0)) * one.scale
-    return bool((np.abs(one.z - other.z) <= np.maximum(_SAME * size, 1e-5 * floor)).all())
+def _equal(a: NewtonSolution, b: NewtonSolution) -> bool:
+    size = np.maximum(np.abs(a.z), np.abs(b.z))
+    scaled = size / a.scale
+    floor = _SAME * float(scaled.max(initial=0.0)) * a.scale
+    return bool((np.abs(a.z - b.z) <= np.maximum(_SAME * size, 1e-5 * floor)).all())
 
 
 def _stability(equations: LawEquations, inputs: Mapping[str, Fraction], solution: NewtonSolution) -> int:
@@ -329,8 +329,8 @@ def _given(equations: LawEquations, request: OperatingPointRequest) -> Operating
         )
     drift = {}
     for port, rate in zip(equations.states, equations.rates, strict=True):
-        beside = float(np.abs(solution.z[equations.beside(rate)]).max())
-        if rate not in solution.free and abs(solution.z[rate]) > _AT_REST * beside:
+        opposite = float(np.abs(solution.z[equations.beside(rate)]).max())
+        if rate not in solution.free and abs(solution.z[rate]) > _AT_REST * opposite:
             drift[port] = float(solution.z[rate])
     if drift:
         rates = ", ".join(f"d({port})/dt = {value:.4g}" for port, value in drift.items())
@@ -342,12 +342,12 @@ def _given(equations: LawEquations, request: OperatingPointRequest) -> Operating
 
 def _check_values(equations: LawEquations, values: Mapping[Port, Fraction]) -> None:
     """Raise where two names of one variable have different values."""
-    known: dict[int, Port] = {}
+    ports: dict[int, Port] = {}
     for port, value in values.items():
-        other = known.setdefault(equations.column(port), port)
-        if values[other] != value:
+        port_before = ports.setdefault(equations.column(port), port)
+        if values[port_before] != value:
             raise UsageError(
-                f"'{other}' and '{port}' are one variable, and their values differ",
+                f"'{port_before}' and '{port}' are one variable, and their values differ",
                 remedy="Give one of them in 'operating_point.values'.",
                 names=("operating_point.values",),
             )

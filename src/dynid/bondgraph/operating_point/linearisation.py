@@ -94,8 +94,12 @@ def linearised(point: OperatingPoint) -> Linearisation:
         exact = law_slopes(point)
         circuit = _LinearCircuit(point, exact)
     rounded = tuple(
-        LawSlopes(one.row, one.value, {column: float(slope) for column, slope in one.slopes.items()})
-        for one in exact
+        LawSlopes(
+            law_slopes_of.row,
+            law_slopes_of.value,
+            {column: float(slope) for column, slope in law_slopes_of.slopes.items()},
+        )
+        for law_slopes_of in exact
     )
     graph = BondGraph(circuit.nodes.values(), circuit.bonds)
     return Linearisation(graph, circuit.variables, rounded, tuple(dict.fromkeys(circuit.flat)), point)
@@ -112,7 +116,7 @@ def law_slopes(point: OperatingPoint) -> list[LawSlopes]:
     from flint import arb
 
     laws, z = point.equations.model.laws, point.solution.exact
-    found = []
+    rows = []
     for row in point.equations.laws:
         law = laws[row.node]
         gradient, arguments = law.gradient(high=True), [z[column] for column in row.arguments]
@@ -125,18 +129,18 @@ def law_slopes(point: OperatingPoint) -> list[LawSlopes]:
             ) from None
         factor = z[row.factor] if row.factor >= 0 else arb(1)
         slopes: dict[int, Any] = {} if row.factor < 0 else {row.factor: value}
-        for name, column, one, other in zip(law.variables, row.arguments, right, left, strict=True):
-            if not one.overlaps(other):
-                sides = f"{float(other):.6g} on one side and {float(one):.6g} on the other"
+        for name, column, upper, lower in zip(law.variables, row.arguments, right, left, strict=True):
+            if not upper.overlaps(lower):
+                sides = f"{float(lower):.6g} on one side and {float(upper):.6g} on the other"
                 kink = f"has a kink at the operating point ({where}): its slope by {name} is {sides}"
                 raise _no_slope(row.node, kink)
-            slopes[column] = slopes.get(column, arb(0)) + factor * one
-        if not all(isfinite(float(one)) for one in (value * factor, *slopes.values())):
+            slopes[column] = slopes.get(column, arb(0)) + factor * upper
+        if not all(isfinite(float(number)) for number in (value * factor, *slopes.values())):
             raise _no_slope(
                 row.node, f"has a slope beyond the range of numbers at the operating point ({where})"
             )
-        found.append(LawSlopes(row, float(value * factor), slopes))
-    return found
+        rows.append(LawSlopes(row, float(value * factor), slopes))
+    return rows
 
 
 def _no_slope(node: str, problem: str) -> Singular:
@@ -169,18 +173,20 @@ class _LinearCircuit(Circuit):
         ] = {}  # by bond the node that a law stands for, where it is not that of the law
         super().__init__(self._valued(slopes))
         places = {}
-        for one in slopes:
-            own = self._own(one)
-            slope_of_others = {c: slope for c, slope in one.slopes.items() if c != own and float(slope)}
-            if slope_of_others or one.row.node in self.flat:
-                places[one.row] = self._balance(one.row), slope_of_others
-        for row, (place, others) in places.items():
+        for law_slope in slopes:
+            column_of_law = self._own(law_slope)
+            slope_of_others = {
+                c: slope for c, slope in law_slope.slopes.items() if c != column_of_law and float(slope)
+            }
+            if slope_of_others or law_slope.row.node in self.flat:
+                places[law_slope.row] = self._balance(law_slope.row), slope_of_others
+        for row, (junction, others) in places.items():
             at_head = equations.model.graph.bonds[row.out // 2].head == row.node
             ports = dict(zip(row.arguments, equations.model.laws[row.node].ports, strict=True))
             for column, slope in others.items():
                 gain = Fraction(float(-row.sign * slope if at_head else row.sign * slope))
                 sensor, scale = self.measure(ports[column], row.node)
-                self._activate(sensor, place, gain * scale)
+                self._activate(sensor, junction, gain * scale)
 
     def measure(self, port: Port, owner: str) -> tuple[str, Real]:
         """Return a junction whose common variable, times a factor, is a variable of the graph.
@@ -204,39 +210,43 @@ class _LinearCircuit(Circuit):
 
     def _merged(self, junction: str) -> set[str]:
         """Return the junctions of one kind that bonds join to a junction."""
-        kind, found, queue = self.nodes[junction].type, {junction}, [junction]
+        kind, reached, queue = self.nodes[junction].type, {junction}, [junction]
         while queue:
-            one = queue.pop()
-            ends = {end for bond in self.bonds if one in bond for end in bond} - found
+            current = queue.pop()
+            ends = {end for bond in self.bonds if current in bond for end in bond} - reached
             queue += (new := [end for end in ends if self.nodes[end].type == kind])
-            found.update(new)
-        return found
+            reached.update(new)
+        return reached
 
-    def _own(self, one: LawSlopes) -> int:
+    def _own(self, law_slope: LawSlopes) -> int:
         """Return the column by which the slope of a law is the value of its node."""
         model = self._equations.model
-        two_port = model.graph.nodes[one.row.node].type in TWO_PORTS
-        return one.row.factor if two_port else self._equations.column(model.own(one.row.node))
+        two_port = model.graph.nodes[law_slope.row.node].type in TWO_PORTS
+        return law_slope.row.factor if two_port else self._equations.column(model.own(law_slope.row.node))
 
     def _valued(self, slopes: list[LawSlopes]) -> BondGraph:
         """Return the graph with slopes as values; where one is zero, with a junction of one bond."""
         graph = self._equations.model.graph
         nodes, bonds = dict(graph.nodes), list(graph.bonds)
-        for one in slopes:
-            name, kind, gives = one.row.node, graph.nodes[one.row.node].type, one.row.out % 2
-            slope = one.slopes.get(self._own(one), 0.0)
+        for law_slope in slopes:
+            name, kind, gives = (
+                law_slope.row.node,
+                graph.nodes[law_slope.row.node].type,
+                law_slope.row.out % 2,
+            )
+            slope = law_slope.slopes.get(self._own(law_slope), 0.0)
             if float(slope):
                 inverse = kind in STORAGES or (gives and kind == "R")
                 value = Fraction(float(1 / slope if inverse else slope))
                 nodes[name] = replace(nodes[name], value=value, formula=None, dependent=None)
                 continue
             self.flat.append(name)
-            place, end = one.row.out // 2, name
+            index, end = law_slope.row.out // 2, name
             if name in self.flat[:-1]:  # the other side of a two-port
-                end = next(other for k in count(2) if (other := f"{name}_{k}") not in nodes)
-                bond = bonds[place]
-                bonds[place] = Bond(*(end if one_end == name else one_end for one_end in bond))
-            self._ends[place] = end
+                end = next(free_name for k in count(2) if (free_name := f"{name}_{k}") not in nodes)
+                bond = bonds[index]
+                bonds[index] = Bond(*(end if one_end == name else one_end for one_end in bond))
+            self._ends[index] = end
             nodes[end] = Node(end, "0" if gives else "1", domain=nodes[name].domain, part=self.part)
         return BondGraph(nodes.values(), bonds)
 
@@ -247,24 +257,24 @@ class _LinearCircuit(Circuit):
         """
         kind: NodeType = "0" if row.out % 2 else "1"
         end = self._ends.get(row.out // 2, row.node)
-        place = (
+        index = (
             end
             if row.node in self.flat
             else self._insert(kind, f"{row.node}.{'ef'[row.out % 2]}_sum", end, row)
         )
         if self._equations.model.graph.nodes[row.node].type not in TWO_PORTS:
             outer: NodeType = "1" if row.out % 2 else "0"
-            sensor = self._insert(outer, f"{row.node}.{'ef'[row.out % 2]}_total", place, row)
+            sensor = self._insert(outer, f"{row.node}.{'ef'[row.out % 2]}_total", index, row)
             quantities: tuple[Quantity, ...] = ("f", "q") if row.out % 2 else ("e", "p")
             name = row.node
             self.variables |= {Port(name, q): Port(sensor, q, f"{name}.{q}") for q in quantities}
-        return place
+        return index
 
-    def _insert(self, kind: NodeType, wanted: str, end: str, row: LawRow) -> str:
+    def _insert(self, kind: NodeType, preferred: str, end: str, row: LawRow) -> str:
         """Insert a junction into the bond of a law, beside one of the nodes along it."""
         at_head = self._equations.model.graph.bonds[row.out // 2].head == row.node
-        place = next(k for k, bond in enumerate(self.bonds) if (bond.head if at_head else bond.tail) == end)
-        tail, head = self.bonds[place]
-        junction = self._add(kind, wanted)
-        self.bonds[place : place + 1] = [Bond(tail, junction), Bond(junction, head)]
+        index = next(k for k, bond in enumerate(self.bonds) if (bond.head if at_head else bond.tail) == end)
+        tail, head = self.bonds[index]
+        junction = self._add(kind, preferred)
+        self.bonds[index : index + 1] = [Bond(tail, junction), Bond(junction, head)]
         return junction

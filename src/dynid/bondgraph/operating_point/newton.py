@@ -199,22 +199,25 @@ def refined(system: LawSystem, z: NDArray[np.float64], factor: Factor) -> Newton
         exact = [arb(float(value)) for value in z]
         for _ in range(30):
             pairs = system.high_residual(exact, gradients)
-            correction = factor.scale * factor.solve(np.array([float(one) for one, _ in pairs]))
-            exact = [(one - arb(float(change))).mid() for one, change in zip(exact, correction, strict=True)]
+            correction = factor.scale * factor.solve(np.array([float(residual) for residual, _ in pairs]))
+            exact = [
+                (coordinate - arb(float(change))).mid()
+                for coordinate, change in zip(exact, correction, strict=True)
+            ]
             largest = float(np.abs(correction / factor.scale).max(initial=0.0))
             if not largest > 1e-45 * float(np.abs(z / factor.scale).max(initial=0.0)):
                 break
-        rounded = np.array([float(one) for one in exact])
+        rounded = np.array([float(coordinate) for coordinate in exact])
         # what only rounding left beside the other variables is zero
         tiny = np.abs(rounded / factor.scale) < 1e-30 * np.abs(rounded / factor.scale).max(initial=0.0)
         rounded[tiny] = 0.0
-        exact = [arb(0) if zero else one for one, zero in zip(exact, tiny, strict=True)]
+        exact = [arb(0) if zero else coordinate for coordinate, zero in zip(exact, tiny, strict=True)]
         try:
             pairs = system.high_residual([arb(float(value)) for value in rounded], gradients)
             _, matrix = system.residual(rounded)
         except OutOfRangeError:
             return None
-    shares = [float(abs(one)) / float(terms) if float(terms) else 0.0 for one, terms in pairs]
+    shares = [float(abs(residual)) / float(terms) if float(terms) else 0.0 for residual, terms in pairs]
     largest_share = max(range(len(shares)), key=shares.__getitem__, default=-1)
     try:
         final = Factor(matrix, system.fixed)

@@ -54,27 +54,27 @@ class LawDynamics:
         _, matrix = self._system.residual(z)
         self._rows, scale = equilibrated(matrix)
         self.y_scale, self.x_scale = scale[: self._count], scale[self._count :]
-        whole = (self._rows[:, None] * matrix.toarray()) * scale
+        scaled = (self._rows[:, None] * matrix.toarray()) * scale
         static = np.array(
             [max(row) < self._count for _, row, _ in equations.rows] + [False] * len(equations.laws)
         )
-        driven = np.zeros((len(whole), len(sources)))
+        driven = np.zeros((len(scaled), len(sources)))
         for k, (_, _, source) in enumerate(equations.rows):
             if source in sources:
                 driven[k, sources.index(source)] = self._rows[k]
-        U, s, V = np.linalg.svd(whole[static, : self._count])
+        U, s, V = np.linalg.svd(scaled[static, : self._count])
         rank = int((s > _RANK * s.max(initial=0.0)).sum())
         self._basis = V[rank:].T  # of efforts and flows that fulfil the linear equations
         self._particular = V[:rank].T @ ((U[:, :rank].T @ driven[static]) / s[:rank, None])
         self._left = ~static
         self._regular = False  # once h is known to determine c
-        self._prepare(whole)
+        self._prepare(scaled)
         self._storage_rows, self._places = self._storages()
         self._rate_rows = np.array(equations.rates, dtype=int)
 
     def _storages(self) -> tuple[list[tuple[int, int]], list[int]]:
         """Return the columns of output and state of every storage, and the rows of their equations."""
-        found: list[tuple[int, int]] = []
+        pairs: list[tuple[int, int]] = []
         places = []
         equations, first = self.equations, len(self.equations.rows)
         graph = equations.model.graph
@@ -82,22 +82,22 @@ class LawDynamics:
             if not graph.is_state(state):
                 continue
             out = equations.column(Port(state.node, "f" if state.quantity == "p" else "e"))
-            found.append((out, equations.column(state)))
+            pairs.append((out, equations.column(state)))
             rows = [k for k, (node, _, _) in enumerate(equations.rows) if node == state.node]
             rows += [first + k for k, row in enumerate(equations.laws) if row.node == state.node]
             places.append(rows[0])
-        return found, places
+        return pairs, places
 
     def efforts_and_flows(self, c: Array, u: Array) -> Array:
         """Return the efforts and flows of all bonds."""
         return np.asarray(self.y_scale * (self._basis @ c + self._particular @ u))
 
-    def _prepare(self, whole: Array) -> None:
+    def _prepare(self, scaled: Array) -> None:
         """Take the linear storages together, and what the laws read of efforts, flows and states."""
         count, linear = self._count, len(self.equations.rows)
         storages = self._left[:linear]
-        by_y = whole[:linear][storages][:, :count]
-        self._linear = by_y @ self._basis, whole[:linear][storages][:, count:], by_y @ self._particular
+        by_y = scaled[:linear][storages][:, :count]
+        self._linear = by_y @ self._basis, scaled[:linear][storages][:, count:], by_y @ self._particular
         laws = self.equations.laws
         self._gradients = [self.equations.model.laws[row.node].gradient() for row in laws]
         read = [[row.out, *([row.factor] if row.factor >= 0 else []), *row.arguments] for row in laws]
@@ -214,19 +214,19 @@ class LawDynamics:
         NumericalError
             If its law has no such value near.
         """
-        z, wanted = z.copy(), z[out] + change
-        row = next(k for k, one in enumerate(self._storage_rows) if one == (out, state))
+        z, target = z.copy(), z[out] + change
+        row = next(k for k, pair in enumerate(self._storage_rows) if pair == (out, state))
         for _ in range(50):
-            z[out] = wanted
+            z[out] = target
             try:
                 residual, matrix = self._system.residual(z)
             except OutOfRangeError:
                 break
-            place = self._places[row]
-            slope = float(matrix[[place], [state]][0])
+            index = self._places[row]
+            slope = float(matrix[[index], [state]][0])
             if slope == 0:
                 break
-            step = float(residual[place]) / slope
+            step = float(residual[index]) / slope
             z[state] -= step
             if abs(step) <= 1e-14 * abs(z[state]):
                 return float(z[state])
@@ -241,8 +241,8 @@ class LawDynamics:
         by_states = -np.linalg.lstsq(matrix, right, rcond=_RANK)[0]
         # on the constraints and with what is conserved: the null space of both
         kept = np.zeros((len(self.equations.conserved), by_x.shape[1]))
-        for k, one in enumerate(self.equations.conserved):
-            for port, weight in one.weights.items():
+        for k, conserved in enumerate(self.equations.conserved):
+            for port, weight in conserved.weights.items():
                 kept[k, self.equations.states.index(port)] = (
                     float(weight) * self.x_scale[self.equations.states.index(port)]
                 )

@@ -47,9 +47,9 @@ def prime_for(values: Iterable[Fraction]) -> int:
 
 def primes_for(values: Iterable[Fraction]) -> Iterator[int]:
     """Yield large primes that divide no numerator or denominator of these values."""
-    parts = [part for value in values for part in value.as_integer_ratio() if part]
+    parts = [number for value in values for number in value.as_integer_ratio() if number]
     largest = max(map(abs, parts), default=1)
-    return (prime for prime in primes() if largest < prime or all(part % prime for part in parts))
+    return (prime for prime in primes() if largest < prime or all(number % prime for number in parts))
 
 
 def random_point(names: Iterable[str], prime: int) -> ModularPoint:
@@ -113,15 +113,15 @@ def field_point(
     values: Mapping[str, Fraction], field: RealField, omega: Fraction | None = None
 ) -> ModularPoint:
     """Return the point at values of a field, modulo its prime, and at a fixed random s or at j omega."""
-    one: Any
+    unity: Any
     laplace: Any
     if omega is None:
-        one, laplace = field.residues(1), field.residues(random.Random(0xD1F1D).randrange(1, field.prime))
+        unity, laplace = field.residues(1), field.residues(random.Random(0xD1F1D).randrange(1, field.prime))
     else:  # -1 has no root modulo the prime, but in the field of its square
-        one = ComplexResidue(field.residues(1), field.residues(0))
+        unity = ComplexResidue(field.residues(1), field.residues(0))
         laplace = ComplexResidue(field.residues(0), field.residues(field.residue(omega)))
-    images = {name: one * field.residue(value) for name, value in values.items()}
-    return ModularPoint(field.prime, images, laplace, one=one)
+    images = {name: unity * field.residue(value) for name, value in values.items()}
+    return ModularPoint(field.prime, images, laplace, one=unity)
 
 
 def axis_point(
@@ -168,7 +168,7 @@ class SampledResidues:
     def of(cls, values: Sequence[Fraction], vanished: NDArray[np.bool_]) -> SampledResidues:
         """Return the residues of exact values, one a sample."""
         above, below = (
-            np.array([part % PRIME for part in parts], dtype=np.int64)
+            np.array([integer % PRIME for integer in parts], dtype=np.int64)
             for parts in ([v.numerator for v in values], [v.denominator for v in values])
         )
         return cls(above, vanished) / cls(below, vanished)
@@ -228,8 +228,8 @@ class FactoredQuotient(ABC):
         self.sign = sign
 
     @abstractmethod
-    def _made(self, factors: Mapping[PolynomialFactor, int] | None, sign: int, other: Self) -> Self:
-        """Return the result of an operation with `other`; each kind of number keeps it small in its way."""
+    def _made(self, factors: Mapping[PolynomialFactor, int] | None, sign: int, operand: Self) -> Self:
+        """Return the result of an operation with `operand`; each kind of number keeps it small in its way."""
 
     @abstractmethod
     def _zero(self) -> Any:
@@ -287,8 +287,8 @@ class FactoredQuotient(ABC):
     def __add__(self, other: Self) -> Self:
         if self.factors is None or other.factors is None:
             return self if other.factors is None else other
-        shared, *own = _shared(self.factors, other.factors)
-        left, right = (self._product(factors) for factors in own)
+        shared, *rest = _shared(self.factors, other.factors)
+        left, right = (self._product(factors) for factors in rest)
         if self.sign != other.sign:
             right = -right
         total = left + right
@@ -310,8 +310,8 @@ def _shared(
             left[factor] = p - q
         elif q > p:
             right[factor] = q - p
-        if least := min(p, q):
-            shared[factor] = least
+        if power := min(p, q):
+            shared[factor] = power
     return shared, left, right
 
 
@@ -364,11 +364,15 @@ class RationalFunction(FactoredQuotient):
         """Return the quotient of two polynomials."""
         if numerator == 0:
             return cls(None, 1, storages)
-        given = ((numerator, 1), (denominator, -1))
-        return cls({PolynomialFactor(part): power for part, power in given if part != 1}, 1, storages)
+        powers = ((numerator, 1), (denominator, -1))
+        return cls(
+            {PolynomialFactor(polynomial): power for polynomial, power in powers if polynomial != 1},
+            1,
+            storages,
+        )
 
-    def _made(self, factors: Mapping[PolynomialFactor, int] | None, sign: int, other: Self) -> Self:
-        return type(self)(factors, sign, self.storages | other.storages)
+    def _made(self, factors: Mapping[PolynomialFactor, int] | None, sign: int, operand: Self) -> Self:
+        return type(self)(factors, sign, self.storages | operand.storages)
 
     def __add__(self, other: Self) -> Self:
         total = super().__add__(other)  # products only add exponents: it is here that degrees grow
@@ -445,7 +449,7 @@ class ModularQuotient(FactoredQuotient):
         self,
         factors: Mapping[PolynomialFactor, int] | None,
         sign: int,
-        other: ModularQuotient,  # noqa: ARG002
+        operand: ModularQuotient,  # noqa: ARG002
     ) -> ModularQuotient:
         return ModularQuotient(factors, sign, self.prime)
 

@@ -125,21 +125,23 @@ def _by_library(
     blocks = -(-len(omega) // _BLOCK)
     padded = np.resize(omega, blocks * _BLOCK)
     padded[len(omega) :] = omega[-1:]
-    found = np.empty((blocks, len(registers), _ROWS, _BLOCK))
+    blocks_of_rows = np.empty((blocks, len(registers), _ROWS, _BLOCK))
 
     def run(worker: int) -> None:
         memory = np.zeros((tape.slots, _ROWS, _BLOCK))
         for block in range(worker, blocks, workers):
             frequencies = padded[block * _BLOCK : (block + 1) * _BLOCK]
             call("dynid_run_tape", len(tape.rows), tape.rows, tape.numbers, frequencies, memory)
-            found[block] = memory[tape.places]
+            blocks_of_rows[block] = memory[tape.places]
 
     limited = hasattr(os, "sched_getaffinity")  # the cores that this process may use
     cores = len(os.sched_getaffinity(0)) if limited else os.cpu_count() or 1
     workers = max(1, min(blocks, cores))
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(run, range(workers)))
-    return found.transpose(2, 0, 3, 1).reshape(_ROWS, blocks * _BLOCK, len(registers))[:, : len(omega)]
+    return blocks_of_rows.transpose(2, 0, 3, 1).reshape(_ROWS, blocks * _BLOCK, len(registers))[
+        :, : len(omega)
+    ]
 
 
 def _by_numpy(
@@ -147,11 +149,11 @@ def _by_numpy(
 ) -> Array:
     """Return the rows of the registers, shape (6, omega, register)."""
     values = {name: DoubledComplex.real(value(name)) for name in program.parameters(registers)}
-    one, rows = DoubledComplex.real(1), np.empty((_ROWS, len(omega), len(registers)))
+    unity, rows = DoubledComplex.real(1), np.empty((_ROWS, len(omega), len(registers)))
     with np.errstate(all="ignore"):  # what overflows has no finite bound
         for start in range(0, len(omega), _NUMPY_BLOCK):
             block = omega[start : start + _NUMPY_BLOCK]
-            run = program.run(registers, values, DoubledComplex.on_axis(block), one)
+            run = program.run(registers, values, DoubledComplex.on_axis(block), unity)
             for column, register in enumerate(registers):
                 rows[:, start : start + _NUMPY_BLOCK, column] = run[register].rows
     return rows

@@ -244,24 +244,24 @@ class Program:
         """
         import numpy as np
 
-        codes, first, second = (list(map(itemgetter(part), self.ops)) for part in range(3))
+        codes, first, second = (list(map(itemgetter(field), self.ops)) for field in range(3))
         first[self.s] = 0
         names: list[str] = []
         for register, code in enumerate(codes):
             if code is _PARAMETER:
                 names.append(first[register])
                 first[register] = len(names) - 1
-        one, other = np.array(first, dtype=np.int64), np.array(second, dtype=np.int64)
-        return np.array(codes, dtype=np.int64), one, other, names
+        first_operands, second_operands = np.array(first, dtype=np.int64), np.array(second, dtype=np.int64)
+        return np.array(codes, dtype=np.int64), first_operands, second_operands, names
 
-    def parameters(self, wanted: Iterable[Register]) -> set[str]:
+    def parameters(self, registers: Iterable[Register]) -> set[str]:
         """Return the nodes whose values the wanted registers are made of."""
-        needed = self._needed(list(wanted))
+        needed = self._needed(list(registers))
         ops = (self.ops[register] for register in filter(needed.__getitem__, range(len(needed))))
         return {str(name) for op, name, _ in ops if op is _PARAMETER}
 
     def vanishing(
-        self, wanted: Iterable[Register], divisors: Iterable[Register], point: ModularPoint
+        self, registers: Iterable[Register], divisors: Iterable[Register], point: ModularPoint
     ) -> bool:
         """Test whether at another point a divisor is zero: one of these, or one on the way to the wanted."""
         divisors = list(divisors)
@@ -269,7 +269,7 @@ class Program:
             values = self._at(point, repeat(1))
         except ZeroDivisionError:  # but what nobody needs may be infinite
             try:
-                values = self._at(point, self._needed([*wanted, *divisors]))
+                values = self._at(point, self._needed([*registers, *divisors]))
             except ZeroDivisionError:
                 return True
         return not all(values[divisor] for divisor in divisors)
@@ -277,8 +277,8 @@ class Program:
     def _at(self, point: ModularPoint, needed: Iterable[int]) -> list[Any]:
         """Return the values of registers at a point, as far as they are needed."""
         values: list[Any] = []
-        for wanted, (op, a, b) in zip(needed, self.ops, strict=False):
-            if not wanted:
+        for is_needed, (op, a, b) in zip(needed, self.ops, strict=False):
+            if not is_needed:
                 values.append(None)
             elif op is _DIV:
                 values.append(values[a] / values[b])
@@ -296,10 +296,10 @@ class Program:
                 values.append(_ARITHMETIC[op](values[a], values[b]))
         return values
 
-    def _needed(self, wanted: list[Register]) -> bytearray:
+    def _needed(self, registers: list[Register]) -> bytearray:
         """Mark the registers that others depend on, up to the last one wanted."""
-        needed = bytearray(max(wanted, default=-1) + 1)
-        for register in wanted:
+        needed = bytearray(max(registers, default=-1) + 1)
+        for register in registers:
             needed[register] = 1
         for register in range(len(needed) - 1, -1, -1):
             if needed[register]:
@@ -311,17 +311,17 @@ class Program:
     # --- running -------------------------------------------------------------------------------
 
     def run(
-        self, wanted: Iterable[Register], values: Mapping[str, N], laplace: N, one: N
+        self, registers: Iterable[Register], values: Mapping[str, N], laplace: N, unity: N
     ) -> dict[Register, N]:
         """Run the part of the program that the wanted registers need.
 
         Parameters
         ----------
-        wanted
+        registers
             Registers to return.
         values
             Node values by name, as numbers of the type to compute in.
-        laplace, one
+        laplace, unity
             The variable s and the number 1 of that type; s may be an array.
 
         Raises
@@ -329,27 +329,27 @@ class Program:
         ZeroDivisionError
             Where exact numbers meet a zero pivot; arrays follow NumPy's rules instead.
         """
-        wanted = list(wanted)
+        registers = list(registers)
         # the last register that reads each of those needed, so that memory stays small
-        last_use = {register: register for register in wanted}
+        last_use = {register: register for register in registers}
         for register in range(max(last_use, default=-1), -1, -1):
             if register in last_use:
                 for operand in operands(*self.ops[register]):
                     last_use.setdefault(operand, register)
-        keep = set(wanted)
+        keep = set(registers)
         memory: dict[Register, Any] = {}
         for register in sorted(last_use):
             op, a, b = self.ops[register]
             if op >= _ADD:
                 memory[register] = -memory[a] if op is _NEG else _ARITHMETIC[op](memory[a], memory[b])
             elif op is _CONSTANT:
-                memory[register] = one * a if a != 1 else one
+                memory[register] = unity * a if a != 1 else unity
             else:
                 memory[register] = values[a] if op is _PARAMETER else laplace
             for operand in operands(op, a, b):
                 if last_use[operand] == register and operand not in keep:
                     memory.pop(operand, None)
-        return {register: memory[register] for register in wanted}
+        return {register: memory[register] for register in registers}
 
 
 _ARITHMETIC: dict[Operation, Callable[[Any, Any], Any]] = {
@@ -372,7 +372,7 @@ def operands(op: Operation, a: Any, b: int) -> tuple[Register, ...]:
 
 
 def gradient(
-    program: Program, register: Register, values: Mapping[str, N], laplace: N, one: N
+    program: Program, register: Register, values: Mapping[str, N], laplace: N, unity: N
 ) -> tuple[N, dict[str, N]]:
     """Return the value of a register and its partial derivatives.
 
@@ -382,7 +382,7 @@ def gradient(
         The program.
     register
         What to differentiate.
-    values, laplace, one
+    values, laplace, unity
         As for `Program.run`.
 
     Returns
@@ -402,12 +402,12 @@ def gradient(
                 behind.add(operand)
                 waiting.append(operand)
     needed = sorted(behind)
-    run = program.run(needed, values, laplace, one)
-    slopes: dict[Register, N] = {register: one}
+    run = program.run(needed, values, laplace, unity)
+    slopes: dict[Register, N] = {register: unity}
     partials: dict[str, N] = {}
-    for place in reversed(needed):
-        slope = slopes.pop(place)
-        op, a, b = program.ops[place]
+    for current in reversed(needed):
+        slope = slopes.pop(current)
+        op, a, b = program.ops[current]
         shares: tuple[tuple[Register, N], ...] = ()
         match op:
             case Operation.PARAMETER:
@@ -419,8 +419,8 @@ def gradient(
             case Operation.MUL:
                 shares = (a, slope * run[b]), (b, slope * run[a])
             case Operation.DIV:
-                part = slope / run[b]
-                shares = (a, part), (b, -(part * run[place]))
+                divided = slope / run[b]
+                shares = (a, divided), (b, -(divided * run[current]))
             case Operation.NEG:
                 shares = ((a, -slope),)
         for operand, share in shares:

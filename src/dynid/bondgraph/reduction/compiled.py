@@ -71,7 +71,7 @@ def _modulo(integers: list[int], prime: int) -> Integers:
     try:
         return np.array(integers, dtype=np.int64) % prime
     except OverflowError:
-        return np.array([each % prime for each in integers], dtype=np.int64)
+        return np.array([integer % prime for integer in integers], dtype=np.int64)
 
 
 class CompiledProgram(Program):
@@ -124,10 +124,10 @@ class CompiledProgram(Program):
 
     def _written(self, operation: Operation, a: int, b: int) -> Register:
         self._listed = None
-        made = call("dynid_plan_write", self.handle, int(operation), a, b)
-        if made < 0:
+        register = call("dynid_plan_write", self.handle, int(operation), a, b)
+        if register < 0:
             raise ZeroDivisionError
-        return made
+        return register
 
     def constant(self, value: int) -> Register:  # noqa: D102
         return self._written(Operation.CONSTANT, value, 0)
@@ -163,9 +163,11 @@ class CompiledProgram(Program):
 
     def divides_by_zero(self, divisors: Iterable[Register], at: PlanResidues) -> bool:
         """Test whether any of these registers, or anything that is divided by, is zero at another point."""
-        wanted = np.fromiter(divisors, np.int64)
+        registers = np.fromiter(divisors, np.int64)
         return bool(
-            call("dynid_plan_vanishes", self.handle, at.above, at.below, at.laplace, len(wanted), wanted)
+            call(
+                "dynid_plan_vanishes", self.handle, at.above, at.below, at.laplace, len(registers), registers
+            )
         )
 
 
@@ -225,13 +227,13 @@ def compiled_reductions(
     if not handle:
         return None
     program = CompiledProgram(handle, names, numbers, residues)
-    place, fixing, drawn = (np.empty(count, np.int64) for count in (len(names), sizes[0], sizes[0]))
-    call("dynid_plan_structure", handle, place, fixing, drawn)
+    junction_of, fixing, drawn = (np.empty(count, np.int64) for count in (len(names), sizes[0], sizes[0]))
+    call("dynid_plan_structure", handle, junction_of, fixing, drawn)
     junctions = _junction_names(graph, names, drawn.tolist())
     kept = np.array([numbers[source] for source in inputs], dtype=np.int64)
-    found, solved = {}, fixing >= 0
+    reductions, solved = {}, fixing >= 0
     for port in outputs:
-        root = int(place[numbers[port.node]])
+        root = int(junction_of[numbers[port.node]])
         if root < 0 or call("dynid_plan_reduce", handle, root, len(kept), kept, int(balanced), sizes):
             return None
         rows, pivots = np.empty(sizes[0], np.int64), np.empty(sizes[1], np.int64)
@@ -262,8 +264,8 @@ def compiled_reductions(
                 work.origins[net.root, term] = NodeRow(Junction(junctions[origin], ""), 0)
         net.root.sources = {inputs[source]: register for source, register in drives.tolist()}
         driven = frozenset(inputs[k] for k in np.flatnonzero(driving).tolist())
-        found[port] = reduction_at_root(net, work, NoTrace(), port, driven)
-    return CompiledReductions(program, found, unsolved=not solved.all())
+        reductions[port] = reduction_at_root(net, work, NoTrace(), port, driven)
+    return CompiledReductions(program, reductions, unsolved=not solved.all())
 
 
 def _junction_names(graph: BondGraph, names: list[str], drawn: list[int]) -> list[str]:

@@ -147,12 +147,12 @@ class JunctionStructure:
         else:
             effort = junction.kind == "0"
             kind, arrangement = ("effort", "parallel") if effort else ("flow", "series")
-            other, between = ("1", "an R or an I") if effort else ("0", "an R or a C")
+            remedy_kind, between = ("1", "an R or an I") if effort else ("0", "an R or a C")
             raise Singular(
                 f"{kind} sources '{junction.fixing}' and '{name}' both fix the {kind} of junction "
                 f"'{junction.name}' (two ideal sources in {arrangement})",
-                remedy=f"Put '{name}' on a {other}-junction of its own, with {between} that takes up the "
-                f"difference of the {kind}s, or drop one of them.",
+                remedy=f"Put '{name}' on a {remedy_kind}-junction of its own, with {between} that takes up "
+                f"the difference of the {kind}s, or drop one of them.",
                 names=(name, str(junction.fixing), junction.name),
             )
 
@@ -196,30 +196,30 @@ class JunctionStructure:
         return name
 
 
-def unique(name: str, taken: Collection[str]) -> str:
+def unique(name: str, names: Collection[str]) -> str:
     """Return a name that is not taken: itself, or with a number behind."""
-    if name not in taken:
+    if name not in names:
         return name
-    return next(other for number in count(2) if (other := f"{name}_{number}") not in taken)
+    return next(numbered for number in count(2) if (numbered := f"{name}_{number}") not in names)
 
 
 class NameRegistry:
     """Names that are taken, and the last number given to each, so that numbering stays fast."""
 
-    def __init__(self, taken: Iterable[str]) -> None:
-        self._taken = set(taken)
+    def __init__(self, names: Iterable[str]) -> None:
+        self._taken = set(names)
         self._number: dict[str, int] = {}
 
     def has(self, name: str) -> bool:
         """Test whether a name is taken."""
         return name in self._taken
 
-    def fresh(self, wanted: str) -> str:
+    def fresh(self, preferred: str) -> str:
         """Return a name that is not taken, and take it: itself, or with a number behind."""
-        name = wanted
+        name = preferred
         while name in self._taken:
-            self._number[wanted] = self._number.get(wanted, 1) + 1
-            name = f"{wanted}_{self._number[wanted]}"
+            self._number[preferred] = self._number.get(preferred, 1) + 1
+            name = f"{preferred}_{self._number[preferred]}"
         self._taken.add(name)
         return name
 

@@ -142,8 +142,8 @@ class NodalNetwork:
         program, node = self.program, self.graph.nodes[name]
         value = program.parameter(name)
         law = value if node.type == "R" else program.mul(program.s, value)
-        own = "0" if node.type == "C" else "1"  # where the law itself is the immittance
-        return law if row.kind == own else program.inv(law)
+        direct_kind = "0" if node.type == "C" else "1"  # where the law itself is the immittance
+        return law if row.kind == direct_kind else program.inv(law)
 
     def feed(self, row: NodeRow, source: str, amount: Register) -> None:
         """Add the contribution of an input to a balance; contributions that cancel disappear."""
@@ -173,41 +173,41 @@ class NodalNetwork:
         """Write both entries of a coupling; a known unknown moves to the right-hand side."""
         program, junctions = self.program, self.structure.junctions
         tail, head, two_port, inverse, one_way = coupling
-        one, other = self.rows.get(tail), self.rows.get(head)
-        if one is None and other is None:
+        tail_row, head_row = self.rows.get(tail), self.rows.get(head)
+        if tail_row is None and head_row is None:
             return
         size, minus = program.one, self._minus_one
         if two_port is not None:
             size = program.inv(program.parameter(two_port)) if inverse else program.parameter(two_port)
             minus = program.neg(size)
         if one_way:
-            self._activate(one, other, coupling, size, minus)
-        elif other is None and one is not None:
-            self._feed(one, junctions[head].fixing, minus)
-        elif one is None and other is not None:
-            self._feed(other, junctions[tail].fixing, size)
-        elif one is not None and other is not None:
-            if other in one.entries or self.tie(one, other) != BOND:  # one more
-                self.add_entry(one, other, size)
-                self.add_entry(other, one, minus)
+            self._activate(tail_row, head_row, coupling, size, minus)
+        elif head_row is None and tail_row is not None:
+            self._feed(tail_row, junctions[head].fixing, minus)
+        elif tail_row is None and head_row is not None:
+            self._feed(head_row, junctions[tail].fixing, size)
+        elif tail_row is not None and head_row is not None:
+            if head_row in tail_row.entries or self.tie(tail_row, head_row) != BOND:  # one more
+                self.add_entry(tail_row, head_row, size)
+                self.add_entry(head_row, tail_row, minus)
                 return
-            one.entries[other], other.entries[one] = size, minus
+            tail_row.entries[head_row], head_row.entries[tail_row] = size, minus
             if two_port is not None:
-                self.retie(one, other, Tie(two_port, inverse))
+                self.retie(tail_row, head_row, Tie(two_port, inverse))
 
     def _activate(
         self,
-        one: NodeRow | None,
-        other: NodeRow | None,
+        tail_row: NodeRow | None,
+        head_row: NodeRow | None,
         coupling: Coupling,
         size: Register,
         minus: Register,
     ) -> None:
         """Write the only entry of an activated bond."""
-        if one is not None and other is not None:
-            self.add_entry(other, one, minus)
-        elif other is not None:
-            self._feed(other, self.structure.junctions[coupling.tail].fixing, size)
+        if tail_row is not None and head_row is not None:
+            self.add_entry(head_row, tail_row, minus)
+        elif head_row is not None:
+            self._feed(head_row, self.structure.junctions[coupling.tail].fixing, size)
 
     @cached_property
     def _minus_one(self) -> Register:
@@ -227,11 +227,11 @@ class NodalNetwork:
         One that is zero both ways ties them no more.
         """
         self._ties[frozenset((row, column))] = None
-        program, own, other = self.program, row.entries, column.entries
-        total = own[column] = program.add(own.get(column, program.zero), entry)
-        back = other.setdefault(row, program.zero)  # a coupling is known from both sides
+        program, entries, mirrored = self.program, row.entries, column.entries
+        total = entries[column] = program.add(entries.get(column, program.zero), entry)
+        back = mirrored.setdefault(row, program.zero)  # a coupling is known from both sides
         if program.is_zero(total) and program.is_zero(back):
-            del own[column], other[row]
+            del entries[column], mirrored[row]
 
     def entry(self, row: NodeRow, column: NodeRow) -> Register:
         """Return a matrix entry off the diagonal."""
@@ -243,8 +243,8 @@ class NodalNetwork:
 
     def remove(self, row: NodeRow) -> None:
         """Remove an eliminated junction."""
-        for other in row.entries:
-            del other.entries[row]
+        for neighbour in row.entries:
+            del neighbour.entries[row]
         row.gone = True
         del row.entries, row.terms, row.sources
 
@@ -264,10 +264,14 @@ def reach(structure: JunctionStructure, root: str, without: str | None = None) -
     depth, queue = {root: 0}, [root]
     for name in queue:
         for tail, head, *_ in structure.tied[name]:
-            other = head if tail == name else tail
-            if other not in depth and other != without and structure.junctions[other].fixing is None:
-                depth[other] = depth[name] + 1
-                queue.append(other)
+            neighbour = head if tail == name else tail
+            if (
+                neighbour not in depth
+                and neighbour != without
+                and structure.junctions[neighbour].fixing is None
+            ):
+                depth[neighbour] = depth[name] + 1
+                queue.append(neighbour)
     return depth
 
 
@@ -293,8 +297,10 @@ class PortForm:
 
     def scaled(self, program: Program, factor: Register) -> PortForm:
         """Return the form times a factor."""
-        common, drive, own = (program.mul(factor, part) for part in (self.common, self.drive, self.own))
-        return PortForm(common, drive, own, self.by)
+        common, drive, direct = (
+            program.mul(factor, coefficient) for coefficient in (self.common, self.drive, self.own)
+        )
+        return PortForm(common, drive, direct, self.by)
 
 
 def port_form(net: NodalNetwork, port: Port, total: Register) -> PortForm:
@@ -323,19 +329,19 @@ def port_form(net: NodalNetwork, port: Port, total: Register) -> PortForm:
 def _effort_or_flow(net: NodalNetwork, name: str, quantity: str, total: Register) -> PortForm:
     """Write an effort or flow: common to the junction, set by a source, or the answer of what is asked."""
     program, kind = net.program, net.graph.nodes[name].type
-    zero, one = program.zero, program.one
+    zero, unity = program.zero, program.one
     if kind in SOURCES and quantity == ("e" if kind == "Se" else "f"):
-        return PortForm(zero, zero, one, name)
+        return PortForm(zero, zero, unity, name)
     if kind in JUNCTIONS or quantity == ("f" if net.root.kind == "1" else "e"):
-        return PortForm(one, zero, zero, name)
+        return PortForm(unity, zero, zero, name)
     if kind in SOURCES:  # it fixes the common variable; its reaction balances the junction
-        form = PortForm(program.neg(total), one, zero, name)
+        form = PortForm(program.neg(total), unity, zero, name)
     else:
         source = f"{STORED}{name}"
-        own = program.neg(net.stored(name, net.root)) if source in net.inputs else zero
-        form = PortForm(net.immittance(name, net.root), zero, own, source)
+        direct = program.neg(net.stored(name, net.root)) if source in net.inputs else zero
+        form = PortForm(net.immittance(name, net.root), zero, direct, source)
     outward = bond_sign(net.graph, name) > 0
-    return form if outward else form.scaled(program, program.neg(one))
+    return form if outward else form.scaled(program, program.neg(unity))
 
 
 def channel(net: NodalNetwork, form: PortForm, source: str, common: Register) -> Register:

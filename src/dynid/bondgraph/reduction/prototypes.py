@@ -153,10 +153,10 @@ def split_root(network: NodalNetwork, port: Port, fixed: bool) -> tuple[Immittan
             return 6
         if term.name not in elements:
             return 5
-        own, kind = term.name == port.node, graph.nodes[term.name].type
+        is_output, kind = term.name == port.node, graph.nodes[term.name].type
         if kind == integrating and not fixed:
-            return 0 if own else 1
-        return 2 if own else 4 if kind in STORAGES else 3
+            return 0 if is_output else 1
+        return 2 if is_output else 4 if kind in STORAGES else 3
 
     if not terms:
         return Immittance("nothing", network.program.zero), []

@@ -65,22 +65,22 @@ class JunctionElimination:
         self.holding: Register | None = None
         self.origins: dict[tuple[NodeRow, Immittance], NodeRow] = {}
 
-    def eliminate(self, row: NodeRow, own: Register) -> list[NodeRow]:
-        """Eliminate a junction on which something stands, in all `own`; return its former neighbours."""
+    def eliminate(self, row: NodeRow, total: Register) -> list[NodeRow]:
+        """Eliminate a junction on which something stands, in all `total`; return its former neighbours."""
         neighbours = list(row.entries)
-        self.trace.superposed(row, row.terms, own)
-        self.pivots.append(own)
+        self.trace.superposed(row, row.terms, total)
+        self.pivots.append(total)
         tie = self.net.tie(row, neighbours[0]) if len(neighbours) == 1 else None
         if not neighbours:
             self._remove(row)
         elif tie is None:  # on a loop, or tied to its only neighbour by more than a bond
-            self._eliminate_on_loop(row, neighbours, own)
+            self._eliminate_on_loop(row, neighbours, total)
         elif tie.two_port is not None:
-            self._reflect(row, neighbours[0], own, tie)
+            self._reflect(row, neighbours[0], total, tie)
         elif row.sources:
-            self._transform_source(row, neighbours[0], Immittance(row.origin, self.program.inv(own)))
+            self._transform_source(row, neighbours[0], Immittance(row.origin, self.program.inv(total)))
         else:
-            self._stand(neighbours[0], Immittance(row.origin, self.program.inv(own)), row)
+            self._stand(neighbours[0], Immittance(row.origin, self.program.inv(total)), row)
             self._remove(row)
         return neighbours
 
@@ -94,13 +94,17 @@ class JunctionElimination:
         self.net.remove(row)
         self.trace.done()
 
-    def _reflect(self, leaf: NodeRow, into: NodeRow, own: Register, tie: Tie) -> None:
+    def _reflect(self, leaf: NodeRow, into: NodeRow, total: Register, tie: Tie) -> None:
         """Reflect a leaf through a TF or GY, Z1 = n^2 Z2 or Z1 = r^2 / Z2; then transform its sources."""
         net, program = self.net, self.program
         modulus = program.parameter(str(tie.two_port))
         square = program.mul(modulus, modulus)
-        own = program.inv(program.mul(square, own)) if tie.inverse else program.mul(square, program.inv(own))
-        seen = Immittance(str(tie.two_port), own)
+        total = (
+            program.inv(program.mul(square, total))
+            if tie.inverse
+            else program.mul(square, program.inv(total))
+        )
+        seen = Immittance(str(tie.two_port), total)
         self.trace.reflected(leaf, into, seen)
         if leaf.sources:
             # the leaf is drawn on the near side: its unknown and balance in the neighbour's units
@@ -130,21 +134,21 @@ class JunctionElimination:
         if two_port is None:
             self.trace.merged(leaf, into)
 
-    def _eliminate_on_loop(self, row: NodeRow, neighbours: list[NodeRow], own: Register) -> None:
+    def _eliminate_on_loop(self, row: NodeRow, neighbours: list[NodeRow], total: Register) -> None:
         """Eliminate a junction by its multiport equivalent: the Schur complement of the nodal form."""
         net, program = self.net, self.program
-        inverse = program.inv(own)
-        factors = {other: program.mul(other.entries[row], inverse) for other in neighbours}
+        inverse = program.inv(total)
+        factors = {neighbour: program.mul(neighbour.entries[row], inverse) for neighbour in neighbours}
         changes = {
-            (one, other): program.neg(program.mul(factor, row.entries[other]))
-            for one, factor in factors.items()
-            for other in neighbours
+            (row_of, column_of): program.neg(program.mul(factor, row.entries[column_of]))
+            for row_of, factor in factors.items()
+            for column_of in neighbours
         }
-        for (one, other), change in changes.items():
-            self._add(one, other, change, row)
-        for other, factor in factors.items():
+        for (row_of, column_of), change in changes.items():
+            self._add(row_of, column_of, change, row)
+        for column_of, factor in factors.items():
             for source, amount in row.sources.items():
-                net.feed(other, source, program.mul(program.neg(factor), amount))
+                net.feed(column_of, source, program.mul(program.neg(factor), amount))
         self.trace.eliminated(row, factors, changes)
         self._remove(row)
 
@@ -195,10 +199,12 @@ class JunctionElimination:
             return x, program.div(program.sub(of_partner, program.mul(d, x)), a)
 
         columns = {column: solve(net.entry(partner, column), net.entry(bare, column)) for column in around}
-        one, other = partner.sources, bare.sources
+        of_partner_sources, of_bare_sources = partner.sources, bare.sources
         sides = {
-            source: solve(one.get(source, program.zero), other.get(source, program.zero))
-            for source in {**one, **other}
+            source: solve(
+                of_partner_sources.get(source, program.zero), of_bare_sources.get(source, program.zero)
+            )
+            for source in {**of_partner_sources, **of_bare_sources}
         }
         changes: dict[tuple[NodeRow, NodeRow], Register] = {}
         for row in around:
@@ -276,7 +282,7 @@ class Reduction:
     def modelled(self) -> tuple[str, ...]:
         """The nodes on the junctions that were reduced, and what drives them from outside."""
         structure, reached = self.structure, set(self.junctions)
-        inside = {name for name, place in structure.place.items() if place in reached} | self.driving
+        inside = {name for name, junction in structure.place.items() if junction in reached} | self.driving
         for junction in structure.junctions.values():
             if junction.fixing in self.driving:  # the port depends on it through its known variable only
                 inside.update(junction.members)
@@ -372,12 +378,12 @@ class Reducer:
         rows.remove(self.root)
         for rank, row in enumerate(rows):
             row.rank = rank
-        self._eliminate_in_turn([row for row in rows if len(row.entries) < 2], most=1)
-        self._eliminate_in_turn([row for row in rows if not row.gone], most=len(rows))
+        self._eliminate_in_turn([row for row in rows if len(row.entries) < 2], max_degree=1)
+        self._eliminate_in_turn([row for row in rows if not row.gone], max_degree=len(rows))
         self._eliminate_bare([row for row in nearest_first if not row.gone and row is not self.root])
         return reduction_at_root(self.net, self.work, self.trace, port, self._driving)
 
-    def _eliminate_in_turn(self, rows: list[NodeRow], most: int) -> None:
+    def _eliminate_in_turn(self, rows: list[NodeRow], max_degree: int) -> None:
         """Eliminate by (round, number of neighbours, distance from the root), up to so many neighbours."""
         paired = self.work.paired
         turns = [_turn(row) for row in rows]
@@ -387,30 +393,30 @@ class Reducer:
             row = turn[-1]
             if row.gone or turn != _turn(row):
                 continue  # eliminated already, or queued again with its new neighbours
-            own, neighbours = self.net.diagonal(row), list(row.entries)
-            if not self.program.is_zero(own):
-                around = self.work.eliminate(row, own)
+            total, neighbours = self.net.diagonal(row), list(row.entries)
+            if not self.program.is_zero(total):
+                around = self.work.eliminate(row, total)
             elif len(neighbours) == 1 and neighbours[0] is not self.root and paired(row, neighbours[0]):
                 around = self.work.eliminate_pair(neighbours[0], row)
             else:
                 continue  # nothing stands on it yet; it is queued again when a neighbour is eliminated
             following = row.round + 1 if self._balanced and len(around) > 1 else 0
-            for other in around:
-                other.round = max(other.round, following)
-                if other is not self.root and len(other.entries) <= most:
-                    heapq.heappush(turns, _turn(other))
+            for neighbour in around:
+                neighbour.round = max(neighbour.round, following)
+                if neighbour is not self.root and len(neighbour.entries) <= max_degree:
+                    heapq.heappush(turns, _turn(neighbour))
 
     def _eliminate_bare(self, rows: list[NodeRow]) -> None:
         """Eliminate junctions on which nothing stands, each with a neighbour that its balance fixes."""
         for row in rows:
             if row.gone:
                 continue
-            own = self.net.diagonal(row)
-            if not self.program.is_zero(own):
-                self.work.eliminate(row, own)
+            total = self.net.diagonal(row)
+            if not self.program.is_zero(total):
+                self.work.eliminate(row, total)
                 continue
-            partners = [other for other in row.entries if self.work.paired(row, other)]
-            others = [other for other in partners if other is not self.root]
+            partners = [neighbour for neighbour in row.entries if self.work.paired(row, neighbour)]
+            others = [neighbour for neighbour in partners if neighbour is not self.root]
             if others:
                 self.work.eliminate_pair(others[0], row)
             elif partners and not self.work.root_known:
@@ -443,12 +449,12 @@ def reduction_at_root(
     element, rest = split_root(net, port, work.root_known)
     part_a = program.sum(term.register for term in rest)
     factors = (*work.pivots, program.add(part_a, element.register))
-    found: tuple[set[str], set[str]] = set(), set()
+    behind: tuple[set[str], set[str]] = set(), set()
     for term in root.terms:
         origin = work.origins.get((root, term))
         if origin is not None:
-            found[term is element].add(origin.name)
-    origins = frozenset(found[0]), frozenset(found[1])
+            behind[term is element].add(origin.name)
+    origins = frozenset(behind[0]), frozenset(behind[1])
     label = f"{'Z' if root.kind == '1' else 'Y'}_A{trace.suffix}"
     trace.superposed(root, rest, part_a, label)
     prototype = Prototype(
@@ -464,11 +470,11 @@ def reduction_at_root(
         suffix=trace.suffix,
     )
     total = program.add(prototype.part_a, prototype.part_b)
-    others, own = tuple(work.pivots), work.holding
+    others, pivot = tuple(work.pivots), work.holding
     if not prototype.fixed:
         if program.is_zero(total):
             raise explain(net.structure)
-        own = total
+        pivot = total
     form = port_form(net, port, total)
     trace.reached(prototype, port, form)
     channels = {}
@@ -487,7 +493,7 @@ def reduction_at_root(
         prototype=prototype,
         drives=dict(root.sources),
         channels=channels,
-        pivots=others if own is None else (*others, own),
+        pivots=others if pivot is None else (*others, pivot),
         others=others,
         network=net,
         junctions=net.junctions,
@@ -528,8 +534,8 @@ def _shared(net: NodalNetwork, of_a: frozenset[str], of_b: frozenset[str]) -> tu
     """
     structure, members = net.structure, list[str]()
     while of_a and of_b:
-        part = set(reach(structure, min(of_b), without=net.root.name))
-        if part & of_a:
-            members += [member for name in part for member in structure.junctions[name].members]
-        of_a, of_b = of_a - part, of_b - part
+        reached = set(reach(structure, min(of_b), without=net.root.name))
+        if reached & of_a:
+            members += [member for name in reached for member in structure.junctions[name].members]
+        of_a, of_b = of_a - reached, of_b - reached
     return tuple(name for name in structure.graph.nodes if name in set(members))

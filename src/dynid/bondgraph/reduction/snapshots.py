@@ -145,11 +145,13 @@ class _SnapshotTaker:
             return  # the graph as drawn stays as it was drawn
         del self.taken[len(steps) :]
         before = self.taken[-1].junctions if self.taken else {}
-        known, program, fixing = self.work.held, self.net.program, self.net.root.fixing
-        if known is not None:
-            known = {source: known.get(source, program.zero) for source in self.net.inputs}
+        unknown, program, fixing = self.work.held, self.net.program, self.net.root.fixing
+        if unknown is not None:
+            unknown = {source: unknown.get(source, program.zero) for source in self.net.inputs}
         elif fixing is not None:
-            known = {source: program.one if source == fixing else program.zero for source in self.net.inputs}
+            unknown = {
+                source: program.one if source == fixing else program.zero for source in self.net.inputs
+            }
         left = {
             row.name: (
                 JunctionState(
@@ -179,7 +181,7 @@ class _SnapshotTaker:
                 root=self.net.root.name,
                 junctions=left,
                 links=tuple(links),
-                known=known,
+                known=unknown,
                 reading=port_form(self.net, self.port, program.zero),
                 changed=tuple(name for name, state in left.items() if before and state != before[name]),
                 gone=tuple(name for name in before if name not in left),

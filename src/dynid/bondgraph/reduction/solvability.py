@@ -86,7 +86,7 @@ def _user_names(structure: JunctionStructure, junctions: Iterable[str]) -> list[
             continue
         junction = structure.junctions[name]
         names |= dict.fromkeys(junction.members)
-        queue[:0] = [] if junction.members else [each for each in junction.between if each not in names]
+        queue[:0] = [] if junction.members else [node for node in junction.between if node not in names]
     return list(names)
 
 
@@ -219,11 +219,11 @@ def hold(structure: JunctionStructure, outputs: Iterable[Port]) -> list[Undeterm
     """
     parts = undetermined(structure)
     for port in outputs:
-        for part in sorted(parts, key=lambda part: len(part.vector)):
-            if structure.place[port.node] in part.vector and _is_answer(structure, port):
-                raise part.error
-    for part in parts:
-        structure.junctions[next(iter(part.vector))].fixing = UNDETERMINED
+        for undetermined_part in sorted(parts, key=lambda undetermined_part: len(undetermined_part.vector)):
+            if structure.place[port.node] in undetermined_part.vector and _is_answer(structure, port):
+                raise undetermined_part.error
+    for undetermined_part in parts:
+        structure.junctions[next(iter(undetermined_part.vector))].fixing = UNDETERMINED
     return parts
 
 
@@ -247,7 +247,7 @@ def explain(structure: JunctionStructure) -> Singular:
     except Singular as error:
         return error
     if parts:
-        return min(parts, key=lambda part: len(part.vector)).error
+        return min(parts, key=lambda undetermined_part: len(undetermined_part.vector)).error
     return Singular(
         "the equations of this graph have a unique solution for its values, but not for general ones",
         remedy="Give elements that cancel other values.",
@@ -290,8 +290,8 @@ class _SparseElimination:
             for column in row:
                 rows_with[column].add(name)
         self._pivots: list[tuple[str, Sparse]] = []
-        turns = [(len(row), place, name) for place, (name, row) in enumerate(rows.items()) if row]
-        places = {name: place for _, place, name in turns}
+        turns = [(len(row), index, name) for index, (name, row) in enumerate(rows.items()) if row]
+        places = {name: index for _, index, name in turns}
         heapq.heapify(turns)
         while turns:
             length, _, name = heapq.heappop(turns)
@@ -302,18 +302,18 @@ class _SparseElimination:
             inverse = pow(row[pivot], -1, prime)
             for column in row:
                 rows_with[column].discard(name)
-            for other in rows_with.pop(pivot):
-                target = left[other]
+            for row_below in rows_with.pop(pivot):
+                target = left[row_below]
                 factor = -target[pivot] * inverse % prime
                 for column, entry in row.items():
                     _add(target, column, factor * entry, prime)
                     if column != pivot:
-                        (rows_with[column].add if column in target else rows_with[column].discard)(other)
+                        (rows_with[column].add if column in target else rows_with[column].discard)(row_below)
                 if target:
-                    heapq.heappush(turns, (len(target), places[other], other))
+                    heapq.heappush(turns, (len(target), places[row_below], row_below))
             self._pivots.append((pivot, row))
-        taken = {column for column, _ in self._pivots}
-        self.free = [name for name in rows if name not in taken]
+        pivoted = {column for column, _ in self._pivots}
+        self.free = [name for name in rows if name not in pivoted]
 
     def null_vectors(self) -> Iterable[Sparse]:
         """Yield a basis of the right null space, each vector of smallest support, its free column first."""

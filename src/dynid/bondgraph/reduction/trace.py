@@ -239,11 +239,11 @@ class TraceRecorder(NoTrace):
 
     def eliminated(self, row: NodeRow, factors: dict[NodeRow, Register], changes: Changes) -> None:  # noqa: D102
         definitions = self._gained(row, changes)
-        for other, factor in factors.items():
+        for neighbour, factor in factors.items():
             if self.drives[row]:
-                label = self._names.fresh(f"b_{other.name}_{row.name}")
-                definitions.append((label, self._passed_on(row, other, self.program.neg(factor), label)))
-        neighbours = [other.name for other in factors]
+                label = self._names.fresh(f"b_{neighbour.name}_{row.name}")
+                definitions.append((label, self._passed_on(row, neighbour, self.program.neg(factor), label)))
+        neighbours = [neighbour.name for neighbour in factors]
         if len(neighbours) == 1:
             meaning = f"{row.name} acts on {neighbours[0]} through more than a bond: what it passes on is its"
         else:
@@ -269,11 +269,11 @@ class TraceRecorder(NoTrace):
 
     def title(self, row: NodeRow, term: Immittance) -> str:
         """Return the name of an immittance on a junction: its own, or one after the node it comes from."""
-        given = self._titles.get((row, term)) or self.labels.get(term.register)
-        if given is None:
-            given = self._names.fresh(f"{'Z' if row.kind == '1' else 'Y'}_{term.name}")
-            self._titles[row, term] = given
-        return given
+        title = self._titles.get((row, term)) or self.labels.get(term.register)
+        if title is None:
+            title = self._names.fresh(f"{'Z' if row.kind == '1' else 'Y'}_{term.name}")
+            self._titles[row, term] = title
+        return title
 
     def variable(self, letter: str, node: str) -> str:
         """Return the name of an effort, flow, momentum or displacement of a node."""
@@ -287,13 +287,16 @@ class TraceRecorder(NoTrace):
 
     def constrained(self, bare: NodeRow, fixed: NodeRow, changes: Changes) -> None:  # noqa: D102
         net, program = self.net, self.program
-        own = net.entry(bare, fixed)
-        parts = [(program.div(amount, own), by) for by, amount in self.drives[bare].items()]
-        others = [other for other in bare.entries if other is not fixed]
-        for other in others:
-            tie = program.neg(program.div(net.entry(bare, other), own))
-            parts.append((tie, self._common_of(other)))
-        what, names = {"e": "effort", "f": "flow"}[COMMON[fixed.kind]], [other.name for other in others]
+        entry = net.entry(bare, fixed)
+        parts = [(program.div(amount, entry), by) for by, amount in self.drives[bare].items()]
+        others = [neighbour for neighbour in bare.entries if neighbour is not fixed]
+        for neighbour in others:
+            tie = program.neg(program.div(net.entry(bare, neighbour), entry))
+            parts.append((tie, self._common_of(neighbour)))
+        what, names = (
+            {"e": "effort", "f": "flow"}[COMMON[fixed.kind]],
+            [neighbour.name for neighbour in others],
+        )
         does = f"ties the {what} of {fixed.name} to" if names else f"fixes the {what} of {fixed.name}"
         meaning = f"no element stands on {bare.name}, so its balance alone {does}"
         if names:
@@ -334,16 +337,16 @@ class TraceRecorder(NoTrace):
         program = self.program
         meant: dict[str, Register] = {}  # the sum in terms of the inputs
         for amount, by in parts:
-            for source, own in self._meant.get(by, {by: program.one}).items():
-                meant[source] = program.add(meant.get(source, program.zero), program.mul(amount, own))
+            for source, coefficient in self._meant.get(by, {by: program.one}).items():
+                meant[source] = program.add(meant.get(source, program.zero), program.mul(amount, coefficient))
         self._meant[label] = meant
-        for other, amount in self.drives[to].items():
-            earlier = self._meant.get(other, {})
+        for label_before, amount in self.drives[to].items():
+            earlier = self._meant.get(label_before, {})
             taken_back = meant.keys() == earlier.keys() and all(
                 program.are_opposite(meant[source], earlier[source]) for source in meant
             )
             if amount == program.one and taken_back:
-                del self.drives[to][other]
+                del self.drives[to][label_before]
                 return parts
         self.drives[to][label] = program.one
         return parts

@@ -112,25 +112,25 @@ def add_zero_dynamics(result: Result, reduced: ReducedGraph, causality: Causalit
         junctions = reduced.reductions[port].junctions
         exact_order = natural_order(reduced.graph, junctions, reduced.structure) + integrated
         for source in reduced.inputs:
-            found = zero_causality(reduced.graph, port, source)
+            bicausality = zero_causality(reduced.graph, port, source)
             group = f"bond_graph/causality/zero_dynamics/{port}/{source}"
             structural = None  # the number of zeros that the structure of the bicausal graph allows
-            if found is not None:
+            if bicausality is not None:
                 names = ("tail", "head", "effort", "flow", "set_by")
-                rows = [(b.tail, b.head, b.effort, b.flow, b.set_by) for b in found.bonds]
+                rows = [(b.tail, b.head, b.effort, b.flow, b.set_by) for b in bicausality.bonds]
                 result.add_axis(f"{group}/bond", np.arange(1, len(rows) + 1))
                 table = np.array(rows, dtype=[(name, object) for name in names])
                 result.add(f"{group}/bonds", table, ("bond",))
-                result.add_axis(f"{group}/line", list(found.line))
-                inside = [state.name for state in found.inside.states if state.element in modelled]
-                derivative = [name for name in found.derivative if name in modelled]
+                result.add_axis(f"{group}/line", list(bicausality.line))
+                inside = [state.name for state in bicausality.inside.states if state.element in modelled]
+                derivative = [name for name in bicausality.derivative if name in modelled]
                 result.add_axis(f"{group}/internal_state", np.array(inside, dtype=object))
                 result.add_axis(f"{group}/derivative_storage", np.array(derivative, dtype=object))
                 structural = len(inside)
                 result.add(f"{group}/zeros_structural", structural)
                 result.add(f"{group}/relative_degree_structural", order - structural)
             exact = _add_equations(result, group, reduced, port, source, exact_order)
-            note = _difference(structural, exact, order - exact_order, found)
+            note = _difference(structural, exact, order - exact_order, bicausality)
             if note:
                 result.annotate(group, note=note)
 
@@ -144,17 +144,17 @@ def _add_equations(
     except Singular:
         result.add(f"{group}/meaning", f"the input {source} does not reach {port}: no zero dynamics")
         return None
-    count = sum(len(part.states) for part in parts)
+    count = sum(len(zero_part.states) for zero_part in parts)
     result.add(f"{group}/zeros_exact", count)
     result.add(f"{group}/relative_degree_exact", order - count)
     result.add(f"{group}/meaning", _meaning(reduced, port, source, parts))
     rows = [
         (
-            ", ".join(part.elements),
-            ", ".join(part.states),
-            "not formed: too large" if part.polynomial is None else str(part.polynomial),
+            ", ".join(zero_part.elements),
+            ", ".join(zero_part.states),
+            "not formed: too large" if zero_part.polynomial is None else str(zero_part.polynomial),
         )
-        for part in parts
+        for zero_part in parts
     ]
     dtype = [(name, object) for name in ("elements", "states", "polynomial")]
     result.add_axis(f"{group}/part", np.arange(1, len(rows) + 1))
@@ -185,16 +185,22 @@ def _meaning(reduced: ReducedGraph, port: Port, source: str, parts: tuple[ZeroPa
     if not parts:
         return f"{held} there are no zero dynamics: the channel has no zeros"
     carried = [
-        join_with_types(kinds, part.elements) if part.elements else join_nodes(part.states)
-        for part in parts[:_PARTS]
+        join_with_types(kinds, zero_part.elements) if zero_part.elements else join_nodes(zero_part.states)
+        for zero_part in parts[:_PARTS]
     ]
     more = f", and {len(parts) - _PARTS} more parts" if len(parts) > _PARTS else ""
     return f"zero dynamics, {held}: states of {'; '.join(carried)}{more}"
 
 
-def _difference(structural: int | None, exact: int | None, lost: int, found: ZeroCausality | None) -> str:
+def _difference(
+    structural: int | None, exact: int | None, lost: int, bicausality: ZeroCausality | None
+) -> str:
     """Return the reason why structure and numbers give different counts of zeros."""
-    several = "" if found is None or found.lines < 2 else f" ({found.lines} lines of power were compared)"
+    several = (
+        ""
+        if bicausality is None or bicausality.lines < 2
+        else f" ({bicausality.lines} lines of power were compared)"
+    )
     if structural is None:
         return "" if exact is None else "no single line of power can be made bicausal; the exact count holds"
     if exact is None:

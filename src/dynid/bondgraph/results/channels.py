@@ -41,7 +41,7 @@ class ChannelEngine(Protocol):
 # --- formulas -------------------------------------------------------------------------------------
 
 
-def add_formulas(result: Result, reduced: ReducedGraph, wanted: FormulaRequest | None) -> None:
+def add_formulas(result: Result, reduced: ReducedGraph, request: FormulaRequest | None) -> None:
     """Add the formulas of every channel.
 
     A formula of a page is the attribute `symbolic` (and `latex`) of its channel. On demand a channel has the
@@ -63,15 +63,15 @@ def add_formulas(result: Result, reduced: ReducedGraph, wanted: FormulaRequest |
         if denominator != 1:
             latex, rank = LATEX.quotient((latex, rank), written(denominator, LATEX))
         result.annotate(_group(channel), symbolic=quotient(numerator, denominator)[0], latex=latex)
-    if wanted is None:
+    if request is None:
         return
     for channel, register in reduced.channels().items():
         for name, hand in (("program", TEXT), ("program_latex", LATEX)):
             result.add(f"{_group(channel)}/{name}", nested(reduced, [register], hand))
-    if wanted.form == "expanded":
-        for channel, polynomials in expanded(reduced, wanted.terms).items():
-            for name, part in zip(("numerator", "denominator"), polynomials, strict=True):
-                result.add(f"{_group(channel)}/symbolic_{name}", plain(part), terms=len(part))
+    if request.form == "expanded":
+        for channel, polynomials in expanded(reduced, request.terms).items():
+            for name, polynomial in zip(("numerator", "denominator"), polynomials, strict=True):
+                result.add(f"{_group(channel)}/symbolic_{name}", plain(polynomial), terms=len(polynomial))
 
 
 def _group(channel: Channel) -> str:
@@ -106,21 +106,21 @@ def add_channels(result: Result, reduced: ReducedGraph, analysis: Analysis) -> N
     """
     choice = choose_engine(reduced, analysis)
     try:
-        found = _channels(reduced, analysis, choice)
+        channels = _channels(reduced, analysis, choice)
     except Undecided as error:
         if choice.forced:
             raise
         choice = choice.fallback(error.problem)
-        found = _channels(reduced, analysis, choice)
-    result.merge(found)
+        channels = _channels(reduced, analysis, choice)
+    result.merge(channels)
     result.annotate("bond_graph", **choice.attributes(analysis.reading))
 
 
 def _channels(reduced: ReducedGraph, analysis: Analysis, choice: EngineChoice) -> Result:
     result = Result("bond-graph")
     for channel in reduced.channels():
-        own = {"unit": unit} if (unit := reduced.units.of_channel(*channel)) else {}
-        result.annotate(_group(channel), engine=choice.engine, reading=analysis.reading, **own)
+        units = {"unit": unit} if (unit := reduced.units.of_channel(*channel)) else {}
+        result.annotate(_group(channel), engine=choice.engine, reading=analysis.reading, **units)
     if "transfer_function" in analysis.results:
         nested = FormulaRequest() if choice.engine == "symbolic" else None
         add_formulas(result, reduced, analysis.formulas or nested)
@@ -207,8 +207,8 @@ def _add_hidden_modes(result: Result, engine: ChannelEngine, channel: Channel, *
         return
     from dynid.bondgraph.hidden_modes import hidden_modes
 
-    found = hidden_modes(engine.reduced, channel, engine.hidden_polynomial(channel))
-    modes = [mode for mode in found for _ in range(mode.root.multiplicity)]
+    hidden = hidden_modes(engine.reduced, channel, engine.hidden_polynomial(channel))
+    modes = [mode for mode in hidden for _ in range(mode.root.multiplicity)]
     _add_modes(result, group, np.array([mode.root.value for mode in modes], dtype=complex))
     result.add(f"{group}/hidden_mode_cause", [mode.cause for mode in modes], ("hidden_mode",))
     result.add(f"{group}/hidden_mode_elements", [mode.elements for mode in modes], ("hidden_mode",))
@@ -233,12 +233,12 @@ def note_measuring_integrals(result: Result, reduced: ReducedGraph, analysis: An
     }
     integrals = close_loops(analysis.opened, analysis.loops).integrals if at_zero else {}
     # Channels of one part of the graph and one input have the same [A, b].
-    found: dict[tuple[frozenset[str], str], list[str]] = {}
+    dependent_states: dict[tuple[frozenset[str], str], list[str]] = {}
     for (output, source), group in at_zero.items() if integrals else ():
-        part = frozenset(reduced.reductions[output].junctions), source
-        if part not in found:
-            found[part] = conserved(reduced, (output, source), integrals)
-        measured = dict.fromkeys(str(integrals[name]) for name in found[part])
+        key = frozenset(reduced.reductions[output].junctions), source
+        if key not in dependent_states:
+            dependent_states[key] = conserved(reduced, (output, source), integrals)
+        measured = dict.fromkeys(str(integrals[name]) for name in dependent_states[key])
         if measured:
             note = (
                 f"0: the integral that measures {', '.join(measured)} for a loop differs by a constant from "

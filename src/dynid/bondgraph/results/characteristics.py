@@ -39,12 +39,12 @@ def add_characteristics(result: Result, reduced: ReducedGraph, asked: frozenset[
     for channel, register in tracked(registers.items(), "characteristics of channel"):
         transfer = TransferFunction.of(ratios[register])
         group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
-        found: list[tuple[str, StepInfo | Bandwidth]] = []
+        characteristics: list[tuple[str, StepInfo | Bandwidth]] = []
         if "step_info" in asked:
-            found.append(("step_status", step_info(transfer.numerator, transfer.denominator)))
+            characteristics.append(("step_status", step_info(transfer.numerator, transfer.denominator)))
         if "bandwidth" in asked:
-            found.append(("bandwidth_status", bandwidth(transfer.numerator, transfer.denominator)))
-        for status, values in found:
+            characteristics.append(("bandwidth_status", bandwidth(transfer.numerator, transfer.denominator)))
+        for status, values in characteristics:
             names = [name for name, its_status in STATUSES.items() if its_status == status]
             result.add(f"{group}/{status}", values.status, status_of=" ".join(names))
             for name in names:

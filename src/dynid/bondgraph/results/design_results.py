@@ -37,12 +37,12 @@ def add_design(result: Result, designed: Designed, omega: Array | None) -> None:
     design, coordinates = functions.design, functions.coordinates
     best = designed.solution
     result.annotate(GROUP, starts=design.starts, ended=designed.ended, seed=design.seed)
-    result.add_axis(f"{GROUP}/name", [one.name for one in design.free])
+    result.add_axis(f"{GROUP}/name", [parameter.name for parameter in design.free])
     values = coordinates.values(best.found.eta)
-    lows = np.array([-math.inf if one.low is None else one.low for one in design.free])
-    highs = np.array([math.inf if one.high is None else one.high for one in design.free])
+    lows = np.array([-math.inf if parameter.low is None else parameter.low for parameter in design.free])
+    highs = np.array([math.inf if parameter.high is None else parameter.high for parameter in design.free])
     for name, column in (
-        ("start", np.array([one.start for one in design.free])),
+        ("start", np.array([parameter.start for parameter in design.free])),
         ("value", values),
         ("min", lows),
         ("max", highs),
@@ -50,7 +50,7 @@ def add_design(result: Result, designed: Designed, omega: Array | None) -> None:
         result.add(f"{GROUP}/{name}", column, ("name",))
     bound = np.where(values <= lows, "min", np.where(values >= highs, "max", "")).astype(object)
     result.add(f"{GROUP}/bound", bound, ("name",))
-    influence = np.array([one.name not in designed.idle for one in design.free])
+    influence = np.array([parameter.name not in designed.idle for parameter in design.free])
     result.add(f"{GROUP}/influence", influence, ("name",))
     result.add(f"{GROUP}/met", best.met)
     if best.conditions is not None:
@@ -62,11 +62,11 @@ def add_design(result: Result, designed: Designed, omega: Array | None) -> None:
     _add_targets(result, designed)
     optima = designed.optima
     result.add_axis(f"{GROUP}/optima/optimum", np.arange(1, len(optima) + 1))
-    result.add_axis(f"{GROUP}/optima/name", [one.name for one in design.free])
-    found = np.array([coordinates.values(one.solution.found.eta) for one in optima])
-    result.add(f"{GROUP}/optima/value", found, ("optimum", "name"))
-    result.add(f"{GROUP}/optima/objective", [one.solution.objective for one in optima], ("optimum",))
-    result.add(f"{GROUP}/optima/count", [one.count for one in optima], ("optimum",))
+    result.add_axis(f"{GROUP}/optima/name", [parameter.name for parameter in design.free])
+    optimal_values = np.array([coordinates.values(optimum.solution.found.eta) for optimum in optima])
+    result.add(f"{GROUP}/optima/value", optimal_values, ("optimum", "name"))
+    result.add(f"{GROUP}/optima/objective", [optimum.solution.objective for optimum in optima], ("optimum",))
+    result.add(f"{GROUP}/optima/count", [optimum.count for optimum in optima], ("optimum",))
     _add_responses(result, designed, omega)
     _warn(result, designed)
 
@@ -87,23 +87,23 @@ def _add_targets(result: Result, designed: Designed) -> None:
     """Add the targets: wanted, at the start, reached, and reached by the designs that are compared."""
     functions = designed.functions
     design, group = functions.design, f"{GROUP}/targets"
-    result.add_axis(f"{group}/target", [str(one) for one in design.targets])
-    kinds = [one.kind for one in design.targets]
+    result.add_axis(f"{group}/target", [str(target) for target in design.targets])
+    kinds = [target.kind for target in design.targets]
     result.add(f"{group}/kind", np.array(kinds, dtype=object), ("target",))
     for name in ("output", "input"):
-        names = [str(getattr(one, name)) for one in design.targets]
+        names = [str(getattr(target, name)) for target in design.targets]
         result.add(f"{group}/{name}", np.array(names, dtype=object), ("target",))
-    units = [_unit(functions, one) for one in design.targets]
+    units = [_unit(functions, target) for target in design.targets]
     result.add(f"{group}/unit", np.array(units, dtype=object), ("target",))
-    wanted = [one.frequency if isinstance(one, RootTarget) else 0.0 for one in design.targets]
+    frequencies = [target.frequency if isinstance(target, RootTarget) else 0.0 for target in design.targets]
     dampings = [
-        one.damping if isinstance(one, RootTarget) and one.damping is not None else 0.0
-        for one in design.targets
+        target.damping if isinstance(target, RootTarget) and target.damping is not None else 0.0
+        for target in design.targets
     ]
     note = "rad/s of a zero or pole; 0 of a norm, which is minimised"
-    result.add(f"{group}/wanted", wanted, ("target",), note=note)
+    result.add(f"{group}/wanted", frequencies, ("target",), note=note)
     result.add(f"{group}/wanted_damping", dampings, ("target",), note="where one is wanted")
-    damped = [isinstance(one, RootTarget) and one.damping is not None for one in design.targets]
+    damped = [isinstance(target, RootTarget) and target.damping is not None for target in design.targets]
     result.add(f"{group}/damping_wanted", damped, ("target",))
     for name, at in (("start", designed.start), ("reached", designed.solution.found)):
         rows = _values(functions, at)
@@ -114,10 +114,10 @@ def _add_targets(result: Result, designed: Designed) -> None:
         others = [functions.at(functions.coordinates.of(values)) for values in design.compared.values()]
         group = f"{GROUP}/compared"
         result.add_axis(f"{group}/design", list(design.compared))
-        result.add_axis(f"{group}/name", [one.name for one in design.free])
-        result.add_axis(f"{group}/target", [str(one) for one in design.targets])
-        found = np.array([functions.coordinates.values(at.eta) for at in others])
-        result.add(f"{group}/value", found, ("design", "name"))
+        result.add_axis(f"{group}/name", [parameter.name for parameter in design.free])
+        result.add_axis(f"{group}/target", [str(target) for target in design.targets])
+        compared_values = np.array([functions.coordinates.values(at.eta) for at in others])
+        result.add(f"{group}/value", compared_values, ("design", "name"))
         table = np.array([_values(functions, at) for at in others])
         result.add(f"{group}/reached", table[:, :, 0], ("design", "target"))
         result.add(f"{group}/reached_damping", table[:, :, 1], ("design", "target"), note="0 of a norm")
@@ -146,11 +146,11 @@ def _values(functions: DesignFunctions, at: Evaluation) -> list[tuple[float, flo
 def _residuals(functions: DesignFunctions, at: Evaluation) -> list[float]:
     """Return the largest residual of each wanted root; 0 of norms, which have none."""
     roots = iter(at.reached)
-    found = []
+    residuals = []
     for target in functions.design.targets:
         root = next(roots) if isinstance(target, RootTarget) else None
-        found.append(0.0 if root is None else float(np.abs(root.residuals).max()))
-    return found
+        residuals.append(0.0 if root is None else float(np.abs(root.residuals).max()))
+    return residuals
 
 
 def _add_responses(result: Result, designed: Designed, omega: Array | None) -> None:
@@ -163,15 +163,15 @@ def _add_responses(result: Result, designed: Designed, omega: Array | None) -> N
     for target in design.targets:
         channels.setdefault(f"{target.output}/{target.input}", target)
     if omega is None:
-        sizes = np.concatenate([np.abs(np.linalg.eigvals(one.A)) for one in matrices])
+        sizes = np.concatenate([np.abs(np.linalg.eigvals(system.A)) for system in matrices])
         sizes = sizes[sizes > 1e-9 * sizes.max(initial=0.0)]
         low, high = (sizes.min(), sizes.max()) if len(sizes) else (1.0, 1.0)
         omega = np.geomspace(low / _BEYOND, high * _BEYOND, _POINTS)
     result.add_axis(f"{group}/omega", omega, "rad/s")
     result.add_axis(f"{group}/channel", list(channels))
     units = GraphUnits(design.graph)
-    texts = [units.of_channel(one.output, one.input) for one in channels.values()]
+    texts = [units.of_channel(target.output, target.input) for target in channels.values()]
     result.add(f"{group}/unit", np.array(texts, dtype=object), ("channel",))
-    for name, found in zip(("start", "designed"), matrices, strict=True):
-        columns = [functions.response(found, one, omega) for one in channels.values()]
+    for name, channel_matrices in zip(("start", "designed"), matrices, strict=True):
+        columns = [functions.response(channel_matrices, target, omega) for target in channels.values()]
         result.add(f"{group}/{name}", np.array(columns).T, ("omega", "channel"))

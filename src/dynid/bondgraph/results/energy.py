@@ -49,9 +49,9 @@ class EnergyElements:
     """
 
     def __init__(self, graph: BondGraph) -> None:
-        every = [node for node in graph.nodes.values() if node.type in STORAGES or node.type == "R"]
-        single = [node for node in every if node.part != CONTROL]
-        self.controlled = any(node.type in STORAGES for node in every if node.part == CONTROL)
+        elements = [node for node in graph.nodes.values() if node.type in STORAGES or node.type == "R"]
+        single = [node for node in elements if node.part != CONTROL]
+        self.controlled = any(node.type in STORAGES for node in elements if node.part == CONTROL)
         self.ports = [Port(node.name, "e" if node.type == "C" else "f") for node in single]
         self.values = np.array([float(graph.value(node.name)) for node in single])
         self._stores = np.array([node.type in STORAGES for node in single], dtype=bool)
@@ -61,7 +61,7 @@ class EnergyElements:
 
     def _names(self, *, stores: bool) -> list[str]:
         pairs = zip(self._owners, self._stores, strict=True)
-        return list(dict.fromkeys(owner for owner, own in pairs if own is np.bool_(stores)))
+        return list(dict.fromkeys(owner for owner, is_store in pairs if is_store is np.bool_(stores)))
 
     @property
     def passive(self) -> bool:
@@ -85,8 +85,8 @@ class EnergyElements:
         """Return sums over the single elements of every element as drawn."""
         names = self.storages if stores else self.resistors
         sums = np.zeros((*squares.shape[:-1], len(names)))
-        for column, (owner, own) in enumerate(zip(self._owners, self._stores, strict=True)):
-            if own == stores and self.values[column]:  # without 0 times inf
+        for column, (owner, is_store) in enumerate(zip(self._owners, self._stores, strict=True)):
+            if is_store == stores and self.values[column]:  # without 0 times inf
                 sums[..., names.index(owner)] += factor * self.values[column] * squares[..., column]
         return sums
 
@@ -130,9 +130,9 @@ def free_motions(reduced: ReducedGraph, elements: EnergyElements) -> FreeMotions
     for pole in values[values.imag >= 0]:
         near = np.abs(values - pole) <= _EQUAL * max(abs(pole), np.finfo(float).tiny)
         left, sizes, _ = np.linalg.svd(vectors[:, near], full_matrices=False)
-        own = left[:, sizes > _PARALLEL * sizes[0]]
+        null_space = left[:, sizes > _PARALLEL * sizes[0]]
         poles.append(values[near].mean())
-        squares.append((np.abs(C @ own) ** 2).mean(axis=1))
+        squares.append((np.abs(C @ null_space) ** 2).mean(axis=1))
         repeated.append(near.sum() > 1)
     order = np.argsort(np.abs(poles), kind="stable")
     return FreeMotions(np.array(poles)[order], np.array(squares)[order], np.array(repeated)[order])
@@ -225,21 +225,21 @@ def add_source_performance(result: Result, graph: BondGraph, inputs: tuple[str, 
         if graph.nodes[name].part == CONTROL:
             continue
         efforts = graph.nodes[name].type == "Se"
-        other = Port(name, "f" if efforts else "e")
-        reduced = ReducedGraph(graph, [name], [other], traced=False)
+        answered = Port(name, "f" if efforts else "e")
+        reduced = ReducedGraph(graph, [name], [answered], traced=False)
         answer = frequency_response(reduced, omega)[:, 0, 0]
         if bond_sign(graph, name) > 0:
             answer = -answer
         units = [reduced.units.of(name, quantity) for quantity in "ef"]
-        one = np.ones_like(answer)
-        effort, flow = (one, answer) if efforts else (answer, one)
+        unity = np.ones_like(answer)
+        effort, flow = (unity, answer) if efforts else (answer, unity)
         impedance = _inverse(answer) if efforts else answer
-        group, known = f"{_SOURCES}/{name}", all(units)
+        group, has_units = f"{_SOURCES}/{name}", all(units)
         result.add(f"{group}/effort", effort, ("omega",), units[0])
         result.add(f"{group}/flow", flow, ("omega",), units[1])
-        ratio = unit_quotient(units[0], units[1]) if known else ""
+        ratio = unit_quotient(units[0], units[1]) if has_units else ""
         result.add(f"{group}/impedance", impedance, ("omega",), ratio)
-        watt = "W" if known and reduced.units.domains[name] != "thermal" else ""
+        watt = "W" if has_units and reduced.units.domains[name] != "thermal" else ""
         result.add(f"{group}/active_power", answer.real / 2, ("omega",), watt)
         # Im(e f*) is -Im f for e = 1, and Im e for f = 1
         reactive = (-answer.imag if efforts else answer.imag) / 2
@@ -249,8 +249,8 @@ def add_source_performance(result: Result, graph: BondGraph, inputs: tuple[str, 
 
 def _inverse(values: ComplexArray) -> ComplexArray:
     """Return 1/z; inf for 0, and 0 for inf."""
-    found = np.full(len(values), np.inf, dtype=complex)
+    inverse = np.full(len(values), np.inf, dtype=complex)
     finite = np.isfinite(values)
-    np.divide(1.0, values, out=found, where=finite & (values != 0))
-    found[~finite] = 0
-    return found
+    np.divide(1.0, values, out=inverse, where=finite & (values != 0))
+    inverse[~finite] = 0
+    return inverse

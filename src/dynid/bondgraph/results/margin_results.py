@@ -66,20 +66,24 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
         Frequencies of the sensitivity functions, rad/s; absent: around the crossings.
     """
     names = [f"{loop.measured} -> {loop.source}" for loop in cut.loops]
-    functions = [cut.loop(place) for place in range(len(names))]
+    functions = [cut.loop(index) for index in range(len(names))]
     system = cut.verdict()
-    found = _within_limit(functions, cut, system)
+    loop_margins = _within_limit(functions, cut, system)
     functions = [(above, below) for above, below in map(rounded, functions)]
     result.add_axis(f"{MARGINS}/loop", names)
     for name in (field.name for field in fields(Margins)):
         unit = _UNITS.get(name, "rad/s" if name.endswith(("crossover", "_at")) else "")
-        values = [getattr(one.where_stable(), name) for one in found]
+        values = [getattr(margin.where_stable(), name) for margin in loop_margins]
         kept = np.array(values, dtype=object if name in ("stability", "undecided") else None)
-        note = {"undefined": UNDEFINED} if name in CHANGES and not all(one.stable for one in found) else {}
+        note = (
+            {"undefined": UNDEFINED}
+            if name in CHANGES and not all(margin.stable for margin in loop_margins)
+            else {}
+        )
         result.add(f"{MARGINS}/{name}", kept, ("loop",), unit, **note)
     for name, values in (
-        ("crossing_gain_below", [one.gain_reduction for one in found]),
-        ("crossing_gain_above", [one.gain for one in found]),
+        ("crossing_gain_below", [margin.gain_reduction for margin in loop_margins]),
+        ("crossing_gain_above", [margin.gain for margin in loop_margins]),
     ):
         result.add(f"{MARGINS}/{name}", np.array(values), ("loop",))
     add_system(result, system)
@@ -88,12 +92,12 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
     if not closed.is_rational:
         _add_roots(result, closed, system.unstable_poles, work)
         result.annotate(MARGINS, approximants_agree=cut.approximants_agree(work))
-    omega = _frequencies(functions, found, work) if omega is None else omega
+    omega = _frequencies(functions, loop_margins, work) if omega is None else omega
     _add_functions(result, names, functions, omega)
     poles = 0
     for number, (above, below) in enumerate(functions, 1):
         polynomials = rational([above, below], PADE_ORDER)
-        poles += _GAINS * max(part.degree() for part in polynomials)
+        poles += _GAINS * max(polynomial.degree() for polynomial in polynomials)
         if poles > _LOCI:
             result.annotate(LOCUS, left_out=f"from loop {number} on: more than {_LOCI} poles")
             break
@@ -109,22 +113,22 @@ def _within_limit(
     functions: list[tuple[QuasiPolynomial, QuasiPolynomial]], cut: CutLoops, system: Verdict
 ) -> list[Margins]:
     """Return the margins of the loops, in order, as long as their polynomials have at most `ROOTS` roots."""
-    roots, hidden, found = 0, cut.hidden(), list[Margins]()
+    roots, hidden, loop_margins = 0, cut.hidden(), list[Margins]()
     counts = [
         _ROOTS_BY_DEGREE * max(above.degree, below.degree) if above.is_rational and below.is_rational else 0
         for above, below in functions
     ]
     for loop, count in zip(tracked(functions, "margins of loop"), counts, strict=True):
         roots += count
-        if roots > ROOTS and found:
-            first = counted(len(found), "loop")
+        if roots > ROOTS and loop_margins:
+            first = counted(len(loop_margins), "loop")
             reason = (
                 f"{_LEFT_OUT}: the margins of {len(functions)} loops take {sum(counts)} roots of "
                 f"polynomials, more than {ROOTS}; those of the first {first} are computed"
             )
-            return found + [_left_out(reason, system)] * (len(functions) - len(found))
-        found.append(_with_hidden(_margins(*loop, cut), hidden))
-    return found
+            return loop_margins + [_left_out(reason, system)] * (len(functions) - len(loop_margins))
+        loop_margins.append(_with_hidden(_margins(*loop, cut), hidden))
+    return loop_margins
 
 
 def _left_out(reason: str, system: Verdict) -> Margins:
@@ -146,19 +150,23 @@ def _margins(above: QuasiPolynomial, below: QuasiPolynomial, cut: CutLoops) -> M
     return delay_margins(above, below, verdict, SEARCH // len(cut.loops))
 
 
-def _with_hidden(found: Margins, hidden: Any) -> Margins:
+def _with_hidden(loop_margins: Margins, hidden: Any) -> Margins:
     """Return margins whose verdict includes the modes that cancel in the loops."""
     roots = [root for root in certified_roots(hidden) if root.side >= 0]
     if not roots:
-        return found
+        return loop_margins
     named = roots_text(repeated(roots), hertz=False)
     right = sum(root.multiplicity for root in roots if root.side > 0)
     if not right:
-        return replace(found, stability=f"{found.stability}; cancelled in the loop: a mode at {named}")
+        return replace(
+            loop_margins, stability=f"{loop_margins.stability}; cancelled in the loop: a mode at {named}"
+        )
     verdict = (
         f"unstable: a mode in the right half-plane is cancelled in the loop, which does not move it: {named}"
     )
-    return replace(found, stable=False, stability=verdict, unstable_poles=found.unstable_poles + right)
+    return replace(
+        loop_margins, stable=False, stability=verdict, unstable_poles=loop_margins.unstable_poles + right
+    )
 
 
 def _add_roots(result: Result, closed: QuasiPolynomial, unstable: float, work: Work) -> None:
@@ -189,19 +197,19 @@ def _values(balls: Iterable[Any]) -> list[complex]:
 
 
 def _frequencies(
-    functions: Iterable[tuple[QuasiPolynomial, QuasiPolynomial]], found: Iterable[Margins], work: Work
+    functions: Iterable[tuple[QuasiPolynomial, QuasiPolynomial]], loop_margins: Iterable[Margins], work: Work
 ) -> NDArray[np.float64]:
     """Return frequencies around the crossings, and around what else is notable."""
     near = [
         value
-        for one in found
-        for value in (one.gain_crossover, one.phase_crossover, one.modulus_at, one.Mt_at)
+        for margin in loop_margins
+        for value in (margin.gain_crossover, margin.phase_crossover, margin.modulus_at, margin.Mt_at)
         if 0 < value < np.inf
     ]
     with contextlib.suppress(Undecided):  # the crossings suffice
         for function in chain.from_iterable(functions):
-            for part in function.terms.values():
-                near += [size for size in map(abs, _values(root_balls(part, work=work))) if size]
+            for polynomial in function.terms.values():
+                near += [size for size in map(abs, _values(root_balls(polynomial, work=work))) if size]
     low, high = (min(near), max(near)) if near else (1.0, 1.0)
     return np.geomspace(max(low, 1e-6 * high) / 30, high * 30, _POINTS)
 
@@ -236,10 +244,10 @@ def _add_locus(
     gains, zeros = _gains(top, bottom, work), _values(root_balls(top, work=work))
     poles = np.full((len(gains), degree), np.inf, dtype=complex)
     values: list[complex] = []
-    for place, gain in enumerate(gains.tolist()):
+    for row, gain in enumerate(gains.tolist()):
         share, of = gain.as_integer_ratio()
         values = _values(root_balls(bottom * of + top * share, values, work))
-        poles[place] = _following(poles[place - 1] if place else None, values, degree)
+        poles[row] = _following(poles[row - 1] if row else None, values, degree)
     marked = {"approximate": approximation()} if late else {}
     result.annotate(group, loop=name, **marked)
     result.add_axis(f"{group}/gain", gains)
@@ -323,19 +331,19 @@ def with_delays(result: Result, analysis: Analysis) -> Result:
             if path.startswith("bond_graph/properties/"):
                 true |= {path: stable} if path.endswith("/stable") else {}
                 true |= {path: system_text(result)} if path.endswith("/stability") else {}
-    found = Result(result.kind, result.title, result.attrs)
+    marked_result = Result(result.kind, result.title, result.attrs)
     for path, variable in result.items():
         if path in true:
-            found.put(path, replace(variable, data=as_kept(true[path])))
+            marked_result.put(path, replace(variable, data=as_kept(true[path])))
         elif _approximate(path) and not path.endswith(_EXACT):
-            found.put(path, _marked(variable, text))
+            marked_result.put(path, _marked(variable, text))
         else:
-            found.put(path, variable)
+            marked_result.put(path, variable)
     for group, attributes in result.group_attrs.items():
         marked = {"approximate": text} if _approximate(f"{group}/") else {}
-        found.annotate(group, **attributes, **marked)
-    found.annotate("bond_graph", delays=f"{text} in what is a rational function; {_NOTE}")
-    return found
+        marked_result.annotate(group, **attributes, **marked)
+    marked_result.annotate("bond_graph", delays=f"{text} in what is a rational function; {_NOTE}")
+    return marked_result
 
 
 _NOTE = "frequency responses, margins and verdicts on stability have the delays as they are"
@@ -362,11 +370,11 @@ def _high_frequencies(result: Result, analysis: Analysis) -> dict[str, Any]:
     reduced = ReducedGraph(closed.graph, analysis.inputs, analysis.outputs, traced=False)
     channels = reduced.channels()
     ratios = reduced.rational(channels.values())
-    found: dict[str, Any] = {}
+    true_values: dict[str, Any] = {}
     for (port, source), register in channels.items():
         transfer = TransferFunction.of(ratios[register])
         for name in ("relative_degree", "high_frequency_gain"):
             path = f"bond_graph/properties/{port}/{source}/{name}"
             if path in result:
-                found[path] = getattr(transfer, name)
-    return found
+                true_values[path] = getattr(transfer, name)
+    return true_values

@@ -53,27 +53,27 @@ def add_operating_point(result: Result, linear: Linearisation) -> None:
     units = GraphUnits(equations.model.graph)
     ports = list(_variables(point))
     columns = [equations.column(port) for port in ports]
-    known = [_determined(point, column) for column in columns]
+    determined = [_determined(point, column) for column in columns]
     result.add_axis(f"{GROUP}/variable", [str(port) for port in ports])
-    result.add(f"{GROUP}/value", _kept(point.solution.z[columns], known), ("variable",))
-    own = [units.of_output(port) for port in ports]
-    if any(own):
-        result.add(f"{GROUP}/unit", own, ("variable",))
+    result.add(f"{GROUP}/value", _kept(point.solution.z[columns], determined), ("variable",))
+    unit_texts = [units.of_output(port) for port in ports]
+    if any(unit_texts):
+        result.add(f"{GROUP}/unit", unit_texts, ("variable",))
     sources = [name for name, node in equations.model.graph.nodes.items() if node.type in ("Se", "Sf")]
     result.add_axis(f"{GROUP}/input", sources)
-    given = [
+    input_values = [
         point.solution.z[equations.column(_of_source(equations.model.graph.nodes[name].type, name))]
         for name in sources
     ]
-    result.add(f"{GROUP}/input_value", np.array(given, dtype=float), ("input",))
+    result.add(f"{GROUP}/input_value", np.array(input_values, dtype=float), ("input",))
     result.add(f"{GROUP}/residual", point.solution.residual)
     result.add(f"{GROUP}/condition", point.solution.condition)
     if point.equilibria:
         result.add(f"{GROUP}/chosen", point.number)
         result.add_axis(f"{GROUP}/equilibrium", np.arange(1, len(point.equilibria) + 1))
-        table = np.array([one.z[columns] for one in point.equilibria])
+        table = np.array([equilibrium.z[columns] for equilibrium in point.equilibria])
         result.add(f"{GROUP}/equilibria", table, ("equilibrium", "variable"))
-        result.add(f"{GROUP}/stability", [_STABILITY[one] for one in point.stable], ("equilibrium",))
+        result.add(f"{GROUP}/stability", [_STABILITY[verdict] for verdict in point.stable], ("equilibrium",))
     _add_slopes(result, linear, units)
     about = (
         f"{len(point.equilibria)} {'equilibrium' if len(point.equilibria) == 1 else 'equilibria'} found"
@@ -102,9 +102,9 @@ def _determined(point: OperatingPoint, column: int) -> bool:
     return bool(point.equilibria) or column not in point.solution.free
 
 
-def _kept(values: np.ndarray, known: list[bool]) -> np.ndarray:
+def _kept(values: np.ndarray, determined: list[bool]) -> np.ndarray:
     """Return values; those that a given point leaves open are NaN."""
-    return np.where(known, values, np.nan)
+    return np.where(determined, values, np.nan)
 
 
 def _of_source(kind: str, name: str) -> Port:
@@ -114,22 +114,30 @@ def _of_source(kind: str, name: str) -> Port:
 def _add_slopes(result: Result, linear: Linearisation, units: GraphUnits) -> None:
     """Add the derivatives of what laws give by every variable."""
     equations = linear.point.equations
-    rows = [(one, column, slope) for one in linear.slopes for column, slope in one.slopes.items()]
+    rows = [
+        (law_slope, column, slope)
+        for law_slope in linear.slopes
+        for column, slope in law_slope.slopes.items()
+    ]
     if not rows:
         return
-    outs = [equations.port(one.row.out) for one, _, _ in rows]
+    outs = [equations.port(law_slope.row.out) for law_slope, _, _ in rows]
     bys = [
-        dict(zip(one.row.arguments, equations.model.laws[one.row.node].ports, strict=True)).get(
+        dict(zip(law_slope.row.arguments, equations.model.laws[law_slope.row.node].ports, strict=True)).get(
             column, equations.port(column)
         )
-        for one, column, _ in rows
+        for law_slope, column, _ in rows
     ]
     result.add_axis(f"{GROUP}/slope", [f"d {out} / d {by}" for out, by in zip(outs, bys, strict=True)])
-    result.add(f"{GROUP}/slope_value", np.array([one.row.sign * slope for one, _, slope in rows]), ("slope",))
+    result.add(
+        f"{GROUP}/slope_value",
+        np.array([law_slope.row.sign * slope for law_slope, _, slope in rows]),
+        ("slope",),
+    )
     pairs = [(units.of_output(out), units.of_output(by)) for out, by in zip(outs, bys, strict=True)]
-    found = [unit_quotient(above, below) if above and below else "" for above, below in pairs]
-    if any(found):
-        result.add(f"{GROUP}/slope_unit", found, ("slope",))
+    unit_texts = [unit_quotient(above, below) if above and below else "" for above, below in pairs]
+    if any(unit_texts):
+        result.add(f"{GROUP}/slope_unit", unit_texts, ("slope",))
 
 
 def add_nonlinear_response(result: Result, analysis: Analysis) -> None:
@@ -159,8 +167,8 @@ def add_nonlinear_response(result: Result, analysis: Analysis) -> None:
             sources = [str(name) for name in result[f"{_TIME}/source"].data]
             alone = [nonlinear_response(point, ports, times, [signals[name]], initial) for name in sources]
             outputs, error = (
-                np.stack([one.outputs for one in alone], axis=-1),
-                max(one.error for one in alone),
+                np.stack([response.outputs for response in alone], axis=-1),
+                max(response.error for response in alone),
             )
         else:
             outputs, error = nonlinear_response(point, ports, times, analysis.signals, initial)
@@ -292,8 +300,8 @@ class _Run:
             kind = self._equations.model.graph.nodes[name].type
             state = Port(name, "p" if kind == "I" else "q")
             out = self._equations.column(Port(name, "f" if kind == "I" else "e"))
-            place = self._equations.states.index(state)
-            x[place] = self._dynamics.state_with(out, self._first + place, z, float(value))
+            index = self._equations.states.index(state)
+            x[index] = self._dynamics.state_with(out, self._first + index, z, float(value))
         return x
 
     def _check_causality(self) -> None:
@@ -317,8 +325,8 @@ class _Run:
 
         dynamics, x = self._dynamics, self._x.copy()
         left = _MOST_EVALUATIONS + _MOST_BY_SAMPLE * len(self._times)
-        found = np.zeros((len(self._times), len(self._columns)))
-        found[0] = self._outputs(float(self._times[0]), x, float(self._times[0]))
+        outputs = np.zeros((len(self._times), len(self._columns)))
+        outputs[0] = self._outputs(float(self._times[0]), x, float(self._times[0]))
         size = np.maximum(np.abs(x - self._z[self._first :]), 1e-6 * dynamics.state_sizes())
         for start, stop in self._pieces():
             middle = 0.5 * (start + stop)
@@ -355,9 +363,9 @@ class _Run:
                 )
             size = np.maximum(size, np.abs(solved.y - self._z[self._first :, None]).max(axis=1))
             for row, t, state in zip(np.flatnonzero(inside), solved.t, solved.y.T, strict=False):
-                found[row] = self._outputs(float(t), state, middle)
+                outputs[row] = self._outputs(float(t), state, middle)
             x = solved.y[:, -1]
-        return found
+        return outputs
 
     def _pieces(self) -> list[tuple[float, float]]:
         """Return the intervals between the jumps and kinks of the inputs."""

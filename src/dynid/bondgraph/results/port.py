@@ -40,7 +40,7 @@ def add_port(result: Result, parts: Decomposition, initial: Mapping[str, float |
     """
     prototype = parts.prototype
     result.annotate(_GROUP, bond=str(parts.port), junction=parts.meeting)
-    wanted: dict[str, int] = {}
+    registers: dict[str, int] = {}
     for side in (parts.source, parts.load):
         group = f"{_GROUP}/{side.name}"
         form = (
@@ -52,15 +52,15 @@ def add_port(result: Result, parts: Decomposition, initial: Mapping[str, float |
         elif side.ideal == "flow":
             form = "an ideal flow source: f = f_eq whatever the effort; it has no Z_eq and e_eq"
         result.annotate(group, nodes=", ".join(side.nodes), form=form)
-        for immittance, register, source, given in (
+        for immittance, register, source, drives in (
             ("Z_eq", side.impedance, "e_eq", side.effort),
             ("Y_eq", side.admittance, "f_eq", side.flow),
         ):
-            if register is not None and given is not None:
-                wanted[f"{group}/{immittance}"] = register
-                wanted |= {f"{group}/{source}/{name}": drive for name, drive in given.items()}
-    ratios, texts = parts.rational(wanted.values()), readable_registers(parts, wanted.values())
-    for path, register in wanted.items():
+            if register is not None and drives is not None:
+                registers[f"{group}/{immittance}"] = register
+                registers |= {f"{group}/{source}/{name}": drive for name, drive in drives.items()}
+    ratios, texts = parts.rational(registers.values()), readable_registers(parts, registers.values())
+    for path, register in registers.items():
         ratio, stored = TransferFunction.over_field(ratios[register]), path.partition(f"/{STORED}")[2]
         if stored:  # what the energy given at t = 0 makes of it
             ratio = ratio.times(Fraction(initial[stored]))
@@ -74,9 +74,9 @@ def add_port(result: Result, parts: Decomposition, initial: Mapping[str, float |
     if parts.driven is not None:
         sides["driven load"] = parts.driven
     labels = {r: label for reduction in sides.values() for r, label in reduction.labels.items()}
-    for index, part in enumerate(("system_a", "system_b")):
+    for index, system in enumerate(("system_a", "system_b")):
         for hand, suffix in ((TEXT, ""), (LATEX, "_latex")):
-            result.add(f"{_GROUP}/{part}{suffix}", system_text(parts, prototype, index, labels, hand))
+            result.add(f"{_GROUP}/{system}{suffix}", system_text(parts, prototype, index, labels, hand))
     add_traces(result, _GROUP, parts, sides, "side")
     dynamics = prototype_dynamics(parts, prototype)
     add_dynamics(result, _GROUP, dynamics)
@@ -118,9 +118,9 @@ def add_port_response(result: Result, parts: Decomposition, omega: NDArray[np.fl
                     ("omega",),
                     units[name],
                 )
-        for name, given in (("e_eq", side.effort), ("f_eq", side.flow)):
-            if given is not None:
-                registers = [given.get(source, zero) for source in parts.sources]
+        for name, drives in (("e_eq", side.effort), ("f_eq", side.flow)):
+            if drives is not None:
+                registers = [drives.get(source, zero) for source in parts.sources]
                 values = on_axis(parts, registers, omega)
                 result.add(f"{group}/{side.name}_{name}", values, ("omega", "input"))
     for name, answers in (("effort", parts.effort), ("flow", parts.flow)):
@@ -153,10 +153,10 @@ def _add_power(result: Result, parts: Decomposition) -> None:
     result.add(f"{group}/reactive_power", power.imag, ("omega", "input"), watt)
     available = np.full(power.shape, np.inf)
     if f"{group}/source_Z_eq" in result:
-        impedance, given = (result[f"{group}/source_{name}"].data for name in ("Z_eq", "e_eq"))
+        impedance, source_effort = (result[f"{group}/source_{name}"].data for name in ("Z_eq", "e_eq"))
         lossy = impedance.real > _LOSSLESS * np.abs(impedance)
-        available[lossy] = np.abs(given[lossy]) ** 2 / (8 * impedance.real[lossy, None])
-        available[given == 0] = 0.0
+        available[lossy] = np.abs(source_effort[lossy]) ** 2 / (8 * impedance.real[lossy, None])
+        available[source_effort == 0] = 0.0
     result.add(f"{group}/available_power", available, ("omega", "input"), watt)
 
 
@@ -189,13 +189,13 @@ class StaticLine:
     flow: Fraction
     right: Fraction
 
-    def meets(self, other: StaticLine) -> FlowEffort | None:
+    def meets(self, line: StaticLine) -> FlowEffort | None:
         """Return the point (f, e) that two lines share, None where they are parallel."""
-        determinant = self.effort * other.flow - self.flow * other.effort
+        determinant = self.effort * line.flow - self.flow * line.effort
         if determinant == 0:
             return None
-        effort = (self.right * other.flow - self.flow * other.right) / determinant
-        flow = (self.effort * other.right - self.right * other.effort) / determinant
+        effort = (self.right * line.flow - self.flow * line.right) / determinant
+        flow = (self.effort * line.right - self.right * line.effort) / determinant
         return flow, effort
 
     def ends(self, box: tuple[FlowEffort, FlowEffort]) -> tuple[FlowEffort, FlowEffort]:
@@ -231,35 +231,42 @@ def static_characteristics(parts: Decomposition) -> dict[str, StaticCharacterist
     It has none where a side has no finite line at s -> 0 (an input that is integrated without end), or where
     the lines are parallel (a motion that nothing stops).
     """
-    found = {}
+    characteristics = {}
     for name in parts.sources:
         source, load = _line(parts, parts.source, name, 1), _line(parts, parts.load, name, -1)
         operating = source.meets(load) if source is not None and load is not None else None
         if source is None or load is None or operating is None:
             continue
         box = _box(source, load, operating)
-        found[name] = StaticCharacteristic(source.ends(box), load.ends(box), operating)
-    return found
+        characteristics[name] = StaticCharacteristic(source.ends(box), load.ends(box), operating)
+    return characteristics
 
 
 def _line(parts: Decomposition, side: OnePortEquivalent, name: str, outward: int) -> StaticLine | None:
     """Return e + Z_eq f = e_eq, or Y_eq e + f = f_eq, at s -> 0, f counted into the load."""
-    given = side.flow if side.impedance is None else side.effort
+    drives = side.flow if side.impedance is None else side.effort
     immittance = side.admittance if side.impedance is None else side.impedance
-    assert given is not None
+    assert drives is not None
     assert immittance is not None
-    registers = [immittance, given.get(name, parts.program.zero)]
+    registers = [immittance, drives.get(name, parts.program.zero)]
     ratios = parts.rational(registers)
-    own, drive = (TransferFunction.over_field(ratios[register]) for register in registers)
-    common = own.denominator * drive.denominator // own.denominator.gcd(drive.denominator)
-    multiples = own.numerator * (common // own.denominator), drive.numerator * (common // drive.denominator)
+    immittance_ratio, drive = (TransferFunction.over_field(ratios[register]) for register in registers)
+    common = (
+        immittance_ratio.denominator
+        * drive.denominator
+        // immittance_ratio.denominator.gcd(drive.denominator)
+    )
+    multiples = (
+        immittance_ratio.numerator * (common // immittance_ratio.denominator),
+        drive.numerator * (common // drive.denominator),
+    )
     # at s = 0, without a common power of s
     rows = [[as_fraction(c) for c in polynomial.coeffs()] for polynomial in (common, *multiples)]
     lowest = min(next(k for k, c in enumerate(row) if c) for row in rows if row)
-    one, part, right = (Fraction(row[lowest] if lowest < len(row) else 0) for row in rows)
-    if one == part == 0:
+    at_common, at_immittance, right = (Fraction(row[lowest] if lowest < len(row) else 0) for row in rows)
+    if at_common == at_immittance == 0:
         return None
-    effort, flow = (part, one) if side.impedance is None else (one, part)
+    effort, flow = (at_immittance, at_common) if side.impedance is None else (at_common, at_immittance)
     return StaticLine(effort, outward * flow, right)
 
 
@@ -270,8 +277,8 @@ def _box(source: StaticLine, load: StaticLine, operating: FlowEffort) -> tuple[F
     points = [operating, (zero, zero)]
     points += [point for line in (source, load) for axis in axes if (point := line.meets(axis)) is not None]
     corners = []
-    for place in (0, 1):
-        low, high = min(point[place] for point in points), max(point[place] for point in points)
+    for axis in (0, 1):
+        low, high = min(point[axis] for point in points), max(point[axis] for point in points)
         margin = (high - low) / 10 or Fraction(1)
         corners.append((low - margin, high + margin))
     (left, right), (low, high) = corners
@@ -280,18 +287,20 @@ def _box(source: StaticLine, load: StaticLine, operating: FlowEffort) -> tuple[F
 
 def _add_performance(result: Result, parts: Decomposition) -> None:
     """Add the static characteristic for every input that has one, at an input of 1."""
-    group, found, units = f"{_GROUP}/performance", static_characteristics(parts), _units(parts)
-    missing = [name for name in parts.sources if name not in found]
+    group, characteristics, units = f"{_GROUP}/performance", static_characteristics(parts), _units(parts)
+    missing = [name for name in parts.sources if name not in characteristics]
     if missing:
         reason = "no static characteristic: a side has no finite line at s -> 0, or both lines are parallel"
         result.annotate(group, note=f"{', '.join(missing)}: {reason}")
-    if not found:
+    if not characteristics:
         return
-    result.add_axis(f"{group}/input", list(found))
+    result.add_axis(f"{group}/input", list(characteristics))
     result.add_axis(f"{group}/end", np.arange(1, 3))
-    for place, name in enumerate(("flow", "effort")):
+    for axis, name in enumerate(("flow", "effort")):
         for side in ("source", "load"):
-            ends = [[float(point[place]) for point in getattr(line, side)] for line in found.values()]
+            ends = [
+                [float(point[axis]) for point in getattr(line, side)] for line in characteristics.values()
+            ]
             result.add(f"{group}/{side}_{name}", ends, ("input", "end"), units[name])
-        operating = [float(line.operating[place]) for line in found.values()]
+        operating = [float(line.operating[axis]) for line in characteristics.values()]
         result.add(f"{group}/operating_{name}", operating, ("input",), units[name])

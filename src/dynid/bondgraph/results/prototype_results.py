@@ -64,12 +64,12 @@ def add_prototypes(result: Result, reduced: ReducedGraph) -> None:
     for hand, suffix in ((TEXT, ""), (LATEX, "_latex")):
         texts = [prototype.equation(hand) for prototype in prototypes]
         result.add(f"bond_graph/reduction/prototype_equation{suffix}", texts, ("output",))
-        for part, index in (("system_a", 0), ("system_b", 1)):
+        for system, index in (("system_a", 0), ("system_b", 1)):
             texts = [
                 system_text(reduced, reduction.prototype, index, reduction.labels, hand)
                 for reduction in reduced.reductions.values()
             ]
-            result.add(f"bond_graph/reduction/{part}{suffix}", texts, ("output",))
+            result.add(f"bond_graph/reduction/{system}{suffix}", texts, ("output",))
 
 
 def system_text(
@@ -85,7 +85,7 @@ def system_text(
 def equations(planned: GraphProgram, reduction: Reduction, hand: FormulaPrinter) -> Iterator[str]:
     """Yield the equations of every step, in terms of what was defined before."""
     registers = {name: register for register, name in reduction.labels.items()}
-    known: dict[int, str] = {}
+    labels: dict[int, str] = {}
     for step in reduction.steps:
         lines = []
         for name, parts in step.definitions:
@@ -94,15 +94,15 @@ def equations(planned: GraphProgram, reduction: Reduction, hand: FormulaPrinter)
             else:
                 terms: list[Printed] = []  # registers by their names, but not by the one being defined
                 for variable in dict.fromkeys(variable for _, variable in parts):
-                    own = [(r, known.get(r) == name) for r, by in parts if by == variable]
-                    coefficients = print_sum(planned.program, own, planned.graph.nodes, known, hand)
+                    registers_of = [(r, labels.get(r) == name) for r, by in parts if by == variable]
+                    coefficients = print_sum(planned.program, registers_of, planned.graph.nodes, labels, hand)
                     if variable:
                         coefficients = [hand.scaled(hand.listed(coefficients), variable)]
                     terms += coefficients
                 text, _ = hand.listed([term for term in terms if not term[0].startswith("0")])
             lines.append(f"{hand.name(name)[0]} = {text}")
             if name in registers:
-                known[registers[name]] = name
+                labels[registers[name]] = name
         yield ("; " if hand is TEXT else r";\quad ").join(lines)
 
 
@@ -173,8 +173,8 @@ def add_ratio(result: Result, group: str, ratio: TransferFunction, formula: str 
     printed: list[Printed] = []
     for polynomial in (ratio.numerator, ratio.denominator):
         text = polynomial_text(polynomial)
-        whole = text.isalnum()
-        printed.append((text, ATOM if whole else SUM if " " in text or text.startswith("-") else PRODUCT))
+        is_atom = text.isalnum()
+        printed.append((text, ATOM if is_atom else SUM if " " in text or text.startswith("-") else PRODUCT))
     exact = printed[0] if ratio.denominator == 1 else TEXT.quotient(*printed)
     result.add(f"{group}/exact", exact[0])
     if formula is not None:
@@ -190,7 +190,7 @@ def polynomial_text(polynomial: Any) -> str:
         variable = {0: "", 1: "s"}.get(power, f"s**{power}")
         size = "" if abs(coefficient) == 1 and variable else _coefficient_text(abs(coefficient))
         sign = (" - " if coefficient < 0 else " + ") if text else "-" * (coefficient < 0)
-        text += f"{sign}{'*'.join(part for part in (size, variable) if part)}"
+        text += f"{sign}{'*'.join(factor_text for factor_text in (size, variable) if factor_text)}"
     return text or "0"
 
 

@@ -89,19 +89,23 @@ def add_frequency_response(
     result.add_axis(f"{group}/output", [str(port) for port in reduced.outputs])
     result.add_axis(f"{group}/input", list(reduced.inputs))
     units = reduced.units
-    each = [[units.of_channel(port, source) for source in reduced.inputs] for port in reduced.outputs]
-    response, unit = evaluate(omega), common_unit(chain.from_iterable(each))
+    unit_rows = [[units.of_channel(port, source) for source in reduced.inputs] for port in reduced.outputs]
+    response, unit = evaluate(omega), common_unit(chain.from_iterable(unit_rows))
     result.add(f"{group}/response", response, ("omega", "output", "input"), unit)
-    if any(map(any, each)):
-        result.add(f"{group}/unit", np.array(each, dtype=object), ("output", "input"))
+    if any(map(any, unit_rows)):
+        result.add(f"{group}/unit", np.array(unit_rows, dtype=object), ("output", "input"))
     # responses may be large near the frequencies of the poles
-    own = "bond_graph/transfer_function/"
-    known = [found.data for path, found in result.items() if path.startswith(own) and path.endswith("/poles")]
-    if not known and 0 < modelled_storages(reduced) <= PEAKS_NEAR_POLES.value:
+    prefix = "bond_graph/transfer_function/"
+    known_poles = [
+        variable.data
+        for path, variable in result.items()
+        if path.startswith(prefix) and path.endswith("/poles")
+    ]
+    if not known_poles and 0 < modelled_storages(reduced) <= PEAKS_NEAR_POLES.value:
         from dynid.bondgraph.graph_state_space import state_space
 
-        known = [np.linalg.eigvals(state_space(reduced).A)]
-    poles = np.concatenate([np.zeros(0, dtype=complex), *known])
+        known_poles = [np.linalg.eigvals(state_space(reduced).A)]
+    poles = np.concatenate([np.zeros(0, dtype=complex), *known_poles])
     real, imag = np.abs(poles.real), np.abs(poles.imag)
     resonant = real < imag
     apart, sums = (imag - real)[resonant], (imag + real)[resonant]  # whose product may overflow
@@ -150,28 +154,30 @@ def add_time_response(
         driven = {name: [(name, signal)] for name, signal in signals}
     solved: dict[str, TimeResponse] = {}
     doubts = []  # the parts of an output that are in doubt
-    for part, driving in driven.items():
+    for signal, driving in driven.items():
         if driving or not any(driven.values()):
             rational = partial(rational_matrices, reduced, tuple(initial), [name for name, _ in driving])
             shapes = [signal for _, signal in driving]
             with guarded("the time response", names=("analysis.time",)):
-                solved[part], doubt = refined_response(_driven(system, driving), shapes, times, rational)
+                solved[signal], doubt = refined_response(_driven(system, driving), shapes, times, rational)
             doubts.append(doubt)
     sources = np.zeros((len(times), len(reduced.inputs)))
     if apart:
         outputs = {"response": np.stack([solved[name].outputs for name in reduced.inputs], axis=-1)}
-        for place, name in enumerate(reduced.inputs):
-            sources[:, place] = solved[name].inputs[:, 0]
+        for column, name in enumerate(reduced.inputs):
+            sources[:, column] = solved[name].inputs[:, 0]
     else:
-        outputs = {"response": np.asarray(sum(part.outputs for part in solved.values()))}
-        outputs |= {part: alone.outputs for part, alone in solved.items()} if len(solved) > 1 else {}
-        for place, (name, _) in enumerate(signals):
-            sources[:, reduced.inputs.index(name)] += solved["zero_state"].inputs[:, place]
+        outputs = {"response": np.asarray(sum(response.outputs for response in solved.values()))}
+        outputs |= {name: alone.outputs for name, alone in solved.items()} if len(solved) > 1 else {}
+        for column, (name, _) in enumerate(signals):
+            sources[:, reduced.inputs.index(name)] += solved["zero_state"].inputs[:, column]
     _add_courses(result, reduced, times, outputs, sources)
     result.annotate(_TIME, states=", ".join(system.states), order=len(system.states))
     notes = [_SHARED] if initial and len(system.states) < len(reduced.storages) else []
-    every = [*signals, *stored]
-    impulsive = impulsive_outputs(_driven(system, every), [signal for _, signal in every], float(times[-1]))
+    all_signals = [*signals, *stored]
+    impulsive = impulsive_outputs(
+        _driven(system, all_signals), [signal for _, signal in all_signals], float(times[-1])
+    )
     names = [str(port) for port, has_impulse in zip(reduced.outputs, impulsive, strict=True) if has_impulse]
     if names:
         where = "where an input, or a derivative of one, jumps"
@@ -204,17 +210,17 @@ def _add_courses(
     sources: NDArray[np.float64],
 ) -> None:
     """Add the histories of outputs (times x outputs, or times x outputs x inputs) and sources, with units."""
-    own = [reduced.units.of_output(port) for port in reduced.outputs]
+    unit_texts = [reduced.units.of_output(port) for port in reduced.outputs]
     driving = [reduced.units.of_input(name) for name in reduced.inputs]
     result.add_axis(f"{_TIME}/time", times, "s")
     result.add_axis(f"{_TIME}/output", [str(port) for port in reduced.outputs])
     result.add_axis(f"{_TIME}/source", list(reduced.inputs))
     for name, values in outputs.items():
         dims = ("time", "output", "source")[: values.ndim]
-        result.add(f"{_TIME}/{name}", values, dims, common_unit(own))
+        result.add(f"{_TIME}/{name}", values, dims, common_unit(unit_texts))
     result.add(f"{_TIME}/input", sources, ("time", "source"), common_unit(driving))
-    if any(own):
-        result.add(f"{_TIME}/unit", own, ("output",))
+    if any(unit_texts):
+        result.add(f"{_TIME}/unit", unit_texts, ("output",))
     if any(driving):
         result.add(f"{_TIME}/input_unit", driving, ("source",))
 

@@ -143,12 +143,12 @@ def sensitivity(
     points = np.concatenate([circle.points for circle in circles])
     transfer, slopes = _in_doubles(reduced, register, scaled, points)
     rates = np.empty((len(circles), len(scaled)), dtype=complex)
-    for place, circle in enumerate(circles):
-        part = slice(place * _POINTS, (place + 1) * _POINTS)
+    for row, circle in enumerate(circles):
+        columns = slice(row * _POINTS, (row + 1) * _POINTS)
         again = partial(_in_balls, reduced, register, scaled, circle.points)
-        rates[place] = _first_settled(circle, (transfer[part], slopes[:, part]), again)
-    dc, high, *found = rates
-    of = partial(_of_roots, dict(zip(around, found, strict=True)), units)
+        rates[row] = _first_settled(circle, (transfer[columns], slopes[:, columns]), again)
+    dc, high, *root_rates = rates
+    of = partial(_of_roots, dict(zip(around, root_rates, strict=True)), units)
     return Sensitivity(of(zeros, -1), of(poles, 1), dc.real / units, high.real / units)
 
 
@@ -178,8 +178,10 @@ def _first_settled(
         transfer, slopes = run
         with np.errstate(all="ignore"):  # what overflows has no finite bound
             integrand = slopes / transfer if circle.about == "root" else slopes
-            whole = 1 / circle.radius if circle.about == "root" else np.abs(transfer.value).max() + _TINY
-            scale = np.maximum(np.abs(integrand.value).max(axis=1), _NOTICED * whole)
+            scale_of_whole = (
+                1 / circle.radius if circle.about == "root" else np.abs(transfer.value).max() + _TINY
+            )
+            scale = np.maximum(np.abs(integrand.value).max(axis=1), _NOTICED * scale_of_whole)
             if np.all(np.max(integrand.error, axis=1) <= _SETTLED * scale):
                 return circle.integral(integrand, scale)
         if bits:
@@ -225,7 +227,7 @@ def _in_doubles(
     rows = [transfer + zero, *(slope + zero for slope in slopes)]
     shape = len(parameters), len(points)
     value, error = (
-        np.array([getattr(r, part) for r in rows[1:]]).reshape(shape) for part in ("value", "error")
+        np.array([getattr(r, quantity) for r in rows[1:]]).reshape(shape) for quantity in ("value", "error")
     )
     return rows[0], Bounded(value, error)
 
@@ -294,22 +296,27 @@ def add_sensitivities(result: Result, reduced: ReducedGraph, analysis: Analysis)
             if name in modelled
         ]
     else:
-        parameters = [each for each in analysis.parameters if modelled & each.rates.keys()]
+        parameters = [parameter for parameter in analysis.parameters if modelled & parameter.rates.keys()]
     for (port, source), register in channels.items():
         transfer = TransferFunction.of(ratios[register])
         roots = transfer.zeros, transfer.poles
-        found = sensitivity(reduced, register, *roots, modes[port], parameters)
+        rates_of = sensitivity(reduced, register, *roots, modes[port], parameters)
         group = f"bond_graph/sensitivities/{port}/{source}"
         result.annotate(group, note=_NOTE)
         result.add_axis(f"{group}/parameter", np.array([p.name for p in parameters], dtype=object))
         sizes = np.array([float(p.value) for p in parameters])
         result.add(f"{group}/value", sizes, ("parameter",))
-        for name, own, rates in zip(("zero", "pole"), roots, (found.zeros, found.poles), strict=True):
-            values = repeated(own)
+        for name, roots_of, rates in zip(
+            ("zero", "pole"), roots, (rates_of.zeros, rates_of.poles), strict=True
+        ):
+            values = repeated(roots_of)
             result.add_axis(f"{group}/{name}", np.arange(1, len(values) + 1))
             result.add(f"{group}/{name}s", values, (name,), "rad/s")
             _add_rates(result, f"{group}/{name}_sensitivity", rates, sizes, (name, "parameter"), "rad/s")
-        for gain, slopes in (("dc_gain", found.dc_gain), ("high_frequency_gain", found.high_frequency_gain)):
+        for gain, slopes in (
+            ("dc_gain", rates_of.dc_gain),
+            ("high_frequency_gain", rates_of.high_frequency_gain),
+        ):
             _add_rates(result, f"{group}/{gain}_sensitivity", slopes, sizes, ("parameter",))
 
 

@@ -23,12 +23,12 @@ INFINITELY_MANY, UNDECIDED = -1, -2
 def add_system(result: Result, verdict: Verdict) -> None:
     """Add a verdict on the whole system."""
     count = verdict.unstable_poles
-    whole = UNDECIDED if math.isnan(count) else INFINITELY_MANY if math.isinf(count) else int(count)
+    count_shown = UNDECIDED if math.isnan(count) else INFINITELY_MANY if math.isinf(count) else int(count)
     values: dict[str, Any] = {
         "stable": verdict.stable,
         "stability": verdict.kind,
         "reason": verdict.reason,
-        "unstable_poles": whole,
+        "unstable_poles": count_shown,
     }
     for name, value in values.items():
         result.add(f"{SYSTEM}/{name}", value)
@@ -40,17 +40,25 @@ def graph_verdict(engine: ExactEngine | FloatEngine) -> Verdict:
     parts = {port: frozenset(reduced.reductions[port].junctions) for port in reduced.outputs}
     # One channel of each part has all its modes, shown or hidden.
     channels = {parts[channel[0]]: channel for channel in reversed(list(reduced.channels()))}
-    separate = all(one == other or one.isdisjoint(other) for one in channels for other in channels)
+    separate = all(
+        channel_part == further_part or channel_part.isdisjoint(further_part)
+        for channel_part in channels
+        for further_part in channels
+    )
     if set(channels) == set(parts.values()) and separate:
         verdicts = [verdict(_modes(engine, channel)) for channel in channels.values()]
     elif isinstance(engine, ExactEngine):
-        verdicts = [verdict(certified_roots(part)) for part in separate_parts(reduced, engine.natural)]
+        verdicts = [
+            verdict(certified_roots(polynomial)) for polynomial in separate_parts(reduced, engine.natural)
+        ]
     else:
         return Verdict("undecided", "parts of the graph overlap; use 'engine: exact'", math.nan)
     others = parts_without_output(reduced)
     if others is None:
         return combined([*verdicts, no_solution(reduced.free)])
-    return combined([*verdicts, *(verdict(certified_roots(part)) for part in others)] or [verdict([])])
+    return combined(
+        [*verdicts, *(verdict(certified_roots(polynomial)) for polynomial in others)] or [verdict([])]
+    )
 
 
 def closed_verdict(reduced: ReducedGraph, *, delayed: bool) -> Verdict:

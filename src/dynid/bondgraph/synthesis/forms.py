@@ -144,12 +144,12 @@ def kind_of(numerator: Any, denominator: Any) -> str:
     return "RLC"
 
 
-def realise(wanted: Driving, form: Form, domain: str = "") -> Realisation:
+def realise(request: Driving, form: Form, domain: str = "") -> Realisation:
     """Return the bond graph of a form, analysed back.
 
     Parameters
     ----------
-    wanted
+    request
         A positive real function that is not zero.
     form
         The form.
@@ -163,16 +163,18 @@ def realise(wanted: Driving, form: Form, domain: str = "") -> Realisation:
     NumericalError
         Where no precision gives the wanted coefficients.
     """
-    source: Literal["Se", "Sf"] = "Se" if wanted.admittance else "Sf"
+    source: Literal["Se", "Sf"] = "Se" if request.admittance else "Sf"
     for bits, digits in _EXACT if form in _CAUER else _PRECISIONS:
-        port = _CAUER[form](*wanted.impedance) if form in _CAUER else _BY_ROOTS[form](*wanted.impedance, bits)
+        port = (
+            _CAUER[form](*request.impedance) if form in _CAUER else _BY_ROOTS[form](*request.impedance, bits)
+        )
         graph = bond_graph(with_values(port, partial(_written, bits=bits, digits=digits)), source, domain)
         _refuse_extremes(graph, form)
-        found = _analysed(wanted, form, graph)
-        if found.residual <= TOLERANCE:
-            return found
+        realisation = _analysed(request, form, graph)
+        if realisation.residual <= TOLERANCE:
+            return realisation
     raise NumericalError(
-        f"the {form} form has the coefficients of the function only to {found.residual:.1e}",
+        f"the {form} form has the coefficients of the function only to {realisation.residual:.1e}",
         remedy="Scale the function, or take another form.",
     )
 
@@ -187,10 +189,10 @@ def _refuse_extremes(graph: BondGraph, form: Form) -> None:
             )
 
 
-def _analysed(wanted: Driving, form: Form, graph: BondGraph) -> Realisation:
+def _analysed(request: Driving, form: Form, graph: BondGraph) -> Realisation:
     """Return a graph with its own driving-point function."""
-    numerator, denominator = wanted.of_graph(graph)
-    above, below = _error(wanted.numerator, numerator), _error(wanted.denominator, denominator)
+    numerator, denominator = request.of_graph(graph)
+    above, below = _error(request.numerator, numerator), _error(request.denominator, denominator)
     return Realisation(form, graph, numerator, denominator, max(above, below))
 
 
@@ -205,22 +207,22 @@ def _written(value: Fraction, bits: int, digits: int) -> Fraction:
     return Fraction(Context(prec=digits or 17).divide(Decimal(value.numerator), Decimal(value.denominator)))
 
 
-def _error(wanted: Any, found: Any) -> float:
+def _error(requested: Any, realised: Any) -> float:
     """Return the largest relative error of a coefficient; infinite where one is there that should not be."""
-    if wanted.length() != found.length():
+    if requested.length() != realised.length():
         return math.inf
-    pairs = [(fraction(a), fraction(b)) for a, b in zip(wanted.coeffs(), found.coeffs(), strict=True)]
+    pairs = [(fraction(a), fraction(b)) for a, b in zip(requested.coeffs(), realised.coeffs(), strict=True)]
     return max(0.0 if a == b else abs(float((b - a) / a)) if a else math.inf for a, b in pairs)
 
 
 def realisations(
-    wanted: Driving, forms: tuple[Form, ...] | None = None, domain: str = ""
+    request: Driving, forms: tuple[Form, ...] | None = None, domain: str = ""
 ) -> tuple[list[Realisation], dict[Form, str]]:
     """Return the realisations of a function, and the reasons why it has no others.
 
     Parameters
     ----------
-    wanted
+    request
         A positive real function that is not zero.
     forms
         The forms, all of which must exist; absent: all that do.
@@ -232,10 +234,10 @@ def realisations(
     NoSuchForm
         Where a named form does not exist.
     """
-    found, missing = [], dict[Form, str]()
+    realised, missing = [], dict[Form, str]()
     for form in tracked(FORMS if forms is None else forms, "form"):
         try:
-            found.append(realise(wanted, form, domain))
+            realised.append(realise(request, form, domain))
         except NoSuchForm as error:
             if forms is not None:
                 raise NoSuchForm(
@@ -244,13 +246,13 @@ def realisations(
                     names=("forms",),
                 ) from None
             missing[form] = error.problem
-    return found, missing
+    return realised, missing
 
 
 def add_synthesis(
     result: Result,
-    wanted: Driving,
-    found: Sequence[Realisation],
+    request: Driving,
+    realised: Sequence[Realisation],
     missing: Mapping[Form, str],
     scenes: Mapping[Form, str],
     domain: str = "",
@@ -261,9 +263,9 @@ def add_synthesis(
     ----------
     result
         The result.
-    wanted
+    request
         The function.
-    found
+    realised
         Its realisations.
     missing
         The reasons why other forms do not exist.
@@ -280,12 +282,12 @@ def add_synthesis(
     the graph's own function, and the ``scene``.
     """
     effort, flow = (UNITS[domain][key] if domain else "" for key in "ef")
-    above, below = (flow, effort) if wanted.admittance else (effort, flow)
+    above, below = (flow, effort) if request.admittance else (effort, flow)
     unit = unit_quotient(above, below) if domain else ""
-    what = "admittance" if wanted.admittance else "impedance"
-    kind = kind_of(*wanted.impedance)
-    transfer = TransferFunction(*integer_quotient(wanted.numerator, wanted.denominator))
-    degree = max(wanted.numerator.degree(), wanted.denominator.degree())
+    what = "admittance" if request.admittance else "impedance"
+    kind = kind_of(*request.impedance)
+    transfer = TransferFunction(*integer_quotient(request.numerator, request.denominator))
+    degree = max(request.numerator.degree(), request.denominator.degree())
     result.annotate("synthesis", function=what, unit=unit, domain=domain, kind=kind, degree=int(degree))
     _add_coefficients(result, "synthesis", transfer)
     for axis, roots in (("zero", transfer.zeros), ("pole", transfer.poles)):
@@ -293,29 +295,33 @@ def add_synthesis(
         result.add_axis(f"synthesis/{axis}", np.arange(1, len(values) + 1))
         result.add(f"synthesis/{axis}s", values, (axis,), "rad/s")
     result.add("synthesis/positive_real", True)
-    result.add_axis("synthesis/form", np.array([one.form for one in found], dtype=object))
-    result.add("synthesis/residual", [one.residual for one in found], ("form",))
-    for one in found:
-        _add_realisation(result, one, scenes[one.form])
+    result.add_axis("synthesis/form", np.array([realisation.form for realisation in realised], dtype=object))
+    result.add("synthesis/residual", [realisation.residual for realisation in realised], ("form",))
+    for realisation in realised:
+        _add_realisation(result, realisation, scenes[realisation.form])
     reasons = "; ".join(f"{form}: {why}" for form, why in missing.items())
-    names = [one.form for one in found]
+    names = [realisation.form for realisation in realised]
     left_out = [*missing] or [form for form in FORMS if form not in names]
     parts = [ScopePart("forms", names, left_out, reasons or "not requested")]
     add_model_scope(result, "synthesis", parts)
 
 
-def _add_realisation(result: Result, one: Realisation, scene: str) -> None:
-    group, nodes = f"synthesis/{one.form}", list(one.graph.nodes.values())
+def _add_realisation(result: Result, realisation: Realisation, scene: str) -> None:
+    group, nodes = f"synthesis/{realisation.form}", list(realisation.graph.nodes.values())
     elements = [node for node in nodes if node.type in VALUED]
     result.add_axis(f"{group}/element", [node.name for node in elements])
     result.add(f"{group}/type", [node.type for node in elements], ("element",))
-    result.add(f"{group}/value", [float(one.graph.value(node.name)) for node in elements], ("element",))
+    result.add(
+        f"{group}/value", [float(realisation.graph.value(node.name)) for node in elements], ("element",)
+    )
     result.add(f"{group}/exact", [str(node.value) for node in elements], ("element",))
     result.add_axis(f"{group}/node", [node.name for node in nodes])
     result.add(f"{group}/node_type", [node.type for node in nodes], ("node",))
-    result.add_axis(f"{group}/bond", [str(bond) for bond in one.graph.bonds])
-    _add_coefficients(result, group, TransferFunction(*integer_quotient(one.numerator, one.denominator)))
-    result.add(f"{group}/residual", one.residual)
+    result.add_axis(f"{group}/bond", [str(bond) for bond in realisation.graph.bonds])
+    _add_coefficients(
+        result, group, TransferFunction(*integer_quotient(realisation.numerator, realisation.denominator))
+    )
+    result.add(f"{group}/residual", realisation.residual)
     result.add(f"{group}/scene", scene)
 
 

@@ -66,13 +66,13 @@ OnePort = Element | Series | Parallel | BruneSection
 
 def series(*parts: OnePort) -> OnePort:
     """Return one-ports in series; one alone is itself, and a series within is opened."""
-    opened = [inner for part in parts for inner in (part.parts if isinstance(part, Series) else (part,))]
+    opened = [inner for port in parts for inner in (port.parts if isinstance(port, Series) else (port,))]
     return opened[0] if len(opened) == 1 else Series(tuple(opened))
 
 
 def parallel(*parts: OnePort) -> OnePort:
     """Return one-ports in parallel; one alone is itself, and a parallel within is opened."""
-    opened = [inner for part in parts for inner in (part.parts if isinstance(part, Parallel) else (part,))]
+    opened = [inner for port in parts for inner in (port.parts if isinstance(port, Parallel) else (port,))]
     return opened[0] if len(opened) == 1 else Parallel(tuple(opened))
 
 
@@ -101,7 +101,7 @@ def with_values(port: OnePort, change: Callable[[Fraction], Fraction]) -> OnePor
     if isinstance(port, BruneSection):
         inertia, compliance, modulus = map(change, (port.inertia, port.compliance, port.modulus))
         return BruneSection(inertia, compliance, modulus, with_values(port.load, change))
-    parts = tuple(with_values(part, change) for part in port.parts)
+    parts = tuple(with_values(inner, change) for inner in port.parts)
     return Series(parts) if isinstance(port, Series) else Parallel(parts)
 
 
@@ -157,5 +157,5 @@ class _ElementGraph:
         else:
             junction = self._add(*(("series", "1") if isinstance(port, Series) else ("parallel", "0")))
             self._bonds.append(Bond(behind, junction))
-            for part in port.parts:
-                self._attach(part, junction)
+            for inner in port.parts:
+                self._attach(inner, junction)

@@ -83,10 +83,10 @@ def cauer(numerator: Any, denominator: Any) -> OnePort:
             break
         numerator, denominator = denominator, numerator
     ladder: list[OnePort] = []
-    for place, parts in reversed(list(enumerate(removed))):
-        of_admittance = place % 2
-        own = [dual(part) if of_admittance else part for part in parts]
-        ladder = [(parallel if of_admittance else series)(*own, *ladder)]
+    for index, parts in reversed(list(enumerate(removed))):
+        of_admittance = index % 2
+        elements = [dual(element) if of_admittance else element for element in parts]
+        ladder = [(parallel if of_admittance else series)(*elements, *ladder)]
     return ladder[0]
 
 
@@ -102,8 +102,8 @@ def second_cauer(numerator: Any, denominator: Any) -> OnePort:
 
     size = max(numerator.length(), denominator.length())
     above, below = (
-        fmpq_poly([*([0] * (size - one.length())), *reversed(one.coeffs())])
-        for one in (numerator, denominator)
+        fmpq_poly([*([0] * (size - polynomial.length())), *reversed(polynomial.coeffs())])
+        for polynomial in (numerator, denominator)
     )
     return inverted(cauer(above, below))
 
@@ -119,8 +119,8 @@ def _removed_at_infinity(numerator: Any, denominator: Any) -> tuple[list[Element
         parts.append(Element("I", fraction(pole)))
     if numerator.degree() == denominator.degree():
         constant = numerator.leading_coefficient() / denominator.leading_coefficient()
-        part = real_part(numerator, denominator) - constant * squared_magnitude(denominator)
-        if negative_frequency(part) is None:
+        remainder = real_part(numerator, denominator) - constant * squared_magnitude(denominator)
+        if negative_frequency(remainder) is None:
             numerator -= constant * denominator
             parts.append(Element("R", fraction(constant)))
     return parts, numerator
@@ -170,11 +170,11 @@ def without_axis_poles(
 
 def _tanks(numerator: Any, factor: Any, bits: int) -> list[OnePort]:
     """Return the I and C in parallel of every root w of G: U(w)/G'(w) s / (s² - w)."""
-    found = []
+    tanks = []
     for root in real_roots(factor, bits):
         weight = evaluated(numerator, root, bits) / evaluated(factor.derivative(), root, bits)
-        found.append(parallel(Element("I", -weight / root), Element("C", 1 / weight)))
-    return found
+        tanks.append(parallel(Element("I", -weight / root), Element("C", 1 / weight)))
+    return tanks
 
 
 def real_roots(polynomial: Any, bits: int) -> list[Fraction]:
@@ -225,8 +225,8 @@ def foster(numerator: Any, denominator: Any, bits: int, name: str = "Z") -> OneP
     """
     parts, above, below = without_axis_poles(numerator, denominator, bits)
     _refuse_poles(below, name)
-    whole, rest = divmod(above, below)
-    constant, known = fraction(whole[0]), True
+    quotient, rest = divmod(above, below)
+    constant, is_exact = fraction(quotient[0]), True
     slope = below.derivative()
     sections: list[OnePort] = []
     for pole in real_roots(below, bits):
@@ -236,8 +236,8 @@ def foster(numerator: Any, denominator: Any, bits: int, name: str = "Z") -> OneP
         else:
             constant += residue / sigma
             sections.append(parallel(Element("R", -residue / sigma), Element("I", -residue / sigma**2)))
-            known = known and sigma.denominator.bit_length() < bits // 2
-    if not known and abs(constant) < Fraction(1, 1 << bits // 2) * (abs(fraction(whole[0])) + 1):
+            is_exact = is_exact and sigma.denominator.bit_length() < bits // 2
+    if not is_exact and abs(constant) < Fraction(1, 1 << bits // 2) * (abs(fraction(quotient[0])) + 1):
         constant = Fraction(0)
     if constant < 0:
         raise NoSuchForm(f"the partial fractions of {name} have the negative constant {float(constant):.6g}")
@@ -287,13 +287,13 @@ def brune(numerator: Any, denominator: Any, bits: int, *, exact: bool = True) ->
     if numerator.degree() == denominator.degree() == 0:
         return Element("R", fraction(numerator[0] / denominator[0]))
     report_progress(f"Brune's form, degree {max(numerator.degree(), denominator.degree())} left")
-    own, above, below = without_axis_poles(numerator, denominator, bits, _axis(denominator, bits, exact))
-    if own:
-        return series(*own, *([brune(above, below, bits, exact=exact)] if above else []))
-    own, below, above = without_axis_poles(denominator, numerator, bits, _axis(numerator, bits, exact))
-    if own:
-        own = list(map(dual, own))
-        return parallel(*own, *([brune(above, below, bits, exact=exact)] if below else []))
+    branches, above, below = without_axis_poles(numerator, denominator, bits, _axis(denominator, bits, exact))
+    if branches:
+        return series(*branches, *([brune(above, below, bits, exact=exact)] if above else []))
+    branches, below, above = without_axis_poles(denominator, numerator, bits, _axis(numerator, bits, exact))
+    if branches:
+        branches = list(map(dual, branches))
+        return parallel(*branches, *([brune(above, below, bits, exact=exact)] if below else []))
     lowest, of_admittance = _lowest(numerator, denominator, bits), _lowest(denominator, numerator, bits)
     if lowest.square is None:
         rest = brune(numerator - _rational(lowest.value) * denominator, denominator, bits, exact=exact)
@@ -311,9 +311,9 @@ def _minimum(numerator: Any, denominator: Any, lowest: _Lowest, bits: int, *, ex
     value, square = lowest
     assert square is not None
     exact = exact and max(square.numerator.bit_length(), square.denominator.bit_length()) < bits // 2
-    own = []
+    branches = []
     if abs(value) * (1 << bits // 2) > fraction(numerator[0] / denominator[0]) or (exact and value):
-        own.append(Element("R", value))
+        branches.append(Element("R", value))
         numerator -= _rational(value) * denominator
     s, pair = fmpq_poly([0, 1]), fmpq_poly([_rational(-square), 0, 1])
     first = _reactance(numerator, denominator, square, bits)
@@ -329,7 +329,7 @@ def _minimum(numerator: Any, denominator: Any, lowest: _Lowest, bits: int, *, ex
         )
     load = brune(above, below, bits, exact=exact)
     section = BruneSection(first + second, weight / -square, 1 + first / second, load)
-    return series(*own, section)
+    return series(*branches, section)
 
 
 def _reactance(numerator: Any, denominator: Any, square: Fraction, bits: int) -> Fraction:
@@ -341,20 +341,20 @@ def _reactance(numerator: Any, denominator: Any, square: Fraction, bits: int) ->
 
 def _lowest(numerator: Any, denominator: Any, bits: int) -> _Lowest:
     """Return the lowest real part of a function without poles on the axis; on a tie that at 0 or infinity."""
-    part, size = real_part(numerator, denominator), squared_magnitude(denominator)
-    at_infinity = fraction(part[size.degree()] / size.leading_coefficient())
-    found = _Lowest(min(fraction(part[0] / size[0]), at_infinity), None)
-    critical = part.derivative() * size - part * size.derivative()
+    real, size = real_part(numerator, denominator), squared_magnitude(denominator)
+    at_infinity = fraction(real[size.degree()] / size.leading_coefficient())
+    lowest = _Lowest(min(fraction(real[0] / size[0]), at_infinity), None)
+    critical = real.derivative() * size - real * size.derivative()
     if critical.degree() < 1:
-        return found
+        return lowest
     critical //= critical.gcd(critical.derivative())
     tie = Fraction(1, 1 << bits // 2)
     for square in real_roots(critical, bits):
         if square < 0:
-            value = rounded(value_at(part, square) / value_at(size, square), bits)
-            if value < found.value * (1 - tie):
-                found = _Lowest(value, square)
-    return found
+            value = rounded(value_at(real, square) / value_at(size, square), bits)
+            if value < lowest.value * (1 - tie):
+                lowest = _Lowest(value, square)
+    return lowest
 
 
 def _axis(polynomial: Any, bits: int, exact: bool) -> Any:
