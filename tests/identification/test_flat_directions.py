@@ -1,5 +1,7 @@
 """Optima far beyond the error bars: stiff arms of symmetric structures, against SciPy from the truth."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -63,3 +65,54 @@ def compared(this, result):
     optima = np.log(result.value("identification/equivalent_optima/estimate"))[:, order]
     distances = np.abs(optima - end) / this.record.deviations(end, noise)
     return deviation, least, distances.max(axis=1), optima
+
+
+def stiff_arm(seed):
+    """A stiff arm of three unequal masses, measured at the hub: its likelihood ripples."""
+    rng = np.random.default_rng([2718, seed])
+    problem = MODEL._replace(masses=np.array([1.5, 1.6, 1.1]), unknowns=((1, "k"),))
+    forced, _ = problem.response(problem.truth)
+    values = forced + 0.08 * np.sqrt(np.mean(forced**2, axis=0)) * rng.standard_normal(forced.shape)
+    start = problem.truth + 0.3 * rng.uniform(-1, 1, 1)
+    return Case(seed, problem, start, 0.08, Record(problem, values), "a stiff arm")
+
+
+@pytest.mark.parametrize("seed", sample((0, 5, 6, 7, 8), 0, 0, 2))
+def test_error_bars_that_the_likelihood_contradicts_are_called_too_narrow(seed):
+    """The likelihood at the value that the warning names, by SciPy."""
+    this = stiff_arm(seed)
+    result = suite(this)
+    said = [one for one in result.value("identification/diagnostics/warnings") if "too narrow" in one]
+    assert len(said) == 1
+    numbers = re.search(r"j1\.k = ([\d ]+), .* lower by ([\d.]+), where they predict ([\d.]+)", said[0])
+    value, fall, predicted = (float(each.replace(" ", "")) for each in numbers.groups())
+    estimate = result.value(f"{GROUP}/estimate")[0]
+    assert np.log(value / estimate) == pytest.approx(
+        4 * np.sign(value - estimate) * result.value(f"{GROUP}/standard_error")[0] / estimate, rel=1e-2
+    )
+    deviations = [this.record.deviance(np.log([each]))[0] for each in (estimate, value)]
+    assert (deviations[1] - deviations[0]) / 2 == pytest.approx(fall, rel=0.05)
+    assert predicted == pytest.approx(600 * np.log1p(16 / 1200), rel=0.05)
+    assert fall < predicted / 2
+    assert "too narrow" in result.group_attrs[GROUP]["error_bars"]
+
+
+def test_error_bars_that_the_likelihood_bears_out_have_no_such_warning():
+    for seed in (2, 4):
+        said = suite(stiff_arm(seed)).value("identification/diagnostics/warnings")
+        assert not any("too narrow" in one for one in said)
+
+
+def test_another_optimum_without_a_symmetry_is_reported_with_its_odds():
+    this = stiff_arm(9)
+    result = suite(this)
+    assert result.value("identification/diagnostics/equivalent_optima") == 2
+    assert not result.value("identification/diagnostics/converged")
+    optima = np.log(result.value("identification/equivalent_optima/estimate"))
+    ends = [this.record.fit(each, this.record.deviance(each)[1]) for each in optima]
+    np.testing.assert_allclose([end for end, _ in ends], optima, atol=2e-4)
+    gain = result.value("identification/equivalent_optima/log_likelihood")
+    assert gain[1] == pytest.approx((ends[0][1] - ends[1][1]) / 2, abs=0.02)
+    said = " ".join(result.value("identification/diagnostics/warnings"))
+    odds = np.exp(-gain[1])
+    assert ("equally well (id" if odds < 1.1 else f"odds of {odds:.2g} to 1") in said

@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 from typing import Any, NamedTuple
 
@@ -58,11 +59,15 @@ _APART = 3.0
 _RANKED, _SEARCHED, _FIRST, _LEFT = 16, 3, 4, 0.3
 # Further steps of a search that is as good as the best and has not converged.
 _FURTHER = 60
+# Most directions, of models without symmetries, in which error bars are tested against the misfit.
+_MAX_DIRECTIONS = 12
 # Directions of the greatest deviations along which misfits are compared with those that the information
 # predicts, from so many deviations on, each distance twice the one before, up to so many units; the ratio
 # below which the misfit is not that of one optimum, the points above it that end a line, and the most starts
 # below it that are searched.
-_DIRECTIONS, _NEAREST, _FARTHEST, _FLAT, _STEEP, _FLATTEST = 3, 4.0, 4.0, 0.5, 2, 8
+_DIRECTIONS, _FARTHEST, _FLAT, _STEEP, _FLATTEST = 3, 4.0, 0.5, 2, 8
+#: The first of these distances, in deviations.
+FLAT_DISTANCE = 4.0
 # Most states, and candidate sensors, of models whose deciding sensors are sought; lines at which responses
 # are compared, the relative difference from which they differ, how many sensors are named, and most optima
 # that are compared with the estimate.
@@ -71,6 +76,22 @@ _SENSOR_STATES, _SENSORS, _LINES, _DIFFERENT, _NAMED, _COMPARED = 120, 60, 5, 1e
 _APART_SADDLE = (0.4, 0.1)
 # Most multiplications of the evaluations of these starts: some hundredths of a second.
 _WORK = 100_000_000
+
+
+class FlatDirection(NamedTuple):
+    """A direction in which the misfit rises by less than half of what the error bars predict.
+
+    Attributes
+    ----------
+    away
+        Four standard errors along it (p), in coordinates.
+    rise, predicted
+        Rise of the misfit there, and that of the information.
+    """
+
+    away: Array
+    rise: float
+    predicted: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +109,8 @@ class EquivalentOptima:
         The symmetries of the model that relate them.
     sensors
         Further sensors, by name: each entry is one, or a set, at which all undecided ones differ.
+    flat
+        The direction that contradicts the error bars most; None where none does.
     """
 
     eta: Array
@@ -95,6 +118,7 @@ class EquivalentOptima:
     log_posterior: Array
     permutations: Sequence[Permutation] = ()
     sensors: Sequence[tuple[str, ...]] = ()
+    flat: FlatDirection | None = None
 
     def __len__(self) -> int:
         return len(self.eta)
@@ -205,7 +229,8 @@ class OptimaSearch:
                 if gain[k] > -DECIDED and optimum is not None:
                     points[k] = optimum.fit.eta
         likelihoods = np.zeros(len(points))
-        near = list(self._near(best, points, deviations))
+        flat, afar = self._beyond(best, symmetric=len(points) > 1)
+        near = list(self._near(best, points, deviations, afar))
         least = min(near, key=lambda optimum: optimum.misfit, default=best)
         if best.misfit - least.misfit > _BETTER:
             return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), least
@@ -214,7 +239,7 @@ class OptimaSearch:
                 points.append(point)
                 likelihoods = np.append(likelihoods, best.record_misfit - optimum.record_misfit)
                 gain = np.append(gain, best.misfit - optimum.misfit)
-        return EquivalentOptima(np.array(points), likelihoods, gain, permutations), None
+        return EquivalentOptima(np.array(points), likelihoods, gain, permutations, flat=flat), None
 
     def _beside_saddle(
         self, best: Optimum, permutations: Sequence[Permutation], deviations: Array
@@ -281,14 +306,21 @@ class OptimaSearch:
 
     # Optima that no exact symmetry relates.
 
-    def _near(self, best: Optimum, known: Sequence[Array], deviations: Array) -> Iterator[Optimum]:
-        """Yield optima to which searches from exchanged values, and from afar, lead.
+    @cached_property
+    def _cheap(self) -> bool:
+        """True if further searches are wanted, and their evaluations cheap."""
+        cheap = work_of(self.likelihood) * _RANKED <= _WORK and self.likelihood_at is None
+        return cheap and self.searched > 0
+
+    def _near(
+        self, best: Optimum, known: Sequence[Array], deviations: Array, afar: list[tuple[float, int, Array]]
+    ) -> Iterator[Optimum]:
+        """Yield optima to which searches from exchanged values, and from starts `afar`, lead.
 
         As far as their posterior is no less than that of the best.
         """
         likelihood = self.likelihood
-        dear = work_of(likelihood) * _RANKED > _WORK or self.likelihood_at is not None
-        if dear or not self.searched:
+        if not self._cheap:
             return
         apart = np.maximum(_APART * deviations, _SAME_UNITS * likelihood.priors.units)
         seen = list(known)
@@ -304,30 +336,38 @@ class OptimaSearch:
                 if len(ranked) == _RANKED + self.searched:
                     break
         ends = list(known)
-        # Without a symmetry, an optimum afar that is less likely than the estimate is no exchange.
-        afar = self._beyond(best) if len(known) > 1 else []
         for misfit, _, start in sorted(ranked)[: self.searched] + afar:
             optimum = self._searched(best, start, misfit)
             if optimum is not None and _is_new(optimum.fit.eta, ends, apart):
                 ends.append(optimum.fit.eta)
                 yield optimum
 
-    def _beyond(self, best: Optimum) -> list[tuple[float, int, Array]]:
-        """Return starts far beyond the error bars with less misfit than the information predicts, and theirs.
+    def _beyond(
+        self, best: Optimum, *, symmetric: bool
+    ) -> tuple[FlatDirection | None, list[tuple[float, int, Array]]]:
+        """Return the direction in which error bars are contradicted most, and starts far beyond them.
 
-        With N values and the noise estimated, at t deviations it predicts N / 2 log(1 + t^2 / N).
+        Those where the misfit is less than the information predicts, with theirs.
+
+        With N values and the noise estimated, at t deviations it predicts N / 2 log(1 + t^2 / N). Of
+        `symmetric` models the least known directions are followed where they are steep at first.
         """
+        if not self._cheap:
+            return None, []
         likelihood, eta, units = self.likelihood, best.fit.eta, self.likelihood.priors.units
         information = likelihood.information(best.fit, best.noise)
         U, s, _ = np.linalg.svd(information.root / units[:, None])
         values = sum(int(record.data.counts.sum()) for record in likelihood.records)
         starts: list[tuple[float, float, Array]] = []
-        for direction, size in list(zip(U.T, s, strict=False))[:_DIRECTIONS]:
+        directions: list[FlatDirection] = []
+        most, steepest = (_DIRECTIONS, _STEEP) if symmetric else (_MAX_DIRECTIONS, 1)
+        for direction, size in list(zip(U.T, s, strict=False))[:most]:
             for side in (direction, -direction):
-                distance, steep = _NEAREST, 0
-                while 0 < distance * size <= _FARTHEST and steep < _STEEP:
+                distance, steep = FLAT_DISTANCE, 0 if size > _SAME_UNITS else steepest  # of clean data none
+                while 0 < distance * size <= _FARTHEST and steep < steepest:
                     predicted = values / 2 * math.log1p(distance**2 / values)
-                    start = likelihood.priors.clipped(eta + distance * size * units * side)
+                    away = distance * size * units * side
+                    start = likelihood.priors.clipped(eta + away)
                     distance *= 2
                     try:
                         with guarded("the prediction"):
@@ -335,9 +375,14 @@ class OptimaSearch:
                     except DynidError:
                         continue
                     starts.append(((misfit - best.misfit) / predicted, misfit, start))
+                    if distance == 2 * FLAT_DISTANCE and np.array_equal(start, eta + away):
+                        directions.append(FlatDirection(away, misfit - best.misfit, predicted))
                     steep = 0 if starts[-1][0] < _FLAT else steep + 1
         flat = sorted((start for start in starts if start[0] < _FLAT), key=lambda start: start[0])
-        return [(misfit, k, start) for k, (_, misfit, start) in enumerate(flat[:_FLATTEST])]
+        least = min(directions, key=lambda direction: direction.rise / direction.predicted, default=None)
+        contradicted = least is not None and least.rise < _FLAT * least.predicted
+        afar = [(misfit, k, start) for k, (_, misfit, start) in enumerate(flat[:_FLATTEST])]
+        return least if contradicted else None, afar
 
     def _searched(self, best: Optimum, start: Array, misfit: float) -> Optimum | None:
         """Return the optimum that a search from a start leads to, if it is as good as the best."""

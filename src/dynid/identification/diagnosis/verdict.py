@@ -10,7 +10,7 @@ import numpy as np
 
 from dynid.arrays import Array
 from dynid.defaults import HEAVY_TAILS, LACK_OF_FIT, OFFSET
-from dynid.identification.diagnosis.equivalent_optima import DECIDED
+from dynid.identification.diagnosis.equivalent_optima import DECIDED, FLAT_DISTANCE
 from dynid.identification.diagnosis.posterior import UNCERTAIN, ChannelOfRecord, Posterior
 from dynid.identification.diagnosis.symmetry import interchangeable
 from dynid.identification.residual_tests import ResidualShape, is_coloured, whiteness
@@ -36,6 +36,8 @@ POSSIBLE_CAUSES = (
     "Possible causes: a wrong mass or connection, or a nonlinear joint (friction, gap, a stiffness that "
     "depends on the amplitude), whose estimates differ between records of different amplitude"
 )
+# Difference of the logarithm of the posterior below which optima are equally good.
+_EVEN = 0.1
 # A parameter differs between optima from this part of a unit on; else priors move it a little.
 _MOVED = 0.01
 # The most outliers that are named one by one.
@@ -61,7 +63,8 @@ def _optimum_text(posterior: Posterior) -> str:
     if posterior.ambiguous:
         assert posterior.optima is not None
         count = int(np.count_nonzero(posterior.optima.undecided))
-        parts.append(f"{count} optima explain the {posterior.noun} equally well, this is one of them")
+        well = _how_well(posterior)
+        parts.append(f"{count} optima explain the {posterior.noun} {well}, this is one of them")
     return ", and ".join(parts) or "optimum found"
 
 
@@ -123,6 +126,15 @@ def _unique_warnings(posterior: Posterior) -> Iterator[str]:
         yield from _undetermined(posterior)
     if posterior.ambiguous:
         yield _equivalent_optima(posterior)
+    if posterior.optima is not None and (flat := posterior.optima.flat) is not None:
+        k = int(np.argmax(np.abs(flat.away) / posterior.information.deviations()))
+        unknown, eta = posterior.likelihood.unknowns[k], float(posterior.fit.eta[k] + flat.away[k])
+        yield (
+            f"the error bars are too narrow: {FLAT_DISTANCE:.0f} standard errors away, at {unknown.name} = "
+            f"{quantity(unknown.value(eta))}, the logarithm of the likelihood is lower by {flat.rise:.2g}, "
+            f"where they predict {flat.predicted:.2g}: measure longer or with less noise, or give a prior of "
+            f"{unknown.name}; posterior_check: true weighs the posterior"
+        )
 
 
 def _possible_causes(posterior: Posterior) -> str:
@@ -267,9 +279,18 @@ def _equivalent_optima(posterior: Posterior) -> str:
     at = f"; the true values are those of optimum {true + 1}" if true else ""
     remedy = deciding_text(unknowns, undecided, optima.sensors)
     return (
-        f"{alike}: {count} optima explain the {posterior.noun} equally well "
+        f"{alike}: {count} optima explain the {posterior.noun} {_how_well(posterior)} "
         f"(identification/equivalent_optima{at}). To decide: {remedy}"
     )
+
+
+def _how_well(posterior: Posterior) -> str:
+    """Return how well the undecided optima explain the records beside the estimate, with the odds."""
+    assert posterior.optima is not None
+    least = float(posterior.optima.log_posterior[posterior.optima.undecided].min())
+    if least > -_EVEN:
+        return "equally well"
+    return f"nearly equally well (odds of {math.exp(-least):.2g} to 1 at the most)"
 
 
 def interchange_text(groups: Sequence[Sequence[str]]) -> str:

@@ -318,6 +318,10 @@ def _add_comparison(result: Result, posterior: Posterior) -> None:
         result.annotate(_PARAMETERS, error_bars=f"conditional on the values of {held}")
     elif posterior.ambiguous:
         result.annotate(_PARAMETERS, error_bars="of this optimum alone")
+    elif posterior.optima is not None and posterior.optima.flat is not None:
+        result.annotate(
+            _PARAMETERS, error_bars="too narrow: the likelihood falls more slowly than they predict"
+        )
     elif compared.lacks_fit or is_coloured(posterior.whiteness_p):
         result.annotate(_PARAMETERS, error_bars="nominal: the residuals are not noise")
 
