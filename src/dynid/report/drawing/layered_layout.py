@@ -1,9 +1,8 @@
 """Layered layout of a bond graph: its spine in columns from left to right, with a height for every node.
 
 The spine of a tree is a longest path, through the port and from the source where there is one. The spine of a
-graph with loops is the subgraph without leaves, in the columns of a planar embedding; crossings of its bonds
-are items of the columns, and bonds that pass a column have an item in it. All other nodes are trees that hang
-on the spine.
+graph with loops is the subgraph without leaves; bonds that pass a column have an item in it. All other nodes
+are trees that hang on the spine.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
-from dynid.report.drawing.planar_embedding import Edge, PlanarEmbedding, biconnecting, columns_of
+from dynid.report.drawing.column_order import ColumnOrder, ranks
 from dynid.report.drawing.sketch import PORT, Sketch
 
 _SWEEPS, _STRAIGHT = 60, 4
@@ -24,14 +23,14 @@ Ties = Mapping[str, list[tuple[str, int]]]
 
 @dataclass(eq=False)
 class LayoutItem:
-    """An item of a column: a node, a passing bond or (neither of them) a crossing of two bonds.
+    """An item of a column: a node or a passing bond.
 
     Parameters
     ----------
     name
-        The node; None for a bond or a crossing.
-    up, down, across
-        Space above, below and to either side of it, px (a node has its width beside this).
+        The node; None for a bond.
+    up, down
+        Space above and below it, px.
     y
         Its height, px, downwards.
     """
@@ -39,7 +38,6 @@ class LayoutItem:
     name: str | None = None
     up: float = PORT / 2
     down: float = PORT / 2
-    across: float = 0.0
     y: float = 0.0
 
 
@@ -216,43 +214,41 @@ class _LayoutBuilder:
 
     def _of_loops(self, core: list[str]) -> LayeredLayout:
         """Return the layout of a graph with loops, which the core is without its trees."""
-        number = {name: place for place, name in enumerate(core)}
-        graph: dict[int, set[int]] = {place: set() for place in range(len(core))}
-        ways: dict[int, list[int]] = {}  # the vertices of each bond; a parallel one has a vertex of its own
+        number = {name: k for k, name in enumerate(core)}
+        bonds = sorted({index for name in core for other, index in self.ties[name] if other in number})
+        ends = {index: (self.sketch.bonds[index].tail, self.sketch.bonds[index].head) for index in bonds}
+        graph: dict[int, set[int]] = {k: set() for k in range(len(core))}
+        for tail, head in ends.values():
+            graph[number[tail]].add(number[head])
+            graph[number[head]].add(number[tail])
+        left, right = self._ends(core)
+        rank = ranks(graph, number[left[-1]], number[right[0]])
+        first = len(left) - 1
+        count = first + max(rank.values()) + 1
+        place = {name: first + rank[number[name]] for name in core}
+        place |= {name: k for k, name in enumerate(left[:-1])}
+        place |= {name: k for k, name in enumerate(right[1:], count)}
+        columns: list[list[LayoutItem]] = [[] for _ in range(count + len(right) - 1)]
+        item = {name: LayoutItem(name) for name in place}
+        for name, column in place.items():
+            columns[column].append(item[name])
+        routes: dict[int, list[Waypoint]] = {}
+        for index, (tail, head) in ends.items():
+            step = 1 if place[head] > place[tail] else -1
+            lanes = [
+                Waypoint(LayoutItem(), column) for column in range(place[tail] + step, place[head], step)
+            ]
+            for lane in lanes:
+                columns[lane.column].append(lane.item)
+            routes[index] = [Waypoint(item[tail], place[tail]), *lanes, Waypoint(item[head], place[head])]
+        links = [
+            (a.item, b.item) if a.column < b.column else (b.item, a.item)
+            for route in routes.values()
+            for a, b in pairwise(route)
+        ]
+        return self._finish(columns, place, routes, ColumnOrder(columns, links).improve())
 
-        def tie(a: int, b: int) -> None:
-            graph[a].add(b)
-            graph[b].add(a)
-
-        for name in core:
-            for other, index in self.ties[name]:
-                if other in number and index not in ways:
-                    way = [number[self.sketch.bonds[index].tail], number[self.sketch.bonds[index].head]]
-                    if way[1] in graph[way[0]]:
-                        way.insert(1, len(graph))
-                        graph[way[1]] = set()
-                    for a, b in pairwise(way):
-                        tie(a, b)
-                    ways[index] = way
-        for a, b in biconnecting(graph):
-            tie(a, b)
-        embedding = PlanarEmbedding(graph)
-        chains = dict(embedding.chains)
-        left, right = self._ends(core, number, embedding)
-        order = columns_of(embedding, number[left[-1]], number[right[0]])
-        for way in ways.values():  # with the crossings on it
-            whole = [way[0]]
-            for a, b in pairwise(way):
-                chain = chains[frozenset((a, b))]
-                whole += (chain if chain[0] == a else chain[::-1])[1:]
-            way[:] = whole
-        return self._fill_columns(
-            core, left[:-1], right[1:], order.rank, order.height, ways, embedding.crossings
-        )
-
-    def _ends(
-        self, core: list[str], number: dict[str, int], embedding: PlanarEmbedding
-    ) -> tuple[list[str], list[str]]:
+    def _ends(self, core: list[str]) -> tuple[list[str], list[str]]:
         """Return the paths from the source into the loops, and out of them to the target."""
         inside = set(core)
 
@@ -260,58 +256,17 @@ class _LayoutBuilder:
             if end not in self.ties:
                 return []
             above = _predecessors(core[0], self.ties)
-            found = [str(end)]
-            while found[-1] not in inside:
-                found.append(above[found[-1]])
-            return found
+            names = [str(end)]
+            while names[-1] not in inside:
+                names.append(above[names[-1]])
+            return names
 
         left, right = path(self.sketch.source), path(self.sketch.target)[::-1]
         left = left or [core[0] if not right or core[0] != right[0] else core[1]]
-        start = number[left[-1]]
-        facing = {vertex for face in embedding.faces if start in face for vertex in face} - {start}
-        if right and number[right[0]] in facing:
+        if right and right[0] != left[-1]:
             return left, right
-        distance = {left[-1]: 0}
-        for name, before in _predecessors(left[-1], self.ties).items():
-            distance[name] = distance[before] + (name != left[-1])
-        named = [name for name in core if number[name] in facing]
-        return left, [max(named, key=distance.__getitem__)]
-
-    def _fill_columns(
-        self,
-        core: list[str],
-        left: list[str],
-        right: list[str],
-        rank: dict[int, int],
-        height: dict[int | Edge, float],
-        ways: dict[int, list[int]],
-        crossings: list[int],
-    ) -> LayeredLayout:
-        """Fill the columns with nodes, crossings and passing bonds."""
-        first = len(left)
-        count = first + max(rank.values()) + 1
-        stacks: list[list[tuple[float, LayoutItem]]] = [[] for _ in range(count + len(right))]
-        for column, name in [*enumerate(left), *enumerate(right, count)]:
-            stacks[column].append((0.0, LayoutItem(name)))
-        at: dict[int, LayoutItem] = {}
-        used = {vertex for way in ways.values() for vertex in way}
-        for vertex in sorted(used | set(range(len(core)))):
-            space = (1.5 * PORT, 1.5 * PORT, PORT) if vertex in crossings else (PORT / 2, PORT / 2, 0.0)
-            at[vertex] = LayoutItem(core[vertex] if vertex < len(core) else None, *space)
-            stacks[first + rank[vertex]].append((height[vertex], at[vertex]))
-        routes: dict[int, list[Waypoint]] = {}
-        for index, way in ways.items():
-            routes[index] = [Waypoint(at[way[0]], first + rank[way[0]])]
-            for a, b in pairwise(way):
-                step = 1 if rank[b] > rank[a] else -1
-                for column in range(rank[a] + step, rank[b], step):
-                    lane = LayoutItem()
-                    stacks[first + column].append((height[frozenset((a, b))], lane))
-                    routes[index].append(Waypoint(lane, first + column))
-                routes[index].append(Waypoint(at[b], first + rank[b]))
-        columns = [[item for _, item in sorted(stack, key=lambda entry: entry[0])] for stack in stacks]
-        standing = {item.name: k for k, column in enumerate(columns) for item in column if item.name}
-        return self._finish(columns, standing, routes, len(crossings))
+        farthest = [name for name in _predecessors(left[-1], self.ties) if name in inside][-1]
+        return left, [farthest]
 
     def _finish(
         self,
@@ -354,7 +309,7 @@ def _spread_bonds(columns: list[list[LayoutItem]], routes: dict[int, list[Waypoi
             for here, there, leaving in ((a, b, True), (b, a, False)):
                 side = sides.setdefault((here.item, there.column > here.column), [])
                 side.append((order[there.item], index, here, leaving))
-    # At most one bond joins two nodes, and one way two crossings: those to one item keep their order.
+    # Bonds to one item keep their order.
     for entries in sides.values():
         entries.sort(key=lambda entry: entry[:2])
         for number, (_, _, waypoint, leaving) in enumerate(entries):

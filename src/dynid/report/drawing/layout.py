@@ -272,7 +272,7 @@ class _PartLayout:
         for column in self.spine.columns:
             left, right = 0.0, 0.0
             for item in column:
-                a, b = (-item.across, item.across)
+                a, b = 0.0, 0.0
                 if item.name is not None:  # a node with its trees
                     half = self.size(item.name)[0] / 2
                     west, east = self.spine.ports[item.name]
@@ -349,6 +349,4 @@ class _PartLayout:
             box = self.boxes[here.item.name]
             east = bool(go if come is None else come)
             points.append((box.right if east else box.left, here.y_in))
-        elif come == go:  # a crossing at which the bond turns back
-            points.append(((edges[0] + edges[1]) / 2, here.item.y))
         return points if go is None else [*points, (edges[go], here.y_out)]
