@@ -102,7 +102,7 @@ def test_the_filter_is_the_extended_kalman_filter_of_stiffness_and_damping(monke
     deviations = np.concatenate([np.full(3, 0.1), np.ones(3), FIRST])
     start = np.array(list(START.values()))
     root = np.diag(deviations / np.concatenate([model.scale, np.ones(4)]))
-    found = filter_pass(model, measured, InitialState(np.zeros(6), start, root), NOISE, start, part=0.0)
+    found = filter_pass(model, measured, InitialState(np.zeros(6), start, root), NOISE, start, fraction=0.0)
     z, spread = extended_kalman_filter(measured, start, np.diag(deviations**2.0))
     assert np.abs(z[-1, 6:] - list(TRUE.values())).max() < 4.5 * spread[-1, 6:].max()
     for own, wanted in (

@@ -135,7 +135,7 @@ class GaussianPosterior:
     @cached_property
     def elsewhere(self) -> Array:
         """Coordinates at random far from the mean, to confirm what holds everywhere (count x p)."""
-        spread = np.array([one.first_spread for one in self.unknowns]) / 4
+        spread = np.array([unknown.first_spread for unknown in self.unknowns]) / 4
         drawn = np.random.default_rng(_SEED).uniform(-1, 1, (_CONFIRMED, len(self.eta)))
         return np.clip(self.eta + spread * drawn, self.low, self.high)
 
@@ -164,13 +164,13 @@ class GaussianPosterior:
         same = (np.sign(ends) == np.sign(value)).all(axis=0) & (value != 0)
         size = np.where(same, np.abs(value), 1.0)
         signed = np.where(same, value, 1.0)
-        logs = [np.log(np.where(same, np.abs(one), 1.0)) for one in (value, up, down)]
+        logs = [np.log(np.where(same, np.abs(quantity), 1.0)) for quantity in (value, up, down)]
         by_log = _bend(logs[0], logs[1], logs[2], linear / signed)
         by_log = np.where(same, by_log * size, np.inf)
         rounding = 1e-13 * np.abs(value)
-        least = np.maximum(_LINEAR * half, rounding)
-        logarithmic = usable & (by_log <= least) & (by_log < bend) & (bend > rounding)
-        plain = usable & (bend <= least) & ~logarithmic
+        curvature_limit = np.maximum(_LINEAR * half, rounding)
+        logarithmic = usable & (by_log <= curvature_limit) & (by_log < bend) & (bend > rounding)
+        plain = usable & (bend <= curvature_limit) & ~logarithmic
         low, high = value - half, value + half
         factor = np.exp(np.minimum(half / size, 700.0))
         ordered = np.sort(np.stack([value / factor, value * factor]), axis=0)
@@ -179,11 +179,11 @@ class GaussianPosterior:
         others = np.flatnonzero(~(plain | logarithmic) | (self.drawn is not None))
         if len(others):
             drawn = at(self.samples, others)
-            for k, place in enumerate(others):
-                found = drawn[:, k][np.isfinite(drawn[:, k])]
-                ends_of = np.quantile(found, [_TAIL, 1 - _TAIL]) if len(found) else [-np.inf, np.inf]
-                low[place], high[place] = ends_of
-                method[place] = SAMPLED
+            for k, index in enumerate(others):
+                finite = drawn[:, k][np.isfinite(drawn[:, k])]
+                ends_of = np.quantile(finite, [_TAIL, 1 - _TAIL]) if len(finite) else [-np.inf, np.inf]
+                low[index], high[index] = ends_of
+                method[index] = SAMPLED
         return ConfidenceBand(value, np.minimum(low, value), np.maximum(high, value), method)
 
 
@@ -246,13 +246,15 @@ class RootFamily:
             smooth[cluster.places] = True
         change = np.where(np.isfinite(slopes), slopes, 0.0)
         still = (np.abs(change.real) <= _ON_AXIS * (np.abs(values)[:, None] + np.abs(change))).all(axis=1)
-        found = smooth & still & (np.abs(values.real) <= _ON_AXIS * np.abs(values))
-        for other in self._tracked(self.posterior.elsewhere):
-            if np.isnan(other).any():
+        still_on_axis = smooth & still & (np.abs(values.real) <= _ON_AXIS * np.abs(values))
+        for elsewhere in self._tracked(self.posterior.elsewhere):
+            if np.isnan(elsewhere).any():
                 return np.zeros(len(values), dtype=bool)
-            if np.count_nonzero(np.abs(other.real) <= _ON_AXIS * np.abs(other)) < found.sum():
-                return values == 0 if (other[values == 0] == 0).all() else np.zeros(len(values), dtype=bool)
-        return np.asarray(found)
+            if np.count_nonzero(np.abs(elsewhere.real) <= _ON_AXIS * np.abs(elsewhere)) < still_on_axis.sum():
+                return (
+                    values == 0 if (elsewhere[values == 0] == 0).all() else np.zeros(len(values), dtype=bool)
+                )
+        return np.asarray(still_on_axis)
 
     def _tracked(self, etas: Array) -> ComplexArray:
         """Return the roots at coordinates (S x m), each in the place of its origin; NaN where none are."""
@@ -278,12 +280,14 @@ class RootFamily:
     def _assigned(self, etas: Array) -> ComplexArray:
         """Return the roots at coordinates (S x m) in the order of those at the mean."""
         start, change, origin, _ = self.reference
-        found = self.at(etas)
+        root_sets = self.at(etas)
         tracked = np.full((len(etas), len(start)), complex(math.nan, math.nan))
         usable = [
-            k for k, one in enumerate(found) if one and len(one.values) == len(start) and one.origin == origin
+            k
+            for k, roots in enumerate(root_sets)
+            if roots and len(roots.values) == len(start) and roots.origin == origin
         ]
-        values = np.array([found[k].values for k in usable]).reshape(len(usable), 1, len(start))  # type: ignore[union-attr]
+        values = np.array([root_sets[k].values for k in usable]).reshape(len(usable), 1, len(start))  # type: ignore[union-attr]
         moved = (etas[usable] - self.posterior.eta) @ np.where(np.isfinite(change), change, 0.0).T
         off = np.abs((start + moved)[:, :, None] - values)
         stay = np.abs(start[:, None] - values)
@@ -331,8 +335,8 @@ class RootFamily:
         by_zeta = np.where(fixed[:, None], 0.0, by_zeta)
 
         def at(etas: Array, places: NDArray[np.intp] | slice) -> Array:
-            found = self._tracked(etas)
-            first, second = found[:, pairs], found[:, partners[pairs]]
+            tracked = self._tracked(etas)
+            first, second = tracked[:, pairs], tracked[:, partners[pairs]]
             second = np.where(first.imag != 0, first.conj(), second)
             product = np.real(first * second)
             size = np.sqrt(np.where(product > 0, product, np.nan))
@@ -369,13 +373,13 @@ class RootFamily:
         if not len(real):
             return 1.0
         deviation = np.linalg.norm(np.where(np.isfinite(slopes), slopes, 0.0) @ self.posterior.root, axis=1)
-        known = np.isfinite(slopes).all(axis=1)
+        smooth = np.isfinite(slopes).all(axis=1)
         far = np.abs(real) > _FAR * deviation
-        if (known & far).all():
+        if (smooth & far).all():
             return float(np.all(real < 0))
-        found = self._tracked(self.posterior.samples)[:, free].real
-        found = found[~np.isnan(found).any(axis=1)]
-        return float((found < 0).all(axis=1).mean()) if len(found) else math.nan
+        real_parts = self._tracked(self.posterior.samples)[:, free].real
+        real_parts = real_parts[~np.isnan(real_parts).any(axis=1)]
+        return float((real_parts < 0).all(axis=1).mean()) if len(real_parts) else math.nan
 
 
 def _chance(probability: float) -> str:
@@ -386,8 +390,8 @@ def _paired(cost: Array) -> NDArray[np.intp]:
     """Return the column of each row (m x m), every column once, the cheapest pairs first."""
     m = len(cost)
     column, free = np.full(m, -1, dtype=np.intp), np.ones(m, dtype=bool)
-    for place in np.argsort(cost, axis=None, kind="stable").tolist():
-        i, j = divmod(place, m)
+    for entry in np.argsort(cost, axis=None, kind="stable").tolist():
+        i, j = divmod(entry, m)
         if column[i] < 0 and free[j]:
             column[i], free[j] = j, False
     return column
@@ -427,13 +431,13 @@ class DerivedQuantities:
 
     def _each(self, etas: Array) -> list[Matrices | None]:
         """Return the matrices at coordinates (S x p); None where there are none."""
-        found: list[Matrices | None] = []
+        matrices: list[Matrices | None] = []
         for eta in etas:
             try:
-                found.append(self._at(eta))
+                matrices.append(self._at(eta))
             except DynidError:
-                found.append(None)
-        return found
+                matrices.append(None)
+        return matrices
 
     @property
     def _rates(self) -> Array:
@@ -453,9 +457,11 @@ class DerivedQuantities:
         scale = balance(here.A)
 
         def at(etas: Array) -> list[Roots | None]:
-            each = self._each(etas)
-            found = iter(poles_of_all([one.A for one in each if one is not None], scale))
-            return [None if one is None else next(found) for one in each]
+            matrix_sets = self._each(etas)
+            root_sets = iter(
+                poles_of_all([matrices.A for matrices in matrix_sets if matrices is not None], scale)
+            )
+            return [None if matrices is None else next(root_sets) for matrices in matrix_sets]
 
         return RootFamily(
             self.posterior, at, self._reference(poles(here.A, here.A_slopes, scale, self._spread))
@@ -467,24 +473,31 @@ class DerivedQuantities:
         scale = balance(here.A)
 
         def at(etas: Array) -> list[Roots | None]:
-            each = [None if one is None else single(one, pair.channel, pair.load) for one in self._each(etas)]
-            alike = [one for one in each if one is not None and len(one.A) == len(scale)]
-            found = iter(zeros_of_all(alike, scale))
+            subsystems = [
+                None if subsystem is None else single(subsystem, pair.channel, pair.load)
+                for subsystem in self._each(etas)
+            ]
+            alike = [
+                subsystem
+                for subsystem in subsystems
+                if subsystem is not None and len(subsystem.A) == len(scale)
+            ]
+            roots = iter(zeros_of_all(alike, scale))
             return [
-                None if one is None
-                else next(found) if len(one.A) == len(scale)
-                else zeros(one, slopes=False)  # another order of its direct term
-                for one in each
+                None if subsystem is None
+                else next(roots) if len(subsystem.A) == len(scale)
+                else zeros(subsystem, slopes=False)  # another order of its direct term
+                for subsystem in subsystems
             ]  # fmt: skip
 
-        found = zeros(here, scale=scale, spread=self._spread)
-        return None if found is None else RootFamily(self.posterior, at, self._reference(found))
+        roots = zeros(here, scale=scale, spread=self._spread)
+        return None if roots is None else RootFamily(self.posterior, at, self._reference(roots))
 
-    def _reference(self, found: Roots) -> Roots:
+    def _reference(self, roots: Roots) -> Roots:
         """Return roots with derivatives by the coordinates."""
-        finite = np.isfinite(found.slopes)
-        return found._replace(
-            slopes=np.where(finite, np.where(finite, found.slopes, 0.0) * self._rates, np.inf)
+        finite = np.isfinite(roots.slopes)
+        return roots._replace(
+            slopes=np.where(finite, np.where(finite, roots.slopes, 0.0) * self._rates, np.inf)
         )
 
     def response(self, omega: Array, pair: Pair) -> tuple[ConfidenceBand, ConfidenceBand]:
@@ -495,30 +508,30 @@ class DerivedQuantities:
         Singular
             If a line lies on an undamped pole, to rounding.
         """
-        place, lines = [(pair.channel, pair.load)], len(omega)
-        H, slopes = self.system.paired_response(self.posterior.values(self.posterior.eta), omega, place)
+        pairs, lines = [(pair.channel, pair.load)], len(omega)
+        H, slopes = self.system.paired_response(self.posterior.values(self.posterior.eta), omega, pairs)
         H, slopes = H[:, 0], slopes[:, 0] * self._rates
         there = np.where(H == 0, 1.0, H)
         size, phase = np.abs(H), np.unwrap(np.angle(there))
         relative = slopes / there[:, None]
         moved = np.concatenate([size[:, None] * relative.real, np.where(H == 0, np.inf, relative.imag.T).T])
 
-        def one(eta: Array, chosen: NDArray[np.intp]) -> Array:
+        def sample(eta: Array, chosen: NDArray[np.intp]) -> Array:
             needed = np.unique(chosen % lines)
             values = self.posterior.values(eta)
             try:
-                found = self.system.paired_response(values, omega[needed], place, slopes=False)[0][:, 0]
+                responses = self.system.paired_response(values, omega[needed], pairs, slopes=False)[0][:, 0]
             except DynidError:
                 return np.full(len(chosen), np.nan)
-            turned = phase[needed] + np.angle(found / there[needed])
+            turned = phase[needed] + np.angle(responses / there[needed])
             both = np.where(
                 chosen < lines,
-                *(each[np.searchsorted(needed, chosen % lines)] for each in (np.abs(found), turned)),
+                *(curve[np.searchsorted(needed, chosen % lines)] for curve in (np.abs(responses), turned)),
             )
             return np.asarray(both)
 
         def at(etas: Array, places: NDArray[np.intp] | slice) -> Array:
-            return np.array([one(eta, np.arange(2 * lines)[places]) for eta in etas])
+            return np.array([sample(eta, np.arange(2 * lines)[places]) for eta in etas])
 
         return _halves(self.posterior.bands(np.concatenate([size, phase]), moved, at))
 
@@ -528,39 +541,46 @@ class DerivedQuantities:
         With zeros at the origin, in the family of its zeros, and no poles there, it is 0 at rest.
         """
         eta = self.posterior.eta
-        made: dict[str, Callable[[ParametricSystem], tuple[float, Array] | None]] = {"dc": _dc_gain}
+        functions: dict[str, Callable[[ParametricSystem], tuple[float, Array] | None]] = {"dc": _dc_gain}
         if family.reference.origin > self.poles.reference.origin:
-            made["dc"] = lambda one: (0.0, np.zeros_like(one.d_slopes))
+            functions["dc"] = lambda subsystem: (0.0, np.zeros_like(subsystem.d_slopes))
         here = self._at(eta)
         if len(here.D) == 1 or not here.D[1:, pair.channel, pair.load].any():
-            made["high_frequency"] = lambda one: (one.d, one.d_slopes)
+            functions["high_frequency"] = lambda subsystem: (subsystem.d, subsystem.d_slopes)
         bands = {}
-        for name, gain in made.items():
-            found = gain(single(here, pair.channel, pair.load))
-            if found is None:
+        for name, gain in functions.items():
+            gain_and_slopes = gain(single(here, pair.channel, pair.load))
+            if gain_and_slopes is None:
                 continue
 
             def at(etas: Array, places: NDArray[np.intp] | slice, gain=gain) -> Array:  # type: ignore[no-untyped-def] # noqa: ARG001
-                found = [gain(single(self._at(eta), pair.channel, pair.load)) for eta in etas]
-                return np.array([[math.nan if one is None else one[0]] for one in found])
+                gain_and_slopes = [gain(single(self._at(eta), pair.channel, pair.load)) for eta in etas]
+                return np.array(
+                    [[math.nan if subsystem is None else subsystem[0]] for subsystem in gain_and_slopes]
+                )
 
-            value, slopes = found
+            value, slopes = gain_and_slopes
             bands[name] = self.posterior.bands(np.array([value]), (slopes * self._rates)[None], at)
         return bands
 
 
-def _dc_gain(one: ParametricSystem) -> tuple[float, Array] | None:
+def _dc_gain(subsystem: ParametricSystem) -> tuple[float, Array] | None:
     """Return d - c A^-1 b with its derivatives; None where a pole at the origin is in the way."""
-    if poles(one.A).origin:
+    if poles(subsystem.A).origin:
         return None
-    x, y = np.linalg.solve(one.A, one.b), np.linalg.solve(one.A.T, one.c)
-    slopes = one.d_slopes - one.c_slopes @ x - one.b_slopes @ y + np.einsum("i,pij,j->p", y, one.A_slopes, x)
-    return float(one.d - one.c @ x), slopes
+    x, y = np.linalg.solve(subsystem.A, subsystem.b), np.linalg.solve(subsystem.A.T, subsystem.c)
+    slopes = (
+        subsystem.d_slopes
+        - subsystem.c_slopes @ x
+        - subsystem.b_slopes @ y
+        + np.einsum("i,pij,j->p", y, subsystem.A_slopes, x)
+    )
+    return float(subsystem.d - subsystem.c @ x), slopes
 
 
 def pairs_of(outputs: Sequence[tuple[str, str]], inputs: Sequence[tuple[str, str]]) -> list[Pair]:
     """Return every pair of an output and an input (names and units); loads of one name are one input."""
-    first = {name: (place, unit) for place, (name, unit) in reversed(list(enumerate(inputs)))}
+    first = {name: (index, unit) for index, (name, unit) in reversed(list(enumerate(inputs)))}
     return [
         Pair(output, name, ratio(unit, per), channel, load)
         for channel, (output, unit) in enumerate(outputs)

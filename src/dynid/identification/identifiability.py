@@ -78,8 +78,13 @@ class ExpectedRecords:
         pairs = zip(self.likelihood.records, self.noise, strict=True)
         # Modes have no saturated model.
         waves = [pair for pair in pairs if not isinstance(pair[0], ModalRecord)]
-        each = [(*pair, least) for pair, least in zip(waves, compared.noise, strict=True)]
-        noise = [np.maximum(level / record.data.rms, least) for record, level, least in each]
+        waves_with_noise = [
+            (*pair, resolved_noise) for pair, resolved_noise in zip(waves, compared.noise, strict=True)
+        ]
+        noise = [
+            np.maximum(level / record.data.rms, resolved_noise)
+            for record, level, resolved_noise in waves_with_noise
+        ]
         return compared.redundancy_at(noise)
 
     def information(self) -> Information:
@@ -98,8 +103,8 @@ def with_true_noise(expected: ExpectedRecords) -> ExpectedRecords:
     if all(record.data.colour is None and record.data.by_line is None for record in records):
         return expected
     likelihood = Likelihood(tuple(record.ideal() for record in records))
-    each = zip(records, expected.noise, strict=True)
-    levels = [record.level(nominal, ideal=True) for record, nominal in each]
+    pairs = zip(records, expected.noise, strict=True)
+    levels = [record.level(nominal, ideal=True) for record, nominal in pairs]
     fit = likelihood.fit(expected.fit.eta)
     return ExpectedRecords(likelihood, fit, levels, expected.place, expected.assumed)
 
@@ -173,12 +178,12 @@ def add_expected_slopes(result: Result, expected: ExpectedRecords) -> None:
     """Add ``considered/``: expected slopes by the calibration; NaN of parameters not identifiable."""
     unbounded = ~np.isfinite(expected.information().bounds())
     likelihood, free = expected.likelihood, np.zeros(len(unbounded), dtype=bool)
-    found = calibration_slopes(likelihood, expected.fit, expected.noise, free)
-    slopes = np.where(unbounded[:, None], np.nan, found.slopes)
+    calibration = calibration_slopes(likelihood, expected.fit, expected.noise, free)
+    slopes = np.where(unbounded[:, None], np.nan, calibration.slopes)
     unknowns, eta = likelihood.unknowns, expected.fit.eta
     size = np.abs(values(unknowns, eta))
     relative = rates(unknowns, eta) / np.where(size > 0, size, 1.0)
-    add_calibration_slopes(result, found._replace(slopes=slopes), relative)
+    add_calibration_slopes(result, calibration._replace(slopes=slopes), relative)
 
 
 def identifiability_result(model: Model, expected: ExpectedRecords) -> Result:
@@ -201,13 +206,13 @@ def identifiability_result(model: Model, expected: ExpectedRecords) -> Result:
     result.add(f"{group}/relative_bound", bounds / relative, dims)
     result.add(f"{group}/identifiable", np.isfinite(bounds), dims)
     # The bounds were the initial states known: nothing is projected out.
-    each = zip(records, expected.fit.parts, expected.noise, strict=True)
-    full = np.concatenate([record.slopes(part, level) for record, part, level in each])
+    fits = zip(records, expected.fit.parts, expected.noise, strict=True)
+    full = np.concatenate([record.slopes(record_fit, level) for record, record_fit, level in fits])
     count = sum(int(record.data.counts.sum()) for record in records)
     total = np.linalg.norm(full, axis=0)
-    known = replace(information, projected=full, total=total, freedom=count)
-    own = rates(unknowns, eta) * known.bounds()
-    result.add(f"{group}/relative_bound_known_state", own / relative, dims)
+    known_state = replace(information, projected=full, total=total, freedom=count)
+    known_state_bounds = rates(unknowns, eta) * known_state.bounds()
+    result.add(f"{group}/relative_bound_known_state", known_state_bounds / relative, dims)
     size = np.linalg.norm(information.projected, axis=0)
     _, s, _ = thin_svd(information.projected / np.where(size > 0, size, 1.0))
     s = np.concatenate([s, np.zeros(len(size) - len(s))])
@@ -219,29 +224,29 @@ def identifiability_result(model: Model, expected: ExpectedRecords) -> Result:
     # The bound on the deviation of the noise is sigma over the root of twice the number of values.
     channels = channels_of_records(records)
     unit = common_unit(channel.unit for channel in channels)
-    counts = [np.count_nonzero(~np.isnan(part.residual), axis=0) for part in expected.fit.parts]
+    counts = [np.count_nonzero(~np.isnan(record_fit.residual), axis=0) for record_fit in expected.fit.parts]
     deviation = np.concatenate(expected.noise)
     result.add_axis(f"{group}/noise/channel", [channel.name for channel in channels])
     result.add(f"{group}/noise/deviation", deviation, ("channel",), unit)
     result.add(f"{group}/noise/bound", deviation / np.sqrt(2 * np.concatenate(counts)), ("channel",), unit)
     if isinstance(model, StructuralModel):
-        found = pole_sensitivities(model, expected.values)
+        sensitivities = pole_sensitivities(model, expected.values)
     else:
-        found = _system_pole_sensitivities(records[0].system_model, expected.values)
-    add_modal_sensitivity(result, found, [unknown.name for unknown in unknowns])
+        sensitivities = _system_pole_sensitivities(records[0].system_model, expected.values)
+    add_modal_sensitivity(result, sensitivities, [unknown.name for unknown in unknowns])
     return result
 
 
 def _add_groups(result: Result, information: Information) -> None:
     """Add ``groups/``: groups of collinear parameters."""
     group = "identification/identifiability/groups"
-    found = information.groups(_BADLY)
+    groups = information.groups(_BADLY)
     result.add_axis(f"{group}/parameter", information.names)
-    result.add_axis(f"{group}/group", np.arange(1, len(found) + 1))
-    named = [", ".join(information.names[place] for place in item.places) for item in found]
+    result.add_axis(f"{group}/group", np.arange(1, len(groups) + 1))
+    named = [", ".join(information.names[index] for index in item.places) for item in groups]
     result.add(f"{group}/parameters", np.array(named, dtype=object), ("group",))
-    result.add(f"{group}/seen", np.array([item.identifiable for item in found], dtype=object), ("group",))
-    changes = [(number, item, blind) for number, item in enumerate(found, 1) for blind in item.blind]
+    result.add(f"{group}/seen", np.array([item.identifiable for item in groups], dtype=object), ("group",))
+    changes = [(number, item, blind) for number, item in enumerate(groups, 1) for blind in item.blind]
     rows = np.zeros((len(changes), len(information.names)))
     for row, (_, item, blind) in zip(rows, changes, strict=True):
         row[list(item.places)] = blind
@@ -274,8 +279,8 @@ def _system_pole_sensitivities(system: LinearSystem, values: Mapping[str, float]
     matrices = system.at(values)
     d = balance(matrices.A)
     A, slopes = rescaled(matrices.A, d), rescaled(matrices.A_slopes, d)
-    found: Any = eig(A, left=True)
-    poles, left, right = found
+    eigen: Any = eig(A, left=True)
+    poles, left, right = eigen
     order = np.argsort(np.abs(poles), kind="stable")
     kept = order[
         (poles.imag[order] >= 0) & (np.abs(poles[order]) > _AT_REST * np.abs(poles).max(initial=0.0))
@@ -293,14 +298,14 @@ def _system_pole_sensitivities(system: LinearSystem, values: Mapping[str, float]
     return PoleSensitivities(poles, omega, zeta, by_omega + lost, by_zeta + lost)
 
 
-def add_modal_sensitivity(result: Result, found: PoleSensitivities, names: Sequence[str]) -> None:
+def add_modal_sensitivity(result: Result, sensitivities: PoleSensitivities, names: Sequence[str]) -> None:
     """Add the derivatives of the poles by the unknown parameters."""
     group = "identification/identifiability/modal_sensitivity"
-    result.add_axis(f"{group}/mode", np.arange(1, len(found.omega) + 1))
+    result.add_axis(f"{group}/mode", np.arange(1, len(sensitivities.omega) + 1))
     result.add_axis(f"{group}/parameter", names)
-    result.add(f"{group}/omega", found.omega, ("mode",), "rad/s")
-    result.add(f"{group}/zeta", found.zeta, ("mode",))
-    result.add(f"{group}/pole", found.poles, ("mode",), "rad/s")
+    result.add(f"{group}/omega", sensitivities.omega, ("mode",), "rad/s")
+    result.add(f"{group}/zeta", sensitivities.zeta, ("mode",))
+    result.add(f"{group}/pole", sensitivities.poles, ("mode",), "rad/s")
     dims = ("mode", "parameter")
-    result.add(f"{group}/omega_by_parameter", found.omega_slopes, dims, per="unit of the parameter")
-    result.add(f"{group}/zeta_by_parameter", found.zeta_slopes, dims, per="unit of the parameter")
+    result.add(f"{group}/omega_by_parameter", sensitivities.omega_slopes, dims, per="unit of the parameter")
+    result.add(f"{group}/zeta_by_parameter", sensitivities.zeta_slopes, dims, per="unit of the parameter")

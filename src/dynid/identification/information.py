@@ -136,27 +136,27 @@ def collinear_groups(
         if len(inside) == len(members) - 1:
             normal = np.linalg.svd(inside)[2][-1]
             gradient = normal * size[places] / rates[places]
-            identifiable = _combination([names[place] for place in places], values[places], gradient)
+            identifiable = _combination([names[index] for index in places], values[places], gradient)
         elif len(inside) == 1:
             relative = changes[0] * rates[places] / np.where(values[places] == 0, 1.0, values[places])
             if values[places].all():
-                identifiable = _invariants([names[place] for place in places], relative)
-        groups.append(CollinearGroup(tuple(int(place) for place in places), changes, identifiable))
+                identifiable = _invariants([names[index] for index in places], relative)
+        groups.append(CollinearGroup(tuple(int(index) for index in places), changes, identifiable))
     return groups
 
 
 def _components(together: NDArray[np.bool_]) -> list[list[int]]:
     """Return the connected sets of two or more."""
-    left, found = set(range(len(together))), []
+    left, components = set(range(len(together))), []
     while left:
         members, edge = set(), {min(left)}
         while edge:
             members |= edge
-            edge = {int(k) for place in edge for k in np.flatnonzero(together[place])} - members
+            edge = {int(k) for index in edge for k in np.flatnonzero(together[index])} - members
         left -= members
         if len(members) > 1:
-            found.append(sorted(members))
-    return found
+            components.append(sorted(members))
+    return components
 
 
 def _combination(names: Sequence[str], values: Array, gradient: Array) -> str:
@@ -183,9 +183,9 @@ def _invariants(names: Sequence[str], relative: Array) -> str:
     One for each parameter but the last of those that change least; empty where the exponents are no simple
     fractions.
     """
-    least = np.abs(relative)
-    base = int(np.flatnonzero(least <= least.min() * (1 + _EQUAL))[-1])
-    found = []
+    changes = np.abs(relative)
+    base = int(np.flatnonzero(changes <= changes.min() * (1 + _EQUAL))[-1])
+    products = []
     for k, name in enumerate(names):
         power = Fraction(float(relative[k] / relative[base])).limit_denominator(_LARGEST)
         if abs(float(power) - relative[k] / relative[base]) > _EQUAL:
@@ -194,8 +194,8 @@ def _invariants(names: Sequence[str], relative: Array) -> str:
             size = (
                 "" if abs(power) == 1 else f"^{abs(power)}" if power.denominator == 1 else f"^({abs(power)})"
             )
-            found.append(f"{name}{'/' if power > 0 else '*'}{names[base]}{size}")
-    return ", ".join(found)
+            products.append(f"{name}{'/' if power > 0 else '*'}{names[base]}{size}")
+    return ", ".join(products)
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,12 +277,12 @@ class Information:
         if len(blind):
             involved = np.abs(blind).max(axis=0) > 1e-3
             named = [group.identifiable for group in self.groups() if group.identifiable]
-            found = ""
+            seen = ""
             if named and self.values is not None:
-                found = f", which shows only {' and '.join(named)}"
+                seen = f", which shows only {' and '.join(named)}"
             raise _refusal(
                 self._named(involved),
-                f"cannot be distinguished in this {self.observed.noun}{found}",
+                f"cannot be distinguished in this {self.observed.noun}{seen}",
                 f"Fix some of them at a value, or add {self.observed.more}.",
             )
 
@@ -398,9 +398,9 @@ def information(
     values, rates, observed
         As of `Information`.
     """
-    projected, taken = without_state(by_parameter, by_state)
+    projected, rank_of_state = without_state(by_parameter, by_state)
     total = np.linalg.norm(by_parameter, axis=0)
-    return Information(names, projected, total, signal, count - taken, values, rates, observed)
+    return Information(names, projected, total, signal, count - rank_of_state, values, rates, observed)
 
 
 def joint_information(parts: Sequence[Information]) -> Information:
@@ -409,10 +409,10 @@ def joint_information(parts: Sequence[Information]) -> Information:
         return parts[0]
     return Information(
         parts[0].names,
-        np.concatenate([part.projected for part in parts]),
-        np.linalg.norm([part.total for part in parts], axis=0),
-        float(np.linalg.norm([part.signal for part in parts])),
-        sum(part.freedom for part in parts),
+        np.concatenate([record.projected for record in parts]),
+        np.linalg.norm([record.total for record in parts], axis=0),
+        float(np.linalg.norm([record.signal for record in parts])),
+        sum(record.freedom for record in parts),
         parts[0].values,
         parts[0].rates,
         parts[0].observed,

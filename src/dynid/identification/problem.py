@@ -84,12 +84,12 @@ class SharedRecords:
             if not same or any(values is None for values in clean):
                 return cls(clean)
             models = [_model_of_record(model, experiment) for experiment in experiments]
-            each = zip(models, experiments, clean, strict=True)
+            records_built = zip(models, experiments, clean, strict=True)
             records = tuple(
                 TimeRecord.of(
                     built, data(truth, *experiment, values).without_noise(), experiment, len(models)
                 )
-                for built, experiment, values in each
+                for built, experiment, values in records_built
             )
             ideal = TimeLikelihood(records)
             identifiable_origin(ideal)
@@ -150,8 +150,8 @@ class Problem:
         problem = cls(model, measured, Likelihood(()), truth, rebuild, full, modes)
         # Spreads of offsets and delays are those of each record: models that have others are not shared.
         if common is not None and common.models and common.models[0].unknowns == model.unknowns:
-            each = zip(common.models, values, problem.experiments, strict=True)
-            records = tuple(TimeRecord.of(*record, len(values)) for record in each)
+            shared = zip(common.models, values, problem.experiments, strict=True)
+            records = tuple(TimeRecord.of(*record, len(values)) for record in shared)
             return replace(problem, likelihood=TimeLikelihood(records, noiseless=common.ideal))
         return replace(problem, likelihood=problem.likelihood_of(model, values))
 
@@ -164,7 +164,7 @@ class Problem:
     @property
     def experiments(self) -> list[Experiment]:
         """The records of time."""
-        return [one for one in self.measurements if isinstance(one, Experiment)]
+        return [measurement for measurement in self.measurements if isinstance(measurement, Experiment)]
 
     @property
     def dofs(self) -> list[Label]:
@@ -185,8 +185,8 @@ class Problem:
         UsageError
             If there is more to solve than can be.
         """
-        each = zip(self.measurements, values, strict=True)
-        records = tuple(self._record(model, measurement, record) for measurement, record in each)
+        pairs = zip(self.measurements, values, strict=True)
+        records = tuple(self._record(model, measurement, record) for measurement, record in pairs)
         kinds = {type(record) for record in records}
         kind = (
             {TimeRecord: TimeLikelihood, FrfRecord: FrfLikelihood}.get(kinds.pop())
@@ -243,7 +243,7 @@ def _in_order(measurements: Measured | Sequence[Measured]) -> tuple[Measured, ..
             remedy="Leave one of them out.",
             names=("measurement.frf",),
         )
-    return tuple(sorted(measurements, key=lambda one: isinstance(one, ModalMeasurement)))
+    return tuple(sorted(measurements, key=lambda single: isinstance(single, ModalMeasurement)))
 
 
 def _for_survey(
@@ -282,7 +282,7 @@ def _with_spreads(model: Model, measurements: Sequence[Measured], values: Sequen
             instruments = Instruments.of(tuple(unknowns), experiment.loads, channels)
             spread = with_spreads(tuple(unknowns.values()), instruments, step, record.rms)
             unknowns = {unknown.name: unknown for unknown in spread}
-    return model.with_parameters([unknowns.get(one.name, one) for one in model.parameters])
+    return model.with_parameters([unknowns.get(parameter.name, parameter) for parameter in model.parameters])
 
 
 def _model_of_record(model: Model, experiment: Experiment) -> ParametricModel:

@@ -283,10 +283,10 @@ def noise_test(squares: Array, degrees: Array, robust: NDArray[np.bool_]) -> Noi
         p[k] = robust_deviation_p(ratio[k], degrees[k]) if robust[k] else two_sided_p(squares[k], degrees[k])
     if not tested.any():
         return NoiseTest(math.nan, p, ratio)
-    every = p[tested].tolist()
-    if len(every) > 1 and not robust.any():
-        every.append(two_sided_p(float(squares[tested].sum()), float(degrees[tested].sum())))
-    return NoiseTest(min(1.0, len(every) * min(every)), p, ratio)
+    p_values = p[tested].tolist()
+    if len(p_values) > 1 and not robust.any():
+        p_values.append(two_sided_p(float(squares[tested].sum()), float(degrees[tested].sum())))
+    return NoiseTest(min(1.0, len(p_values) * min(p_values)), p, ratio)
 
 
 def two_sided_p(x: float, degrees: float) -> float:
@@ -381,8 +381,12 @@ def _whitened(residual: Array) -> tuple[Array, float, int]:
     # A residual that is predicted exactly (a pure sine) has a singular matrix: a little noise regularises it.
     a = np.linalg.solve(r[places] + 1e-9 * r[0] * np.eye(order), r[1:])
     predicted = np.concatenate([[0.0], np.convolve(x, a)[: len(x) - 1]])
-    known = there & (np.arange(len(x)) >= order)  # before there is too little to predict from
-    return np.where(known, unit * (x - predicted), np.nan), 1 / max(abs(1 - float(a.sum())), 1e-9), order
+    predictable = there & (np.arange(len(x)) >= order)  # before there is too little to predict from
+    return (
+        np.where(predictable, unit * (x - predicted), np.nan),
+        1 / max(abs(1 - float(a.sum())), 1e-9),
+        order,
+    )
 
 
 def _kurtosis(z: Array) -> tuple[float, float]:

@@ -25,12 +25,12 @@ def root_mean_square(residual: Array) -> Array:
 
 def standardised(residual: Array) -> Array:
     """Return residuals (times x channels) over their largest, less their mean, 0 where missing."""
-    each = np.ascontiguousarray(residual.T)
-    missing = np.isnan(each)
-    filled = np.where(missing, 0.0, each)
+    channels = np.ascontiguousarray(residual.T)
+    missing = np.isnan(channels)
+    filled = np.where(missing, 0.0, channels)
     size = np.abs(filled).max(axis=1)
     filled /= np.where(size > 0, size, 1.0)[:, None]
-    count = each.shape[1] - np.count_nonzero(missing, axis=1)
+    count = channels.shape[1] - np.count_nonzero(missing, axis=1)
     filled -= (filled.sum(axis=1) / np.maximum(count, 1))[:, None]
     filled[missing] = 0.0
     return filled.T
@@ -38,10 +38,13 @@ def standardised(residual: Array) -> Array:
 
 def autocovariances(values: Array, lags: int) -> Array:
     """Return the products of values (times x channels) with those 1, 2, … before, summed (lags x …)."""
-    each = np.ascontiguousarray(values.T)
-    delayed = np.concatenate([np.zeros((len(each), lags)), each], axis=1)
-    sums = [np.correlate(long, own, "valid")[:lags][::-1] for long, own in zip(delayed, each, strict=True)]
-    return np.reshape(sums, (len(each), lags)).T
+    channels = np.ascontiguousarray(values.T)
+    delayed = np.concatenate([np.zeros((len(channels), lags)), channels], axis=1)
+    sums = [
+        np.correlate(long, channel, "valid")[:lags][::-1]
+        for long, channel in zip(delayed, channels, strict=True)
+    ]
+    return np.reshape(sums, (len(channels), lags)).T
 
 
 def chi_squared_tail(degrees: int, x: float) -> float:

@@ -122,8 +122,8 @@ def calibration_slopes(
     held
         Mask of parameters at a limit (p): these do not move.
     """
-    each = zip(likelihood.records, fit.parts, noise, strict=True)
-    derivatives = [_derivatives(record, part, level) for record, part, level in each]
+    fits = zip(likelihood.records, fit.parts, noise, strict=True)
+    derivatives = [_derivatives(record, record_fit, level) for record, record_fit, level in fits]
     quantities = list(dict.fromkeys(name for record in derivatives for name in record.quantities))
     changes, priors = np.full(len(quantities), np.inf), likelihood.priors.rows()
     by_quantity = []
@@ -254,7 +254,7 @@ def _of_responses(record: FrfRecord, fit: RecordFit, noise: Array) -> Calibratio
     columns |= {name: np.where(sensors == name, -measured, 0.0) for name in dict.fromkeys(sensors.tolist())}
     changes = [GAIN_CHANGE / (omega[-1] or 1.0) if name == DELAY else GAIN_CHANGE for name in columns]
     size = len(record.system_model.states) / 2
-    if (freed := record.system.freed(known=len(omega) * size**3 < _KNOWN_WORK)) is not None:
+    if (freed := record.system.freed(known_parts=len(omega) * size**3 < _KNOWN_WORK)) is not None:
         parameters = freed.system.unknowns
         places, deviations = _considered(parameters, record)
         slopes = freed.response(omega, freed_coordinates(parameters, record.unknowns, fit.eta)).slopes
@@ -283,8 +283,8 @@ def _of_modes(record: ModalRecord, fit: RecordFit, noise: Array) -> CalibrationD
     assert isinstance(freed, StructuralModel)
     places, changes = _considered(freed.unknowns, record)
     eta = freed_coordinates(freed.unknowns, record.unknowns, fit.eta)
-    other = replace(record, model=freed)
-    slopes = other.slopes(other.fit(eta, record.data.values), noise)
+    freed_record = replace(record, model=freed)
+    slopes = freed_record.slopes(freed_record.fit(eta, record.data.values), noise)
     # A step that is known too long: frequencies seem lower.
     late = np.zeros_like(fit.residual)
     late[: survey.modes, 0] = survey.omega / record.spread[0]
@@ -316,5 +316,7 @@ def add_calibration_slopes(result: Result, slopes: CalibrationSlopes, relative: 
     result.add(f"{GROUP}/unit", units, ("quantity",))
     result.add(f"{GROUP}/change", slopes.changes, ("quantity",))
     result.add(f"{GROUP}/visibility", slopes.visibility, ("quantity",))
-    each = "relative change of a gain, mass, stiffness, considered parameter or clock; second of delay"
-    result.add(f"{GROUP}/slope", slopes.slopes * relative[:, None], dims, per=each)
+    units_of_change = (
+        "relative change of a gain, mass, stiffness, considered parameter or clock; second of delay"
+    )
+    result.add(f"{GROUP}/slope", slopes.slopes * relative[:, None], dims, per=units_of_change)

@@ -28,9 +28,9 @@ class Correction(NamedTuple):
     delay: int = 0
     column: int | None = None
 
-    def recorded(self, values: Array, own: int) -> Array:
-        """Return what is recorded of the channel `own`, among the channels of its record."""
-        return np.asarray(values[:, own if self.column is None else self.column])
+    def recorded(self, values: Array, channel: int) -> Array:
+        """Return what is recorded of a channel, among the channels of its record."""
+        return np.asarray(values[:, channel if self.column is None else self.column])
 
 
 NONE = Correction()
@@ -52,17 +52,21 @@ def estimated(
     likelihood: Likelihood, plain: Likelihood, corrections: Corrections, eta: Array, steps: int
 ) -> Found:
     """Return the estimate from corrected channels."""
-    found = corrected(likelihood, corrections)
-    fit = refine(found, eta, steps).fit
-    return Found(corrections, found, fit, concentrated(plain, fit, corrections))
+    corrected_likelihood = corrected(likelihood, corrections)
+    fit = refine(corrected_likelihood, eta, steps).fit
+    return Found(corrections, corrected_likelihood, fit, concentrated(plain, fit, corrections))
 
 
 def concentrated(plain: Likelihood, fit: Fit, corrections: Corrections | None) -> float:
     """Return minus the logarithm of the concentrated likelihood of the channels as recorded."""
     total = 0.0
-    for k, (record, part) in enumerate(zip(plain.records, fit.parts, strict=True)):
-        factors = 1.0 if corrections is None else np.array([abs(one.factor) for one in corrections[k]])
-        size = np.maximum(part.size * factors, 1e-9 * record.data.rms)
+    for k, (record, record_fit) in enumerate(zip(plain.records, fit.parts, strict=True)):
+        factors = (
+            1.0
+            if corrections is None
+            else np.array([abs(correction.factor) for correction in corrections[k]])
+        )
+        size = np.maximum(record_fit.size * factors, 1e-9 * record.data.rms)
         total += float(record.data.counts @ np.log(size))
     return total
 
@@ -70,9 +74,12 @@ def concentrated(plain: Likelihood, fit: Fit, corrections: Corrections | None) -
 def corrected(likelihood: Likelihood, corrections: Corrections) -> Likelihood:
     """Return the likelihood of corrected channels, with white noise of unknown deviations."""
     records = []
-    for record, own in zip(likelihood.records, corrections, strict=True):
+    for record, of_channels in zip(likelihood.records, corrections, strict=True):
         values = record.data.recorded
-        columns = [shifted(one.recorded(values, c), -one.delay) / one.factor for c, one in enumerate(own)]
+        columns = [
+            shifted(correction.recorded(values, c), -correction.delay) / correction.factor
+            for c, correction in enumerate(of_channels)
+        ]
         data = replace(
             record.data, values=np.column_stack(columns), noise=None, clean=None, given=None, colour=None
         )

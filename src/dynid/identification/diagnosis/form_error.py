@@ -61,9 +61,9 @@ class FormError:
     @property
     def statement(self) -> str:
         """Return the errors that would explain the survey, with the keys that state them."""
-        each = [(name, e) for name, e in zip(self.quantities, self.error.tolist(), strict=True) if e > 0]
-        parts = " and ".join(f"{100 * e:.2g} % of {name}" for name, e in each)
-        keys = ", ".join(f"{name}: {e:.2g}" for name, e in each)
+        errors = [(name, e) for name, e in zip(self.quantities, self.error.tolist(), strict=True) if e > 0]
+        parts = " and ".join(f"{100 * e:.2g} % of {name}" for name, e in errors)
+        keys = ", ".join(f"{name}: {e:.2g}" for name, e in errors)
         said = (
             "the scatter of the survey alone does not explain its residuals; an error of the model's form of "
             f"{parts} would ({p_text(self.p, 1)}): correct the model or the scatter, or state such an error, "
@@ -82,7 +82,7 @@ class FormError:
 def needed_form_error(posterior: Posterior) -> FormError | None:
     """Return the errors of the form that an estimate needs; None where the scatter explains the modes."""
     likelihood = posterior.likelihood
-    at = next((k for k, one in enumerate(likelihood.records) if isinstance(one, ModalRecord)), None)
+    at = next((k for k, record in enumerate(likelihood.records) if isinstance(record, ModalRecord)), None)
     if at is None or posterior.comparison.scatter_p > LACK_OF_FIT.value:
         return None
     record = likelihood.records[at]
@@ -100,7 +100,7 @@ def needed_form_error(posterior: Posterior) -> FormError | None:
         compared = _compared(_with_error(likelihood, at, rounded), fit)
     except (DynidError, ArithmeticError, np.linalg.LinAlgError):
         return None
-    names = tuple(one.name for one in record.channels)
+    names = tuple(channel.name for channel in record.channels)
     return FormError(names, rounded, compared.scatter_p, _deciding_priors(posterior))
 
 
@@ -122,15 +122,15 @@ def _form_errors(likelihood: Likelihood, at: int, error: Array, fit: Fit) -> Arr
     weighted = _with_error(likelihood, at, error)
     modes = weighted.records[at]
     assert isinstance(modes, ModalRecord)
-    part = fit.parts[at]
+    record_fit = fit.parts[at]
     degrees = compare_models(weighted, fit).tables[0].degrees
-    found = np.zeros(len(error))
+    errors = np.zeros(len(error))
     for k, (scatter, size) in enumerate(modes.scatter_and_size):
-        residual = part.residual[: len(scatter), k] * modes.spread[k]
+        residual = record_fit.residual[: len(scatter), k] * modes.spread[k]
         there = ~np.isnan(residual)
         expected = max(float(degrees[k]) - 2, float(degrees[k]) / 3)
-        found[k] = _form_error(residual[there], scatter[there], size[there], expected)
-    return found
+        errors[k] = _form_error(residual[there], scatter[there], size[there], expected)
+    return errors
 
 
 def _form_error(residual: Array, scatter: Array, size: Array, degrees: float) -> float:

@@ -60,16 +60,16 @@ def free_gain(likelihood: Likelihood, plain: Likelihood, eta: Array) -> Found | 
         with suppress(DynidError, ArithmeticError, np.linalg.LinAlgError):
             rough.append((places, *_likeliest_gain(likelihood, plain, places, eta, _LOG_GAINS, _ROUGH)))
     fine: list[tuple[Places, float, Found]] = []
-    for places, log, near in sorted(rough, key=lambda one: one[2].value)[:_COMPARED]:
+    for places, log, near in sorted(rough, key=lambda candidate: candidate[2].value)[:_COMPARED]:
         with suppress(DynidError, ArithmeticError, np.linalg.LinAlgError):
             around = log - _AROUND, log + _AROUND
-            found = _likeliest_gain(likelihood, plain, places, near.fit.eta, around, _FINE)
-            fine.append((places, *found))
+            estimate = _likeliest_gain(likelihood, plain, places, near.fit.eta, around, _FINE)
+            fine.append((places, *estimate))
     if not fine:
         return None
     none = [[NONE] * len(record.channels) for record in plain.records]
     try:
-        best = _sharpened(likelihood, plain, *min(fine, key=lambda one: one[2].value))
+        best = _sharpened(likelihood, plain, *min(fine, key=lambda candidate: candidate[2].value))
         before = [estimated(likelihood, plain, none, start, STEPS).value for start in (eta, best.fit.eta)]
     except (DynidError, ArithmeticError, np.linalg.LinAlgError):
         return None
@@ -84,12 +84,13 @@ def _groups(plain: Likelihood) -> list[Places]:
 
     Channels of unknown gains need none.
     """
-    own = [
-        tuple((k, c) for c, one in enumerate(record.channels) if not gain_unknown(one))
+    by_record = [
+        tuple((k, c) for c, channel in enumerate(record.channels) if not gain_unknown(channel))
         for k, record in enumerate(plain.records)
     ]
-    every = tuple(place for places in own for place in places)
-    return [one for one in dict.fromkeys([every, *own, *((place,) for place in every)]) if one]
+    channels = tuple(channel for of_record in by_record for channel in of_record)
+    groups = dict.fromkeys([channels, *by_record, *((channel,) for channel in channels)])
+    return [group for group in groups if group]
 
 
 def gain_unknown(channel: Any) -> bool:
@@ -124,15 +125,15 @@ def _likeliest_gain(
     """
     from scipy.optimize import minimize_scalar
 
-    found: dict[float, Found] = {}
+    estimates: dict[float, Found] = {}
 
     def value(log: float) -> float:
-        near = found[min(found, key=lambda other: abs(other - log))].fit.eta if found else eta
-        found[log] = _at_gain(likelihood, plain, places, log, near)
-        return found[log].value
+        near = estimates[min(estimates, key=lambda tried: abs(tried - log))].fit.eta if estimates else eta
+        estimates[log] = _at_gain(likelihood, plain, places, log, near)
+        return estimates[log].value
 
     minimize_scalar(value, bounds=bounds, method="bounded", options=effort)
-    return min(found.items(), key=lambda one: one[1].value)
+    return min(estimates.items(), key=lambda item: item[1].value)
 
 
 def _sharpened(likelihood: Likelihood, plain: Likelihood, places: Places, log: float, best: Found) -> Found:
@@ -154,25 +155,30 @@ def _sharpened(likelihood: Likelihood, plain: Likelihood, places: Places, log: f
     return best._replace(spread=step)
 
 
-def gain_sentence(plain: Likelihood, found: Found) -> str:
+def gain_sentence(plain: Likelihood, estimate: Found) -> str:
     """Return the sentence of a gain: of a channel, or of all whose gain is known, as the excitation's."""
     several = len(plain.records) > 1
-    places = [(k, c) for k, own in enumerate(found.corrections) for c, one in enumerate(own) if one != NONE]
+    places = [
+        (k, c)
+        for k, corrections in enumerate(estimate.corrections)
+        for c, correction in enumerate(corrections)
+        if correction != NONE
+    ]
     names = [f"{f'record_{k + 1}.' if several else ''}{plain.records[k].channels[c].name}" for k, c in places]
-    factor = found.corrections[places[0][0]][places[0][1]].factor
+    factor = estimate.corrections[places[0][0]][places[0][1]].factor
     records = [plain.records[k] for k in dict.fromkeys(k for k, _ in places)]
-    known = sum(not gain_unknown(one) for record in records for one in record.channels)
+    with_known_gain = sum(not gain_unknown(channel) for record in records for channel in record.channels)
     where, starts = "its channel" if len(names) == 1 else "every channel", set[float]()
     what = "a sensor"
-    if len(names) == known:
-        sensors = "the sensor" if known == 1 else "all sensors"
+    if len(names) == with_known_gain:
+        sensors = "the sensor" if with_known_gain == 1 else "all sensors"
         what = f"the excitation, recorded {1 / factor:.3g} times as large as it is, or {sensors}"
         starts = {start for record in records for start in _starts_of_loads(record, factor)}
         where = "the excitation" if starts else where
     starts = starts or {factor * float(_sensor(plain.records[k].channels[c]).gain) for k, c in places}
     return (
         f"the lack of fit is explained where {', '.join(names)} {'are' if len(names) > 1 else 'is'} "
-        f"{with_error(factor, factor * found.spread)} times the model: {what} out of calibration? "
+        f"{with_error(factor, factor * estimate.spread)} times the model: {what} out of calibration? "
         f"To estimate its gain, state gain: NAME in {where}, and parameters: {_parameters(starts)}"
     )
 
@@ -180,11 +186,11 @@ def gain_sentence(plain: Likelihood, found: Found) -> str:
 def _parameters(starts: set[float]) -> str:
     """Return the parameters that start at these gains."""
     names = ["NAME", *(f"NAME_{k}" for k in range(2, len(starts) + 1))]
-    each = (
+    statements = (
         f"{name}: {{start: {start:.4g}{', scale: linear' if start < 0 else ''}}}"
         for name, start in zip(names, sorted(starts), strict=True)
     )
-    return f"{{{', '.join(each)}}}"
+    return f"{{{', '.join(statements)}}}"
 
 
 def _starts_of_loads(record: Any, factor: float) -> list[float]:
@@ -194,6 +200,6 @@ def _starts_of_loads(record: Any, factor: float) -> list[float]:
     """
     if not isinstance(record, TimeRecord):
         return []
-    known = [one for one in record.taken_under.loads if not isinstance(one.gain, Dependent)]
-    gains = [(isinstance(one.signal, Sampled), factor * float(one.gain)) for one in known]
+    loads = [load for load in record.taken_under.loads if not isinstance(load.gain, Dependent)]
+    gains = [(isinstance(load.signal, Sampled), factor * float(load.gain)) for load in loads]
     return [1 / gain if of_file else gain for of_file, gain in gains]

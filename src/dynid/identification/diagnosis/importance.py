@@ -113,15 +113,17 @@ def likelihood_size(posterior: Posterior) -> LikelihoodSize:
     """
     likelihood, fit = posterior.likelihood, posterior.fit
     total, observations, free = 0.0, 0, len(likelihood.unknowns)
-    for record, part, level in zip(likelihood.records, fit.parts, likelihood.likeliest(fit), strict=True):
-        given = ~np.isnan(record.given)
-        counts = record.data.passed * part.counts
-        squares = np.where(given, part.size / level, 1.0) ** 2
+    for record, record_fit, level in zip(
+        likelihood.records, fit.parts, likelihood.likeliest(fit), strict=True
+    ):
+        noise_given = ~np.isnan(record.given)
+        counts = record.data.passed * record_fit.counts
+        squares = np.where(noise_given, record_fit.size / level, 1.0) ** 2
         total -= float(counts @ (np.log(level) + squares / 2 + math.log(2 * math.pi) / 2))
         total -= record.log_determinant()
-        observations += int(part.counts.sum())
+        observations += int(record_fit.counts.sum())
         free += record.noise_coefficients
-        free += len(_state_strength(record, part, level)) + int(np.count_nonzero(~given))
+        free += len(_state_strength(record, record_fit, level)) + int(np.count_nonzero(~noise_given))
     return LikelihoodSize(total, observations, free)
 
 
@@ -159,10 +161,10 @@ def posterior_check(posterior: Posterior) -> PosteriorCheck:
         mean = used.weight @ used.eta
         apart = np.sqrt(used.weight)[:, None] * (used.eta - mean)
         wider = np.asarray(np.linalg.cholesky(apart.T @ apart + root @ root.T))
-        other = _weighted(target, likelihood, mean, wider, _FREEDOM)
-        if other.k_hat >= used.k_hat and other.effective <= used.effective:
+        student = _weighted(target, likelihood, mean, wider, _FREEDOM)
+        if student.k_hat >= used.k_hat and student.effective <= used.effective:
             break
-        used = other
+        used = student
     theta = values(likelihood.unknowns, used.eta)
     low, high = (_quantiles(theta, used.weight, level) for level in (_TAIL, 1 - _TAIL))
     reason = _no_evidence(likelihood)
@@ -247,11 +249,11 @@ class _Target:
     def __init__(self, posterior: Posterior) -> None:
         self.likelihood, self.noise = posterior.likelihood, posterior.noise
         self._ranks: list[int] = []
-        each = zip(self.likelihood.records, posterior.fit.parts, self.noise, strict=True)
-        self._ranks = [len(_state_strength(*one)) for one in each]
+        fits = zip(self.likelihood.records, posterior.fit.parts, self.noise, strict=True)
+        self._ranks = [len(_state_strength(*record_and_fit)) for record_and_fit in fits]
         self._taken = [
-            record.taken(part, noise)
-            for record, part, noise in zip(
+            record.taken(record_fit, noise)
+            for record, record_fit, noise in zip(
                 self.likelihood.records, posterior.fit.parts, self.noise, strict=True
             )
         ]
@@ -271,15 +273,15 @@ class _Target:
 
     def _absolute(self, eta: Array) -> float:
         total = -float(np.sum(self.likelihood.priors.residual(eta) ** 2)) / 2
-        each = zip(self.likelihood.records, self.noise, self._ranks, self._taken, strict=True)
-        for record, noise, rank, taken in each:
-            part = record.fit(eta, record.data.values, noise)
-            counts = record.data.passed * part.counts
-            size = np.maximum(part.size, _ROUNDING * record.data.rms)
-            given = -counts * (size / noise) ** 2 / 2
-            free = -np.maximum(counts - taken, 1.0) * np.log(size / noise)
-            total += float(np.where(np.isnan(record.given), free, given).sum())
-            total -= float(np.log(_state_strength(record, part, noise, rank)).sum())
+        records = zip(self.likelihood.records, self.noise, self._ranks, self._taken, strict=True)
+        for record, noise, rank, nuisances in records:
+            record_fit = record.fit(eta, record.data.values, noise)
+            counts = record.data.passed * record_fit.counts
+            size = np.maximum(record_fit.size, _ROUNDING * record.data.rms)
+            with_given_noise = -counts * (size / noise) ** 2 / 2
+            free = -np.maximum(counts - nuisances, 1.0) * np.log(size / noise)
+            total += float(np.where(np.isnan(record.given), free, with_given_noise).sum())
+            total -= float(np.log(_state_strength(record, record_fit, noise, rank)).sum())
         return total
 
 
@@ -293,17 +295,17 @@ def _state_strength(record: RecordLikelihood, fit: RecordFit, noise: Array, rank
 
 def _quantiles(theta: Array, weight: Array, level: float) -> Array:
     """Return weighted quantiles of samples (samples x p)."""
-    found = []
+    quantiles = []
     for column in theta.T:
         order = np.argsort(column)
-        found.append(np.interp(level, np.cumsum(weight[order]) - weight[order] / 2, column[order]))
-    return np.array(found)
+        quantiles.append(np.interp(level, np.cumsum(weight[order]) - weight[order] / 2, column[order]))
+    return np.array(quantiles)
 
 
 def _no_evidence(likelihood: Likelihood) -> str:
     """Return why the evidence of a model is not defined; empty where it is."""
     priors, records = likelihood.priors, likelihood.records
-    without = [name for name, given in zip(likelihood.names, priors.given, strict=True) if not given]
+    without = [name for name, has_prior in zip(likelihood.names, priors.given, strict=True) if not has_prior]
     reasons = []
     if without:
         reasons.append(f"no prior of {', '.join(without)}")

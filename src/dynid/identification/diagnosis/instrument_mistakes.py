@@ -98,8 +98,8 @@ def instrument_mistakes(likelihood: Likelihood, etas: Sequence[Array]) -> list[s
 
 def _explanations(likelihood: Likelihood, plain: Likelihood, etas: Sequence[Array]) -> Iterator[Found | None]:
     """Yield the best corrections from what predictions suggest, from common mistakes, and of a gain."""
-    found = [one for eta in etas if (one := _search(likelihood, plain, eta)) is not None]
-    yield min(found, key=lambda one: one.value, default=None)
+    estimates = [estimate for eta in etas if (estimate := _search(likelihood, plain, eta)) is not None]
+    yield min(estimates, key=lambda estimate: estimate.value, default=None)
     yield _from_common_mistakes(likelihood, plain, etas[-1])
     yield free_gain(likelihood, plain, etas[0])
 
@@ -117,11 +117,11 @@ def _search(
             none = [[NONE] * record.data.values.shape[1] for record in plain.records]
             corrections = _chosen(plain, plain.fit(eta), none)
         for _ in range(_ROUNDS):
-            found = estimated(likelihood, plain, corrections, eta, STEPS)
-            new = _chosen(plain, found.fit, corrections)
+            estimate = estimated(likelihood, plain, corrections, eta, STEPS)
+            new = _chosen(plain, estimate.fit, corrections)
             if new == corrections:
-                return found
-            corrections, eta = new, found.fit.eta
+                return estimate
+            corrections, eta = new, estimate.fit.eta
     except (DynidError, ArithmeticError, np.linalg.LinAlgError):
         pass  # parameters that run away explain nothing
     return None
@@ -131,42 +131,50 @@ def _from_common_mistakes(likelihood: Likelihood, plain: Likelihood, eta: Array)
     """Return the best of the searches that start with one mistake in all channels, a quantity, or a sign."""
     if sum(record.data.values.size for record in plain.records) * plain.records[0].nuisances > _LARGE:
         return None
-    quantities = [[str(getattr(one, "quantity", "")) for one in record.channels] for record in plain.records]
-    kinds = sorted({one for own in quantities for one in own})
+    quantities = [
+        [str(getattr(channel, "quantity", "")) for channel in record.channels] for record in plain.records
+    ]
+    kinds = sorted({quantity for of_record in quantities for quantity in of_record})
     mistakes = [Correction(factor) for factor in _COMMON]
     tried = [
-        [[mistake if kind in ("", one) else NONE for one in own] for own in quantities]
+        [[mistake if kind in ("", quantity) else NONE for quantity in of_record] for of_record in quantities]
         for kind in ["", *(kinds if len(kinds) > 1 else [])]
         for mistake in mistakes
     ]
     if all(record.sampling_step is not None for record in plain.records):
-        tried += [[[Correction(1.0, delay)] * len(own) for own in quantities] for delay in _COMMON_DELAYS]
+        tried += [
+            [[Correction(1.0, delay)] * len(of_record) for of_record in quantities]
+            for delay in _COMMON_DELAYS
+        ]
     # One reversed sensor: far from the estimate, no prediction shows its sign.
-    places = [(k, c) for k, own in enumerate(quantities) for c in range(len(own))]
-    if 1 < len(places) <= _FEW_CHANNELS:
+    channels = [(k, c) for k, of_record in enumerate(quantities) for c in range(len(of_record))]
+    if 1 < len(channels) <= _FEW_CHANNELS:
         tried += [
             [
-                [Correction(-1.0) if (k, c) == place else NONE for c in range(len(own))]
-                for k, own in enumerate(quantities)
+                [Correction(-1.0) if (k, c) == channel else NONE for c in range(len(of_record))]
+                for k, of_record in enumerate(quantities)
             ]
-            for place in places
+            for channel in channels
         ]
     tried += _exchanges(plain)
     possible = _factors(plain)
     tried = [
         [
-            [one if one.factor in factors else NONE for one, factors in zip(own, each, strict=True)]
-            for own, each in zip(corrections, possible, strict=True)
+            [
+                correction if correction.factor in factors else NONE
+                for correction, factors in zip(of_record, allowed, strict=True)
+            ]
+            for of_record, allowed in zip(corrections, possible, strict=True)
         ]
         for corrections in tried
     ]
-    found = []
+    estimates = []
     for corrections in tried:
         try:
-            found.append(estimated(likelihood, plain, corrections, eta, FEW_STEPS))
+            estimates.append(estimated(likelihood, plain, corrections, eta, FEW_STEPS))
         except (DynidError, ArithmeticError, np.linalg.LinAlgError):
             continue
-    best = min(found, key=lambda one: one.value, default=None)
+    best = min(estimates, key=lambda estimate: estimate.value, default=None)
     return None if best is None else _search(likelihood, plain, best.fit.eta, best.corrections)
 
 
@@ -175,17 +183,17 @@ def _exchanges(plain: Likelihood) -> list[Corrections]:
     pairs = [
         (k, a, b)
         for k, record in enumerate(plain.records)
-        for (a, one), (b, other) in combinations(enumerate(record.channels), 2)
-        if getattr(one, "quantity", "") == getattr(other, "quantity", "") and one.unit == other.unit
+        for (a, first), (b, second) in combinations(enumerate(record.channels), 2)
+        if getattr(first, "quantity", "") == getattr(second, "quantity", "") and first.unit == second.unit
     ]
     if len(pairs) > _MOST_PAIRS:
         return []
-    found = []
+    exchanges = []
     for k, a, b in pairs:
         corrections = [[NONE] * len(record.channels) for record in plain.records]
         corrections[k][a], corrections[k][b] = Correction(column=b), Correction(column=a)
-        found.append(corrections)
-    return found
+        exchanges.append(corrections)
+    return exchanges
 
 
 def _chosen(plain: Likelihood, fit: Fit, now: Corrections) -> Corrections:
@@ -193,27 +201,30 @@ def _chosen(plain: Likelihood, fit: Fit, now: Corrections) -> Corrections:
     return [
         [
             _best(
-                one.recorded(record.data.values, c),
-                part.predicted.outputs[:, c],
+                correction.recorded(record.data.values, c),
+                record_fit.predicted.outputs[:, c],
                 factors,
                 record.sampling_step is not None,
-            )._replace(column=one.column)
-            for c, (one, factors) in enumerate(zip(own, possible, strict=True))
+            )._replace(column=correction.column)
+            for c, (correction, factors) in enumerate(zip(of_channels, possible, strict=True))
         ]
-        for record, part, own, possible in zip(plain.records, fit.parts, now, _factors(plain), strict=True)
+        for record, record_fit, of_channels, possible in zip(
+            plain.records, fit.parts, now, _factors(plain), strict=True
+        )
     ]
 
 
 def _factors(plain: Likelihood) -> list[list[Array]]:
     """Return the factors that each channel of each record may have."""
     return [
-        [np.ones(1) if gain_unknown(one) else _FACTORS for one in record.channels] for record in plain.records
+        [np.ones(1) if gain_unknown(channel) else _FACTORS for channel in record.channels]
+        for record in plain.records
     ]
 
 
 def _best(recorded: Array, predicted: Array, factors: Array, in_time: bool) -> Correction:
     """Return delay and factor of a channel against its prediction; responses have no delay in samples."""
-    most = min(_MOST_DELAY, int(_PART * len(recorded))) if in_time else 0
+    max_delay = min(_MOST_DELAY, int(_PART * len(recorded))) if in_time else 0
     # Relative to the largest values, so that no square overflows.
     largest = (
         float(np.nanmax(np.abs(recorded), initial=0.0)),
@@ -224,7 +235,7 @@ def _best(recorded: Array, predicted: Array, factors: Array, in_time: bool) -> C
     recorded, predicted = recorded / largest[0], predicted / largest[1]
     squares: dict[int, float] = {}
     ratios: dict[int, float] = {}
-    for delay in sorted(range(-most, most + 1), key=abs):
+    for delay in sorted(range(-max_delay, max_delay + 1), key=abs):
         later = shifted(predicted, delay)
         both = ~(np.isnan(recorded) | np.isnan(later))
         z, y = recorded[both], later[both]
@@ -236,7 +247,7 @@ def _best(recorded: Array, predicted: Array, factors: Array, in_time: bool) -> C
         return NONE
     left = 1 - max(squares.values())
     # The shortest of the delays that are nearly as good, as those of periodic signals are.
-    delay = next(one for one, square in squares.items() if 1 - square <= 1.05 * left + 1e-9)
+    delay = next(candidate for candidate, square in squares.items() if 1 - square <= 1.05 * left + 1e-9)
     ratio = ratios[delay]
     alike = factors[np.sign(factors) == np.sign(ratio)]
     if not alike.size:
@@ -244,72 +255,73 @@ def _best(recorded: Array, predicted: Array, factors: Array, in_time: bool) -> C
     return Correction(float(alike[int(np.argmin(np.abs(np.log(np.abs(alike / ratio)))))]), delay)
 
 
-def _explains(plain: Likelihood, found: Found, before: float) -> bool:
+def _explains(plain: Likelihood, estimate: Found, before: float) -> bool:
     """Return True if the corrections are needed, each of them, and the corrected records fit."""
-    changed = sum(one != NONE for own in found.corrections for one in own)
-    if not changed or not before - found.value > LEAST_GAIN + GAIN_EACH * changed:
+    changed = sum(correction != NONE for of_channels in estimate.corrections for correction in of_channels)
+    if not changed or not before - estimate.value > LEAST_GAIN + GAIN_EACH * changed:
         return False
-    for record, part, own in zip(plain.records, found.fit.parts, found.corrections, strict=True):
-        for c, one in enumerate(own):
-            uncorrected = record.data.values[:, c] - part.predicted.outputs[:, c]
-            least = _SMALLER * (part.size[c] * one.factor) ** 2
-            if one != NONE and not float(np.nanmean(uncorrected**2)) > least:
+    for record, record_fit, of_channels in zip(
+        plain.records, estimate.fit.parts, estimate.corrections, strict=True
+    ):
+        for c, correction in enumerate(of_channels):
+            uncorrected = record.data.values[:, c] - record_fit.predicted.outputs[:, c]
+            min_square = _SMALLER * (record_fit.size[c] * correction.factor) ** 2
+            if correction != NONE and not float(np.nanmean(uncorrected**2)) > min_square:
                 return False
-    return compare_models(found.likelihood, found.fit).explained
+    return compare_models(estimate.likelihood, estimate.fit).explained
 
 
-def _sentences(plain: Likelihood, found: Found) -> Iterator[str]:
+def _sentences(plain: Likelihood, estimate: Found) -> Iterator[str]:
     """Yield one sentence for each kind of correction; delays of records at different steps are different."""
-    if found.spread:
-        yield gain_sentence(plain, found)
+    if estimate.spread:
+        yield gain_sentence(plain, estimate)
         return
     several = len(plain.records) > 1
     places: dict[tuple[Correction, float], list[str]] = {}
     channels = 0
-    for k, (record, own) in enumerate(zip(plain.records, found.corrections, strict=True), 1):
+    for k, (record, of_channels) in enumerate(zip(plain.records, estimate.corrections, strict=True), 1):
         prefix = f"record_{k}." if several else ""
-        for place, (channel, one) in enumerate(zip(record.channels, own, strict=True)):
-            step = (record.sampling_step or 0.0) if one.delay else 0.0
-            places.setdefault((one._replace(column=None), step), []).append(f"{prefix}{channel.name}")
+        for index, (channel, correction) in enumerate(zip(record.channels, of_channels, strict=True)):
+            step = (record.sampling_step or 0.0) if correction.delay else 0.0
+            places.setdefault((correction._replace(column=None), step), []).append(f"{prefix}{channel.name}")
             channels += 1
-            if one.column is not None and place < one.column:
-                both = f"{prefix}{channel.name} and {prefix}{record.channels[one.column].name}"
+            if correction.column is not None and index < correction.column:
+                both = f"{prefix}{channel.name} and {prefix}{record.channels[correction.column].name}"
                 yield (
                     f"the lack of fit is explained where {both} are exchanged: exchanged cables, or columns "
                     "of the file in another order (columns)?"
                 )
-    for (one, step), names in places.items():
-        if one == NONE:
+    for (correction, step), names in places.items():
+        if correction == NONE:
             continue
         parts = []
-        if one.factor != 1:
-            parts.append(f"{one.factor:.6g} times the model")
-        if one.delay:
-            early = "later" if one.delay > 0 else "earlier"
-            count = abs(one.delay)
+        if correction.factor != 1:
+            parts.append(f"{correction.factor:.6g} times the model")
+        if correction.delay:
+            early = "later" if correction.delay > 0 else "earlier"
+            count = abs(correction.delay)
             parts.append(f"{count} sample{'s' * (count != 1)} ({count * step:.4g} s) {early} than the model")
         subject = f"{', '.join(names)} {'are' if len(names) > 1 else 'is'}"
-        whole = len(names) == channels
-        yield (
-            f"the lack of fit is explained where {subject} {' and '.join(parts)}: {_remedy(one, step, whole)}"
-        )
+        all_channels = len(names) == channels
+        remedy = _remedy(correction, step, all_channels)
+        yield f"the lack of fit is explained where {subject} {' and '.join(parts)}: {remedy}"
 
 
-def _remedy(one: Correction, step: float, whole: bool) -> str:
+def _remedy(correction: Correction, step: float, all_channels: bool) -> str:
     """Return what may be wrong, and the key that corrects it."""
     hints = []
-    if one.factor < 0:
+    if correction.factor < 0:
         hints.append("a reversed sensor (gain: -1)?")
-    size = abs(one.factor)
+    size = abs(correction.factor)
     if size == 1 / GRAVITY:
         hints.append("recorded in g (unit: g)?")
     elif size == GRAVITY:
         hints.append("recorded in m/s2, and taken for g?")
     elif size != 1:
         hints.append("a unit that is a thousand times another one (unit)?")
-    if one.delay:
-        hints.append(f"another start of its instrument (delay: {one.delay * step:.6g})?")
-    if whole:
-        inverse = f" (of a file: delay: {-one.delay * step:.6g})" if one.delay else ""
+    if correction.delay:
+        hints.append(f"another start of its instrument (delay: {correction.delay * step:.6g})?")
+    if all_channels:
+        inverse = f" (of a file: delay: {-correction.delay * step:.6g})" if correction.delay else ""
         hints.append(f"Or all of them are right, and the excitation has the inverse mistake{inverse}")
     return " ".join(hints)

@@ -115,8 +115,8 @@ def _drawn(curvature: float, slope: Array, first: Array, last: Array, uniform: A
         # From the end where it is greatest, lest the exponential overflow.
         size = np.abs(safe)
         depth = -np.log1p(uniform * np.expm1(-size)) / size
-        part = np.where(flat, uniform, np.where(safe > 0, 1 - depth, depth))
-        return np.asarray(first + chord * part)
+        fraction = np.where(flat, uniform, np.where(safe > 0, 1 - depth, depth))
+        return np.asarray(first + chord * fraction)
     deviation, mean = 1 / np.sqrt(curvature), slope / curvature
     a, b = (first - mean) / deviation, (last - mean) / deviation
     mirrored = a > 0  # in the lower tail, whose logarithm is exact

@@ -78,7 +78,7 @@ class ModelError:
         k = int(np.argmax(np.abs(self.shift) / np.maximum(self.noise, _NEGLIGIBLE)))
         name, unknown = self.unknowns[k].name, self.unknowns[k]
         moved, rate = self.shifted[k] - self.estimate[k], rates(self.unknowns, self.coordinates)[k]
-        if np.abs(self.shift / [one.first_spread / 2 for one in self.unknowns]).max() >= _LONGEST:
+        if np.abs(self.shift / [unknown.first_spread / 2 for unknown in self.unknowns]).max() >= _LONGEST:
             effect = f"the estimates with the {self.reference} are far from these"
         else:
             way = "higher" if moved > 0 else "lower"
@@ -141,13 +141,13 @@ def model_error(
     at = named(unknowns, fit.eta)
     finer, words = _reference(model, model.basis.parent, dofs, at)
     reference = refitted(finer)
-    other = reference.fit(fit.eta)
-    shift = _step(reference, other)
+    reference_fit = reference.fit(fit.eta)
+    shift = _step(reference, reference_fit)
     # The second step; the residual there is noise.
     nearer = reference.fit(fit.eta + shift)
-    each = zip(fit.parts, other.parts, likelihood.records, strict=True)
+    fits = zip(fit.parts, reference_fit.parts, likelihood.records, strict=True)
     response = [
-        root_mean_square(a.predicted.outputs - b.predicted.outputs) / record.data.rms for a, b, record in each
+        root_mean_square(a.predicted.outputs - b.predicted.outputs) / record.data.rms for a, b, record in fits
     ]
     omega = _frequencies(model, at, None)
     return ModelError(
@@ -165,8 +165,10 @@ def model_error(
 
 def _noise(likelihood: Likelihood, fit: Fit) -> list[Array]:
     """Return the residual noise, not below rounding."""
-    each = zip(fit.parts, likelihood.records, strict=True)
-    return [np.maximum(part.noise, np.finfo(float).eps * record.data.rms) for part, record in each]
+    fits = zip(fit.parts, likelihood.records, strict=True)
+    return [
+        np.maximum(record_fit.noise, np.finfo(float).eps * record.data.rms) for record_fit, record in fits
+    ]
 
 
 def _step(likelihood: Likelihood, fit: Fit) -> Array:

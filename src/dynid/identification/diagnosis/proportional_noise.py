@@ -70,15 +70,15 @@ def growing_residuals(likelihood: Likelihood, fit: Fit, names: Sequence[str]) ->
     names
         Names of all channels, record by record.
     """
-    growing, correlations, place = [], [], 0
-    for k, (record, part) in enumerate(zip(likelihood.records, fit.parts, strict=True)):
+    growing, correlations, channel = [], [], 0
+    for k, (record, record_fit) in enumerate(zip(likelihood.records, fit.parts, strict=True)):
         for column in range(len(record.channels)):
-            sizes = None if record.modal else _sizes(record, part, column)
+            sizes = None if record.modal else _sizes(record, record_fit, column)
             correlation, p = (0.0, 1.0) if sizes is None else rank_correlation(*sizes)
             if p < RESIDUAL_GROWTH.value and correlation > _MATTERS:
                 growing.append((k, column))
-                correlations.append(f"{names[place]} (rank correlation {correlation:.2g})")
-            place += 1
+                correlations.append(f"{names[channel]} (rank correlation {correlation:.2g})")
+            channel += 1
     if not growing:
         return None
     verb, noun = ("grows", "residual") if len(growing) == 1 else ("grow", "residuals")
@@ -86,19 +86,19 @@ def growing_residuals(likelihood: Likelihood, fit: Fit, names: Sequence[str]) ->
     if not isinstance(likelihood, FrfLikelihood):
         loss = "estimator: {loss: huber} bounds the influence of the largest ones"
         return GrowingResiduals(tuple(growing), f"{begun} Or a nonlinear joint; {loss}")
-    found = _with_proportional_noise(likelihood, fit)
-    return None if found is None else GrowingResiduals(tuple(growing), f"{begun} {found[0]}", found[1])
+    outcome = _with_proportional_noise(likelihood, fit)
+    return None if outcome is None else GrowingResiduals(tuple(growing), f"{begun} {outcome[0]}", outcome[1])
 
 
-def _sizes(record: RecordLikelihood, part: RecordFit, column: int) -> tuple[Array, Array] | None:
+def _sizes(record: RecordLikelihood, record_fit: RecordFit, column: int) -> tuple[Array, Array] | None:
     """Return sizes of residuals and of responses of a channel; None where these are not to be compared.
 
     That is where noise is not taken for white and of one deviation, and where residuals are round-off.
     """
-    negligible = part.size[column] < _ROUND_OFF * record.data.rms[column]
+    negligible = record_fit.size[column] < _ROUND_OFF * record.data.rms[column]
     if record.data.robust is not None or record.modelled or record.data.passed != 1 or negligible:
         return None
-    residual, predicted = part.residual[:, [column]], part.predicted.outputs[:, [column]]
+    residual, predicted = record_fit.residual[:, [column]], record_fit.predicted.outputs[:, [column]]
     if isinstance(record, TimeRecord):  # of coloured residuals the sizes are correlated by chance, too
         return None if is_coloured(whiteness(residual)) else (np.abs(residual[:, 0]), np.abs(predicted[:, 0]))
     if not isinstance(record, FrfRecord) or record.measurement.deviation is not None:
@@ -139,8 +139,8 @@ def _with_proportional_noise(likelihood: FrfLikelihood, fit: Fit) -> tuple[str, 
     if not explained:
         return f"With noise: {{kind: proportional}} the model lacks fit, too ({p})", False
     eta, unknowns = way.fit.eta, likelihood.unknowns
-    each = zip(likelihood.names, values(unknowns, eta), rates(unknowns, eta) * deviations, strict=True)
-    estimates = [f"{name} = {with_error(value, error)}" for name, value, error in each][:_NAMED]
+    rows = zip(likelihood.names, values(unknowns, eta), rates(unknowns, eta) * deviations, strict=True)
+    estimates = [f"{name} = {with_error(value, error)}" for name, value, error in rows][:_NAMED]
     more = ", …" if len(unknowns) > _NAMED else ""
     return (
         "State noise: {kind: proportional} in the measurement: with that the model has no lack of fit "

@@ -76,8 +76,8 @@ class Linearised:
         Coordinates whose delays the timeline of the model has (p): it is linear in delays about these.
     """
 
-    def __init__(self, model: ParametricModel, part: float, origin: Array) -> None:
-        self._model, self._part = model, part
+    def __init__(self, model: ParametricModel, fraction: float, origin: Array) -> None:
+        self._model, self._part = model, fraction
         self._origin, self._delays = origin.copy(), model.follows_delays(origin)
         self._steps: dict[int, LinearisedStep] = {}
         self._outputs: Outputs | None = None
@@ -118,8 +118,8 @@ class Linearised:
         C = C + np.einsum("p,pcn->cn", growth, slopes)
         if direct.slopes is None:
             return C, moved, direct.value[sample], 0.0
-        own = direct.slopes[:, sample]
-        return C, moved, direct.value[sample] + growth @ own, own * here[:, None]
+        direct_slopes = direct.slopes[:, sample]
+        return C, moved, direct.value[sample] + growth @ direct_slopes, direct_slopes * here[:, None]
 
     def step(self, length: int) -> LinearisedStep:
         """Return the step of a length of the timeline."""
@@ -157,7 +157,7 @@ def filter_pass(
     prior: InitialState,
     deviation: Array,
     origin: Array,
-    part: float = PART,
+    fraction: float = PART,
 ) -> Pass:
     """Run the filter once over the record.
 
@@ -173,7 +173,7 @@ def filter_pass(
         Assumed standard deviation of each channel's noise (channels) or of each sample (times x channels).
     origin
         Coordinates from which a divergence is measured (p).
-    part
+    fraction
         How far a coordinate may move, in its deviations, before steps are linearised anew; 0: every sample.
 
     Raises
@@ -191,7 +191,7 @@ def filter_pass(
     eta, deviations, states, bands = (np.empty((samples, size)) for size in (p, p, n, n))
     history = _History(eta, deviations, states, bands, np.full(measured.shape, np.nan))
     run = _walk_compiled if compiled() and not model.instruments.unknown_delays else _walk
-    root = run(model, measured, weight, z, S, origin, history, part)
+    root = run(model, measured, weight, z, S, origin, history, fraction)
     return Pass(
         eta=model.own(eta),
         deviations=model.own(deviations),
@@ -221,7 +221,7 @@ def _walk(
     S: Array,
     origin: Array,
     history: _History,
-    part: float,
+    fraction: float,
 ) -> Array:
     """Filter the record, from state and root before the first sample; return the last root."""
     n = model.states
@@ -230,7 +230,7 @@ def _walk(
     vary = bool(model.output(z[n:])[1].any()) or model.affine is None
     expected = measured if vary else measured - model.direct(z[n:]).value
     H = np.zeros((measured.shape[1], len(z)), dtype=z.dtype)
-    steps, spread, limits = Linearised(model, part, z[n:]), _lengths(S), run_away_limits(model.unknowns)
+    steps, spread, limits = Linearised(model, fraction, z[n:]), _lengths(S), run_away_limits(model.unknowns)
     steps.follow(z[n:], spread[n:])
     H[:, :n] = model.output(z[n:])[0]
     for node, sample in enumerate(model.line.sample_of().tolist()):
@@ -268,7 +268,7 @@ def _walk_compiled(
     S: Array,
     origin: Array,
     history: _History,
-    part: float,
+    fraction: float,
 ) -> Array:
     """Filter the record by the kernel; steps for which its series does not converge are computed here."""
     from dynid.identification.systems import kernels
@@ -276,7 +276,7 @@ def _walk_compiled(
     n, nodes = model.states, len(model.line.nodes)
     at, padded, spread = kernels.linear(model, z[n:]), kernels.padded(S), _lengths(S)[n:].copy()
     record = kernels.record(
-        measured, weight, origin, (part, most_moved(model), run_away_limits(model.unknowns))
+        measured, weight, origin, (fraction, most_moved(model), run_away_limits(model.unknowns))
     )
     filled = structure(**history._asdict())
     outputs, about, node = kernels.outputs(model, at.eta), at.eta.copy(), 0
@@ -329,12 +329,14 @@ def _update(S: Array, H: Array, innovation: Array, present: list[int], normalise
 
 def most_moved(model: ParametricModel) -> Array:
     """Return how far coordinates may move at the most before steps are linearised anew (p)."""
-    return np.array([MOST * one.first_spread / 2 for one in model.unknowns])
+    return np.array([MOST * unknown.first_spread / 2 for unknown in model.unknowns])
 
 
 def run_away_limits(unknowns: Sequence[Parameter]) -> Array:
     """Return how far from their origin coordinates have diverged (p)."""
-    return np.array([RUNAWAY if one.logarithmic else FARTHEST * one.first_spread for one in unknowns])
+    return np.array(
+        [RUNAWAY if unknown.logarithmic else FARTHEST * unknown.first_spread for unknown in unknowns]
+    )
 
 
 def check_run_away(
@@ -343,7 +345,7 @@ def check_run_away(
     """Refuse coordinates (p) that are not finite or a factor of a million from their origin."""
     away = ~(np.abs(eta - origin) < run_away_limits(unknowns))
     if away.any():
-        raise run_away([one.name for one, bad in zip(unknowns, away, strict=True) if bad], remedy)
+        raise run_away([unknown.name for unknown, bad in zip(unknowns, away, strict=True) if bad], remedy)
 
 
 def run_away(names: list[str], remedy: str = RECORD.astray) -> Diverged:

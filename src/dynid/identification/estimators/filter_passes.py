@@ -104,8 +104,8 @@ def run_passes(likelihood: TimeLikelihood, origin: Array, passes: int) -> list[S
         report_progress(f"filter pass {len(sweeps) + 1} of {passes}")
         fit = likelihood.fit(last(likelihood, sweeps))
         fits = list(zip(records, fit.parts, strict=True))
-        priors = [unit_prior(record, part) for record, part in fits]
-        noise = [_floored(record, part.noise) for record, part in fits]
+        priors = [unit_prior(record, record_fit) for record, record_fit in fits]
+        noise = [_floored(record, record_fit.noise) for record, record_fit in fits]
         sweeps.append(_sweep(likelihood, priors, noise, origin))
     return sweeps
 
@@ -129,8 +129,8 @@ def annealed_passes(likelihood: TimeLikelihood, origin: Array) -> list[Sweep]:
     """
     sweeps: list[Sweep] = []
     eta = origin
-    for level, part in tracked(_ANNEALED, "annealed pass"):
-        priors = [wide_prior(record, eta, part) for record in likelihood.records]
+    for level, share in tracked(_ANNEALED, "annealed pass"):
+        priors = [wide_prior(record, eta, share) for record in likelihood.records]
         sweeps.append(_sweep(likelihood, priors, [level * r.data.rms for r in likelihood.records], eta))
         eta = last(likelihood, sweeps)
     return sweeps

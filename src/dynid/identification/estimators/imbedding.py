@@ -160,8 +160,8 @@ class Flow:
     def history(self, rows: Array) -> Pass:
         """Return the estimates, their deviations, and the states."""
         n, N = self.model.states, self.size
-        place = [self.upper[0].tolist().index(k) for k in range(N)]  # a row starts at its diagonal
-        variances = rows[:, [N + at for at in place]]
+        diagonal = [self.upper[0].tolist().index(k) for k in range(N)]  # a row starts at its diagonal
+        variances = rows[:, [N + at for at in diagonal]]
         if not np.all(variances > 0):
             raise Diverged("the covariance of eq 20 loses its sign in the integration", remedy=RECORD.astray)
         left = self._unpacked(rows[-1])[1][n:, n:]
@@ -171,20 +171,20 @@ class Flow:
     def _linearised(self, t: float, z: Array) -> tuple[Array, Array, Array, Array, Array]:
         """Return F (N x N), H^T (channels x N), innovation, drive (n), and slopes of A (p x n x n)."""
         model, n = self.model, self.model.states
-        found, w = model.at(z[n:]), self._generators(t)
+        matrices, w = model.at(z[n:]), self._generators(t)
         inputs = self._inputs @ w  # orders x loads
         F = np.zeros((self.size, self.size))
-        F[:n, :n] = found.A
-        F[:n, n:] = (found.A_slopes @ z[:n] + found.B_slopes @ inputs[0]).T
-        moved = found.C_slopes @ z[:n] + np.einsum("pkcl,kl->pc", found.D_slopes, inputs)
-        Ht = np.concatenate([found.C, moved.T], axis=1)
-        direct = np.einsum("kcl,kl->c", found.D - self._direct, inputs)
+        F[:n, :n] = matrices.A
+        F[:n, n:] = (matrices.A_slopes @ z[:n] + matrices.B_slopes @ inputs[0]).T
+        moved = matrices.C_slopes @ z[:n] + np.einsum("pkcl,kl->pc", matrices.D_slopes, inputs)
+        Ht = np.concatenate([matrices.C, moved.T], axis=1)
+        direct = np.einsum("kcl,kl->c", matrices.D - self._direct, inputs)
         recorded = np.clip(t + self._delays, *self._span)
-        innovation = self._splines(recorded) - found.C @ z[:n] - direct
+        innovation = self._splines(recorded) - matrices.C @ z[:n] - direct
         outside = np.abs(recorded - t - self._delays) > _ROUND_OFF * (self._span[1] - self._span[0])
         if outside.any():  # of a delayed channel there is no value of this time, or none yet
             Ht[outside], innovation[outside] = 0.0, 0.0
-        return F, Ht, innovation, found.B @ inputs[0], found.A_slopes
+        return F, Ht, innovation, matrices.B @ inputs[0], matrices.A_slopes
 
     def _generators(self, t: float) -> Array:
         """Return the generators' states between two nodes, by the series of their exponential."""

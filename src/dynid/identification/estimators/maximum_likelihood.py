@@ -95,9 +95,9 @@ class OutputError:
             If the parameters run away.
         """
         way = refine(likelihood, origin, self.iterations)
-        found, way = with_noise(likelihood, way)
-        stage = EstimationStage.at("output error", found, way.fit, way.steps)
-        return Estimate(way.fit, [], [stage], likelihood=found if likelihood.modelled else None)
+        final, way = with_noise(likelihood, way)
+        stage = EstimationStage.at("output error", final, way.fit, way.steps)
+        return Estimate(way.fit, [], [stage], likelihood=final if likelihood.modelled else None)
 
 
 def refine(likelihood: Likelihood, eta: Array, iterations: int = 50) -> Refined:
@@ -125,8 +125,8 @@ def refine(likelihood: Likelihood, eta: Array, iterations: int = 50) -> Refined:
         for pull in _PULLS:
             middle = _nearest_maximum(replace(likelihood, pull=pull), eta, iterations)
             eta, steps = middle.fit.eta, steps + middle.steps
-    found = _nearest_maximum(likelihood, eta, iterations)
-    return Refined(found.fit, found.steps + steps)
+    maximum = _nearest_maximum(likelihood, eta, iterations)
+    return Refined(maximum.fit, maximum.steps + steps)
 
 
 def _is_open(likelihood: Likelihood, fit: Fit) -> bool:
@@ -148,7 +148,7 @@ def _nearest_maximum(likelihood: Likelihood, eta: Array, iterations: int) -> Ref
         held = likelihood.priors.blocked(fit.eta, information.projected.T @ residual)
         # Of a direction that only limits determine, a part of their distance.
         deviations = np.fmin(information.deviations(), likelihood.priors.spreads)
-        better, least = None, np.maximum(_PART * deviations, smallest)
+        better, negligible = None, np.maximum(_PART * deviations, smallest)
         while better is None and damping <= _MOST:
             step = _damped_step(information.without(held), residual, damping, likelihood.priors.units)
             step = np.where(held, 0.0, step)
@@ -157,13 +157,13 @@ def _nearest_maximum(likelihood: Likelihood, eta: Array, iterations: int) -> Ref
                 target = _bounded_target(likelihood, information, residual, damping, fit.eta)
             better, step = _improved(likelihood, target, noise, misfit), target - fit.eta
             damping *= 1.0 if better else 10.0
-            if better is None and np.all(np.abs(step) <= _ROUNDED * least):
+            if better is None and np.all(np.abs(step) <= _ROUNDED * negligible):
                 break
         if better is None:  # no step improves: rounding is all that is left
             return Refined(fit, number - 1)
         fit, misfit = better
         check_run_away(likelihood.unknowns, fit.eta, eta, likelihood.records[0].observed.astray)
-        size = float(np.max(np.abs(step) / least))
+        size = float(np.max(np.abs(step) / negligible))
         # The sum of all steps to come, after two of these sizes: a geometric series.
         left = size * size / (before - size) if size < before / 2 else size
         is_open = damping > _LEAST and likelihood.priors.open(information.deviations()).any()
@@ -274,9 +274,9 @@ class Huber:
                 remedy="Leave out 'loss: huber', or 'noise: {kind: coloured}'.",
                 names=("estimator.loss", "estimator"),
             )
-        found = self.inner.run(likelihood, origin)
-        likelihood = found.likelihood or likelihood
-        fit, pseudo = found.fit, likelihood
+        estimate = self.inner.run(likelihood, origin)
+        likelihood = estimate.likelihood or likelihood
+        fit, pseudo = estimate.fit, likelihood
         for number in range(1, _MOST_ITERATIONS + 1):
             report_progress(f"Huber's loss, iteration {number}")
             pseudo = bounded(likelihood if number <= _SETTLING else pseudo, fit)
@@ -285,8 +285,8 @@ class Huber:
             deviations = pseudo.information(fit, pseudo.likeliest(fit)).deviations()
             if np.all(change <= np.maximum(_LAST_STEP * deviations, 1e-10 * likelihood.priors.units)):
                 stage = EstimationStage.at("Huber's loss", pseudo, fit, number)
-                stages = [*found.stages, stage]
-                return replace(found, fit=fit, stages=stages, likelihood=pseudo, comparison=None)
+                stages = [*estimate.stages, stage]
+                return replace(estimate, fit=fit, stages=stages, likelihood=pseudo, comparison=None)
         raise Diverged(
             f"Huber's loss has not converged in {_MOST_ITERATIONS} iterations",
             remedy="Correct or leave out the outliers (empty cells), or start nearer to the true values.",
@@ -300,12 +300,12 @@ def bounded(likelihood: L, fit: Fit) -> L:
     Records of pseudo-values keep their scales, and the parts of them that are bounded.
     """
     records = []
-    for record, part in zip(likelihood.records, fit.parts, strict=True):
-        data, predicted = record.data, part.predicted.outputs
+    for record, record_fit in zip(likelihood.records, fit.parts, strict=True):
+        data, predicted = record.data, record_fit.predicted.outputs
         residual, robust = data.recorded - predicted, data.robust
         if robust is None:
             rounding = _ROUNDING * root_mean_square(data.recorded)
-            scale = np.maximum(record.scatter(part.counts, robust_deviation(residual)), rounding)
+            scale = np.maximum(record.scatter(record_fit.counts, robust_deviation(residual)), rounding)
             beyond = np.where(np.isnan(residual), np.nan, np.abs(residual) >= HUBER.value * scale)
             robust = RobustLoss(data.recorded, scale, np.nanmean(beyond, axis=0), data.given_noise)
         psi = np.clip(residual / robust.scale, -HUBER.value, HUBER.value)

@@ -39,8 +39,8 @@ def identifiable_origin(likelihood: Likelihood) -> Origin:
     rms = [record.data.rms for record in likelihood.records]
 
     def information_at(point: Array) -> Information:
-        found = likelihood.information(likelihood.fit(point), rms)
-        return replace(found, values=values(unknowns, point), rates=rates(unknowns, point))
+        at_point = likelihood.information(likelihood.fit(point), rms)
+        return replace(at_point, values=values(unknowns, point), rates=rates(unknowns, point))
 
     information = information_at(eta)
     lost = information.dependent()
@@ -48,14 +48,14 @@ def identifiable_origin(likelihood: Likelihood) -> Origin:
         return Origin(eta, ())
     sides = np.where(np.arange(len(eta)) % 2, -1.0, 1.0) * (1 + np.arange(len(eta)) / (1 + len(eta)))
     for side in (sides, -sides[::-1]):
-        beside = likelihood.priors.clipped(eta + _BESIDE * side * likelihood.priors.units)
+        nearby = likelihood.priors.clipped(eta + _BESIDE * side * likelihood.priors.units)
         try:
             with guarded("the prediction"):
-                other = information_at(beside)
+                nearby_information = information_at(nearby)
         except DynidError:
             continue
-        if len(fewer := other.dependent()) < len(lost):
-            eta, information, lost = beside, other, fewer
+        if len(fewer := nearby_information.dependent()) < len(lost):
+            eta, information, lost = nearby, nearby_information, fewer
             if not lost:
                 break
     if not np.isfinite(information.bounds()).any():

@@ -56,8 +56,8 @@ class Segments(RecordLikelihood):
     @cached_property
     def data(self) -> RecordData:  # type: ignore[override]
         """All values over their channel's RMS, as one channel whose noise is given."""
-        whole = self.record.data
-        return RecordData((whole.values / whole.rms).reshape(-1, 1), given=np.ones(1))
+        record = self.record.data
+        return RecordData((record.values / record.rms).reshape(-1, 1), given=np.ones(1))
 
     @property
     def unknowns(self) -> tuple[Parameter, ...]:
@@ -87,14 +87,14 @@ class Segments(RecordLikelihood):
         """Fit the initial states of all segments at coordinates of the parameters."""
         model = self.record.model
         free, steps = free_prediction(model, eta)
-        whole = prediction(model, eta, model.initial, free, steps)
-        left = self._cut(self.record.data.values - whole.outputs)[..., None]
+        predicted_whole = prediction(model, eta, model.initial, free, steps)
+        left = self._cut(self.record.data.values - predicted_whole.outputs)[..., None]
         by_start = self._by_start(free.by_state)
         starts = _starts(by_start, by_start.swapaxes(-1, -2) @ left)[..., 0]
-        slopes = self._cut(whole.by_parameter) + self._moved(eta, starts)
-        every = np.where(self._present[..., None], np.concatenate([slopes, left], axis=2), 0.0)
-        projected = by_start.swapaxes(-1, -2) @ every
-        products = every.swapaxes(1, 2) @ every - projected.swapaxes(1, 2) @ _starts(by_start, projected)
+        slopes = self._cut(predicted_whole.by_parameter) + self._moved(eta, starts)
+        columns = np.where(self._present[..., None], np.concatenate([slopes, left], axis=2), 0.0)
+        projected = by_start.swapaxes(-1, -2) @ columns
+        products = columns.swapaxes(1, 2) @ columns - projected.swapaxes(1, 2) @ _starts(by_start, projected)
         finite("the sensitivity of the record", products)
         size, V = np.linalg.eigh(products.sum(axis=0))
         rows = np.sqrt(np.maximum(size, 0.0))[:, None] * V.T  # as many as there are columns, same products
@@ -165,8 +165,8 @@ class Segments(RecordLikelihood):
         C, C_slopes = model.output(eta)
         seen = states.reshape(-1, n) @ C_slopes.reshape(-1, n).T
         seen = (seen.reshape(L, n, p, -1) + (slopes @ C.T).reshape(L, n, p, -1)) / self.record.data.rms
-        each = starts @ seen.transpose(1, 0, 3, 2).reshape(n, -1)
-        return np.asarray(each.reshape(len(starts), -1, p))
+        derivatives = starts @ seen.transpose(1, 0, 3, 2).reshape(n, -1)
+        return np.asarray(derivatives.reshape(len(starts), -1, p))
 
     def _sized(self, square: float) -> Array:
         """Return a residual whose RMS is that of all values, of a sum of squares (1 x 1)."""
@@ -179,12 +179,12 @@ def _starts(by_start: Array, projected: Array) -> Array:
     return np.asarray(np.linalg.solve(products + _RIDGE * np.eye(products.shape[-1]), projected))
 
 
-def in_segments(likelihood: TimeLikelihood, part: int) -> Likelihood:
+def in_segments(likelihood: TimeLikelihood, divisor: int) -> Likelihood:
     """Return the likelihood of records in segments of this part of their length, or somewhat longer ones."""
     segments = []
     for record in likelihood.records:
         samples, channels = record.data.values.shape
-        least = math.ceil(_LEAST * record.nuisances / channels)
-        length = int(min(samples, max(least, samples // part)))
+        min_length = math.ceil(_LEAST * record.nuisances / channels)
+        length = int(min(samples, max(min_length, samples // divisor)))
         segments.append(Segments(record, length, len(likelihood.records)))
     return Likelihood(tuple(segments))

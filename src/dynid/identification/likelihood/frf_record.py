@@ -113,13 +113,13 @@ class FrfRecord(RecordLikelihood):
         """True if the noise is proportional to the response."""
         return self.measurement.proportional and not self.magnitudes
 
-    def renewed(self, fit: RecordFit, known: Array, *, settling: bool = False) -> Self:  # noqa: ARG002
+    def renewed(self, fit: RecordFit, root: Array, *, settling: bool = False) -> Self:  # noqa: ARG002
         """Return the likelihood with a noise in proportion to the predicted responses."""
         return self._weighted_by(np.abs(self.responses(fit.predicted.outputs))) if self.modelled else self
 
-    def with_noise_of(self, other: Any) -> Self:
+    def with_noise_of(self, weighted: Any) -> Self:
         """Return the likelihood with the deviations by line of another one, in whose units the values are."""
-        return replace(self, measurement=other.measurement)
+        return replace(self, measurement=weighted.measurement)
 
     def first_weighted(self) -> Self:
         """Return the likelihood with a proportional noise in proportion to the measured responses."""
@@ -135,10 +135,10 @@ class FrfRecord(RecordLikelihood):
 
     def ideal(self) -> Self:
         """Return the likelihood without noise, as far as that is known, with its true deviations by line."""
-        found, by_line = self.on(self.data.without_noise()), self.data.by_line
+        noiseless, by_line = self.on(self.data.without_noise()), self.data.by_line
         if self.data.clean is None or (by_line is None and not self.modelled):
-            return found
-        return found._weighted_by(np.ones(self.measurement.profile.shape) if by_line is None else by_line)
+            return noiseless
+        return noiseless._weighted_by(np.ones(self.measurement.profile.shape) if by_line is None else by_line)
 
     def level(self, estimated: Array, *, ideal: bool) -> Array:
         """Return the true deviations of the noise, in units of those by line, where known; else estimated."""
@@ -150,8 +150,8 @@ class FrfRecord(RecordLikelihood):
         """Return the sum of the logarithms of the deviations by line where the noise model has them."""
         if not self.modelled:
             return 0.0
-        each = np.tile(self.measurement.profile, (2, 1))
-        return float(np.sum(np.log(each[~np.isnan(self.data.values)])))
+        deviations = np.tile(self.measurement.profile, (2, 1))
+        return float(np.sum(np.log(deviations[~np.isnan(self.data.values)])))
 
     @property
     def unknowns(self) -> tuple[Parameter, ...]:
@@ -191,12 +191,12 @@ class FrfRecord(RecordLikelihood):
 
     def _compared(self, eta: Array, *, slopes: bool = True) -> tuple[Array, Array]:
         """Return the predicted values as they are compared, and their derivatives by the coordinates."""
-        found = self.system.response(self.measurement.omega, eta, slopes=slopes)
+        response = self.system.response(self.measurement.omega, eta, slopes=slopes)
         if self.magnitudes:
-            there = np.where(found.values == 0, 1.0, found.values)
-            return _logarithms(np.abs(found.values)), (found.slopes / there[..., None]).real
+            there = np.where(response.values == 0, 1.0, response.values)
+            return _logarithms(np.abs(response.values)), (response.slopes / there[..., None]).real
         profile = self.measurement.profile
-        return stacked(found.values / profile), stacked(found.slopes / profile[..., None])
+        return stacked(response.values / profile), stacked(response.slopes / profile[..., None])
 
     def on(self, data: RecordData) -> Self:
         """Return the likelihood of other values of the same responses."""
@@ -207,7 +207,7 @@ class FrfRecord(RecordLikelihood):
         assert fit.by_parameter is not None
         assert fit.measured is not None
         poles, omega = self._poles(fit.eta), self.measurement.omega
-        found = []
+        coordinates = []
         for c, rms in enumerate(self.data.rms):
             there, count = ~np.isnan(fit.residual[:, c]), int(self.data.counts[c])
             weight = there / rms
@@ -220,8 +220,8 @@ class FrfRecord(RecordLikelihood):
             before = delayed_residuals_by_line(residual) * there[:, None]
             none = np.zeros((len(weight), 0))
             columns = ChannelColumns(outputs, measured, residual, none, by_parameter, none, before)
-            found.append(saturated_coordinates(shared.where(there), columns, count))
-        return found
+            coordinates.append(saturated_coordinates(shared.where(there), columns, count))
+        return coordinates
 
     def _poles(self, eta: Array) -> ComplexArray:
         """Return the poles at these coordinates, 1/s; none of a model too large for that."""
@@ -242,8 +242,8 @@ class FrfRecord(RecordLikelihood):
 
     def band_limited(self, band: float) -> FrfRecord | None:
         """Return the responses of the model's modes below `band` times the highest line, if that pays."""
-        found = band_limited(self.system.system, self.measurement.omega, self.system.pairs, band)
-        return None if found is None else replace(self, system=replace(self.system, system=found))
+        limited = band_limited(self.system.system, self.measurement.omega, self.system.pairs, band)
+        return None if limited is None else replace(self, system=replace(self.system, system=limited))
 
     def by_magnitude(self) -> FrfRecord:
         """Return the same responses compared by the logarithms of their magnitudes."""
@@ -272,12 +272,12 @@ class FrfLikelihood(Likelihood):
         work = sum(record.multiplications for record in self.records)
         return max(_LEAST_EVALUATIONS, SEARCH_WORK.value // work)
 
-    def with_weights_of(self, other: Any) -> FrfLikelihood:
+    def with_weights_of(self, weighted: Any) -> FrfLikelihood:
         """Return the likelihood with the weights by line of one of the same responses with another model."""
-        each = zip(self.records, other.records, strict=True)
-        return FrfLikelihood(tuple(replace(end, system=record.system) for record, end in each))
+        pairs = zip(self.records, weighted.records, strict=True)
+        return FrfLikelihood(tuple(replace(end, system=record.system) for record, end in pairs))
 
     def band_limited(self, band: float) -> FrfLikelihood | None:
         """Return the likelihood with the model's modes below `band` times the highest line, if that pays."""
-        found = [limited for record in self.records if (limited := record.band_limited(band)) is not None]
-        return FrfLikelihood(tuple(found)) if len(found) == len(self.records) else None
+        records = [limited for record in self.records if (limited := record.band_limited(band)) is not None]
+        return FrfLikelihood(tuple(records)) if len(records) == len(self.records) else None

@@ -85,8 +85,8 @@ class ModelComparison:
     def noise(self) -> list[Array]:
         """Residual noise of the saturated model (channels of each record), over RMS, not below rounding."""
         return [
-            np.array([_noise(one, level) for one, level in zip(channels, given, strict=True)])
-            for channels, given in zip(self.records, self.given, strict=True)
+            np.array([_noise(channel, level) for channel, level in zip(channels, levels, strict=True)])
+            for channels, levels in zip(self.records, self.given, strict=True)
         ]
 
     @property
@@ -101,7 +101,7 @@ class ModelComparison:
         if self.tables:
             return 0.0
         tests = [self._log_signal_p(RegressorKind.LINE)]
-        values = sum(one.count for one, _ in self._each)
+        values = sum(channel.count for channel, _ in self._each)
         chosen = len(self.prior) * math.log(max(values, 1))
         tests.append(self._log_signal_p(RegressorKind.SCENE) + chosen)
         return min(1.0, len(tests) * math.exp(min(0.0, *tests)))
@@ -109,13 +109,13 @@ class ModelComparison:
     def _log_signal_p(self, last: int) -> float:
         """Return the logarithm of the p-value of directions of the kinds up to this one against noise."""
         excess, degrees, spare = 0.0, 0, math.inf
-        for one, _ in self._each:
-            chosen = one.kind <= last
-            inside, m = float(np.sum(one.measured[chosen] ** 2)), int(np.count_nonzero(chosen))
-            left = one.count - m
+        for channel, _ in self._each:
+            chosen = channel.kind <= last
+            inside, m = float(np.sum(channel.measured[chosen] ** 2)), int(np.count_nonzero(chosen))
+            left = channel.count - m
             if m == 0 or left < 1:
                 continue
-            outside = max(one.energy - inside, _ROUNDING**2 * one.energy)
+            outside = max(channel.energy - inside, _ROUNDING**2 * channel.energy)
             excess, degrees, spare = excess + inside * left / outside, degrees + m, min(spare, left)
         return log_f_tail(degrees, spare, excess / degrees) if degrees else 0.0
 
@@ -129,27 +129,27 @@ class ModelComparison:
     @property
     def chi_squared(self) -> tuple[float, int]:
         """Sum of squares of the values whose scatter is given, and of the priors; its degrees of freedom."""
-        squares = self.prior_squares + sum(float(one.squares.sum()) for one in self.tables)
-        return squares, round(self.prior_degrees + sum(float(one.degrees.sum()) for one in self.tables))
+        squares = self.prior_squares + sum(float(table.squares.sum()) for table in self.tables)
+        return squares, round(self.prior_degrees + sum(float(table.degrees.sum()) for table in self.tables))
 
     @property
     def scatter_p(self) -> float:
         """The p-value of the residuals of the values whose scatter is given, and of the priors."""
         squares, degrees = self.chi_squared
-        groups = [group for one in self.tables for group in one.groups if group[1] > 0]
+        groups = [group for table in self.tables for group in table.groups if group[1] > 0]
         groups.append((squares - sum(s for s, _ in groups), degrees - sum(d for _, d in groups)))
         tails = [chi_squared_tail(d, max(s, 0.0)) for s, d in groups if d > 0]
-        least = min(tails, default=1.0)
-        return -math.expm1(len(tails) * math.log1p(-least)) if least < 1 else 1.0
+        min_p = min(tails, default=1.0)
+        return -math.expm1(len(tails) * math.log1p(-min_p)) if min_p < 1 else 1.0
 
     @cached_property
     def _saturated_p(self) -> float:
         """The p-value of the residuals beside those of the saturated model."""
-        if all(one.left < _ROUNDING**2 * one.energy for one, _ in self._each):  # round-off
+        if all(channel.left < _ROUNDING**2 * channel.energy for channel, _ in self._each):  # round-off
             return 1.0
         excess, rank = self._excess
-        degrees = sum(one.tested for one, _ in self._each) - rank
-        spare = min((one.count - len(one.kind) for one, _ in self._each), default=0.0)
+        degrees = sum(channel.tested for channel, _ in self._each) - rank
+        spare = min((channel.count - len(channel.kind) for channel, _ in self._each), default=0.0)
         if degrees < 1 or spare < 1:
             return self.whiteness_p
         return min(1.0, 2 * min(self.whiteness_p, math.exp(log_f_tail(degrees, spare, excess / degrees))))
@@ -158,19 +158,19 @@ class ModelComparison:
     def channel_lack_of_fit_p(self) -> Array:
         """The F-test channel by channel (channels of all records); unknowns take an equal part of each."""
         _, rank = self._excess
-        found = []
-        for one, noise in self._each:
-            degrees = one.tested - rank / len(self._each)
-            spare = one.count - len(one.kind)
-            if degrees < 1 or spare < 1 or one.left < _ROUNDING**2 * one.energy:
-                found.append(1.0)
+        p_values = []
+        for channel, noise in self._each:
+            degrees = channel.tested - rank / len(self._each)
+            spare = channel.count - len(channel.kind)
+            if degrees < 1 or spare < 1 or channel.left < _ROUNDING**2 * channel.energy:
+                p_values.append(1.0)
                 continue
-            ratio = float(np.sum(one.residual[: one.tested] ** 2)) / noise**2 / degrees
-            found.append(math.exp(log_f_tail(round(degrees), spare, ratio)))
+            ratio = float(np.sum(channel.residual[: channel.tested] ** 2)) / noise**2 / degrees
+            p_values.append(math.exp(log_f_tail(round(degrees), spare, ratio)))
         for table in self.tables:
-            each = zip(table.degrees.tolist(), table.squares.tolist(), strict=True)
-            found += [chi_squared_tail(round(d), x) if d >= 0.5 else 1.0 for d, x in each]
-        return np.array(found)
+            pairs = zip(table.degrees.tolist(), table.squares.tolist(), strict=True)
+            p_values += [chi_squared_tail(round(d), x) if d >= 0.5 else 1.0 for d, x in pairs]
+        return np.array(p_values)
 
     @cached_property
     def _excess(self) -> tuple[float, int]:
@@ -179,15 +179,17 @@ class ModelComparison:
             return 0.0, 0
         total, states, rows, right = 0.0, 0, [], []
         for record, noise, (U, by_parameter) in zip(self.records, self.noise, self._projected, strict=True):
-            each = zip(record, noise, strict=True)
-            residual = np.concatenate([one.residual[: one.tested] / level for one, level in each])
+            pairs = zip(record, noise, strict=True)
+            residual = np.concatenate(
+                [channel.residual[: channel.tested] / level for channel, level in pairs]
+            )
             residual = _without(U, residual)
             total, states = total + float(residual @ residual), states + U.shape[1]
             rows.append(by_parameter)
             right.append(residual)
         U = _range(np.concatenate(rows)[:, self.free])
-        taken = U.T @ np.concatenate(right)
-        return max(0.0, total - float(taken @ taken)), states + U.shape[1]
+        explained = U.T @ np.concatenate(right)
+        return max(0.0, total - float(explained @ explained)), states + U.shape[1]
 
     @cached_property
     def _projected(self) -> list[tuple[Array, Array]]:
@@ -198,14 +200,16 @@ class ModelComparison:
     def signal_explained(self) -> float:
         """Part of the signal's mean square that the scene explains, the noise subtracted from both."""
         if self.tables:
-            own = replace(self, tables=()).signal_explained if self._each else 1.0
-            return min(own, *(table.explained for table in self.tables))
+            of_waves = replace(self, tables=()).signal_explained if self._each else 1.0
+            return min(of_waves, *(table.explained for table in self.tables))
         signal = missed = 0.0
         unknowns = self._excess[1] / max(1, len(self._each))
-        for one, noise in self._each:
-            if one.energy > 0:
-                signal += max(0.0, one.energy - one.count * noise**2) / one.energy
-                missed += max(0.0, one.left - max(0.0, one.count - unknowns) * noise**2) / one.energy
+        for channel, noise in self._each:
+            if channel.energy > 0:
+                signal += max(0.0, channel.energy - channel.count * noise**2) / channel.energy
+                missed += (
+                    max(0.0, channel.left - max(0.0, channel.count - unknowns) * noise**2) / channel.energy
+                )
         return float(np.clip(1 - missed / signal, 0.0, 1.0)) if signal > 0 else 0.0
 
     @property
@@ -236,7 +240,10 @@ class ModelComparison:
             same = np.array_equal(level, self.noise[k])
             U, by_parameter = self._projected[k] if same else _off_states(record, level)
             rows.append(by_parameter)
-            amplitudes = [_resolved(one, each) for one, each in zip(record, level.tolist(), strict=True)]
+            amplitudes = [
+                _resolved(channel, noise_of_channel)
+                for channel, noise_of_channel in zip(record, level.tolist(), strict=True)
+            ]
             shown = np.concatenate(amplitudes)
             finite("the amplitudes of the record", shown)
             s = np.linalg.svd(_without(U, np.diag(shown)[:, shown > 0]), compute_uv=False)
@@ -247,9 +254,9 @@ class ModelComparison:
             rows.append(table.by_parameter)
         # Unknowns that the records determine: all without a prior, and those of which they know more than it.
         # Limits do not count: parameters between them are unknowns, as many as the records can tell apart.
-        every, with_prior = np.concatenate(rows), ~np.isnan(self.prior)
-        directions = _range(every[:, ~with_prior])
-        over_prior = _without(directions, every[:, with_prior]) * self.prior[with_prior]
+        by_parameters, with_prior = np.concatenate(rows), ~np.isnan(self.prior)
+        directions = _range(by_parameters[:, ~with_prior])
+        over_prior = _without(directions, by_parameters[:, with_prior]) * self.prior[with_prior]
         unknowns = int(directions.shape[1])
         if over_prior.size:
             unknowns += int(np.count_nonzero(np.linalg.svd(over_prior, compute_uv=False) >= 1))
@@ -279,10 +286,12 @@ def compare_models(likelihood: Likelihood, fit: Fit, whiteness_p: float | None =
     def root() -> Array:
         return likelihood.information(fit, likelihood.likeliest(fit)).root_of(free)
 
-    found = [record.tested(part, root) for record, part in zip(records, fit.parts, strict=True)]
-    saturated = [k for k, table in enumerate(found) if table is None]
+    tables_or_none = [
+        record.tested(record_fit, root) for record, record_fit in zip(records, fit.parts, strict=True)
+    ]
+    saturated = [k for k, table in enumerate(tables_or_none) if table is None]
     squares = degrees = 0.0
-    if len(saturated) < len(found):
+    if len(saturated) < len(tables_or_none):
         squares = float(np.sum(priors.gaussian_residual(fit.eta) ** 2))
         gaussian = priors.given & ~priors.fixed
         part_of_prior = (np.linalg.norm(root(), axis=1) / priors.deviations)[gaussian] ** 2
@@ -293,27 +302,29 @@ def compare_models(likelihood: Likelihood, fit: Fit, whiteness_p: float | None =
         priors.deviations,
         free,
         white if plain and white is not None else 1.0,
-        [table for table in found if table is not None],
+        [table for table in tables_or_none if table is not None],
         squares,
         degrees,
     )
 
 
-def _noise(one: SaturatedCoordinates, given: float) -> float:
+def _noise(channel: SaturatedCoordinates, given_noise: float) -> float:
     """Return the residual noise of a channel with the saturated model, else the given one."""
-    floor = _ROUNDING * math.sqrt(one.energy / max(one.count, 1.0))
-    spare = one.count - len(one.kind)
+    floor = _ROUNDING * math.sqrt(channel.energy / max(channel.count, 1.0))
+    spare = channel.count - len(channel.kind)
     if spare < 1:
-        return float(np.fmax(given, max(floor, math.sqrt(one.left / max(one.count, 1.0)))))
-    left = max(0.0, one.left - float(np.sum(one.residual**2)))
+        return float(np.fmax(given_noise, max(floor, math.sqrt(channel.left / max(channel.count, 1.0)))))
+    left = max(0.0, channel.left - float(np.sum(channel.residual**2)))
     return max(floor, math.sqrt(left / spare))
 
 
 def _off_states(record: Sequence[SaturatedCoordinates], noise: Array) -> tuple[Array, Array]:
     """Return the range of the derivatives by the initial state over noise, and those by parameters off it."""
-    each = list(zip(record, noise.tolist(), strict=True))
-    U = _range(np.concatenate([one.by_state[: one.tested] / level for one, level in each]))
-    return U, _without(U, np.concatenate([one.by_parameter[: one.tested] / level for one, level in each]))
+    pairs = list(zip(record, noise.tolist(), strict=True))
+    U = _range(np.concatenate([channel.by_state[: channel.tested] / level for channel, level in pairs]))
+    return U, _without(
+        U, np.concatenate([channel.by_parameter[: channel.tested] / level for channel, level in pairs])
+    )
 
 
 def _range(matrix: Array) -> Array:
@@ -327,12 +338,13 @@ def _without(U: Array, columns: Array) -> Array:
     return np.asarray(columns - U @ (U.T @ columns))
 
 
-def _resolved(one: SaturatedCoordinates, noise: float) -> Array:
+def _resolved(channel: SaturatedCoordinates, noise: float) -> Array:
     """Return the amplitudes over noise of the directions that are resolved, 0 of the others (m)."""
-    free = one.free
-    groups = np.where(free, 2 * one.group + one.kind, 0)[: one.tested]  # of lines even, of modes odd
-    weight = free[: one.tested].astype(float)
-    squares = np.bincount(groups, weight * one.measured[: one.tested] ** 2)
+    free = channel.free
+    # Groups of lines are even, of modes odd.
+    groups = np.where(free, 2 * channel.group + channel.kind, 0)[: channel.tested]
+    weight = free[: channel.tested].astype(float)
+    squares = np.bincount(groups, weight * channel.measured[: channel.tested] ** 2)
     amplitude = np.sqrt(squares / np.maximum(np.bincount(groups, weight), 1.0)) / noise
     return np.asarray(weight * np.where(amplitude > RESOLVED.value, amplitude, 0.0)[groups])
 
@@ -346,16 +358,18 @@ def _resolved_poles(
     those of the channels, as of `_resolved`.
     """
     strength: dict[complex, float] = {}
-    for one, level, shown in zip(record, noise, amplitudes, strict=True):
-        moves = np.flatnonzero(one.kind == RegressorKind.POLE)
+    for channel, level, shown in zip(record, noise, amplitudes, strict=True):
+        moves = np.flatnonzero(channel.kind == RegressorKind.POLE)
         if not len(moves):
             continue
-        modes = np.flatnonzero((one.kind[: one.tested] == RegressorKind.MODE) & (shown > 0))
-        groups, count = one.group[moves], int(one.group.max()) + 1
-        amplitude = np.bincount(one.group[modes], (one.measured[modes] / one.size[modes]) ** 2, count)
-        sums = np.bincount(groups, (one.size[moves] * one.rate[moves] / level) ** 2, count)
+        modes = np.flatnonzero((channel.kind[: channel.tested] == RegressorKind.MODE) & (shown > 0))
+        groups, count = channel.group[moves], int(channel.group.max()) + 1
+        amplitude = np.bincount(
+            channel.group[modes], (channel.measured[modes] / channel.size[modes]) ** 2, count
+        )
+        sums = np.bincount(groups, (channel.size[moves] * channel.rate[moves] / level) ** 2, count)
         squares = amplitude * (sums / np.maximum(np.bincount(groups, minlength=count), 1))
-        for group, pole in dict(zip(groups.tolist(), one.pole[moves].tolist(), strict=True)).items():
+        for group, pole in dict(zip(groups.tolist(), channel.pole[moves].tolist(), strict=True)).items():
             strength[pole] = strength.get(pole, 0.0) + float(squares[group])
-    found = [pole for pole, squares in strength.items() if squares > RESOLVED.value**2]
-    return sum(2 if pole.imag else 1 for pole in found)
+    poles = [pole for pole, squares in strength.items() if squares > RESOLVED.value**2]
+    return sum(2 if pole.imag else 1 for pole in poles)

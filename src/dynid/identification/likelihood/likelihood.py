@@ -42,12 +42,12 @@ class Fit:
     @property
     def noise(self) -> list[Array]:
         """Standard deviations of the noise (channels) of each record, estimated from its residuals."""
-        return [part.noise for part in self.parts]
+        return [record_fit.noise for record_fit in self.parts]
 
     @property
     def residuals(self) -> list[Array]:
         """Residuals of each record (times x channels), NaN where missing."""
-        return [part.residual for part in self.parts]
+        return [record_fit.residual for record_fit in self.parts]
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,17 +137,19 @@ class Likelihood:
         """
         key = (id(fit), prior, *(level.tobytes() for level in noise))
         if self._last.get("key") != key:
-            each = zip(self.records, fit.parts, noise, strict=True)
-            found = joint_information([record.information(part, level) for record, part, level in each])
-            found = found.beside(self.priors.rows()) if prior else found
-            self._last.update(key=key, fit=fit, found=found)  # the fit as well: else its id may be another's
-        known: Information = self._last["found"]
-        return known
+            fits = zip(self.records, fit.parts, noise, strict=True)
+            total = joint_information(
+                [record.information(record_fit, level) for record, record_fit, level in fits]
+            )
+            total = total.beside(self.priors.rows()) if prior else total
+            self._last.update(key=key, fit=fit, found=total)  # the fit as well: else its id may be another's
+        kept: Information = self._last["found"]
+        return kept
 
     def weighted(self, fit: Fit, noise: Sequence[Array]) -> Array:
         """Return the residuals over noise, row by row as the information has them, priors at the end."""
-        each = zip(self.records, fit.parts, noise, strict=True)
-        measured = [record.weighted(part, level) for record, part, level in each]
+        fits = zip(self.records, fit.parts, noise, strict=True)
+        measured = [record.weighted(record_fit, level) for record, record_fit, level in fits]
         return np.concatenate([*measured, self.priors.residual(fit.eta)])
 
     def misfit(self, fit: Fit) -> float:
@@ -155,7 +157,11 @@ class Likelihood:
 
         The noise of a channel whose deviation is not given is its maximum-likelihood estimate.
         """
-        return self._misfit(fit.eta, [part.counts for part in fit.parts], [part.size for part in fit.parts])
+        return self._misfit(
+            fit.eta,
+            [record_fit.counts for record_fit in fit.parts],
+            [record_fit.size for record_fit in fit.parts],
+        )
 
     def misfit_at(self, eta: Array) -> float:
         """Return the misfit at these coordinates (p), without the derivatives that a fit has."""
@@ -164,7 +170,9 @@ class Likelihood:
 
     def record_misfit(self, fit: Fit) -> float:
         """Return the misfit of the records alone, without the priors."""
-        return self._record_misfit([part.counts for part in fit.parts], [part.size for part in fit.parts])
+        return self._record_misfit(
+            [record_fit.counts for record_fit in fit.parts], [record_fit.size for record_fit in fit.parts]
+        )
 
     def _misfit(self, eta: Array, counts: Sequence[NDArray[np.int_]], sizes: Sequence[Array]) -> float:
         return float(np.sum(self.priors.residual(eta) ** 2)) / 2 + self._record_misfit(counts, sizes)
@@ -179,13 +187,13 @@ class Likelihood:
 
     def likeliest(self, fit: Fit) -> list[Array]:
         """Return the noise given, else the RMS of the residuals, not below rounding (channels)."""
-        each = zip(self.records, fit.parts, strict=True)
-        return [record.above_rounding(part.size) for record, part in each]
+        fits = zip(self.records, fit.parts, strict=True)
+        return [record.above_rounding(record_fit.size) for record, record_fit in fits]
 
     def residual_ratio(self, fit: Fit) -> Array:
         """Return the RMS of the residuals over that of the measured values (channels of all records)."""
-        each = zip(self.records, fit.parts, strict=True)
-        return np.concatenate([record.raw_size(part) / record.data.rms for record, part in each])
+        fits = zip(self.records, fit.parts, strict=True)
+        return np.concatenate([record.raw_size(record_fit) / record.data.rms for record, record_fit in fits])
 
     # Noise model.
 
@@ -201,20 +209,20 @@ class Likelihood:
 
     def renewed(self, fit: Fit, *, settling: bool = False) -> Self:
         """Return the likelihood with the noise models of a fit; `settling`: of the orders that they have."""
-        known = self.information(fit, self.likeliest(fit)).root
-        each = zip(self.records, fit.parts, strict=True)
-        renewed = tuple(record.renewed(part, known, settling=settling) for record, part in each)
+        root = self.information(fit, self.likeliest(fit)).root
+        fits = zip(self.records, fit.parts, strict=True)
+        renewed = tuple(record.renewed(record_fit, root, settling=settling) for record, record_fit in fits)
         return replace(self, records=renewed)
 
-    def with_noise_of(self, other: Likelihood) -> Self:
+    def with_noise_of(self, likelihood: Likelihood) -> Self:
         """Return the likelihood with the noise models of another one of the same records."""
-        each = zip(self.records, other.records, strict=True)
-        return replace(self, records=tuple(record.with_noise_of(one) for record, one in each))
+        pairs = zip(self.records, likelihood.records, strict=True)
+        return replace(self, records=tuple(record.with_noise_of(renewed) for record, renewed in pairs))
 
-    def continuing(self, other: Likelihood) -> Self:
+    def continuing(self, likelihood: Likelihood) -> Self:
         """Return the likelihood with the samples of another one of the same records."""
-        each = zip(self.records, other.records, strict=True)
-        return replace(self, records=tuple(record.continuing(one) for record, one in each))
+        pairs = zip(self.records, likelihood.records, strict=True)
+        return replace(self, records=tuple(record.continuing(continued) for record, continued in pairs))
 
     def covering(self, eta: Array, *, narrowed: bool) -> Self:
         """Return the likelihood of records where every input is known at coordinates `eta`; itself if it is.
@@ -222,11 +230,11 @@ class Likelihood:
         `narrowed`: of all such samples; else of the present ones alone.
         """
         records = tuple(record.covering(eta, narrowed=narrowed) for record in self.records)
-        same = all(one is other for one, other in zip(records, self.records, strict=True))
+        same = all(new is old for new, old in zip(records, self.records, strict=True))
         return self if same else replace(self, records=records, noiseless=None)
 
     def whiteness(self, fit: Fit) -> float:
         """Return the p-value of the residuals' whiteness."""
-        each = zip(self.records, fit.residuals, strict=True)
-        series = (record.series(residual) for record, residual in each)
+        pairs = zip(self.records, fit.residuals, strict=True)
+        series = (record.series(residual) for record, residual in pairs)
         return whiteness(*series, coefficients=[int(record.noise_orders.sum()) for record in self.records])

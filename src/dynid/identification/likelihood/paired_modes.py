@@ -83,28 +83,30 @@ def paired_modes(
         np.full((s, r), np.nan, dtype=target.dtype),
         np.full((s, r, p), np.nan, dtype=target.dtype),
     )
-    own = np.full(r, np.nan)
-    known: dict[int, Any] = {}
+    pair_mac = np.full(r, np.nan)
+    turned: dict[int, Any] = {}
     scatter, form = measured.deviations()[2], error[-1] if s else 0.0
-    for k, place in enumerate(pairs.tolist()):
-        near = np.flatnonzero(np.abs(omega - omega[place]) <= close * omega[place])
-        span = [place, *[j for j in near.tolist() if j != place]]
+    for k, pair in enumerate(pairs.tolist()):
+        near = np.flatnonzero(np.abs(omega - omega[pair]) <= close * omega[pair])
+        span = [pair, *[j for j in near.tolist() if j != pair]]
         there = ~np.isnan(target[:, k])
         if not there.any():  # of equal modes without a shape the mean
-            poles[k] = solution.poles[place]
-            each = [solution.pole_slopes(solution.poles[j], solution.shapes[:, j], slopes) for j in span]
-            by_pole[k] = np.mean(each, axis=0)
+            poles[k] = solution.poles[pair]
+            pole_slopes = [
+                solution.pole_slopes(solution.poles[j], solution.shapes[:, j], slopes) for j in span
+            ]
+            by_pole[k] = np.mean(pole_slopes, axis=0)
             continue
         for j in span:
-            if j not in known:
+            if j not in turned:
                 moved = rows @ solution.shape_slopes(j, span, slopes)
-                known[j] = _turned(at_sensors[:, j], moved, wide=bool(measured.complex_shapes))
+                turned[j] = _turned(at_sensors[:, j], moved, wide=bool(measured.complex_shapes))
         weight = 1 / np.hypot(scatter[:, k], form)[there]
-        part, shapes[there, k], by_shape[there, k] = _best_of_span(
-            [known[j] for j in span], there, weight, target[there, k]
+        weights, shapes[there, k], by_shape[there, k] = _best_of_span(
+            [turned[j] for j in span], there, weight, target[there, k]
         )
-        own[k] = _mac_of(target[:, k], shapes[:, [k]])[0]
-        poles[k], shape = _pole_of_span(solution, span, part)
+        pair_mac[k] = _mac_of(target[:, k], shapes[:, [k]])[0]
+        poles[k], shape = _pole_of_span(solution, span, weights)
         by_pole[k] = solution.pole_slopes(complex(poles[k]), shape, slopes)
     size = np.abs(poles)
     by_omega = np.real(poles.conj()[:, None] * by_pole) / size[:, None]
@@ -116,7 +118,7 @@ def paired_modes(
     if s:
         columns.append(real_parts(shapes))
         changes.append(np.stack([real_parts(by_shape[..., j]) for j in range(p)], axis=1))
-    return PairedModes(columns, changes, pairs, zeta, shapes, table, own)
+    return PairedModes(columns, changes, pairs, zeta, shapes, table, pair_mac)
 
 
 def _best_of_span(
@@ -126,28 +128,28 @@ def _best_of_span(
     target: NDArray[Any],
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
     """Return the parts of the modes in the shape nearest to a measured one, that shape, its slopes."""
-    own = np.column_stack([shape for shape, _ in modes])
+    shapes = np.column_stack([shape for shape, _ in modes])
     moves = np.stack([moved for _, moved in modes], axis=1)
-    Q, size, Vh = np.linalg.svd(weight[:, None] * own[there], full_matrices=False)
+    Q, size, Vh = np.linalg.svd(weight[:, None] * shapes[there], full_matrices=False)
     rank = np.count_nonzero(size > _DEPENDENT * size[0])
     Q = Q[:, :rank]
-    part = Vh[:rank].conj().T @ (Q.conj().T @ (weight * target) / size[:rank])
-    change = weight[:, None] * np.tensordot(moves[there], part, axes=([1], [0]))
+    weights = Vh[:rank].conj().T @ (Q.conj().T @ (weight * target) / size[:rank])
+    change = weight[:, None] * np.tensordot(moves[there], weights, axes=([1], [0]))
     change = change - Q @ (Q.conj().T @ change)
-    return part, own[there] @ part, change / weight[:, None]
+    return weights, shapes[there] @ weights, change / weight[:, None]
 
 
 def _pole_of_span(
-    solution: ModalSolution, span: list[int], part: NDArray[Any]
+    solution: ModalSolution, span: list[int], weights: NDArray[Any]
 ) -> tuple[complex, NDArray[Any]]:
     """Return the pole of a shape with these parts of the modes of a span, and the shape at all DOFs."""
     psi = solution.shapes[:, span]
-    if len(span) == 1 or not part.any():
+    if len(span) == 1 or not weights.any():
         return solution.poles[span[0]], psi[:, 0]
     # Without damping all of a shape has one phase.
-    part = part if solution.damped else _turned(part, part[:, None], wide=False)[0]
-    share = np.abs(part) ** 2
-    return share @ solution.poles[span] / share.sum(), psi @ part
+    weights = weights if solution.damped else _turned(weights, weights[:, None], wide=False)[0]
+    share = np.abs(weights) ** 2
+    return share @ solution.poles[span] / share.sum(), psi @ weights
 
 
 def _mac_of(measured: NDArray[Any], shapes: NDArray[Any]) -> Array:

@@ -72,27 +72,31 @@ class Priors:
 
         The deviation of the logarithm is that of the log-normal distribution of the same relative deviation.
         """
-        low = [-math.inf if one.low is None else one.coordinate(one.low) for one in unknowns]
-        high = [math.inf if one.high is None else one.coordinate(one.high) for one in unknowns]
-        priors = [(one, one.prior) for one in unknowns]
-        means = [math.nan if prior is None else one.coordinate(prior.value) for one, prior in priors]
+        low = [-math.inf if unknown.low is None else unknown.coordinate(unknown.low) for unknown in unknowns]
+        high = [
+            math.inf if unknown.high is None else unknown.coordinate(unknown.high) for unknown in unknowns
+        ]
+        priors = [(unknown, unknown.prior) for unknown in unknowns]
+        means = [math.nan if prior is None else unknown.coordinate(prior.value) for unknown, prior in priors]
         deviations = [
             math.nan
             if prior is None
             else math.sqrt(math.log1p(prior.relative**2))
-            if one.logarithmic
+            if unknown.logarithmic
             else prior.absolute
-            for one, prior in priors
+            for unknown, prior in priors
         ]
-        units = [one.first_spread / 2 for one in unknowns]
-        found = cls(
+        units = [unknown.first_spread / 2 for unknown in unknowns]
+        priors_and_limits = cls(
             np.array(low), np.array(high), np.array(means), np.array(deviations), np.array(units), pull
         )
         # Where the limits are one value, a prior that is as narrow keeps the information regular.
         return replace(
-            found,
-            means=np.where(found.fixed, found.low, found.means),
-            deviations=np.where(found.fixed, _FIXED * found.units, found.deviations),
+            priors_and_limits,
+            means=np.where(priors_and_limits.fixed, priors_and_limits.low, priors_and_limits.means),
+            deviations=np.where(
+                priors_and_limits.fixed, _FIXED * priors_and_limits.units, priors_and_limits.deviations
+            ),
         )
 
     @property
@@ -151,8 +155,8 @@ class Priors:
         size = np.linalg.norm(rows[:, free], axis=0)
         size = np.where(size > 0, size, 1.0)
         limits = self.low[free] * size, self.high[free] * size
-        found = lsq_linear(rows[:, free] / size, right - rows @ eta, limits, method="bvls")
-        eta[free] = found.x / size
+        solution = lsq_linear(rows[:, free] / size, right - rows @ eta, limits, method="bvls")
+        eta[free] = solution.x / size
         return self.clipped(eta)
 
     def at_bound(self, eta: Array) -> NDArray[np.bool_]:

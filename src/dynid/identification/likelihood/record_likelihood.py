@@ -278,25 +278,25 @@ class RecordLikelihood(ABC):
         """The remedy of outliers that cannot be corrected; empty where there is none."""
         return "estimator: {loss: huber}"
 
-    def renewed(self, fit: RecordFit, known: Array, *, settling: bool = False) -> Self:  # noqa: ARG002
+    def renewed(self, fit: RecordFit, root: Array, *, settling: bool = False) -> Self:  # noqa: ARG002
         """Return the likelihood with the noise model of this fit.
 
         Parameters
         ----------
         fit
             The fit, by this likelihood.
-        known
+        root
             A root of the covariance of the coordinates, given all records (p x p).
         settling
             True: the order of the noise model stays as it is.
         """
         return self
 
-    def with_noise_of(self, other: Any) -> Self:  # noqa: ARG002
+    def with_noise_of(self, record: Any) -> Self:  # noqa: ARG002
         """Return the likelihood with the noise model of another one of the same record."""
         return self
 
-    def continuing(self, other: Any) -> Self:  # noqa: ARG002
+    def continuing(self, record: Any) -> Self:  # noqa: ARG002
         """Return the likelihood of the samples of another one of the same record."""
         return self
 
@@ -391,8 +391,8 @@ class RecordLikelihood(ABC):
 
     def unexplained(self, fit: RecordFit, column: int) -> tuple[float, Array]:
         """Return the residual of a channel over its signal (RMS), and the series to test for whiteness."""
-        part = float(fit.size[column] / self.data.rms[column])
-        return part, self.channel_series(fit.residual, column)
+        ratio = float(fit.size[column] / self.data.rms[column])
+        return ratio, self.channel_series(fit.residual, column)
 
     def residual_peak(self, fit: RecordFit, column: int) -> float:  # noqa: ARG002
         """Return the frequency, rad/s, at which the residual of a channel is strongest."""

@@ -103,13 +103,13 @@ class Regressors:
 
     def beside(self, *others: Regressors) -> Regressors:
         """Return these columns and, after them, others."""
-        every = (self, *others)
+        blocks = (self, *others)
         return Regressors(
-            np.concatenate([one.values for one in every], axis=1),
-            np.concatenate([one.kind for one in every]),
-            np.concatenate([one.group for one in every]),
-            np.concatenate([one.pole for one in every]),
-            np.concatenate([one.rate for one in every]),
+            np.concatenate([block.values for block in blocks], axis=1),
+            np.concatenate([block.kind for block in blocks]),
+            np.concatenate([block.group for block in blocks]),
+            np.concatenate([block.pole for block in blocks]),
+            np.concatenate([block.rate for block in blocks]),
         )
 
     @cached_property
@@ -120,10 +120,10 @@ class Regressors:
     def beside_own(self, *widths: int) -> Labels:
         """Return kinds, groups, poles, rates with so many columns of the scene, faults and delays after."""
         if widths not in self._beside:
-            own = np.repeat([RegressorKind.SCENE, RegressorKind.FAULT, RegressorKind.BEFORE], widths)
-            none = np.full(len(own), -1)
+            kinds = np.repeat([RegressorKind.SCENE, RegressorKind.FAULT, RegressorKind.BEFORE], widths)
+            none = np.full(len(kinds), -1)
             self._beside[widths] = (
-                np.concatenate([self.kind, own]),
+                np.concatenate([self.kind, kinds]),
                 np.concatenate([self.group, none]),
                 np.concatenate([self.pole, none]),
                 np.concatenate([self.rate, none]),
@@ -210,7 +210,7 @@ class ForcedRegressors(NamedTuple):
 
 
 def forced_regressors(
-    signals: Sequence[Signal], inputs: Sequence[Array], times: Array, most: int
+    signals: Sequence[Signal], inputs: Sequence[Array], times: Array, max_count: int
 ) -> ForcedRegressors:
     """Return the regressors of the forces, which the channels of a record of time share.
 
@@ -222,7 +222,7 @@ def forced_regressors(
         Their values, and their derivatives (times x signals).
     times
         Sampling times, s, evenly spaced.
-    most
+    max_count
         How many regressors there may be.
     """
     # The sums of sines among the signals, or those of which a signal is a derivative.
@@ -231,19 +231,21 @@ def forced_regressors(
     excited = [np.abs(sine.frequency)[np.asarray(sine.amplitude) != 0] for sine in sines]
     lines = np.unique(np.concatenate([np.empty(0), *excited]))
     broad = [k for k, source in enumerate(sources) if not isinstance(source, Multisine)]
-    if 2 * len(lines) > most // 2:  # too many to be free: as a broadband force
+    if 2 * len(lines) > max_count // 2:  # too many to be free: as a broadband force
         lines, broad = np.empty(0), list(range(len(signals)))
-    found = []
+    columns = []
     for omega in lines:
         phase = omega * times
         sine = np.column_stack([np.cos(phase), np.sin(phase)])
-        found.append(sine if omega else np.ones((len(times), 1)))
-    found += [_unit(values[:, [k]]) for values in inputs for k in broad]
+        columns.append(sine if omega else np.ones((len(times), 1)))
+    columns += [_unit(values[:, [k]]) for values in inputs for k in broad]
     forces = _unit(inputs[0][:, broad]) if broad else np.zeros((len(times), 0))
-    return ForcedRegressors(Regressors.of(RegressorKind.LINE, found, len(times)), forces)
+    return ForcedRegressors(Regressors.of(RegressorKind.LINE, columns, len(times)), forces)
 
 
-def regressors_in_time(forced: ForcedRegressors, poles: ComplexArray, times: Array, most: int) -> Regressors:
+def regressors_in_time(
+    forced: ForcedRegressors, poles: ComplexArray, times: Array, max_count: int
+) -> Regressors:
     """Return the regressors that the channels of a record of time share.
 
     Parameters
@@ -252,16 +254,16 @@ def regressors_in_time(forced: ForcedRegressors, poles: ComplexArray, times: Arr
         Those of the forces.
     poles
         Poles of the model, 1/s.
-    times, most
+    times, max_count
         As of `forced_regressors`.
     """
     (direct, forces), (step, span) = forced, _spacing(times)
-    budget = max(0, most - direct.values.shape[1]) // (4 * (1 + forces.shape[1]))
+    budget = max(0, max_count - direct.values.shape[1]) // (4 * (1 + forces.shape[1]))
     kept = upper_poles(poles, math.pi / step, _FAST / step)[:budget]
-    modes, moves, each = _modes(kept, forces, times)
+    modes, moves, pole_of_column = _modes(kept, forces, times)
     return direct.beside(
-        Regressors.of_poles(RegressorKind.MODE, modes, each),
-        Regressors.of_poles(RegressorKind.POLE, moves, each, span),
+        Regressors.of_poles(RegressorKind.MODE, modes, pole_of_column),
+        Regressors.of_poles(RegressorKind.POLE, moves, pole_of_column, span),
     )
 
 
@@ -297,15 +299,15 @@ def _modes(
     since = (np.arange(len(times)) / max(len(times) - 1, 1))[:, None]
     if not forces.shape[1]:
         return decays, since * decays, poles
-    modes, moves, each = [], [], []
+    modes, moves, pole_of_column = [], [], []
     for pole, decay in zip(poles, decays.T, strict=True):
         forced, by_pole = _forced(pole, forces, times)
         modes += [*forced, decay]
         moves += [*by_pole, since[:, 0] * decay]
-        each += [pole] * (len(forced) + 1)
-    shape = (len(times), len(each))
-    free, moved = (np.asarray(part, dtype=complex).reshape(shape[::-1]).T for part in (modes, moves))
-    return free, moved, np.asarray(each, dtype=complex)
+        pole_of_column += [pole] * (len(forced) + 1)
+    shape = (len(times), len(pole_of_column))
+    free, moved = (np.asarray(columns, dtype=complex).reshape(shape[::-1]).T for columns in (modes, moves))
+    return free, moved, np.asarray(pole_of_column, dtype=complex)
 
 
 def _decays(exponents: ComplexArray, rows: int) -> ComplexArray:
@@ -319,8 +321,8 @@ def _decays(exponents: ComplexArray, rows: int) -> ComplexArray:
     inside, first = np.arange(height)[:, None], height * np.arange(blocks)[:, None]
     inner = np.exp(exponents * np.where(growing, inside - (height - 1), inside))
     outer = np.exp(exponents * np.where(growing, first - height * (blocks - 1), first))
-    every = (outer[:, None] * inner).reshape(height * blocks, len(exponents))
-    return every[:rows] if not growing.any() else np.where(growing, every[-rows:], every[:rows])
+    decays = (outer[:, None] * inner).reshape(height * blocks, len(exponents))
+    return decays[:rows] if not growing.any() else np.where(growing, decays[-rows:], decays[:rows])
 
 
 def _forced(pole: complex, forces: Array, times: Array) -> tuple[list[ComplexArray], list[ComplexArray]]:
@@ -362,7 +364,7 @@ def delayed_residuals(residual: Array) -> Array:
     return delayed.T
 
 
-def regressors_by_line(poles: ComplexArray, omega: Array, profile: Array, most: int) -> Regressors:
+def regressors_by_line(poles: ComplexArray, omega: Array, profile: Array, max_count: int) -> Regressors:
     """Return the regressors of a frequency response, real parts above imaginary ones (2 L x d).
 
     Parameters
@@ -373,20 +375,20 @@ def regressors_by_line(poles: ComplexArray, omega: Array, profile: Array, most: 
         Lines (L), rad/s.
     profile
         Deviation by line by which values are divided (L).
-    most
+    max_count
         How many regressors there may be.
     """
     s, scale = 1j * omega, max(float(omega[-1]), np.finfo(float).tiny)
     rest = [_parts(np.asarray((s / scale) ** order / profile))[:, None] for order in range(3)]
     direct = Regressors.of(RegressorKind.LINE, rest, 2 * len(omega))
-    kept = upper_poles(poles, 2 * scale, math.inf)[: max(0, most - len(rest)) // 4]
+    kept = upper_poles(poles, 2 * scale, math.inf)[: max(0, max_count - len(rest)) // 4]
     kept = kept[np.abs(s[:, None] - kept).min(axis=0, initial=math.inf) > 0]
     modes: list[Array] = []
     moves: list[Array] = []
     for pole in kept:
-        one, other = scale / (s - pole), scale / (s - pole.conjugate())
+        upper_term, lower_term = scale / (s - pole), scale / (s - pole.conjugate())
         for out, power in ((modes, 1), (moves, 2)):
-            a, b = one**power, other**power
+            a, b = upper_term**power, lower_term**power
             pair = [a + b, 1j * (a - b)] if pole.imag else [a]
             out.append(np.column_stack([_parts(column / profile) for column in pair]))
     free = Regressors.of(RegressorKind.MODE, modes, 2 * len(omega), kept.tolist())
@@ -402,8 +404,8 @@ def _parts(values: ComplexArray) -> Array:
 def delayed_residuals_by_line(residual: Array) -> Array:
     """Return the residuals delayed by lines (2 L x any), real parts above imaginary ones."""
     real, imaginary = np.split(residual, 2)
-    each = zip(delayed_residuals(real).T, delayed_residuals(imaginary).T, strict=True)
-    turned = [part for a, b in each for part in (np.concatenate([a, b]), np.concatenate([-b, a]))]
+    pairs = zip(delayed_residuals(real).T, delayed_residuals(imaginary).T, strict=True)
+    turned = [column for a, b in pairs for column in (np.concatenate([a, b]), np.concatenate([-b, a]))]
     return np.column_stack([np.zeros((len(residual), 0)), *turned])
 
 
@@ -421,13 +423,13 @@ def saturated_coordinates(shared: Regressors, channel: ChannelColumns, count: fl
     """
     sides = (channel.by_parameter.T, channel.by_state.T, channel.faults.T, channel.before.T)
     compared = channel.measured[None], channel.residual[None]
-    own = np.concatenate([channel.prediction[None], *sides, *compared])
-    largest = np.abs(own).max(axis=1, initial=0.0)
-    own /= np.where(largest > 0, largest, 1.0)[:, None]
+    own_columns = np.concatenate([channel.prediction[None], *sides, *compared])
+    largest = np.abs(own_columns).max(axis=1, initial=0.0)
+    own_columns /= np.where(largest > 0, largest, 1.0)[:, None]
     first, p = shared.values.shape[1], channel.by_parameter.shape[1]
-    gram = np.empty((first + len(own), first + len(own)))
-    gram[:first, :first], gram[first:, first:] = shared.gram, own @ own.T
-    gram[first:, :first] = own @ shared.values
+    gram = np.empty((first + len(own_columns), first + len(own_columns)))
+    gram[:first, :first], gram[first:, first:] = shared.gram, own_columns @ own_columns.T
+    gram[first:, :first] = own_columns @ shared.values
     gram[:first, first:] = gram[first:, :first].T
     size = np.sqrt(gram.diagonal())
     unit = np.where(size > 0, size, 1.0)
@@ -438,12 +440,12 @@ def saturated_coordinates(shared: Regressors, channel: ChannelColumns, count: fl
     kinds, group, pole, rate = shared.beside_own(
         last - first, channel.faults.shape[1], channel.before.shape[1]
     )
-    active, most = len(gram) - len(compared), int(count) - 1
-    found = _triangle(gram, active, most)
-    if found is None:
-        columns = np.concatenate([shared.values, own.T], axis=1) / unit
-        found = _orthogonalised(np.asarray(np.linalg.qr(columns, mode="r")), active, most)
-    places, R = found[0], found[1] * size
+    active, max_rank = len(gram) - len(compared), int(count) - 1
+    directions = _triangle(gram, active, max_rank)
+    if directions is None:
+        columns = np.concatenate([shared.values, own_columns.T], axis=1) / unit
+        directions = _orthogonalised(np.asarray(np.linalg.qr(columns, mode="r")), active, max_rank)
+    places, R = directions[0], directions[1] * size
     return SaturatedCoordinates(
         kind=kinds[places],
         group=group[places],
@@ -460,7 +462,7 @@ def saturated_coordinates(shared: Regressors, channel: ChannelColumns, count: fl
     )
 
 
-def _triangle(gram: Array, active: int, most: int) -> tuple[NDArray[np.int_], Array] | None:
+def _triangle(gram: Array, active: int, max_rank: int) -> tuple[NDArray[np.int_], Array] | None:
     """Return the linearly independent active columns, and all columns in their directions (Cholesky).
 
     None where the columns depend on each other so nearly that their products lack the digits.
@@ -471,14 +473,14 @@ def _triangle(gram: Array, active: int, most: int) -> tuple[NDArray[np.int_], Ar
         Products of columns of norm 1 (d x d), the active ones first.
     active
         How many of them are regressors.
-    most
+    max_rank
         Most directions.
     """
     left, rounding = gram.copy(), float(np.finfo(float).eps)
     places: list[int] = []
     rows: list[Array] = []
     for k in range(active):
-        if len(places) >= most:
+        if len(places) >= max_rank:
             break
         if rounding > _DIGITS * max(left[k, k], _NEW**2):
             return None
@@ -493,12 +495,12 @@ def _triangle(gram: Array, active: int, most: int) -> tuple[NDArray[np.int_], Ar
     return np.array(places, dtype=int), np.array(rows).reshape(-1, len(gram))
 
 
-def _orthogonalised(columns: Array, active: int, most: int) -> tuple[NDArray[np.int_], Array]:
+def _orthogonalised(columns: Array, active: int, max_rank: int) -> tuple[NDArray[np.int_], Array]:
     """Return what `_triangle` does, of the columns themselves (any x d): slower, with twice the digits."""
     directions = np.zeros((0, len(columns)))
     places: list[int] = []
     for k in range(active):
-        if len(places) >= most:
+        if len(places) >= max_rank:
             break
         new = columns[:, k] - directions.T @ (directions @ columns[:, k])
         new -= directions.T @ (directions @ new)  # once more: what rounding left

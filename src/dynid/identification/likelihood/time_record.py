@@ -63,13 +63,13 @@ MOST_ROWS = 100_000
 _FORCED: WeakKeyDictionary[ParametricModel, dict[int, ForcedRegressors]] = WeakKeyDictionary()
 
 
-def _forced(model: ParametricModel, most: int) -> ForcedRegressors:
+def _forced(model: ParametricModel, max_count: int) -> ForcedRegressors:
     """Return the regressors of a model's forces, of which there may be so many; made once."""
-    known = _FORCED.setdefault(model, {})
-    if most not in known:
+    by_count = _FORCED.setdefault(model, {})
+    if max_count not in by_count:
         inputs = [model.inputs(order) for order in (0, 1)]
-        known[most] = forced_regressors(model.signals, inputs, model.times, most)
-    return known[most]
+        by_count[max_count] = forced_regressors(model.signals, inputs, model.times, max_count)
+    return by_count[max_count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,11 +118,11 @@ class TimeRecord(RecordLikelihood):
         """Return the likelihood of the record without so many samples at its ends."""
         if samples == self.left_out:
             return self
-        whole, times = self.whole, self.taken_under.measurement.record.times
+        record, times = self.whole, self.taken_under.measurement.record.times
         kept = slice(samples.before, len(times) - samples.after)
         model = self.model.at_times(times[kept])
         return replace(
-            self, model=model, data=whole.within(kept), left_out=samples, recorded=whole, colour=None
+            self, model=model, data=record.within(kept), left_out=samples, recorded=record, colour=None
         )
 
     def covering(self, eta: Array, *, narrowed: bool) -> Self:
@@ -186,8 +186,8 @@ class TimeRecord(RecordLikelihood):
         """Return the raw residual of a channel over its signal (RMS), and that residual (times x 1)."""
         residual = self._raw_residual(fit, column)
         recorded = self.data.recorded[:, [column]]
-        part = float(root_mean_square(residual)[0] / root_mean_square(recorded)[0])
-        return part, residual if self.colour is None else self.channel_series(fit.residual, column)
+        ratio = float(root_mean_square(residual)[0] / root_mean_square(recorded)[0])
+        return ratio, residual if self.colour is None else self.channel_series(fit.residual, column)
 
     def residual_peak(self, fit: RecordFit, column: int) -> float:
         """Return the frequency, rad/s, at which the residual of a channel is strongest."""
@@ -233,20 +233,20 @@ class TimeRecord(RecordLikelihood):
             from dynid.identification.systems import kernels
 
             weights = np.ones(len(self.data.rms)) if noise is None else self.data.rms / noise
-            made = kernels.fitted(model, eta, values, self.data.rms, weights, self.root, STATE_RANK)
-            x0, residual, found, counts = made.start, made.residual, made.factors, made.counts
-            predicted = Prediction(made.outputs, made.states, made.by_parameter, made.by_state)
+            fitted = kernels.fitted(model, eta, values, self.data.rms, weights, self.root, STATE_RANK)
+            x0, residual, triangles, counts = fitted.start, fitted.residual, fitted.factors, fitted.counts
+            predicted = Prediction(fitted.outputs, fitted.states, fitted.by_parameter, fitted.by_state)
         else:
             free, steps = free_prediction(model, eta)
             x0 = self._start(self._rows(free, values), noise)
             predicted = prediction(model, eta, x0, free, steps)
             residual = values - predicted.outputs
-            found, counts = self.triangles(residual, predicted.by_state, predicted.by_parameter)
+            triangles, counts = self.triangles(residual, predicted.by_state, predicted.by_parameter)
         self._remember(eta, x0, predicted)
-        size = np.sqrt(np.einsum("cr,cr->c", found[..., -1], found[..., -1]) / counts) * self.data.rms
+        size = np.sqrt(np.einsum("cr,cr->c", triangles[..., -1], triangles[..., -1]) / counts) * self.data.rms
         trajectory = Trajectory(predicted.outputs, predicted.states, x0)
         level = self.noise_in(counts, size)
-        return RecordFit(eta, trajectory, residual, counts, size, level, found, measured=values)
+        return RecordFit(eta, trajectory, residual, counts, size, level, triangles, measured=values)
 
     def predicted(self, fit: RecordFit) -> Prediction:
         """Return the prediction of a fit with all sensitivities: that of the fit itself, if kept."""
@@ -282,7 +282,7 @@ class TimeRecord(RecordLikelihood):
             return ""
         return "; if the model is right, state noise: {kind: coloured, order: auto} in the measurement"
 
-    def renewed(self, fit: RecordFit, known: Array, *, settling: bool = False) -> Self:
+    def renewed(self, fit: RecordFit, root_of_parameters: Array, *, settling: bool = False) -> Self:
         """Return the likelihood with the autoregression of the noise, given a fit.
 
         The noise is the residual plus the error of the prediction, which has the covariance of initial state
@@ -290,27 +290,29 @@ class TimeRecord(RecordLikelihood):
         resonances. Repeated, this is the EM algorithm of restricted maximum likelihood (N. M. Laird, J. H.
         Ware, Biometrics 38 (1982) 963–974).
         """
-        wanted = self.wanted_noise
-        if wanted is None:
+        requested = self.wanted_noise
+        if requested is None:
             return self
-        found = self.predicted(fit)
-        root = _initial_root(self, fit, np.maximum(fit.noise, np.finfo(float).eps * self.data.rms), known)
-        errors = np.concatenate([found.by_state, found.by_parameter], axis=2) @ root
+        predicted = self.predicted(fit)
+        root = _initial_root(
+            self, fit, np.maximum(fit.noise, np.finfo(float).eps * self.data.rms), root_of_parameters
+        )
+        errors = np.concatenate([predicted.by_state, predicted.by_parameter], axis=2) @ root
         orders = self.colour.orders if settling and self.colour is not None else None
-        return replace(self, colour=estimated(fit.residual, errors, wanted, orders))
+        return replace(self, colour=estimated(fit.residual, errors, requested, orders))
 
-    def with_noise_of(self, other: Any) -> Self:
+    def with_noise_of(self, record: Any) -> Self:
         """Return the likelihood with samples and autoregression of another one of the same record."""
-        return replace(self.leaving_out(other.left_out), data=other.data, colour=other.colour)
+        return replace(self.leaving_out(record.left_out), data=record.data, colour=record.colour)
 
-    def continuing(self, other: Any) -> Self:
+    def continuing(self, record: Any) -> Self:
         """Return the likelihood of the samples of another one of the same record."""
-        return self.leaving_out(other.left_out)
+        return self.leaving_out(record.left_out)
 
     def ideal(self) -> Self:
         """Return the likelihood without noise, as far as that is known, with the true colour."""
-        found = self.on(self.data.without_noise())
-        return found if self.data.clean is None else replace(found, colour=self.data.colour)
+        noiseless = self.on(self.data.without_noise())
+        return noiseless if self.data.clean is None else replace(noiseless, colour=self.data.colour)
 
     def level(self, estimated: Array, *, ideal: bool) -> Array:
         """Return the true deviations of the noise (of its innovations) where known, else estimated ones."""
@@ -426,15 +428,17 @@ class TimeRecord(RecordLikelihood):
         assert fit.measured is not None
         predicted = self.predicted(fit)
         times, white = self.model.times, self.data.passed == 1
-        most = most_regressors(int(self.data.counts.min() * min(1.0, self.data.passed)))
-        shared = regressors_in_time(_forced(self.model, most), self.model.poles(fit.eta), times, most)
-        found = []
+        max_count = most_regressors(int(self.data.counts.min() * min(1.0, self.data.passed)))
+        shared = regressors_in_time(
+            _forced(self.model, max_count), self.model.poles(fit.eta), times, max_count
+        )
+        coordinates = []
         for c, rms in enumerate(self.data.rms):
             there = ~np.isnan(fit.residual[:, c])
             outputs, residual = predicted.outputs[:, c] / rms, fit.residual[:, c] / rms
             measured = np.nan_to_num(fit.measured[:, c]) / rms
             by_state = np.ascontiguousarray(predicted.by_state[:, c]) @ (self.root / rms)
-            by_parameter, own = predicted.by_parameter[:, c] / rms, shared
+            by_parameter, regressors_of_channel = predicted.by_parameter[:, c] / rms, shared
             if not there.all():
                 outputs, residual = np.where(there, outputs, 0.0), np.where(there, residual, 0.0)
                 by_state, by_parameter = by_state * there[:, None], by_parameter * there[:, None]
@@ -444,17 +448,19 @@ class TimeRecord(RecordLikelihood):
                 regressors, outputs, measured, residual, by_state, by_parameter, faults = (
                     self.colour.of_channel(c, there, parts)
                 )
-                own = shared.replaced(regressors)
+                regressors_of_channel = shared.replaced(regressors)
             # A preparation filter correlates residuals that were white.
             before = delayed_residuals(residual) if white else np.zeros((len(there), 0))
             before = before if there.all() else before * there[:, None]
             columns = ChannelColumns(outputs, measured, residual, by_state, by_parameter, faults, before)
-            found.append(
+            coordinates.append(
                 saturated_coordinates(
-                    own.where(there), columns, int(self.data.counts[c]) * min(1.0, self.data.passed)
+                    regressors_of_channel.where(there),
+                    columns,
+                    int(self.data.counts[c]) * min(1.0, self.data.passed),
                 )
             )
-        return found
+        return coordinates
 
     def weighted(self, fit: RecordFit, noise: Array) -> Array:
         """Return the residuals over noise, row by row as the information has them."""
@@ -502,11 +508,11 @@ class TimeLikelihood(Likelihood):
 
 def stored_rows(samples: int) -> slice:
     """Return the rows of a history over so many samples that are stored."""
-    every = max(1, -(-samples // MOST_ROWS))
-    return slice((samples - 1) % every, None, every)
+    stride = max(1, -(-samples // MOST_ROWS))
+    return slice((samples - 1) % stride, None, stride)
 
 
-def state_deviations(record: TimeRecord, fit: RecordFit, noise: Array, known: Array) -> Array:
+def state_deviations(record: TimeRecord, fit: RecordFit, noise: Array, root_of_parameters: Array) -> Array:
     """Return the standard deviations of the states (stored rows x n, scaled), given all records.
 
     The covariance of initial state and parameters, propagated exactly. Initial states that are not observable
@@ -520,15 +526,15 @@ def state_deviations(record: TimeRecord, fit: RecordFit, noise: Array, known: Ar
         Its fit at the estimate.
     noise
         Standard deviation of the noise (channels).
-    known
+    root_of_parameters
         A root of the covariance of the coordinates, given all records (p x p).
     """
     model, n = record.model.moved(fit.eta), record.model.states
     transitions = [model.transition(fit.eta, h) for h in model.line.lengths]
     stored = np.zeros(len(model.line.nodes), dtype=bool)
-    wanted = model.own(model.line.wanted)
-    stored[wanted[stored_rows(len(wanted))]] = True
-    root = _initial_root(record, fit, noise, known)
+    sample_nodes = model.own(model.line.wanted)
+    stored[sample_nodes[stored_rows(len(sample_nodes))]] = True
+    root = _initial_root(record, fit, noise, root_of_parameters)
     by_eta, columns = root[n:].T, root[:n].T
     x = fit.predicted.start
     out = [_sizes(columns[None])] if stored[0] else []
@@ -551,7 +557,7 @@ def _sizes(columns: Array) -> Array:
     return np.asarray(np.sqrt(np.einsum("ijk,ijk->ik", shares, shares)) * unit)
 
 
-def _initial_root(record: TimeRecord, fit: RecordFit, noise: Array, known: Array) -> Array:
+def _initial_root(record: TimeRecord, fit: RecordFit, noise: Array, root_of_parameters: Array) -> Array:
     """Return a root of the covariance of initial state (scaled) and coordinates (n + p x n + p).
 
     Given the coordinates, the state has the mean and covariance of its regression on them.
@@ -561,9 +567,9 @@ def _initial_root(record: TimeRecord, fit: RecordFit, noise: Array, known: Array
     U, s, Vt = thin_svd(by_state)
     size = np.zeros(n)
     size[: len(s)] = s
-    follows = np.zeros((n, len(known)))
-    follows[: len(s)] = U[:, : len(s)].T @ by_parameter @ known
+    follows = np.zeros((n, len(root_of_parameters)))
+    follows[: len(s)] = U[:, : len(s)].T @ by_parameter @ root_of_parameters
     follows *= -(size / (1 + size**2))[:, None]
     left = Vt.T @ np.concatenate([np.diag(1 / np.sqrt(1 + size**2)), follows], axis=1)
-    below = np.concatenate([np.zeros((len(known), n)), known], axis=1)
+    below = np.concatenate([np.zeros((len(root_of_parameters), n)), root_of_parameters], axis=1)
     return np.concatenate([record.root @ left, below])

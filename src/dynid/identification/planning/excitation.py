@@ -92,7 +92,7 @@ class CandidateSines:
         return [
             load_at(self.model, dof, Multisine([amplitude] * len(mine), mine))
             for dof in self.dofs
-            if (mine := [omega for place, omega in at if place == dof])
+            if (mine := [omega for at_dof, omega in at if at_dof == dof])
         ]
 
 
@@ -147,7 +147,7 @@ def candidate_sines(
     The force or source has the RMS of the present one; 1 where there is none.
     """
     measurement, values = experiment.measurement, expected.values
-    loads = [load_at(model, place, Impulse(1.0)) for place in dofs]
+    loads = [load_at(model, dof, Impulse(1.0)) for dof in dofs]
     system = system_of(model, loads, measurement.channels)
     natural = natural_frequencies(model, system, values)
     omega = grid(natural, measurement.step, measurement.samples, band)
@@ -178,12 +178,12 @@ def candidate_sines(
     return CandidateSines(model, tuple(dofs), np.array(kept), rms, np.array(roots), list(pairwise(edges)))
 
 
-def load_at(model: Model, place: Label, signal: Signal) -> Any:
+def load_at(model: Model, where: Label, signal: Signal) -> Any:
     """Return a force at a DOF of a structure, or a signal of a source of a graph."""
     if isinstance(model, StructuralModel):
-        return Load(place, signal, kind=model.kind(place))
+        return Load(where, signal, kind=model.kind(where))
     assert isinstance(model, IdentifiedGraph)
-    return model.load(str(place), signal)
+    return model.load(str(where), signal)
 
 
 def natural_frequencies(model: Model, system: LinearSystem, values: Mapping[str, float]) -> Array:
@@ -207,12 +207,12 @@ def exact_bounds(
     joint = parametric_model(model, loads, measurement.channels, times)
     eta, n = expected.fit.eta, joint.states
     free, steps = free_prediction(joint, eta)
-    found = joint.at(eta)
+    matrices = joint.at(eta)
     settled = np.zeros(n)  # state of the steady state at the first time, scaled
     for column, load in enumerate(loads):
         assert isinstance(load.signal, Multisine)
         for w, c in zip(*load.signal.lines, strict=True):
-            moved = np.linalg.solve(1j * w * np.eye(n) - found.A, found.B[:, column].astype(complex))
+            moved = np.linalg.solve(1j * w * np.eye(n) - matrices.A, matrices.B[:, column].astype(complex))
             settled += (moved * c * np.exp(1j * w * float(joint.line.nodes[0]))).real
     predicted = prediction(joint, eta, settled, free, steps)
     record = expected.likelihood.records[0]
@@ -231,7 +231,7 @@ def add_excitation(
     model: Model,
     experiment: Experiment,
     expected: ExpectedRecords,
-    found: CandidateSines,
+    sines: CandidateSines,
     count: int,
 ) -> None:
     """Add the ranking of excitations to a result.
@@ -246,21 +246,21 @@ def add_excitation(
     """
     group, names = "plan/excitation", expected.likelihood.names
     result.add_axis(f"{group}/parameter", names)
-    result.add_axis(f"{group}/dof", [str(dof) for dof in found.dofs])
-    result.add_axis(f"{group}/omega", found.omega, "rad/s")
-    alone = found.candidates(1).gains([]).reshape(len(found.omega), len(found.dofs))
+    result.add_axis(f"{group}/dof", [str(dof) for dof in sines.dofs])
+    result.add_axis(f"{group}/omega", sines.omega, "rad/s")
+    alone = sines.candidates(1).gains([]).reshape(len(sines.omega), len(sines.dofs))
     result.add(f"{group}/worth", np.exp(-alone / (2 * len(names))), ("omega", "dof"))
-    every = found.candidates(count)
-    chosen = select(every, count)
-    at = [found.line(candidate) for candidate in chosen]
+    candidates = sines.candidates(count)
+    chosen = select(candidates, count)
+    at = [sines.line(candidate) for candidate in chosen]
     result.add_axis(f"{group}/choice", [f"{dof} at {omega:.5g} rad/s" for dof, omega in at])
     result.add(f"{group}/choice_dof", [str(dof) for dof, _ in at], ("choice",))
     result.add(f"{group}/choice_omega", [omega for _, omega in at], ("choice",), "rad/s")
-    units = common_unit(load.unit for load in found.loads(chosen))
-    result.add(f"{group}/amplitude", found.rms * np.sqrt(2 / len(chosen)), (), units)
-    result.annotate(group, driven="source" if found.of_graph else "force")
-    result.add(f"{group}/gain", every.steps(chosen), ("choice",))
-    best = exact_bounds(model, experiment, expected, found.loads(chosen))
+    units = common_unit(load.unit for load in sines.loads(chosen))
+    result.add(f"{group}/amplitude", sines.rms * np.sqrt(2 / len(chosen)), (), units)
+    result.annotate(group, driven="source" if sines.of_graph else "force")
+    result.add(f"{group}/gain", candidates.steps(chosen), ("choice",))
+    best = exact_bounds(model, experiment, expected, sines.loads(chosen))
     present = expected.information().bounds()
     result.add(f"{group}/best_bound", best, ("parameter",))
     result.add(f"{group}/present_bound", present, ("parameter",))
@@ -272,7 +272,7 @@ def add_excitation(
     slowest = float(np.min(-result["identification/identifiability/modal_sensitivity/pole"].data.real))
     if slowest > 0:
         result.add(f"{group}/settling_time", np.log(100) / slowest, (), "s")
-    _add_bands(result, found, names)
+    _add_bands(result, sines, names)
 
 
 def present_lines(experiment: Experiment) -> int:
@@ -285,18 +285,18 @@ def present_lines(experiment: Experiment) -> int:
     return sum(counts) if all(counts) and counts else 3
 
 
-def _add_bands(result: Result, found: CandidateSines, names: Sequence[str]) -> None:
+def _add_bands(result: Result, sines: CandidateSines, names: Sequence[str]) -> None:
     group = "plan/excitation/bands"
     columns = len(names)
     rows = []
-    for number, (low, high) in enumerate(found.bands, 1):
-        inside = np.flatnonzero((found.omega >= low) & (found.omega <= high))
-        for k, dof in enumerate(found.dofs):
+    for number, (low, high) in enumerate(sines.bands, 1):
+        inside = np.flatnonzero((sines.omega >= low) & (sines.omega <= high))
+        for k, dof in enumerate(sines.dofs):
             if len(inside):
                 # Lines that are not evenly spaced are weighted by the width that each represents.
-                width = np.gradient(found.omega)[inside] if len(found.omega) > 1 else np.ones(1)
+                width = np.gradient(sines.omega)[inside] if len(sines.omega) > 1 else np.ones(1)
                 share = np.sqrt(width / width.sum())[:, None, None]
-                root = np.linalg.qr((found.roots[inside, k] * share).reshape(-1, columns), mode="r")
+                root = np.linalg.qr((sines.roots[inside, k] * share).reshape(-1, columns), mode="r")
                 design = Candidates(np.asarray(root)[None], 0)
                 rows.append(
                     (f"{dof} in band {number}", str(dof), low, high, design.worth([0]), design.bounds([0]))

@@ -75,7 +75,7 @@ class PlanRequest:
 def plan(
     model: Model,
     experiments: Sequence[Experiment],
-    wanted: PlanRequest | None = None,
+    request: PlanRequest | None = None,
     truth: Model | None = None,
 ) -> Result:
     """Rank sensors and excitations by the bounds that they give on the unknown parameters.
@@ -84,7 +84,7 @@ def plan(
     ----------
     model, experiments, truth
         As of `identify`, for records of time; the plan is one for the first record.
-    wanted
+    request
         Numbers and candidates; absent: `PlanRequest()`.
 
     Returns
@@ -103,25 +103,25 @@ def plan(
     """
     if not experiments:
         raise UsageError("there is no record to plan for", names=("measurement",))
-    wanted = wanted or PlanRequest()
-    known = identifiability(model, experiments[:1], truth)
+    request = request or PlanRequest()
+    present = identifiability(model, experiments[:1], truth)
     names = [unknown.name for unknown in model.unknowns]
     with guarded(f"the plan for {', '.join(names)}", names=names):
         experiment = experiments[0]
         expected = expected_records(Problem.of(model, experiment, truth=truth).likelihood)
-        own = experiment.measurement.channels
+        channels_present = experiment.measurement.channels
         result = Result("plan")
-        result.merge(known)
+        result.merge(present)
         add_expected_slopes(result, expected)
-        channels = wanted.candidates or every_channel(model, wanted.quantities)
+        channels = request.candidates or every_channel(model, request.quantities)
         report_progress(f"ranking {counted(len(channels), 'sensor')}")
-        found = candidate_sensors(model, experiment, expected, channels, wanted.noise)
-        add_sensors(result, found, own, names, wanted.sensors or len(own))
+        sensors = candidate_sensors(model, experiment, expected, channels, request.noise)
+        add_sensors(result, sensors, channels_present, names, request.sensors or len(channels_present))
         if all(load.motion is None for load in experiment.loads):
-            dofs = wanted.dofs or every_place(model)
+            dofs = request.dofs or every_place(model)
             report_progress(f"ranking sines at {counted(len(dofs), 'place')}")
-            sines = candidate_sines(model, experiment, expected, dofs, wanted.band)
-            count = wanted.lines or present_lines(experiment)
+            sines = candidate_sines(model, experiment, expected, dofs, request.band)
+            count = request.lines or present_lines(experiment)
             add_excitation(result, model, experiment, expected, sines, count)
     return result
 
@@ -153,8 +153,8 @@ class CandidateSensors:
 
         The kind of the DOF, which an own channel has from its unit, makes no other channel of it.
         """
-        every = [_of_any_kind(channel) for channel in self.channels]
-        return [every.index(one) for one in map(_of_any_kind, channels) if one in every]
+        candidates = [_of_any_kind(channel) for channel in self.channels]
+        return [candidates.index(sensor) for sensor in map(_of_any_kind, channels) if sensor in candidates]
 
 
 def _of_any_kind(channel: Any) -> Any:
@@ -181,7 +181,7 @@ def every_channel(model: Model, quantities: Sequence[str] = tuple(UNITS)) -> lis
     """Return these quantities of every DOF, or the efforts and flows of a graph."""
     if isinstance(model, StructuralModel):
         kinds = {dof: model.kind(dof) for dof in every_dof(model)}
-        return [Channel(dof, one, kind=kind) for one in quantities for dof, kind in kinds.items()]
+        return [Channel(dof, quantity, kind=kind) for quantity in quantities for dof, kind in kinds.items()]
     assert isinstance(model, IdentifiedGraph)
     return [model.channel(port) for port in every_variable(model.graph)]
 
@@ -230,13 +230,15 @@ def candidate_sensors(
         Standard deviation of the noise by quantity, SI; of others it is the same part of the RMS as that of
         the record's own channels, whose noise stays as it is.
     """
-    own = experiment.measurement.channels
+    present = experiment.measurement.channels
     record = expected.likelihood.records[0]
     assert isinstance(record, TimeRecord)
-    there = {channel.name for channel in own}  # their instruments may have a gain, offset or delay
-    every = tuple(dict.fromkeys([*own, *(channel for channel in channels if channel.name not in there)]))
-    known = as_estimated(experiment.loads, experiment.measurement.record)
-    joint = parametric_model(model, known, every, record.model.times)
+    there = {channel.name for channel in present}  # their instruments may have a gain, offset or delay
+    all_channels = tuple(
+        dict.fromkeys([*present, *(channel for channel in channels if channel.name not in there)])
+    )
+    loads = as_estimated(experiment.loads, experiment.measurement.record)
+    joint = parametric_model(model, loads, all_channels, record.model.times)
     eta = expected.fit.eta
     # Candidates may depend on more states, which start from zero.
     start = expected.fit.parts[0].predicted.start * record.model.scale
@@ -248,24 +250,34 @@ def candidate_sensors(
     free, steps = free_prediction(joint, eta)
     predicted = prediction(joint, eta, x0, free, steps)
     rms = np.sqrt(np.mean(predicted.outputs**2, axis=0))
-    largest = {channel.quantity: 0.0 for channel in every}
-    for channel, size in zip(every, rms, strict=True):
+    largest = {channel.quantity: 0.0 for channel in all_channels}
+    for channel, size in zip(all_channels, rms, strict=True):
         largest[channel.quantity] = max(largest[channel.quantity], float(size))
-    moves = [bool(size > _STILL * largest[c.quantity]) for c, size in zip(every, rms, strict=True)]
-    given, levels = noise or {}, expected.noise[0]
-    ratio = float(np.mean(levels / np.maximum(rms[: len(own)], np.finfo(float).tiny)))
-    level = np.array([given.get(c.quantity, ratio * size) for c, size in zip(every, rms, strict=True)])
-    level[: len(own)] = [given.get(c.quantity, size) for c, size in zip(own, levels, strict=True)]
+    moves = [bool(size > _STILL * largest[c.quantity]) for c, size in zip(all_channels, rms, strict=True)]
+    noise_of_quantity, levels = noise or {}, expected.noise[0]
+    ratio = float(np.mean(levels / np.maximum(rms[: len(present)], np.finfo(float).tiny)))
+    level = np.array(
+        [noise_of_quantity.get(c.quantity, ratio * size) for c, size in zip(all_channels, rms, strict=True)]
+    )
+    level[: len(present)] = [
+        noise_of_quantity.get(c.quantity, size) for c, size in zip(present, levels, strict=True)
+    ]
     kept = np.flatnonzero(moves)
     both = np.concatenate([predicted.by_state[:, kept] @ root, predicted.by_parameter[:, kept]], axis=2)
     roots = np.asarray(np.linalg.qr(np.moveaxis(both / level[kept, None], 1, 0), mode="r"))
-    left_out = tuple(channel.name for channel, yes in zip(every, moves, strict=True) if not yes)
-    found = Candidates(roots, joint.states)
-    return CandidateSensors(tuple(every[k] for k in kept), level[kept], rms[kept], found, left_out)
+    left_out = tuple(channel.name for channel, yes in zip(all_channels, moves, strict=True) if not yes)
+    candidates = Candidates(roots, joint.states)
+    return CandidateSensors(
+        tuple(all_channels[k] for k in kept), level[kept], rms[kept], candidates, left_out
+    )
 
 
 def add_sensors(
-    result: Result, found: CandidateSensors, own: Sequence[Any], names: Sequence[str], count: int
+    result: Result,
+    sensors: CandidateSensors,
+    present_channels: Sequence[Any],
+    names: Sequence[str],
+    count: int,
 ) -> None:
     """Add the ranking of sensors to a result.
 
@@ -275,23 +287,23 @@ def add_sensors(
     channels as they are, with their `present_bound` and `efficiency`, the geometric mean of the best bounds
     over theirs.
     """
-    group, candidates = "plan/sensors", found.candidates
+    group, candidates = "plan/sensors", sensors.candidates
     chosen = select(candidates, count)
-    result.add_axis(f"{group}/candidate", [channel.name for channel in found.channels])
+    result.add_axis(f"{group}/candidate", [channel.name for channel in sensors.channels])
     result.add_axis(f"{group}/parameter", names)
-    units = [channel.unit for channel in found.channels]
+    units = [channel.unit for channel in sensors.channels]
     result.add(f"{group}/unit", units, ("candidate",))
-    result.add(f"{group}/noise", found.noise, ("candidate",), common_unit(units))
-    result.add(f"{group}/rms", found.rms, ("candidate",), common_unit(units))
-    alone = [candidates.bounds([k]) for k in range(len(found.channels))]
+    result.add(f"{group}/noise", sensors.noise, ("candidate",), common_unit(units))
+    result.add(f"{group}/rms", sensors.rms, ("candidate",), common_unit(units))
+    alone = [candidates.bounds([k]) for k in range(len(sensors.channels))]
     result.add(f"{group}/bound_alone", alone, ("candidate", "parameter"))
-    result.add_axis(f"{group}/choice", [found.channels[k].name for k in chosen])
+    result.add_axis(f"{group}/choice", [sensors.channels[k].name for k in chosen])
     result.add(f"{group}/gain", candidates.steps(chosen), ("choice",))
     bounds = [candidates.bounds(chosen[: k + 1]) for k in range(len(chosen))]
     result.add(f"{group}/bound", bounds, ("choice", "parameter"))
-    present = found.places(own)
-    result.add_axis(f"{group}/present", [found.channels[k].name for k in present])
+    present = sensors.places(present_channels)
+    result.add_axis(f"{group}/present", [sensors.channels[k].name for k in present])
     result.add(f"{group}/present_bound", candidates.bounds(present), ("parameter",))
     lost = candidates.worth(present) - candidates.worth(chosen)
     result.add(f"{group}/efficiency", np.exp(lost / (2 * len(names))))
-    result.annotate(group, left_out=", ".join(found.still[:100]))
+    result.annotate(group, left_out=", ".join(sensors.still[:100]))

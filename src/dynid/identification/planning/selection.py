@@ -53,8 +53,8 @@ class Candidates:
 
     def before(self) -> Array:
         """Return the root of the prior information."""
-        known = [_STATE] * self.nuisance + [_BEFORE] * self.parameters
-        return np.diag(known)
+        roots = [_STATE] * self.nuisance + [_BEFORE] * self.parameters
+        return np.diag(roots)
 
     def root(self, chosen: Sequence[int]) -> Array:
         """Return the triangular root of the information of these candidates and the prior."""
@@ -68,8 +68,8 @@ class Candidates:
         worths = []
         for first in range(0, len(self.roots), height):
             these = self.roots[first : first + height]
-            known = np.broadcast_to(root, (len(these), *root.shape))
-            R = np.linalg.qr(np.concatenate([known, these], axis=1), mode="r")
+            repeated = np.broadcast_to(root, (len(these), *root.shape))
+            R = np.linalg.qr(np.concatenate([repeated, these], axis=1), mode="r")
             pivots = np.abs(np.diagonal(R, axis1=1, axis2=2))[:, self.nuisance :]
             worths.append(2 * np.log(pivots).sum(axis=1))
         return np.concatenate(worths)
@@ -120,12 +120,12 @@ def select(candidates: Candidates, count: int) -> list[int]:
     best = candidates.worth(chosen)
     for _ in range(_MOST_ROUNDS):
         before = best
-        for place in range(len(chosen)):
-            others = chosen[:place] + chosen[place + 1 :]
+        for index in range(len(chosen)):
+            others = chosen[:index] + chosen[index + 1 :]
             gains = np.where(candidates.closed(others), -np.inf, candidates.gains(others))
             new = int(np.argmax(gains))
             if gains[new] > best + _GAIN:
-                chosen, best = [*others[:place], new, *others[place:]], float(gains[new])
+                chosen, best = [*others[:index], new, *others[index:]], float(gains[new])
         if best <= before + _GAIN:
             break
     return _in_order(candidates, chosen)

@@ -135,9 +135,9 @@ class FrfMeasurement:
         if self.deviation is None:
             return np.ones((len(self.omega), len(self.channels)))
         deviation = np.asarray(self.deviation, dtype=float)
-        most = np.nanmax(deviation, axis=0, initial=0.0)
+        largest = np.nanmax(deviation, axis=0, initial=0.0)
         floored = np.maximum(
-            np.nan_to_num(deviation, nan=0.0), _LEAST_DEVIATION * np.where(most > 0, most, 1)
+            np.nan_to_num(deviation, nan=0.0), _LEAST_DEVIATION * np.where(largest > 0, largest, 1)
         )
         return np.asarray(np.where(np.isnan(deviation), np.nan, floored))
 

@@ -62,14 +62,16 @@ class Measurement:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        channels = tuple(Channel(*one) if type(one) is tuple else one for one in self.channels)
+        channels = tuple(
+            Channel(*channel) if type(channel) is tuple else channel for channel in self.channels
+        )
         object.__setattr__(self, "channels", channels)
         if len(set(channels)) != len(channels):
             twice = [channel.name for channel in channels if channels.count(channel) > 1]
             raise UsageError(f"the channel {twice[0]} is named twice", names=twice[:1])
         _ = self.record
-        given = self.given_noise
-        if given is not None and not np.all(np.isnan(given) | ((given > 0) & np.isfinite(given))):
+        noise = self.given_noise
+        if noise is not None and not np.all(np.isnan(noise) | ((noise > 0) & np.isfinite(noise))):
             raise UsageError(
                 "a noise that is given must be finite and positive", names=("measurement.noise",)
             )
@@ -110,9 +112,9 @@ class Experiment(NamedTuple):
     def dofs(self) -> list[Label]:
         """The DOFs that are loaded, measured or given an initial value."""
         source, channels = self.measurement.source, self.measurement.channels
-        given = (source.displacement, source.velocity) if isinstance(source, Simulation) else ()
+        motions = (source.displacement, source.velocity) if isinstance(source, Simulation) else ()
         dofs = [*(load.dof for load in self.loads), *(end for c in channels for end in (c.dof, c.reference))]
-        dofs += [dof for motion in given for dof in motion or ()]
+        dofs += [dof for motion in motions for dof in motion or ()]
         return list(dict.fromkeys(dof for dof in dofs if dof is not None))
 
 

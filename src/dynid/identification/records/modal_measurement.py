@@ -75,15 +75,15 @@ class ModalMeasurement:
         r, s = len(self.omega), len(self.dofs)
         if not (r and np.all(np.isfinite(self.omega)) and np.all(self.omega > 0)):
             raise UsageError("measured modes need positive frequencies", names=("measurement.modes",))
-        for name, wanted in (("damping", (r,)), ("omega_std", (r,)), ("damping_std", (r,))):
-            given = getattr(self, name)
-            if given is not None and given.shape != wanted:
-                raise UsageError(f"'{name}' is {given.shape}, but must be {wanted}")
+        for name, expected_shape in (("damping", (r,)), ("omega_std", (r,)), ("damping_std", (r,))):
+            array = getattr(self, name)
+            if array is not None and array.shape != expected_shape:
+                raise UsageError(f"'{name}' is {array.shape}, but must be {expected_shape}")
         for name in ("shape", "shape_std"):
-            given = getattr(self, name)
-            if given is not None and given.shape != (s, r):
+            array = getattr(self, name)
+            if array is not None and array.shape != (s, r):
                 raise UsageError(
-                    f"'{name}' is {given.shape}, but there are {s} sensors and {r} modes",
+                    f"'{name}' is {array.shape}, but there are {s} sensors and {r} modes",
                     names=("measurement.modes",),
                 )
 
@@ -133,11 +133,11 @@ class ModalMeasurement:
         )
 
 
-def _floored(given: Array | None, size: Array, usual: float, floor: float) -> Array:
+def _floored(deviations: Array | None, size: Array, usual: float, floor: float) -> Array:
     """Return deviations over sizes: those given, not below a floor, else the usual one."""
-    if given is None:
+    if deviations is None:
         return np.full(size.shape, usual)
-    relative = given / size
+    relative = deviations / size
     return np.asarray(np.where(np.isnan(relative), usual, np.maximum(relative, floor)))
 
 

@@ -117,8 +117,8 @@ class Autoregression:
     @cached_property
     def shares(self) -> Array:
         """Deviation of the innovations over that of the noise (channels)."""
-        every = (_stationary(a[None], np.eye(1))[0, 0] for a in self.coefficients)
-        return np.array([1 / np.sqrt(variance) for variance in every])
+        variances = (_stationary(a[None], np.eye(1))[0, 0] for a in self.coefficients)
+        return np.array([1 / np.sqrt(variance) for variance in variances])
 
     def simulated(self, innovations: Array) -> Array:
         """Return noise of deviation 1 from independent normal numbers (times x channels)."""
@@ -156,11 +156,11 @@ class Autoregression:
 
     def of_channel(self, channel: int, present: Mask, parts: Sequence[Array]) -> list[Array]:
         """Return columns of a channel (times, times x any) whitened by its own autoregression."""
-        own = Autoregression(self.coefficients[[channel]], self.orders[[channel]])
-        flat = [part.reshape(len(part), -1) for part in parts]
-        white = own.whitened(np.concatenate(flat, axis=1)[:, None], present[:, None])[:, 0]
-        cut = np.split(white, np.cumsum([part.shape[1] for part in flat])[:-1], axis=1)
-        return [columns.reshape(part.shape) for columns, part in zip(cut, parts, strict=True)]
+        colour = Autoregression(self.coefficients[[channel]], self.orders[[channel]])
+        flat = [block.reshape(len(block), -1) for block in parts]
+        white = colour.whitened(np.concatenate(flat, axis=1)[:, None], present[:, None])[:, 0]
+        cut = np.split(white, np.cumsum([block.shape[1] for block in flat])[:-1], axis=1)
+        return [columns.reshape(block.shape) for columns, block in zip(cut, parts, strict=True)]
 
     def log_determinant(self, present: Mask) -> float:
         """Return half the logarithm of the determinant of the covariance of values in units of d."""
@@ -173,19 +173,19 @@ class Autoregression:
     @property
     def _groups(self) -> list[list[int]]:
         """Channels that are correlated with each other."""
-        every = list(range(len(self.coefficients)))
-        return [[c] for c in every] if self.mixing is None else [every]
+        channels = list(range(len(self.coefficients)))
+        return [[c] for c in channels] if self.mixing is None else [channels]
 
     def _beside_gaps(self, rows: Array, out: Array, present: Mask, channels: list[int]) -> Array:
         """Return whitened rows, those replaced that do not have `order` complete rows before them."""
         a, g = self.coefficients[channels].T[..., None], len(channels)  # order x channels x 1
         order = max(len(a), 1)
         for block, first in self._blocks(present, channels):
-            known = rows[first - order : first][::-1] if first else np.zeros((order, *rows.shape[1:]))
-            state = known.reshape(order * g, -1)  # the newest row first
+            rows_before = rows[first - order : first][::-1] if first else np.zeros((order, *rows.shape[1:]))
+            state = rows_before.reshape(order * g, -1)  # the newest row first
             for t, updates in enumerate(block, first):
-                each = state.reshape(order, g, -1)
-                state = np.concatenate([np.sum(a * each[: len(a)], axis=0), state[:-g]])
+                blocks = state.reshape(order, g, -1)
+                state = np.concatenate([np.sum(a * blocks[: len(a)], axis=0), state[:-g]])
                 for update in updates:
                     left = rows[t, update.channel] - state[update.channel]
                     out[t, update.channel] = left * update.scale
@@ -244,12 +244,12 @@ def _stationary(coefficients: Array, innovation: Array) -> Array:
     step = _companion(coefficients)
     both = np.zeros_like(step)
     both[: len(innovation), : len(innovation)] = innovation
-    found = solve_discrete_lyapunov(step, both)
-    return np.asarray((found + found.T) / 2)
+    covariance = solve_discrete_lyapunov(step, both)
+    return np.asarray((covariance + covariance.T) / 2)
 
 
 def estimated(
-    residual: Array, errors: Array, wanted: ColouredNoise, orders: NDArray[np.int_] | None = None
+    residual: Array, errors: Array, request: ColouredNoise, orders: NDArray[np.int_] | None = None
 ) -> Autoregression:
     """Return the autoregression of noise, whose products are those of residuals plus those of errors.
 
@@ -264,7 +264,7 @@ def estimated(
         Residuals (times x channels), NaN where missing.
     errors
         Columns of a root of the covariance of the prediction's error (times x channels x any).
-    wanted
+    request
         What is to be estimated.
     orders
         Orders to keep (channels); absent: as wanted.
@@ -274,27 +274,27 @@ def estimated(
     UsageError
         Where a channel has too few values without a gap.
     """
-    found, chosen, criteria = [], [], []
-    every, present = np.concatenate([residual[..., None], errors], axis=2), ~np.isnan(residual)
+    coefficient_sets, chosen, criteria = [], [], []
+    with_errors, present = np.concatenate([residual[..., None], errors], axis=2), ~np.isnan(residual)
     for c in range(residual.shape[1]):
         count = int(np.count_nonzero(present[:, c]))
         highest = min(_highest(present[:, c]), HIGHEST_ORDER)
-        if wanted.order is not None:
-            check_order(wanted.order, _highest(present[:, c]))
-            highest = wanted.order
-        coefficients, variances = _burg(every[:, c], present[:, c], highest)
+        if request.order is not None:
+            check_order(request.order, _highest(present[:, c]))
+            highest = request.order
+        coefficients, variances = _burg(with_errors[:, c], present[:, c], highest)
         bic = count * np.log(variances / variances[0]) + np.arange(len(variances)) * np.log(count)
-        order = int(np.argmin(bic)) if wanted.order is None else highest
+        order = int(np.argmin(bic)) if request.order is None else highest
         chosen.append(min(order if orders is None else int(orders[c]), len(coefficients) - 1))
-        found.append(coefficients[chosen[-1]])
+        coefficient_sets.append(coefficients[chosen[-1]])
         criteria.append(bic)
-    most, longest = max(chosen), max(len(bic) for bic in criteria)
-    a = np.array([np.concatenate([one, np.zeros(most - len(one))]) for one in found])
-    bic = np.array([np.concatenate([one, np.full(longest - len(one), np.nan)]) for one in criteria]).T
+    max_order, longest = max(chosen), max(len(bic) for bic in criteria)
+    a = np.array([np.concatenate([row, np.zeros(max_order - len(row))]) for row in coefficient_sets])
+    bic = np.array([np.concatenate([row, np.full(longest - len(row), np.nan)]) for row in criteria]).T
     independent = Autoregression(a, np.array(chosen), deviation=np.ones(len(a)), bic=bic)
-    if not wanted.correlated or len(a) == 1:
+    if not request.correlated or len(a) == 1:
         return independent
-    e = independent.whitened(every, present)[present.all(axis=1)]
+    e = independent.whitened(with_errors, present)[present.all(axis=1)]
     if len(e) < NOISE_VALUES.value * len(a):
         raise UsageError(
             f"only {len(e)} samples have values of all channels: too few for the correlation of their noise",
@@ -350,7 +350,7 @@ def _burg(x: Array, there: Mask, order: int) -> tuple[list[Array], Array]:
     filled = np.where(there[:, None], x, 0.0)
     forward = filled / (np.abs(filled).max() or 1.0)
     backward, complete = forward.copy(), there
-    found, variances = [np.zeros(0)], [float(np.sum(forward**2) / np.count_nonzero(there)) or 1.0]
+    coefficient_sets, variances = [np.zeros(0)], [float(np.sum(forward**2) / np.count_nonzero(there)) or 1.0]
     for k in range(1, order + 1):
         # Windows of k + 1 samples, by their last one.
         complete = complete[1:] & there[: len(x) - k]
@@ -360,8 +360,8 @@ def _burg(x: Array, there: Mask, order: int) -> tuple[list[Array], Array]:
         if not power > 0:
             break
         reflection = 2 * float(np.sum(f * b)) / power
-        a = found[-1]
-        found.append(np.concatenate([a - reflection * a[::-1], [reflection]]))
+        a = coefficient_sets[-1]
+        coefficient_sets.append(np.concatenate([a - reflection * a[::-1], [reflection]]))
         variances.append(variances[-1] * max(1 - reflection**2, np.finfo(float).eps))
         forward, backward = f - reflection * b, b - reflection * f
-    return found, np.array(variances)
+    return coefficient_sets, np.array(variances)

@@ -163,8 +163,10 @@ class BandPass(_Filter):
                 remedy="End it below, or leave the filter out.",
             )
         edges = self.high / nyquist if self.low == 0 else [self.low / nyquist, self.high / nyquist]
-        found: Design = butter(self.order, edges, "lowpass" if self.low == 0 else "bandpass", output="zpk")
-        return found
+        filter_design: Design = butter(
+            self.order, edges, "lowpass" if self.low == 0 else "bandpass", output="zpk"
+        )
+        return filter_design
 
 
 @dataclass(frozen=True)
@@ -188,8 +190,8 @@ class Decimate(_Filter):
         from scipy.signal import cheby1  # heavy import, needed here only
 
         cutoff = _CUTOFF / (samples.stride * self.factor)
-        found: Design = cheby1(_ALIAS_ORDER, _RIPPLE, cutoff, output="zpk")
-        return found
+        filter_design: Design = cheby1(_ALIAS_ORDER, _RIPPLE, cutoff, output="zpk")
+        return filter_design
 
     def apply(self, samples: Samples) -> Samples:
         """Return the filtered samples, of which fewer are kept."""
@@ -224,34 +226,34 @@ def prepare(experiment: Experiment, steps: Sequence[Preparation]) -> Experiment:
     bars are valid; one that is estimated from the residuals is taken for white noise of which the filters
     pass the part `Measurement.passed`.
     """
-    given = experiment.measurement
+    measured = experiment.measurement
     if not steps:
         return experiment
-    if isinstance(given.source, Simulation):
+    if isinstance(measured.source, Simulation):
         raise UsageError("a simulated record needs no preparation", names=("prepare",))
-    if isinstance(given.noise, ColouredNoise) and any(isinstance(step, _Filter) for step in steps):
+    if isinstance(measured.noise, ColouredNoise) and any(isinstance(step, _Filter) for step in steps):
         raise UsageError(
             "coloured noise is that of the samples as they were recorded, which a filter changes",
             remedy="Leave the filters out: the model of the noise weights frequencies by itself.",
             names=("prepare",),
         )
-    channels = len(given.channels)
-    loads = as_estimated(experiment.loads, given.record)
+    channels = len(measured.channels)
+    loads = as_estimated(experiment.loads, measured.record)
     for k, load in enumerate(loads):  # sweeps as samples, and samples at those of the record
         if isinstance(signal := load.signal, Sampled | Chirp):
-            hold, sampled = getattr(signal, "hold", "spline"), signal.value(given.record.times)
-            loads[k] = load._replace(signal=Sampled(sampled, given.step, hold, given.record.start))
+            hold, sampled = getattr(signal, "hold", "spline"), signal.value(measured.record.times)
+            loads[k] = load._replace(signal=Sampled(sampled, measured.step, hold, measured.record.start))
     inputs = [load.signal for load in loads if isinstance(load.signal, Sampled)]
-    values = np.column_stack([np.asarray(given.source), *(signal.values for signal in inputs)])
-    samples = Samples(values, given.step, given.record.start)
-    omega = np.linspace(0, math.pi / given.step, _BINS)
+    values = np.column_stack([np.asarray(measured.source), *(signal.values for signal in inputs)])
+    samples = Samples(values, measured.step, measured.record.start)
+    omega = np.linspace(0, math.pi / measured.step, _BINS)
     power = np.ones(len(omega))
-    for place, step in enumerate(steps):
+    for index, step in enumerate(steps):
         try:
             loads = [_scaled(load, step, samples) for load in loads]
             missing = np.isnan(samples.values).sum(axis=0)
             if missing.any() and not isinstance(step, Detrend):
-                channel = given.channels[int(np.flatnonzero(missing)[0])]
+                channel = measured.channels[int(np.flatnonzero(missing)[0])]
                 raise UsageError(
                     f"{channel.name} has {int(missing.max())} missing samples, which a filter would spread",
                     remedy="Fill the gaps, take a stretch without any, or leave the filter out.",
@@ -259,7 +261,7 @@ def prepare(experiment: Experiment, steps: Sequence[Preparation]) -> Experiment:
             power *= step.gain(omega, samples) ** 2
             samples = step.apply(samples)
         except UsageError as error:
-            name = f"prepare.{place}.{step.name}"
+            name = f"prepare.{index}.{step.name}"
             raise UsageError(error.problem, remedy=error.remedy, names=(name,)) from error
     columns = iter(samples.values[:, channels:].T)
     for k, load in enumerate(loads):
@@ -268,14 +270,14 @@ def prepare(experiment: Experiment, steps: Sequence[Preparation]) -> Experiment:
             loads[k] = load._replace(signal=signal)
     kept = samples.values[:: samples.stride, :channels]
     measurement = replace(
-        given,
-        step=given.step * samples.stride,
+        measured,
+        step=measured.step * samples.stride,
         samples=len(kept),
         source=kept,
         # The density of white noise in the band that is kept, per sample.
-        noise=given.noise
-        if given.given_noise is None
-        else list(given.given_noise / math.sqrt(samples.stride)),
+        noise=measured.noise
+        if measured.given_noise is None
+        else list(measured.given_noise / math.sqrt(samples.stride)),
         start=samples.start,
         passed=samples.stride * float(np.mean(power)),
         prepared=tuple(step.description for step in steps),

@@ -91,13 +91,13 @@ def add_derived(result: Result, posterior: Posterior, request: DerivedRequest | 
         )
         if not small or not posterior.converged:
             return
-        other = Result("identification")
+        unrequested = Result("identification")
         try:
-            _add_all(other, gaussian(posterior, FEW_SAMPLES), DerivedRequest(), systems)
-            other.annotate(DERIVED, requested=False)
+            _add_all(unrequested, gaussian(posterior, FEW_SAMPLES), DerivedRequest(), systems)
+            unrequested.annotate(DERIVED, requested=False)
         except (DynidError, np.linalg.LinAlgError):
             return
-        result.merge(other)
+        result.merge(unrequested)
     elif request.kinds:
         _add_all(result, gaussian(posterior), request, systems)
         result.annotate(DERIVED, requested=True)
@@ -115,25 +115,29 @@ def gaussian(posterior: Posterior, samples: int = SAMPLES) -> GaussianPosterior:
 
 def _systems(posterior: Posterior) -> list[tuple[LinearSystem, list[Pair]]]:
     """Return the system of each record with the pairs of its channels and loads that no other has."""
-    found: list[tuple[LinearSystem, list[Pair]]] = []
+    systems: list[tuple[LinearSystem, list[Pair]]] = []
     seen: set[tuple[str, str]] = set()
     for record in posterior.likelihood.records:
         if isinstance(record, FrfRecord):
             system = record.system.system
-            each = zip(record.channels, record.system.pairs, strict=True)
-            pairs = [Pair(one.channel.name, str(one.force), one.unit, *place) for one, place in each]
+            functions = zip(record.channels, record.system.pairs, strict=True)
+            pairs = [
+                Pair(function.channel.name, str(function.force), function.unit, *pair_indices)
+                for function, pair_indices in functions
+            ]
         elif isinstance(record, TimeRecord):
             system = record.model.system
             loads = record.taken_under.loads
             pairs = pairs_of(
-                [(one.name, one.unit) for one in record.channels], [(one.name, one.unit) for one in loads]
+                [(channel.name, channel.unit) for channel in record.channels],
+                [(load.name, load.unit) for load in loads],
             )
         else:
             continue
         pairs = [pair for pair in pairs if (pair.output, pair.input) not in seen]
         seen |= {(pair.output, pair.input) for pair in pairs}
-        found.append((system, pairs))
-    return found
+        systems.append((system, pairs))
+    return systems
 
 
 def _add_all(
@@ -160,11 +164,11 @@ def _add_all(
             for pair in pairs:
                 _add_response(result, derived, pair, omega)
     group, dims = f"{DERIVED}/verdicts", ("verdict",)
-    result.add_axis(f"{group}/verdict", [one.name for one in verdicts])
-    result.add(f"{group}/holds", [one.holds for one in verdicts], dims)
-    result.add(f"{group}/probability", [one.probability for one in verdicts], dims)
-    result.add(f"{group}/always", [one.always for one in verdicts], dims)
-    result.add(f"{group}/statement", [one.statement for one in verdicts], dims)
+    result.add_axis(f"{group}/verdict", [verdict.name for verdict in verdicts])
+    result.add(f"{group}/holds", [verdict.holds for verdict in verdicts], dims)
+    result.add(f"{group}/probability", [verdict.probability for verdict in verdicts], dims)
+    result.add(f"{group}/always", [verdict.always for verdict in verdicts], dims)
+    result.add(f"{group}/statement", [verdict.statement for verdict in verdicts], dims)
 
 
 def _add_zeros(result: Result, derived: DerivedQuantities, pair: Pair) -> list[Verdict]:
@@ -231,8 +235,8 @@ def add_noise(result: Result, posterior: Posterior) -> None:
     """Add ``noise/``: the model of a noise that is not white."""
     records = posterior.likelihood.records
     waves = [isinstance(record, TimeRecord | FrfRecord) for record in records]
-    places = [place for place in posterior.channels if waves[place.record]]
-    names = [place.name for place in places]
+    places = [channel for channel in posterior.channels if waves[channel.record]]
+    names = [channel.name for channel in places]
     result.add_axis(f"{GROUP}/channel", names)
     if isinstance(records[0], FrfRecord):
         result.annotate(GROUP, kind="proportional")
@@ -240,38 +244,38 @@ def add_noise(result: Result, posterior: Posterior) -> None:
         return
     result.annotate(GROUP, kind="coloured")
     # A record whose noise is given, beside others of coloured noise, is white.
-    each = [
+    colours = [
         (Autoregression.of((), len(level)) if record.colour is None else record.colour, level)
         for record, level in zip(records, posterior.noise, strict=True)
         if isinstance(record, TimeRecord)
     ]
-    dims, unit = ("channel",), common_unit(place.unit for place in places)
-    innovation = np.concatenate([colour.innovations(level) for colour, level in each])
-    orders = np.concatenate([colour.orders for colour, _ in each])
+    dims, unit = ("channel",), common_unit(channel.unit for channel in places)
+    innovation = np.concatenate([colour.innovations(level) for colour, level in colours])
+    orders = np.concatenate([colour.orders for colour, _ in colours])
     result.add(f"{GROUP}/order", orders, dims)
     result.add_axis(f"{GROUP}/lag", np.arange(1, int(orders.max()) + 1))
-    result.add(f"{GROUP}/coefficients", _rows([c.coefficients for c, _ in each], 0.0), ("channel", "lag"))
+    result.add(f"{GROUP}/coefficients", _rows([c.coefficients for c, _ in colours], 0.0), ("channel", "lag"))
     result.add(f"{GROUP}/innovation", innovation, dims, unit)
-    shares = np.concatenate([colour.shares for colour, _ in each])
+    shares = np.concatenate([colour.shares for colour, _ in colours])
     result.add(f"{GROUP}/deviation", innovation / shares, dims, unit)
-    bic = _rows([np.zeros((len(c.orders), 1)) if c.bic is None else c.bic.T for c, _ in each], np.nan)
+    bic = _rows([np.zeros((len(c.orders), 1)) if c.bic is None else c.bic.T for c, _ in colours], np.nan)
     result.add_axis(f"{GROUP}/tried", np.arange(bic.shape[1]))
     result.add(f"{GROUP}/bic", bic, ("channel", "tried"))
-    if any(colour.mixing is not None for colour, _ in each):
+    if any(colour.mixing is not None for colour, _ in colours):
         correlation, first = np.eye(len(names)), 0
-        for colour, level in each:
+        for colour, level in colours:
             here = slice(first, first + len(level))
             correlation[here, here], first = colour.correlation, here.stop
         result.add_axis(f"{GROUP}/other", names)
         result.add(f"{GROUP}/correlation", correlation, ("channel", "other"))
 
 
-def _rows(each: list[Array], filling: float) -> Array:
+def _rows(matrices: list[Array], filling: float) -> Array:
     """Return the rows of matrices below each other, filled up to one width."""
-    width = max(one.shape[1] for one in each)
-    found = np.full((sum(map(len, each)), width), filling)
+    width = max(matrix.shape[1] for matrix in matrices)
+    stacked = np.full((sum(map(len, matrices)), width), filling)
     first = 0
-    for one in each:
-        found[first : first + len(one), : one.shape[1]] = one
-        first += len(one)
-    return found
+    for matrix in matrices:
+        stacked[first : first + len(matrix), : matrix.shape[1]] = matrix
+        first += len(matrix)
+    return stacked

@@ -39,12 +39,12 @@ def raise_rejected(posterior: Posterior, *further: Callable[[Result, Posterior],
     result.attrs["status"] = REJECTED
     result.annotate("identification", estimator=posterior.method, rejected=str(error))
     for add in (_add_estimates, add_stages, add_fits, add_diagnostics, *further):
-        part = Result("identification")
+        group = Result("identification")
         try:
-            add(part, posterior)
+            add(group, posterior)
         except _FAILURES:  # numbers of such a fit may leave their range
             continue
-        result.merge(part)
+        result.merge(group)
     error.result = result
     raise error
 

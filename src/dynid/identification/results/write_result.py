@@ -164,7 +164,7 @@ def add_identification(
     result.add_axis(f"{_STAGES}/parameter", posterior.likelihood.names)
     estimates = values(posterior.likelihood.unknowns, np.array([stage.eta for stage in stages]))
     result.add(f"{_STAGES}/estimate", estimates, ("stage", "parameter"), common_unit_of(posterior))
-    if any(one.modelled for one in posterior.likelihood.records if not one.modal):
+    if any(record.modelled for record in posterior.likelihood.records if not record.modal):
         add_noise(result, posterior)
     check = posterior_check(posterior) if further.check else None
     if check is not None:
@@ -172,7 +172,7 @@ def add_identification(
     _add_optima(result, posterior)
     add_diagnostics(result, posterior, [] if check is None else check.warnings)
     if posterior.model_error is not None:
-        posterior.model_error.add_to(result, [place.name for place in posterior.channels])
+        posterior.model_error.add_to(result, [channel.name for channel in posterior.channels])
     if result.wants_below(DERIVED):
         add_derived(result, posterior, further.derived)
     return result
@@ -273,8 +273,8 @@ def add_diagnostics(result: Result, posterior: Posterior, more: Sequence[str] = 
         conflict = posterior.prior_conflict
         result.add(f"{group}/prior_conflict", conflict, ("parameter",))
         result.add(f"{group}/prior_contradicted", conflict > CONTRADICTED, ("parameter",))
-    result.add_axis(f"{group}/channel", [place.name for place in posterior.channels])
-    unit = common_unit(place.unit for place in posterior.channels)
+    result.add_axis(f"{group}/channel", [channel.name for channel in posterior.channels])
+    unit = common_unit(channel.unit for channel in posterior.channels)
     result.add(f"{group}/residual_rms", posterior.residual_rms, ("channel",), unit)
     result.add(f"{group}/residual_ratio", posterior.residual_ratio, ("channel",))
     result.add(f"{group}/whiteness_p", posterior.whiteness_p)
@@ -329,39 +329,41 @@ def _add_comparison(result: Result, posterior: Posterior) -> None:
 def _add_residual_tests(result: Result, posterior: Posterior) -> None:
     """Add the tests of residuals to ``diagnostics/``, and ``robust/`` where a robust loss was used."""
     test, dims, group = posterior.noise_test, ("channel",), _DIAGNOSTICS
-    unit = common_unit(place.unit for place in posterior.channels)
+    unit = common_unit(channel.unit for channel in posterior.channels)
     result.add(f"{group}/noise_p", test.p)
     if not np.isnan(test.p):
         result.add(f"{group}/noise_contradicted", bool(posterior.contradicted_noise))
         result.add(f"{group}/channel_noise_p", test.channel_p, dims)
         result.add(f"{group}/noise_ratio", test.ratio, dims)
-    shapes = [each for each in posterior.shapes if each is not None]
+    shapes = [shape for shape in posterior.shapes if shape is not None]
     if len(shapes) == len(posterior.shapes):
         for name in ("mean", "mean_p", "kurtosis", "kurtosis_p", "largest", "largest_p"):
-            each = [getattr(shape, name) for shape in shapes]
-            result.add(f"{group}/residual_{name}", each, dims, unit if name == "mean" else "")
+            numbers = [getattr(shape, name) for shape in shapes]
+            result.add(f"{group}/residual_{name}", numbers, dims, unit if name == "mean" else "")
         result.add(f"{group}/outliers", [len(shape.outliers) for shape in shapes], dims)
-    robust = [one for record in posterior.likelihood.records if (one := record.data.robust) is not None]
+    robust = [loss for record in posterior.likelihood.records if (loss := record.data.robust) is not None]
     if robust:
         group = "identification/robust"
         result.annotate("identification", loss="huber")
         result.annotate(group, loss="huber", tuning=HUBER.value)
-        result.add_axis(f"{group}/channel", [place.name for place in posterior.channels])
-        result.add(f"{group}/scale", np.concatenate([one.scale for one in robust]), dims, unit)
-        result.add(f"{group}/clipped", np.concatenate([one.clipped for one in robust]), dims)
+        result.add_axis(f"{group}/channel", [channel.name for channel in posterior.channels])
+        result.add(f"{group}/scale", np.concatenate([loss.scale for loss in robust]), dims, unit)
+        result.add(f"{group}/clipped", np.concatenate([loss.clipped for loss in robust]), dims)
 
 
 def _add_autocorrelation(result: Result, posterior: Posterior) -> None:
     """Add the autocorrelation of the residuals and their whiteness, channel by channel."""
-    group, series = _DIAGNOSTICS, [posterior.series(place) for place in posterior.channels]
-    each = {k: autocorrelation(one) for k, one in enumerate(series) if len(one)}  # modes have no order
-    if not each:
+    group, series = _DIAGNOSTICS, [posterior.series(channel) for channel in posterior.channels]
+    correlations = {
+        k: autocorrelation(channel_series) for k, channel_series in enumerate(series) if len(channel_series)
+    }  # modes have no order
+    if not correlations:
         return
-    lags = min(len(r) for r, _ in each.values())
+    lags = min(len(r) for r, _ in correlations.values())
     result.add_axis(f"{group}/lag", np.arange(1, lags + 1))
     joined, band, white = np.full((lags, len(series)), np.nan), *np.full((2, len(series)), np.nan)
-    for k, (r, own) in each.items():  # real and imaginary parts are alike: their mean
-        joined[:, k], band[k] = r[:lags].mean(axis=1), np.mean(own) / np.sqrt(len(own))
+    for k, (r, channel_band) in correlations.items():  # real and imaginary parts are alike: their mean
+        joined[:, k], band[k] = r[:lags].mean(axis=1), np.mean(channel_band) / np.sqrt(len(channel_band))
         white[k] = posterior.channel_whiteness_p(posterior.channels[k])
     result.add(f"{group}/autocorrelation", joined, ("lag", "channel"))
     result.add(f"{group}/autocorrelation_band", band, ("channel",))
@@ -402,22 +404,32 @@ def _add_records(
         return
     true = [None] * len(records) if true_states is None else true_states()
     parts = posterior.fit.parts[: len(records)]
-    each = zip(records, parts, posterior.noise[: len(records)], strict=True)
-    bands = [state_deviations(record, part, noise, posterior.root) for record, part, noise in each]
+    fits = zip(records, parts, posterior.noise[: len(records)], strict=True)
+    bands = [
+        state_deviations(record, record_fit, noise, posterior.root) for record, record_fit, noise in fits
+    ]
     sweeps = posterior.estimate.histories
     if not sweeps:  # an estimator of whole records has the same information at any time
-        deviations, whole = posterior.deviations, []
-        for part, band in zip(parts, bands, strict=True):
-            states = part.predicted.states[stored_rows(len(part.residual))]
-            every = np.ones((len(states), 1))
-            whole.append(Pass(every * part.eta, every * deviations, states, band, np.diag(deviations)))
-        sweeps = [whole]
+        deviations, passes = posterior.deviations, []
+        for record_fit, band in zip(parts, bands, strict=True):
+            states = record_fit.predicted.states[stored_rows(len(record_fit.residual))]
+            rows_of_ones = np.ones((len(states), 1))
+            passes.append(
+                Pass(
+                    rows_of_ones * record_fit.eta,
+                    rows_of_ones * deviations,
+                    states,
+                    band,
+                    np.diag(deviations),
+                )
+            )
+        sweeps = [passes]
     named = {"history": sweeps[-1]} | ({"first_pass": sweeps[0]} if len(sweeps) > 1 else {})
     for name, sweep in named.items():
         for k, (record, history) in enumerate(zip(records, sweep, strict=True)):
             _add_history(result, _group(posterior, k, name), record, history)
-    for k, (record, part) in enumerate(zip(records, parts, strict=True)):
-        _add_record(result, posterior, k, record, part, bands[k], true[k])
+    for k, (record, record_fit) in enumerate(zip(records, parts, strict=True)):
+        _add_record(result, posterior, k, record, record_fit, bands[k], true[k])
 
 
 def _group(posterior: Posterior, k: int, name: str) -> str:
@@ -454,15 +466,15 @@ def _add_record(
         result.add(f"{states}/true", true, dims)
     _add_spectrum(result, group("residual_spectrum"), record, fit)
     if posterior.innovations is not None:
-        own, innovations = posterior.innovations[k], group("innovations")
-        found = consistency(own)
+        normalised, innovations = posterior.innovations[k], group("innovations")
+        consistent = consistency(normalised)
         result.add_axis(f"{innovations}/time", record.times, "s")
         result.add_axis(f"{innovations}/channel", [channel.name for channel in measurement.channels])
-        result.add(f"{innovations}/normalised", own, ("time", "channel"))
+        result.add(f"{innovations}/normalised", normalised, ("time", "channel"))
         for name in ("mean_square", "low", "high"):
-            result.add(f"{innovations}/{name}", getattr(found, name), ("channel",))
+            result.add(f"{innovations}/{name}", getattr(consistent, name), ("channel",))
         for name in ("overall", "overall_low", "overall_high", "consistent"):
-            result.add(f"{innovations}/{name}", getattr(found, name))
+            result.add(f"{innovations}/{name}", getattr(consistent, name))
 
 
 def _add_spectrum(result: Result, group: str, record: TimeRecord, fit: RecordFit) -> None:
@@ -478,8 +490,8 @@ def _add_spectrum(result: Result, group: str, record: TimeRecord, fit: RecordFit
 
 def add_fits(result: Result, posterior: Posterior) -> None:
     """Add what was measured and predicted with the residuals and their spectra, record by record."""
-    each = zip(posterior.likelihood.records, posterior.fit.parts, strict=True)
-    for k, (record, fit) in enumerate(each):
+    fits = zip(posterior.likelihood.records, posterior.fit.parts, strict=True)
+    for k, (record, fit) in enumerate(fits):
         if isinstance(record, FrfRecord):
             _add_responses(result, record, fit)
             group, dims = "identification/measurement", ("omega", "channel")

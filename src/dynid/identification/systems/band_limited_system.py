@@ -58,7 +58,9 @@ class BandLimitedSystem(StructureSystem):
 
     def solved_size(self, omega: Array, pairs: Sequence[tuple[int, int]]) -> int:
         """Return the number of columns of the basis at the starts."""
-        return int(self.basis({one.name: one.start for one in self.unknowns}, omega, pairs).shape[1])
+        return int(
+            self.basis({unknown.name: unknown.start for unknown in self.unknowns}, omega, pairs).shape[1]
+        )
 
     def _evaluated(
         self, values: Mapping[str, float], omega: Array, pairs: Sequence[tuple[int, int]], *, slopes: bool
@@ -83,15 +85,17 @@ class BandLimitedSystem(StructureSystem):
 
     @cached_property
     def _joint_directions(self) -> Array:
-        own, model = {one.name for one in self.unknowns}, self.model
+        unknown_names, model = {unknown.name for unknown in self.unknowns}, self.model
         acting = [
-            as_array(one.matrix) for one in model.joint_terms if not own.isdisjoint(one.coefficient.names)
+            as_array(term.matrix)
+            for term in model.joint_terms
+            if not unknown_names.isdisjoint(term.coefficient.names)
         ]
-        if not any(part.any() for part in acting):
+        if not any(matrix.any() for matrix in acting):
             return np.zeros((0, model.size))
-        found = ActiveCoordinates.of(acting)
-        rows = np.zeros((found.count, model.size))
-        rows[:, found.places] = found.active.T
+        coordinates = ActiveCoordinates.of(acting)
+        rows = np.zeros((coordinates.count, model.size))
+        rows[:, coordinates.places] = coordinates.active.T
         return rows[:_MOST_DIRECTIONS]
 
 
@@ -114,11 +118,11 @@ def _responses(k: Array, c: Array, b: Array, rows: Array, omega: Array) -> Compl
     left = k @ there + tried[:, None, None] * (c @ there) + tried[:, None, None] ** 2 * there - b
     if np.all(np.abs(left).max() <= _RESIDUAL * (size * np.abs(there).max() + np.abs(b).max())):
         return np.asarray((rows @ X[:r]) @ (modal / (s[:, None, None] - poles[:, None])))
-    found = [
+    blocks = [
         rows @ np.linalg.solve(k + w * c + w**2 * np.eye(r), b.astype(complex))
         for w in np.array_split(s[:, None, None], max(1, len(s) * r * r // _BLOCK))
     ]
-    return np.concatenate(found)
+    return np.concatenate(blocks)
 
 
 def band_limited(
@@ -127,12 +131,12 @@ def band_limited(
     """Return the system that a search works with; None where the whole one takes as little or less work."""
     if not isinstance(system, StructureSystem) or system.model.size < _LEAST_DOFS:
         return None
-    found = BandLimitedSystem(system, band)
+    limited = BandLimitedSystem(system, band)
     try:
-        size = found.solved_size(omega, pairs)
+        size = limited.solved_size(omega, pairs)
     except np.linalg.LinAlgError:  # a motion has no mass
         return None
-    return found if size <= min(_PART * system.model.size, system.solved_size(omega, pairs)) else None
+    return limited if size <= min(_PART * system.model.size, system.solved_size(omega, pairs)) else None
 
 
 def band_basis(M: Array, K: Array, directions: Array, top: float) -> Array:
@@ -164,5 +168,5 @@ def band_basis(M: Array, K: Array, directions: Array, top: float) -> Array:
     statics = (others.T @ directions.T) / square[count:, None]
     vectors = np.concatenate([statics, statics / square[count:, None]], axis=1)
     sizes = np.linalg.norm(vectors, axis=0)
-    U, part, _ = np.linalg.svd(vectors / np.where(sizes > 0, sizes, 1.0), full_matrices=False)
-    return np.concatenate([shapes[:, :count], others @ U[:, part > _ROUNDING]], axis=1)
+    U, singular_values, _ = np.linalg.svd(vectors / np.where(sizes > 0, sizes, 1.0), full_matrices=False)
+    return np.concatenate([shapes[:, :count], others @ U[:, singular_values > _ROUNDING]], axis=1)

@@ -75,14 +75,14 @@ class FrfSystem:
     model: Model | None = None
     functions: tuple[Frf, ...] = ()
 
-    def freed(self, *, known: bool) -> FrfSystem | None:
+    def freed(self, *, known_parts: bool) -> FrfSystem | None:
         """Return the same system with considered parameters among the unknown ones; None without such.
 
-        `known`: also known masses and stiffnesses.
+        `known_parts`: also known masses and stiffnesses.
         """
         assert self.model is not None
-        channels = [one.channel for one in self.functions]
-        freed = freed_model(self.model, channels, known=known)
+        channels = [function.channel for function in self.functions]
+        freed = freed_model(self.model, channels, known_parts=known_parts)
         return None if freed is None else self.of(freed, self.functions)
 
     @classmethod
@@ -94,16 +94,18 @@ class FrfSystem:
         UsageError
             If a channel or a load does not exist.
         """
-        channels = list(dict.fromkeys(one.channel for one in functions))
-        loads = list(dict.fromkeys(one.load for one in functions))
-        pairs = tuple((channels.index(one.channel), loads.index(one.load)) for one in functions)
-        names = [one.name for one in model.unknowns]
-        instruments = Instruments.of(names, (), [one.channel for one in functions])
+        channels = list(dict.fromkeys(function.channel for function in functions))
+        loads = list(dict.fromkeys(function.load for function in functions))
+        pairs = tuple(
+            (channels.index(function.channel), loads.index(function.load)) for function in functions
+        )
+        names = [unknown.name for unknown in model.unknowns]
+        instruments = Instruments.of(names, (), [function.channel for function in functions])
         return cls(
             system_of(model, loads, channels),
             pairs,
             instruments,
-            tuple(one for one in model.parameters if one.std is not None),
+            tuple(parameter for parameter in model.parameters if parameter.std is not None),
             model,
             tuple(functions),
         )
@@ -133,8 +135,10 @@ class FrfSystem:
         self.system.evaluations += 1
         H, moved = self.system.paired_response(at, omega, self.pairs, slopes=slopes)
         if not self.instruments.ideal:
-            given = self.instruments.gains, self.instruments.delays
-            (gain, by_gain), (delay, by_delay) = (self.instruments.numbers(one, at) for one in given)
+            gains_and_delays = self.instruments.gains, self.instruments.delays
+            (gain, by_gain), (delay, by_delay) = (
+                self.instruments.numbers(numbers, at) for numbers in gains_and_delays
+            )
             late = -1j * omega[:, None]
             turned = np.exp(late * delay)
             changed = by_gain.T + (late * gain)[..., None] * by_delay.T
@@ -155,9 +159,9 @@ def frf_data(model: Model, measurement: FrfMeasurement) -> RecordData:
     Singular
         If a simulated line lies on an undamped pole.
     """
-    given = measurement.given_noise
-    if given is not None:
-        given = given / np.sqrt(2)  # of real and imaginary part each
+    given_noise = measurement.given_noise
+    if given_noise is not None:
+        given_noise = given_noise / np.sqrt(2)  # of real and imaginary part each
     source = measurement.source
     if isinstance(source, Simulation):
         check_cost(model, len(measurement.omega))
@@ -171,11 +175,11 @@ def frf_data(model: Model, measurement: FrfMeasurement) -> RecordData:
             spread = np.concatenate([spread, spread])
         generator = np.random.Generator(np.random.PCG64(source.seed))
         added = noise * spread * generator.standard_normal(clean.shape)
-        data = RecordData(clean + added, noise, clean, given, by_line=by_line if noise.all() else None)
+        data = RecordData(clean + added, noise, clean, given_noise, by_line=by_line if noise.all() else None)
     else:
         values = np.asarray(source)
-        whole = np.where(np.isnan(values), complex(np.nan, np.nan), values)
-        data = RecordData(stacked(np.asarray(whole / measurement.profile)), given=given)
+        complete = np.where(np.isnan(values), complex(np.nan, np.nan), values)
+        data = RecordData(stacked(np.asarray(complete / measurement.profile)), given=given_noise)
     for column, channel in enumerate(measurement.channels):
         if not np.any(np.nan_to_num(data.values[:, column])):
             raise NotIdentifiable(

@@ -135,7 +135,7 @@ class IdentifiedGraph:
     @property
     def unknowns(self) -> tuple[Parameter, ...]:
         """The unknown parameters (p)."""
-        return tuple(one for one in self.parameters if one.std is None)
+        return tuple(parameter for parameter in self.parameters if parameter.std is None)
 
     def with_parameters(self, parameters: Sequence[Parameter]) -> IdentifiedGraph:
         """Return the model with other unknown and considered parameters."""
@@ -156,8 +156,8 @@ class IdentifiedGraph:
             return self.with_parameters(parameters)
         changed = nodes | {node.name: node for node in factors.values()}
         graph = BondGraph(changed.values(), self.graph.bonds)
-        known = [Parameter(factor, 1.0) for factor in factors]
-        return IdentifiedGraph(graph, (*parameters, *known), self.initial, self.variables)
+        factors_of_storages = [Parameter(factor, 1.0) for factor in factors]
+        return IdentifiedGraph(graph, (*parameters, *factors_of_storages), self.initial, self.variables)
 
     def load(self, source: str, signal: Signal, gain: Real = 1.0, delay: Real = 0.0) -> SourceLoad:
         """Return the load of a source, with its unit.
@@ -290,7 +290,7 @@ class GraphSystem(LinearSystem):
 
     def _complete(self, values: Mapping[str, float]) -> dict[str, float]:
         """Return the value of every unknown: those given, else the reference."""
-        return {one.name: values.get(one.name, one.expected) for one in self.unknowns}
+        return {unknown.name: values.get(unknown.name, unknown.expected) for unknown in self.unknowns}
 
     def at(self, values: Mapping[str, float]) -> Matrices:
         """Return the matrices at values of the parameters, by name; absent: their reference values.
@@ -322,9 +322,11 @@ class GraphSystem(LinearSystem):
         if not initial:
             return np.zeros(len(self.states))
         # A storage that no channel depends on is not modelled.
-        given = [name for name in initial if name in self._equations.storages]
-        found = ParametricEquations(self._reduced, self._names, given).at(self._complete(values))
-        return np.asarray(found[1][:, len(self._reduced.inputs) :] @ [float(initial[name]) for name in given])
+        names = [name for name in initial if name in self._equations.storages]
+        matrices = ParametricEquations(self._reduced, self._names, names).at(self._complete(values))
+        return np.asarray(
+            matrices[1][:, len(self._reduced.inputs) :] @ [float(initial[name]) for name in names]
+        )
 
     def prior(self, values: Mapping[str, float], length: float) -> Array:
         """Return a root (n x n) of the wide prior covariance of the state, up to a factor.
@@ -346,9 +348,9 @@ class GraphSystem(LinearSystem):
         rank = self._equations.generic_rank(q.tolist(), f.tolist())
         bound[:rank] = length * omega[:rank] / np.hypot(1.0, length * omega[:rank])
         root[np.ix_(q, q)] = compliance @ (axes * bound)
-        for place in free:
-            own = length * float(np.linalg.norm(A[place] @ root))
-            root[place, place] = own if own > 0 else length
+        for row in free:
+            deviation = length * float(np.linalg.norm(A[row] @ root))
+            root[row, row] = deviation if deviation > 0 else length
         return root
 
     def _motions(self, values: Mapping[str, float]) -> tuple[Array, Array, Array, Array]:
@@ -372,8 +374,8 @@ class GraphSystem(LinearSystem):
         The rate of a storage (e of an I, f of a C) is taken for the slowest motion it can be. A channel that
         no state enters bounds none: its reach is infinite.
         """
-        root, found = self.prior(values, length), self.at(values)
-        reach = np.linalg.norm(found.C @ root, axis=1)
+        root, matrices = self.prior(values, length), self.at(values)
+        reach = np.linalg.norm(matrices.C @ root, axis=1)
         *_, omega = self._motions(values)
         slowest = np.hypot(omega.min(initial=np.inf), 1 / length)
         stored, equations = self._equations.energy(self._complete(values)), self._equations
@@ -381,9 +383,9 @@ class GraphSystem(LinearSystem):
             name, quantity = channel.port.node, channel.port.quantity
             rate = {"I": "e", "C": "f"}.get(equations.graph.nodes[name].type)
             if len(omega) and quantity == rate and name in equations.storages:
-                place = equations.storages.index(name)
-                spread = float(np.linalg.norm(stored.rows[place] @ root))
-                reach[k] = min(reach[k], slowest * abs(stored.sizes[place]) * spread)
+                row = equations.storages.index(name)
+                spread = float(np.linalg.norm(stored.rows[row] @ root))
+                reach[k] = min(reach[k], slowest * abs(stored.sizes[row]) * spread)
         return np.where(reach > 0, reach, np.inf)
 
     def response(self, values: Mapping[str, float], omega: Array) -> tuple[ComplexArray, ComplexArray]:
@@ -410,8 +412,8 @@ class GraphSystem(LinearSystem):
                     names=("frequency",),
                 ) from None
         if not rest.all():
-            found, moved = self._response.at(self._complete(values), omega[~rest])
-            H[~rest] = found[:, self._rows][:, :, self._columns]
+            responses, moved = self._response.at(self._complete(values), omega[~rest])
+            H[~rest] = responses[:, self._rows][:, :, self._columns]
             slopes[~rest] = moved[:, self._rows][:, :, self._columns]
         return H, slopes
 
@@ -421,9 +423,11 @@ class GraphSystem(LinearSystem):
 
     def state_space(self, values: Mapping[str, float]) -> StateSpace:
         """Return the state space at values of the parameters, with the names of its states."""
-        found = self.at(values)
+        matrices = self.at(values)
         names = tuple(state.name for state in self.states)
-        return StateSpace(found.A, found.B, found.C, found.D[0], tuple(found.D[1:]), states=names)
+        return StateSpace(
+            matrices.A, matrices.B, matrices.C, matrices.D[0], tuple(matrices.D[1:]), states=names
+        )
 
 
 def _inverse_root(factor: Array) -> Array:

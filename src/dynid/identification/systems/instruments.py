@@ -107,13 +107,15 @@ class Instruments:
     def acting(self, signals: Sequence[Signal], values: Mapping[str, float]) -> list[Signal]:
         """Return the signals as they act at values of the parameters, delayed; gains are in `applied`."""
         delays = self.numbers(self.load_delays, values).value.tolist()
-        return [Shifted(one, delay) if delay else one for one, delay in zip(signals, delays, strict=True)]
+        return [
+            Shifted(signal, delay) if delay else signal for signal, delay in zip(signals, delays, strict=True)
+        ]
 
     @property
     def ideal(self) -> bool:
         """True if they change nothing."""
         gains, rest = (*self.load_gains, *self.gains), (*self.load_delays, *self.offsets, *self.delays)
-        numbers = all(not isinstance(one, Dependent) for one in (*gains, *rest))
+        numbers = all(not isinstance(number, Dependent) for number in (*gains, *rest))
         return numbers and all(gain == 1 for gain in gains) and not any(rest)
 
     @property
@@ -126,17 +128,17 @@ class Instruments:
         """True if a delay depends on parameters."""
         return any(isinstance(delay, Dependent) for delay in (*self.load_delays, *self.delays))
 
-    def numbers(self, given: Sequence[Real], values: Mapping[str, float]) -> Numbers:
+    def numbers(self, numbers: Sequence[Real], values: Mapping[str, float]) -> Numbers:
         """Return numbers of loads or channels at values of the parameters, with their derivatives."""
-        found = [evaluated(one, values) for one in given]
-        slopes = np.zeros((len(self.parameters), len(given)))
-        for column, one in enumerate(found):
-            for name, slope in one.slopes.items():
+        evaluations = [evaluated(number, values) for number in numbers]
+        slopes = np.zeros((len(self.parameters), len(numbers)))
+        for column, evaluation in enumerate(evaluations):
+            for name, slope in evaluation.slopes.items():
                 if name in self.parameters:
                     slopes[self.parameters.index(name), column] = slope
-        return Numbers(np.array([one.value for one in found]), slopes)
+        return Numbers(np.array([evaluation.value for evaluation in evaluations]), slopes)
 
-    def applied(self, found: Matrices, values: Mapping[str, float]) -> Matrices:
+    def applied(self, matrices: Matrices, values: Mapping[str, float]) -> Matrices:
         """Return the matrices from the signals, delayed, to what the channels record, but for offsets.
 
         With G_u and G_y the gains: B G_u, G_y C, G_y D G_u. The derivative of a record by the delay of its
@@ -144,26 +146,28 @@ class Instruments:
         through -du/dt, of which the part of D is here and that of B is `ParametricModel.transition`'s.
         """
         if self.ideal:
-            return found
+            return matrices
         (gu, gu_slopes), (gy, gy_slopes) = (
             self.numbers(gains, values) for gains in (self.load_gains, self.gains)
         )
-        B, C = found.B * gu, gy[:, None] * found.C
-        D = gy[:, None] * found.D * gu
-        B_slopes = found.B_slopes * gu + found.B * gu_slopes[:, None, :]
-        C_slopes = gy[:, None] * found.C_slopes + gy_slopes[:, :, None] * found.C
-        D_slopes = gy[:, None] * found.D_slopes * gu
-        D_slopes = D_slopes + (gy_slopes[:, None, :, None] * (found.D * gu))
-        D_slopes = D_slopes + gy[:, None] * found.D * gu_slopes[:, None, None, :]
-        (_, late_u), (_, late_y) = (self.numbers(given, values) for given in (self.load_delays, self.delays))
+        B, C = matrices.B * gu, gy[:, None] * matrices.C
+        D = gy[:, None] * matrices.D * gu
+        B_slopes = matrices.B_slopes * gu + matrices.B * gu_slopes[:, None, :]
+        C_slopes = gy[:, None] * matrices.C_slopes + gy_slopes[:, :, None] * matrices.C
+        D_slopes = gy[:, None] * matrices.D_slopes * gu
+        D_slopes = D_slopes + (gy_slopes[:, None, :, None] * (matrices.D * gu))
+        D_slopes = D_slopes + gy[:, None] * matrices.D * gu_slopes[:, None, None, :]
+        (_, late_u), (_, late_y) = (
+            self.numbers(delays, values) for delays in (self.load_delays, self.delays)
+        )
         if late_y.any() or late_u.any():
-            C_slopes = C_slopes - late_y[:, :, None] * (C @ found.A)
+            C_slopes = C_slopes - late_y[:, :, None] * (C @ matrices.A)
             none = np.zeros((1, *D.shape[1:]))
             D, rates = np.concatenate([D, none]), np.concatenate([(C @ B)[None], D])
             D_slopes = np.concatenate([D_slopes, np.zeros((len(D_slopes), *none.shape))], axis=1)
             D_slopes = D_slopes - late_y[:, None, :, None] * rates
             D_slopes[:, 1:] -= D[:-1] * late_u[:, None, None, :]
-        return Matrices(found.A, B, C, D, found.A_slopes, B_slopes, C_slopes, D_slopes)
+        return Matrices(matrices.A, B, C, D, matrices.A_slopes, B_slopes, C_slopes, D_slopes)
 
 
 def with_spreads(
@@ -182,21 +186,24 @@ def with_spreads(
     sizes
         RMS of its channels (channels).
     """
-    values = {one.name: one.start for one in parameters}
+    values = {parameter.name: parameter.start for parameter in parameters}
     spans = [
         (instruments.offsets, 2 * sizes),
         (instruments.delays, np.full(len(instruments.delays), 4 * step)),
         (instruments.load_delays, np.full(len(instruments.load_delays), 4 * step)),
     ]
-    found = np.zeros(len(parameters))
-    for given, span in spans:
-        slopes = np.abs(instruments.numbers(given, values).slopes)
+    spreads = np.zeros(len(parameters))
+    for numbers, span in spans:
+        slopes = np.abs(instruments.numbers(numbers, values).slopes)
         reach = np.divide(span, slopes, out=np.zeros_like(slopes), where=slopes > 0)
-        found = np.maximum(found, reach.max(axis=1, initial=0.0))
-    bounded = (one.prior or (one.low is not None and one.high is not None) for one in parameters)
+        spreads = np.maximum(spreads, reach.max(axis=1, initial=0.0))
+    bounded = (
+        parameter.prior or (parameter.low is not None and parameter.high is not None)
+        for parameter in parameters
+    )
     return tuple(
-        one
-        if one.logarithmic or fixed or not span
-        else replace(one, spread=max(span, one.spread or 0.0, 2 * abs(one.start)))
-        for one, fixed, span in zip(parameters, bounded, found.tolist(), strict=True)
+        parameter
+        if parameter.logarithmic or fixed or not span
+        else replace(parameter, spread=max(span, parameter.spread or 0.0, 2 * abs(parameter.start)))
+        for parameter, fixed, span in zip(parameters, bounded, spreads.tolist(), strict=True)
     )

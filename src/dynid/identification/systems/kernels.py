@@ -71,8 +71,8 @@ def tables(model: ParametricModel) -> Any:
     generator times the step; infinite where the series is not used. Of a model that is not affine the
     matrices are zeros: the caller makes its steps.
     """
-    if (made := _TABLES.get(model)) is not None:
-        return made
+    if (kept := _TABLES.get(model)) is not None:
+        return kept
     line, n, p, m, affine = model.line, model.states, model.parameters, model.states // 2, model.affine
     q, lengths = model.W.shape[1], len(line.lengths)
     lower, rates = np.zeros((m, n)), np.zeros(m)
@@ -87,7 +87,7 @@ def tables(model: ParametricModel) -> Any:
         forcing, turned = _forcing(model, affine)
         if len(forcing):
             reach = np.abs(line.G).sum(axis=0).max(initial=0.0) * line.lengths
-    made = _TABLES[model] = structure(
+    kept = _TABLES[model] = structure(
         n=n,
         p=p,
         rank=left.shape[2],
@@ -109,7 +109,7 @@ def tables(model: ParametricModel) -> Any:
         which=np.require(line.which, np.int64, ["C"]),
         sample=np.require(line.sample_of(), np.int64, ["C"]),
     )
-    return made
+    return kept
 
 
 def _forcing(model: ParametricModel, affine: Affine) -> tuple[Array, Array]:
@@ -125,12 +125,12 @@ def _forcing(model: ParametricModel, affine: Affine) -> tuple[Array, Array]:
         return np.empty((0, 1, degrees, *drive.shape)), np.empty(0)
     forcing = np.empty((len(line.lengths), parts, degrees, *drive.shape))
     turned = np.empty((len(line.lengths), parts, *identity.shape))
-    for length, part in np.ndindex(len(line.lengths), parts):
-        h, E = line.lengths[length] / 2**part, identity
+    for length, halving in np.ndindex(len(line.lengths), parts):
+        h, E = line.lengths[length] / 2**halving, identity
         for k in reversed(range(degrees)):  # by Horner's scheme
-            forcing[length, part, k] = drive @ E * (h / (k + 1))
+            forcing[length, halving, k] = drive @ E * (h / (k + 1))
             E = identity + line.G @ E * (h / (k + 1))
-        turned[length, part] = E
+        turned[length, halving] = E
     return forcing, turned
 
 
@@ -189,12 +189,12 @@ def outputs(model: ParametricModel, eta: Array) -> Any:
     Of an affine model C is that without the parameters, and the slopes are by their values; of any other both
     are at the coordinates.
     """
-    if (made := _OUTPUTS.get(model)) is not None:
-        return made
+    if (kept := _OUTPUTS.get(model)) is not None:
+        return kept
     direct, affine = model.direct(eta), model.affine
     C, C_slopes = model.output(eta) if affine is None else (affine.C, affine.C_slopes)
     samples, channels = direct.value.shape
-    made = structure(
+    kept = structure(
         affine=int(affine is not None),
         channels=channels,
         samples=samples,
@@ -204,8 +204,8 @@ def outputs(model: ParametricModel, eta: Array) -> Any:
         direct_slopes=None if direct.slopes is None else plain(direct.slopes),
     )
     if affine is not None:
-        _OUTPUTS[model] = made
-    return made
+        _OUTPUTS[model] = kept
+    return kept
 
 
 def record(measured: Array, weights: Array, origin: Array, limits: tuple[float, Array, Array]) -> Any:
@@ -221,14 +221,14 @@ def record(measured: Array, weights: Array, origin: Array, limits: tuple[float, 
         Part of their deviation, and most (p), that coordinates may be off the linearisation; and off the
         origin (p).
     """
-    part, most, runaway = limits
+    fraction, max_change, runaway = limits
     return structure(
         measured=plain(measured),
         weights=plain(weights),
         origin=plain(origin),
-        most=plain(most),
+        most=plain(max_change),
         runaway=plain(runaway),
-        part=float(part),
+        part=float(fraction),
     )
 
 
@@ -237,21 +237,21 @@ def record(measured: Array, weights: Array, origin: Array, limits: tuple[float, 
 
 def free(model: ParametricModel, at: Linear, C: Array, direct: Array) -> tuple[Array, Array]:
     """Return outputs from rest (times x channels), and their derivatives by the first state (… x n)."""
-    found, by_state = np.empty(direct.shape), np.empty((*direct.shape, model.states))
-    call("dynid_free", tables(model), at.members, len(C), plain(C), plain(direct), found, by_state)
-    return found, by_state
+    outputs_at_rest, by_state = np.empty(direct.shape), np.empty((*direct.shape, model.states))
+    call("dynid_free", tables(model), at.members, len(C), plain(C), plain(direct), outputs_at_rest, by_state)
+    return outputs_at_rest, by_state
 
 
 def sensitive(
     model: ParametricModel, at: Linear, C: Array, C_slopes: Array, direct: Array, start: Array
 ) -> tuple[Array, Array, Array]:
     """Return outputs from a first state, states (times x n), and derivatives by the coordinates (… x p)."""
-    found, states = np.empty(direct.shape), np.empty((len(direct), model.states))
+    predicted, states = np.empty(direct.shape), np.empty((len(direct), model.states))
     by_parameter = np.empty((*direct.shape, model.parameters))
     varying = plain(C_slopes) if C_slopes.any() else None
-    given = len(C), plain(C), varying, plain(direct), plain(start)
-    call("dynid_sensitive", tables(model), at.members, *given, found, states, by_parameter)
-    return found, states, by_parameter
+    arguments = len(C), plain(C), varying, plain(direct), plain(start)
+    call("dynid_sensitive", tables(model), at.members, *arguments, predicted, states, by_parameter)
+    return predicted, states, by_parameter
 
 
 class Fitted(NamedTuple):
@@ -294,7 +294,7 @@ def fitted(
         If the derivatives by the first state leave the range of double precision.
     """
     (samples, channels), n, p = values.shape, model.states, model.parameters
-    made = Fitted(
+    fit = Fitted(
         np.empty(n),
         np.empty((samples, channels)),
         np.empty((samples, channels)),
@@ -312,15 +312,15 @@ def fitted(
         root=plain(root),
         rank=rank,
     )
-    given = outputs(model, eta), read, structure(**made._asdict())
+    arguments = outputs(model, eta), read, structure(**fit._asdict())
     missed = model.affine is None
     if not missed:
-        missed = (done := call("dynid_fit", tables(model), None, plain(eta), *given)) == _UNREACHED
+        missed = (done := call("dynid_fit", tables(model), None, plain(eta), *arguments)) == _UNREACHED
     if missed:
-        done = call("dynid_fit", tables(model), steps_at(model, eta).members, plain(eta), *given)
+        done = call("dynid_fit", tables(model), steps_at(model, eta).members, plain(eta), *arguments)
     if done == _NOT_FINITE:
         finite("the sensitivity of the record", np.array(np.nan))
-    return made
+    return fit
 
 
 def triangles(

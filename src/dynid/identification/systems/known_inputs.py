@@ -34,9 +34,9 @@ class KnownSamples(NamedTuple):
     before: int = 0
     after: int = 0
 
-    def including(self, other: KnownSamples) -> KnownSamples:
+    def including(self, samples: KnownSamples) -> KnownSamples:
         """Return the samples that both leave."""
-        return KnownSamples(max(self.before, other.before), max(self.after, other.after))
+        return KnownSamples(max(self.before, samples.before), max(self.after, samples.after))
 
 
 NONE_LEFT_OUT = KnownSamples()
@@ -85,9 +85,9 @@ def known_samples(
     if not reach.any():
         return nearest
     farthest = _left_out(signals, instruments, unknowns, times, (eta, reach), at_rest_before)
-    most = int(_SEARCHED * len(times))
+    max_count = int(_SEARCHED * len(times))
     return KnownSamples(
-        min(farthest.before, nearest.before + most), min(farthest.after, nearest.after + most)
+        min(farthest.before, nearest.before + max_count), min(farthest.after, nearest.after + max_count)
     )
 
 
@@ -119,12 +119,17 @@ def _range(
     value, slopes = instruments.numbers(delays, named(unknowns, eta))
     ends = []
     for side in (-1.0, 1.0):
-        limits = [one.low if side < 0 else one.high for one in unknowns]
+        limits = [unknown.low if side < 0 else unknown.high for unknown in unknowns]
         moved = [
-            side * far if limit is None else side * max(0.0, min(far, side * (one.coordinate(limit) - at)))
-            for one, limit, at, far in zip(unknowns, limits, eta.tolist(), reach.tolist(), strict=True)
+            side * far
+            if limit is None
+            else side * max(0.0, min(far, side * (unknown.coordinate(limit) - at)))
+            for unknown, limit, at, far in zip(unknowns, limits, eta.tolist(), reach.tolist(), strict=True)
         ]
-        rate = [one.value(at) if one.logarithmic else 1.0 for one, at in zip(unknowns, eta, strict=True)]
+        rate = [
+            unknown.value(at) if unknown.logarithmic else 1.0
+            for unknown, at in zip(unknowns, eta, strict=True)
+        ]
         ends.append((np.array(moved) * rate)[:, None] * slopes)
     return value + np.minimum(*ends).sum(axis=0), value + np.maximum(*ends).sum(axis=0)
 

@@ -55,13 +55,13 @@ def _known_terms(model: StructuralModel, channels: Sequence[Any]) -> Iterator[Te
 
 def _known(model: StructuralModel, letter: str) -> Matrix:
     """Return the part of a matrix that depends on no parameter, known joints included."""
-    none = {one.name: 0.0 for one in model.joint_unknowns}
+    none = {joint_unknown.name: 0.0 for joint_unknown in model.joint_unknowns}
     total: Any = model.with_known_joints()["MCK".index(letter)]
     for term in (*model.terms, *model.joint_terms):
         if term.letter == letter:
             total = total - term.coefficient.at(none).value * term.matrix
-    known: Matrix = total
-    return known
+    matrix: Matrix = total
+    return matrix
 
 
 def _masses(model: StructuralModel, M: Array) -> list[tuple[str, Matrix]] | None:
@@ -79,29 +79,29 @@ def _masses(model: StructuralModel, M: Array) -> list[tuple[str, Matrix]] | None
 
 def _springs(model: StructuralModel, K: Array) -> list[tuple[str, Matrix]] | None:
     """Return the springs of a network of translations; None of another matrix, or of many."""
-    least = _ROUND_OFF * np.abs(K).max(initial=0.0)
+    rounding = _ROUND_OFF * np.abs(K).max(initial=0.0)
     between, ground = np.triu(-K, 1), K.sum(axis=1)
-    if between.min(initial=0.0) < -least or ground.min(initial=0.0) < -len(K) * least:
+    if between.min(initial=0.0) < -rounding or ground.min(initial=0.0) < -len(K) * rounding:
         return None
-    found, units = [], np.eye(len(K))
-    for i in np.flatnonzero(ground > len(K) * least).tolist():
+    springs, units = [], np.eye(len(K))
+    for i in np.flatnonzero(ground > len(K) * rounding).tolist():
         name = f"stiffness from DOF {model.dofs[i]} to ground"
-        found.append((name, ground[i] * np.outer(units[i], units[i])))
-    for i, j in np.argwhere(between > least).tolist():
+        springs.append((name, ground[i] * np.outer(units[i], units[i])))
+    for i, j in np.argwhere(between > rounding).tolist():
         way = units[i] - units[j]
         name = f"stiffness between DOFs {model.dofs[i]} and {model.dofs[j]}"
-        found.append((name, between[i, j] * np.outer(way, way)))
-    return found if len(found) <= _MAX_PARTS else None
+        springs.append((name, between[i, j] * np.outer(way, way)))
+    return springs if len(springs) <= _MAX_PARTS else None
 
 
 def _sensors(model: StructuralModel, channels: Sequence[Any]) -> list[tuple[str, Matrix]]:
     """Return the masses that move with the DOFs of sensors, which those of the sensors add to."""
-    M, found = as_array(model.with_known_joints()[0]), dict[str, Matrix]()
+    M, masses = as_array(model.with_known_joints()[0]), dict[str, Matrix]()
     for channel in channels:
         if not isinstance(channel, Channel) or model.kind(channel.dof) == "rotation":
             continue
         row = model.row(channel.dof)
         mobility = float(row @ np.linalg.lstsq(M, row, rcond=None)[0])
         if mobility > 0:
-            found[f"mass at the sensor of DOF {channel.dof}"] = np.outer(row, row) / mobility
-    return list(found.items())[:_MAX_PARTS]
+            masses[f"mass at the sensor of DOF {channel.dof}"] = np.outer(row, row) / mobility
+    return list(masses.items())[:_MAX_PARTS]

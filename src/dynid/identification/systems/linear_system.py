@@ -166,26 +166,26 @@ class LinearSystem(ABC):
         With H = C (i omega - A)^-1 B + sum_k (i omega)^k D_k, and R = (i omega - A)^-1:
         dH = (dC + C R dA) R B + C R dB + sum_k (i omega)^k dD_k.
         """
-        found, s = self.at(values), 1j * omega[:, None, None]
-        n = len(found.A)
-        by_load = np.linalg.solve(s * np.eye(n) - found.A, found.B.astype(complex)[None])
+        matrices, s = self.at(values), 1j * omega[:, None, None]
+        n = len(matrices.A)
+        by_load = np.linalg.solve(s * np.eye(n) - matrices.A, matrices.B.astype(complex)[None])
         by_channel = np.linalg.solve(
-            (s * np.eye(n) - found.A).swapaxes(1, 2), found.C.T.astype(complex)[None]
+            (s * np.eye(n) - matrices.A).swapaxes(1, 2), matrices.C.T.astype(complex)[None]
         )
         by_channel = by_channel.swapaxes(1, 2)  # C R
-        H = found.C @ by_load
-        moved = by_channel[:, None] @ (found.A_slopes @ by_load[:, None] + found.B_slopes)
-        moved = moved + found.C_slopes @ by_load[:, None]
-        for order in range(len(found.D)):
+        H = matrices.C @ by_load
+        moved = by_channel[:, None] @ (matrices.A_slopes @ by_load[:, None] + matrices.B_slopes)
+        moved = moved + matrices.C_slopes @ by_load[:, None]
+        for order in range(len(matrices.D)):
             power = (1j * omega) ** order
-            H = H + power[:, None, None] * found.D[order]
-            moved = moved + power[:, None, None, None] * found.D_slopes[:, order]
+            H = H + power[:, None, None] * matrices.D[order]
+            moved = moved + power[:, None, None, None] * matrices.D_slopes[:, order]
         return H, np.moveaxis(moved, 1, -1)
 
     def state_space(self, values: Mapping[str, float]) -> StateSpace:
         """Return the state space at values of the parameters."""
-        found = self.at(values)
-        return StateSpace(found.A, found.B, found.C, found.D[0], tuple(found.D[1:]))
+        matrices = self.at(values)
+        return StateSpace(matrices.A, matrices.B, matrices.C, matrices.D[0], tuple(matrices.D[1:]))
 
 
 @runtime_checkable

@@ -167,35 +167,35 @@ class ParametricModel:
             theta, rate = values(self.unknowns, eta), rates(self.unknowns, eta)
             if self.affine is None:
                 at = named(self.unknowns, eta)
-                found = _scaled(self.instruments.applied(self.system.at(at), at), self.scale)
+                matrices = _scaled(self.instruments.applied(self.system.at(at), at), self.scale)
             else:
-                found = self.affine.at(theta)
+                matrices = self.affine.at(theta)
             slopes = (
                 slope * rate.reshape(-1, *(1 for _ in slope.shape[1:])) if slope.any() else slope
-                for slope in found[4:]
+                for slope in matrices[4:]
             )
             self._last.clear()
-            self._last[key] = Matrices(*found[:4], *slopes)
+            self._last[key] = Matrices(*matrices[:4], *slopes)
         return self._last[key]
 
     def transition(self, eta: Array, h: float) -> Transition:
         """Return the exact step over h at these coordinates, with its derivatives."""
-        n, found = self.states, self.at(eta)
+        n, matrices = self.states, self.at(eta)
         readout = self.line.H * self.acting[:, None] * self.w_scale
         size = n + len(self.line.G)
         derivatives = np.zeros((len(eta), size, size))
-        derivatives[:, :n, :n] = found.A_slopes
-        derivatives[:, :n, n:] = found.B_slopes @ readout
+        derivatives[:, :n, :n] = matrices.A_slopes
+        derivatives[:, :n, n:] = matrices.B_slopes @ readout
         if self.instruments.unknown_delays:
-            derivatives[:, :n, n:] -= (found.B * self.late(eta)[:, None]) @ (readout @ self.line.G)
-        joint = joint_generator(found.A, found.B @ readout, self.line.G)
+            derivatives[:, :n, n:] -= (matrices.B * self.late(eta)[:, None]) @ (readout @ self.line.G)
+        joint = joint_generator(matrices.A, matrices.B @ readout, self.line.G)
         E, dE = exponential_with_derivatives(joint, derivatives, h)
         return Transition(E[:n], dE[:, :n])
 
     def output(self, eta: Array) -> tuple[Array, Array]:
         """Return the output matrix (channels x n) and its derivatives (p x channels x n)."""
-        found = self.at(eta)
-        return found.C, found.C_slopes
+        matrices = self.at(eta)
+        return matrices.C, matrices.C_slopes
 
     def follows_delays(self, eta: Array) -> NDArray[np.bool_]:
         """Return the mask of parameters on which delays depend (p)."""
@@ -217,13 +217,13 @@ class ParametricModel:
         """Return the direct effect of the loads on the channels, and the channels' offsets."""
         if self.affine is not None:
             return self._constant_direct
-        found = self.at(eta)
-        inputs = [self.line.inputs(order) * self.acting for order in range(len(found.D))]
-        value = sum((u @ D.T for u, D in zip(inputs, found.D, strict=True)), np.zeros(()))
+        matrices = self.at(eta)
+        inputs = [self.line.inputs(order) * self.acting for order in range(len(matrices.D))]
+        value = sum((u @ D.T for u, D in zip(inputs, matrices.D, strict=True)), np.zeros(()))
         slopes = None
-        if found.D_slopes.any():
-            each = zip(inputs, found.D_slopes.swapaxes(0, 1), strict=True)
-            slopes = sum((u @ D.swapaxes(1, 2) for u, D in each), np.zeros(()))
+        if matrices.D_slopes.any():
+            pairs = zip(inputs, matrices.D_slopes.swapaxes(0, 1), strict=True)
+            slopes = sum((u @ D.swapaxes(1, 2) for u, D in pairs), np.zeros(()))
         if not self.instruments.ideal:
             offset, change = self.instruments.numbers(self.instruments.offsets, named(self.unknowns, eta))
             value = value + offset
@@ -235,13 +235,13 @@ class ParametricModel:
     @property
     def times(self) -> Array:
         """The sampling times (times), s."""
-        wanted = self.line.nodes[self.line.wanted]
-        return np.asarray(wanted if self.sampling is None else wanted[self.sampling.own])
+        sample_times = self.line.nodes[self.line.wanted]
+        return np.asarray(sample_times if self.sampling is None else sample_times[self.sampling.own])
 
     def inputs(self, order: int = 0) -> Array:
         """Return a derivative of the acting signals at the sampling times (times x loads)."""
-        found = self.line.inputs(order)
-        return found if self.sampling is None else found[self.sampling.own]
+        inputs = self.line.inputs(order)
+        return inputs if self.sampling is None else inputs[self.sampling.own]
 
     def gathered(self, values: Array) -> Array:
         """Return values at the timeline's times (u x channels x …) as the channels record (times x …)."""
@@ -256,8 +256,8 @@ class ParametricModel:
         if not self.instruments.unknown_delays:
             return self
         at = named(self.unknowns, eta)
-        each = (self.instruments.load_delays, self.instruments.delays)
-        delays = [self.instruments.numbers(given, at).value for given in each]
+        delay_sets = (self.instruments.load_delays, self.instruments.delays)
+        delays = [self.instruments.numbers(delays_of, at).value for delays_of in delay_sets]
         key = np.concatenate(delays).tobytes()
         if key not in self._moved:
             self._moved.clear()
@@ -281,10 +281,10 @@ class ParametricModel:
     @cached_property
     def freed(self) -> ParametricModel | None:
         """The model with the unknown parameters of `free`; its states and timeline are the same."""
-        found = None if self.free is None else self.free()
-        if found is None:
+        system_and_instruments = None if self.free is None else self.free()
+        if system_and_instruments is None:
             return None
-        system, instruments = found
+        system, instruments = system_and_instruments
         return replace(
             self, system=system, instruments=instruments, affine=None, free=None, _last={}, _moved={}
         )
@@ -292,8 +292,8 @@ class ParametricModel:
     @property
     def has_samples(self) -> bool:
         """True if an input is known by samples, which lie at the clock of the record."""
-        signals = (one.signal if isinstance(one, Derivative) else one for one in self.signals)
-        return any(isinstance(one, Sampled) for one in signals)
+        signals = (signal.signal if isinstance(signal, Derivative) else signal for signal in self.signals)
+        return any(isinstance(signal, Sampled) for signal in signals)
 
     def clocked(self, error: float) -> ParametricModel:
         """Return the model of a record whose step is known too long by a relative error; delays are known.
@@ -315,7 +315,9 @@ class ParametricModel:
     def has_moving_jumps(self) -> bool:
         """True if a load of unknown delay may jump; of samples those that are held."""
         moving = any(isinstance(delay, Dependent) for delay in self.instruments.load_delays)
-        return moving and not all(isinstance(one, Sampled) and one.hold != "zero" for one in self.signals)
+        return moving and not all(
+            isinstance(signal, Sampled) and signal.hold != "zero" for signal in self.signals
+        )
 
     def jumps(self, eta: Array) -> Array | None:
         """Return what jumps of delayed inputs add to the derivatives of the state (intervals x p x n).
@@ -343,10 +345,10 @@ class ParametricModel:
         states
             States at the sampling times (times x n), scaled.
         """
-        found = self.at(eta)
-        moving = states @ found.A.T + (self.inputs() * self.acting) @ found.B.T
-        rate = moving @ found.C.T
-        for order, D in enumerate(found.D, 1):
+        matrices = self.at(eta)
+        moving = states @ matrices.A.T + (self.inputs() * self.acting) @ matrices.B.T
+        rate = moving @ matrices.C.T
+        for order, D in enumerate(matrices.D, 1):
             rate = rate + (self.inputs(order) * self.acting) @ D.T
         return np.asarray(rate)
 
@@ -386,20 +388,20 @@ def parametric_model(
         raise UsageError("nothing is measured", remedy="Give at least one channel.")
     system = system_of(model, loads, channels)
     system.check()
-    instruments = Instruments.of([one.name for one in unknowns], loads, channels)
+    instruments = Instruments.of([unknown.name for unknown in unknowns], loads, channels)
     starts = {unknown.name: unknown.start for unknown in unknowns}
     started = instruments.applied(system.at(starts), starts)
     d = balance(started.A)
     poles = np.linalg.eigvals(rescaled(started.A, d)).astype(complex)
     check_phase(poles, float(times[-1] - times[0]), [unknown.name for unknown in unknowns])
     line, sampling = _timeline(system, instruments, times, starts)
-    initials, known = system.prescribed(float(line.nodes[0]))
-    if known.any() and any(load.delay for load in loads):
+    initials, prescribed = system.prescribed(float(line.nodes[0]))
+    if prescribed.any() and any(load.delay for load in loads):
         raise UsageError("a prescribed motion cannot be delayed", names=("excitation",))
     _check_cost(len(line.nodes), len(d) * (1 + len(unknowns)), len(channels) * len(d) * len(times) * 2)
     length = max(float(np.ptp(line.nodes)), 1.0)
     state_root, gains = system.prior(starts, length), instruments.numbers(instruments.gains, starts).value
-    state_root[known] = 0.0
+    state_root[prescribed] = 0.0
     affine = system.affine if instruments.ideal else None
     if affine is not None:
         zero = np.zeros(len(unknowns))
@@ -411,7 +413,7 @@ def parametric_model(
         w_scale=drive_scale(rescaled(started.A, d), started.B @ line.H / d[:, None]),
         line=line,
         initials=initials / d,
-        known=known,
+        known=prescribed,
         channels=tuple(channels),
         gains=(tuple(load.gain_name for load in loads), tuple(channel.gain_name for channel in channels)),
         state_root=state_root / d[:, None],
@@ -420,7 +422,7 @@ def parametric_model(
         acting=np.ones(len(loads), dtype=bool),
         instruments=instruments,
         sampling=sampling,
-        considered=tuple(one for one in model.parameters if one.std is not None),
+        considered=tuple(parameter for parameter in model.parameters if parameter.std is not None),
         free=partial(_freed, model, loads, channels, system.states),
     )
 
@@ -432,28 +434,28 @@ def _freed(
 
     Known values are left out where other values of them would give a graph other states.
     """
-    for known in (True, False):
-        freed = freed_model(model, channels, known=known)
+    for known_parts in (True, False):
+        freed = freed_model(model, channels, known_parts=known_parts)
         if freed is None:
             continue
         system = system_of(freed, loads, channels)
         if tuple(system.states) == tuple(states):
-            names = [one.name for one in freed.unknowns]
+            names = [unknown.name for unknown in freed.unknowns]
             return system, Instruments.of(names, loads, channels)
     return None
 
 
-def freed_model(model: Model, channels: Sequence[Any], *, known: bool = True) -> Model | None:
+def freed_model(model: Model, channels: Sequence[Any], *, known_parts: bool = True) -> Model | None:
     """Return a model whose considered parameters are unknown; None where it has none.
 
-    `known`: of a structure also the known masses, stiffnesses, and masses at the sensors of `channels`; of a
-    graph the known storages.
+    `known_parts`: also the known masses and stiffnesses of a structure, and masses at the sensors of
+    `channels`; of a graph the known storages.
     """
-    parameters = [one.freed() for one in model.parameters]
-    if known and isinstance(model, StructuralModel):
+    parameters = [parameter.freed() for parameter in model.parameters]
+    if known_parts and isinstance(model, StructuralModel):
         return with_known_parts(model, parameters, channels)
     freed = model.with_parameters(parameters)
-    if known and not isinstance(freed, StructuralModel):
+    if known_parts and not isinstance(freed, StructuralModel):
         freed = freed.with_known_storages(parameters)
     return freed if len(freed.unknowns) > len(model.unknowns) else None
 
@@ -470,8 +472,12 @@ def _spread(signal: Signal, factor: float, first: float) -> Signal:
 
 def freed_coordinates(freed: Sequence[Parameter], unknowns: Sequence[Parameter], eta: Array) -> Array:
     """Return coordinates of the parameters of a freed model: `eta` of the unknown ones, else their values."""
-    known = {one.name: coordinate for one, coordinate in zip(unknowns, eta.tolist(), strict=True)}
-    return np.array([known.get(one.name, one.coordinate(one.start)) for one in freed])
+    coordinates = {
+        unknown.name: coordinate for unknown, coordinate in zip(unknowns, eta.tolist(), strict=True)
+    }
+    return np.array(
+        [coordinates.get(parameter.name, parameter.coordinate(parameter.start)) for parameter in freed]
+    )
 
 
 def _timeline(
@@ -486,12 +492,16 @@ def _timeline(
     Samples of signals are `longer` times as far from the first time, and apart, as they say.
     """
     sampling = RecordSampling.of(times, instruments.numbers(instruments.delays, values).value)
-    wanted = times if sampling is None else sampling.times
-    own = system.signals if longer == 1 else [_spread(one, longer, float(times[0])) for one in system.signals]
-    signals = instruments.acting(own, values)
+    evaluated_times = times if sampling is None else sampling.times
+    system_signals = (
+        system.signals
+        if longer == 1
+        else [_spread(signal, longer, float(times[0])) for signal in system.signals]
+    )
+    signals = instruments.acting(system_signals, values)
     if sampling is not None:
-        signals = [continued(signal, wanted) for signal in signals]
-    return timeline(signals, wanted, float(wanted[0])), sampling
+        signals = [continued(signal, evaluated_times) for signal in signals]
+    return timeline(signals, evaluated_times, float(evaluated_times[0])), sampling
 
 
 def system_of(model: Model, loads: Sequence[Any], channels: Sequence[Any]) -> LinearSystem:
@@ -526,10 +536,16 @@ def unknowns_of(model: Model) -> tuple[Parameter, ...]:
 def with_fixed(model: Model, fixed: Mapping[str, float]) -> Model:
     """Return a model in which unknown parameters are fixed at values, by name: both limits are the value."""
     parameters = [
-        replace(one, start=fixed[one.name], low=fixed[one.name], high=fixed[one.name], prior=None)
-        if one.name in fixed
-        else one
-        for one in model.parameters
+        replace(
+            parameter,
+            start=fixed[parameter.name],
+            low=fixed[parameter.name],
+            high=fixed[parameter.name],
+            prior=None,
+        )
+        if parameter.name in fixed
+        else parameter
+        for parameter in model.parameters
     ]
     changed = model.with_parameters(parameters)
     if not isinstance(changed, StructuralModel):
@@ -545,17 +561,17 @@ def with_fixed(model: Model, fixed: Mapping[str, float]) -> Model:
     return changed.joined(joints)
 
 
-def _scaled(found: Matrices, d: Array) -> Matrices:
+def _scaled(matrices: Matrices, d: Array) -> Matrices:
     """Return matrices for states that are divided by d (n)."""
     return Matrices(
-        rescaled(found.A, d),
-        found.B / d[:, None],
-        found.C * d,
-        found.D,
-        rescaled(found.A_slopes, d),
-        found.B_slopes / d[:, None],
-        found.C_slopes * d,
-        found.D_slopes,
+        rescaled(matrices.A, d),
+        matrices.B / d[:, None],
+        matrices.C * d,
+        matrices.D,
+        rescaled(matrices.A_slopes, d),
+        matrices.B_slopes / d[:, None],
+        matrices.C_slopes * d,
+        matrices.D_slopes,
     )
 
 

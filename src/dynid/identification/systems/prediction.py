@@ -117,8 +117,8 @@ def prediction(model: ParametricModel, eta: Array, x0: Array, free: Free, steps:
         outputs, by_time, by_parameter = kernels.sensitive(model, steps, C, C_slopes, direct.value, x0)
         if direct.slopes is not None:
             by_parameter += np.moveaxis(direct.slopes, 0, -1)
-        found = model.gathered(outputs), model.own(by_time), model.gathered(by_parameter)
-        return Prediction(*found, free.by_state)
+        gathered = model.gathered(outputs), model.own(by_time), model.gathered(by_parameter)
+        return Prediction(*gathered, free.by_state)
     transitions = steps
     forcing = _forcing(model, [transition.step[:, n:] for transition in transitions])
     drift = _forcing(model, [transition.derivatives[:, :, n:] for transition in transitions])
@@ -156,9 +156,9 @@ def forced_by(model: ParametricModel, eta: Array, loads: Sequence[int]) -> Array
     loads
         Places of the loads, from 0.
     """
-    part = model.driven_by(loads)
-    free, _ = free_prediction(part, eta)
-    return np.asarray(free.forced + free.by_state @ part.initial)
+    driven = model.driven_by(loads)
+    free, _ = free_prediction(driven, eta)
+    return np.asarray(free.forced + free.by_state @ driven.initial)
 
 
 def runs(which: NDArray[np.int64]) -> Iterator[tuple[int, int, int]]:

@@ -43,7 +43,7 @@ def data(
     NotIdentifiable
         If a channel has no samples or measures nothing but zeros.
     """
-    given = measurement.given_noise
+    given_noise = measurement.given_noise
     if isinstance(measurement.source, Simulation):
         if clean is None:
             clean = simulated(model, loads, measurement).outputs
@@ -53,9 +53,9 @@ def data(
         if measurement.source.noise_colour:
             colour = Autoregression.of(measurement.source.noise_colour, len(measurement.channels))
             added = colour.simulated(added)
-        record = RecordData(clean + noise * added, noise, clean, given, colour=colour)
+        record = RecordData(clean + noise * added, noise, clean, given_noise, colour=colour)
     else:
-        record = RecordData(np.asarray(measurement.source), given=given, passed=measurement.passed)
+        record = RecordData(np.asarray(measurement.source), given=given_noise, passed=measurement.passed)
     for column, channel in enumerate(measurement.channels):
         if not np.any(np.nan_to_num(record.values[:, column])):
             raise NotIdentifiable(
@@ -79,27 +79,27 @@ def simulated(
     if instruments.ideal:
         return _ideally_simulated(model, loads, channels, times, source)
     gains, delays = (
-        instruments.numbers(one, truth).value.tolist()
-        for one in (instruments.load_gains, instruments.load_delays)
+        instruments.numbers(numbers, truth).value.tolist()
+        for numbers in (instruments.load_gains, instruments.load_delays)
     )
     acting = [
         load._replace(signal=Shifted(load.signal, delay, gain), gain=1.0, delay=0.0)
         for load, delay, gain in zip(loads, delays, gains, strict=True)
     ]
     gain, offset, late = (
-        instruments.numbers(one, truth).value
-        for one in (instruments.gains, instruments.offsets, instruments.delays)
+        instruments.numbers(numbers, truth).value
+        for numbers in (instruments.gains, instruments.offsets, instruments.delays)
     )
     bare = [channel._replace(gain=1.0, offset=0.0, delay=0.0) for channel in channels]
-    found = _ideally_simulated(model, acting, bare, times, source)
-    outputs = found.outputs.copy()
+    response = _ideally_simulated(model, acting, bare, times, source)
+    outputs = response.outputs.copy()
     for delay in np.unique(late[late != 0]).tolist():
         moving = times - delay >= 0
         outputs[:, late == delay] = 0.0
         if moving.any():
             earlier = _ideally_simulated(model, acting, bare, times[moving] - delay, source)
             outputs[np.ix_(moving, late == delay)] = earlier.outputs[:, late == delay]
-    return found._replace(outputs=gain * outputs + offset)
+    return response._replace(outputs=gain * outputs + offset)
 
 
 def _ideally_simulated(

@@ -84,15 +84,15 @@ class StructureSystem(LinearSystem):
         shape = (len(self.unknowns), n)
         right = np.zeros((*shape, 2 * n + system.B.shape[1]))
         flexibility = np.concatenate([system.A[n:], system.B[n:]], axis=1)
-        for part, slopes in zip(right, self.model.slopes(values), strict=True):
+        for rows_of_parameter, slopes in zip(right, self.model.slopes(values), strict=True):
             if "K" in slopes:
-                part[:, :n] -= driven.others(as_array(slopes["K"]))
+                rows_of_parameter[:, :n] -= driven.others(as_array(slopes["K"]))
             if "C" in slopes:
-                part[:, n : 2 * n] -= driven.others(as_array(slopes["C"]))
+                rows_of_parameter[:, n : 2 * n] -= driven.others(as_array(slopes["C"]))
             if "M" in slopes:
                 change = as_array(slopes["M"])
-                part[:, 2 * n :] += driven.inertia(change)
-                part[:] -= driven.free(change) @ flexibility
+                rows_of_parameter[:, 2 * n :] += driven.inertia(change)
+                rows_of_parameter[:] -= driven.free(change) @ flexibility
         if self._shaken:
             right[:, :, 2 * n :] += base_slopes(self.model, self.loads, values)
         moved = np.linalg.solve(mass, right)
@@ -109,10 +109,10 @@ class StructureSystem(LinearSystem):
     @cached_property
     def affine(self) -> Affine | None:
         """The matrices where every unknown is the factor of a stiffness or damping; else None."""
-        if not self.model.affine or not all(one.logarithmic for one in self.unknowns):
+        if not self.model.affine or not all(unknown.logarithmic for unknown in self.unknowns):
             return None
-        found = self.at(dict.fromkeys((one.name for one in self.unknowns), 0.0))
-        return Affine(found.A, found.B, found.C, found.D, found.A_slopes, found.C_slopes)
+        matrices = self.at(dict.fromkeys((unknown.name for unknown in self.unknowns), 0.0))
+        return Affine(matrices.A, matrices.B, matrices.C, matrices.D, matrices.A_slopes, matrices.C_slopes)
 
     def prior(self, values: Mapping[str, float], length: float) -> Array:
         """Return the root of a prior in which displacements and velocities have equal energy in every mode.
@@ -152,9 +152,9 @@ class StructureSystem(LinearSystem):
     def prescribed(self, time: float) -> tuple[Array, NDArray[np.bool_]]:
         """Return displacements and velocities as far as motions prescribe them."""
         n = 2 * self.model.size
-        each = [prescribed_state(self.model, [load], time) for load in self.loads]
-        known = np.any([where for _, where in each], axis=0) | np.zeros(n, dtype=bool)
-        return np.array([state for state, _ in each]).reshape(len(each), n), known
+        states = [prescribed_state(self.model, [load], time) for load in self.loads]
+        prescribed = np.any([where for _, where in states], axis=0) | np.zeros(n, dtype=bool)
+        return np.array([state for state, _ in states]).reshape(len(states), n), prescribed
 
     def poles(self, values: Mapping[str, float]) -> ComplexArray:
         """Return the poles at values of the parameters, 1/s."""
@@ -261,11 +261,11 @@ class StructureSystem(LinearSystem):
             for letter, matrix in changes.items():
                 change = within(as_array(matrix))
                 here = np.flatnonzero(change.any(axis=0))
-                own = motion[:, here]
+                active_motion = motion[:, here]
                 bent = np.tensordot(
-                    own[:, :, forces], change[np.ix_(here, here)], (1, 0)
+                    active_motion[:, :, forces], change[np.ix_(here, here)], (1, 0)
                 )  # L x forces x here
-                products = np.einsum("lhp,lph->lp", own[:, :, read], bent[:, of_pair])
+                products = np.einsum("lhp,lph->lp", active_motion[:, :, read], bent[:, of_pair])
                 moved[..., k] -= factor * powers[letter][:, None] * products
         return moved
 
@@ -278,18 +278,22 @@ class StructureSystem(LinearSystem):
         """Return the lines condensed to what unknown parameters act on; None where that does not pay."""
         key = omega.tobytes(), tuple(pairs)
         if self._lines is None or self._lines[0] != key:
-            own, modal = {one.name for one in self.unknowns}, self.model.modal
-            found = None
-            if modal is None or own.isdisjoint(modal.names):
+            unknown_names, modal = {unknown.name for unknown in self.unknowns}, self.model.modal
+            lines = None
+            if modal is None or unknown_names.isdisjoint(modal.names):
                 matrices = self.model.dense(_references(self.model))
                 terms = (*self.model.joint_terms, *self.model.terms)
-                acting = [as_array(one.matrix) for one in terms if not own.isdisjoint(one.coefficient.names)]
-                if any(part.any() for part in acting):
+                acting = [
+                    as_array(term.matrix)
+                    for term in terms
+                    if not unknown_names.isdisjoint(term.coefficient.names)
+                ]
+                if any(matrix.any() for matrix in acting):
                     coordinates = ActiveCoordinates.of(acting)
-                    found = condensed_lines(matrices, coordinates, *self._ends(pairs), omega)
-            self._lines = key, found
+                    lines = condensed_lines(matrices, coordinates, *self._ends(pairs), omega)
+            self._lines = key, lines
         return self._lines[1]
 
 
 def _references(model: StructuralModel) -> dict[str, float]:
-    return {one.name: one.start for one in model.unknowns}
+    return {unknown.name: unknown.start for unknown in model.unknowns}
