@@ -212,9 +212,6 @@ class SystemModel(Protocol):
     def with_parameters(self, parameters: Sequence[Parameter]) -> SystemModel:
         """Return the model with other parameters, unknown or considered."""
 
-    def with_known_storages(self, parameters: Sequence[Parameter]) -> SystemModel:
-        """Return the model with other parameters, and a factor of each known storage."""
-
     def simulated(
         self, loads: Sequence[Any], channels: Sequence[Any], times: Array, source: Simulation
     ) -> TimeResponse:

@@ -455,7 +455,7 @@ def freed_model(model: Model, channels: Sequence[Any], *, known_parts: bool = Tr
     if known_parts and isinstance(model, StructuralModel):
         return with_known_parts(model, parameters, channels)
     freed = model.with_parameters(parameters)
-    if known_parts and not isinstance(freed, StructuralModel):
+    if known_parts and hasattr(freed, "with_known_storages"):  # of a graph
         freed = freed.with_known_storages(parameters)
     return freed if len(freed.unknowns) > len(model.unknowns) else None
 
