@@ -14,7 +14,8 @@ from dynid.errors import FileError, NumericalError
 from dynid.store import read_result
 from dynid.study import work
 from dynid.study.executors import make_executor
-from dynid.study.executors.base import ProcessExecutor, SerialExecutor
+from dynid.study.executors.base import SerialExecutor
+from dynid.study.executors.processes import ProcessExecutor
 from dynid.study.run import run_study, valid_samples
 from tests.study.faults import poisoned
 from tests.study.small import SCENE, STUDY, assert_same, planned

@@ -15,9 +15,9 @@ import pytest
 from dynid.errors import UsageError
 from dynid.store import read_result
 from dynid.study import scheduler
-from dynid.study.executors import make_executor, timed
+from dynid.study.executors import make_executor, processes
 from dynid.study.executors.base import SerialExecutor
-from dynid.study.executors.timed import TimedExecutor
+from dynid.study.executors.processes import ProcessExecutor
 from dynid.study.run import run_study
 from tests.study.faults import faulty
 from tests.study.small import STUDY, assert_same, planned
@@ -34,7 +34,7 @@ def undisturbed(tmp_path_factory):
     return folder / "s.h5"
 
 
-class Faulty(TimedExecutor):
+class Faulty(ProcessExecutor):
     """Processes with a time limit, in which some samples hang or die."""
 
     def __init__(self, width, seconds, faults, folder):
@@ -48,14 +48,14 @@ class Faulty(TimedExecutor):
 @pytest.fixture
 def impatient(monkeypatch):
     """A second for what is known to hang, ten minutes for all the rest, whatever the limit says."""
-    exchange = timed.Lane._exchange
+    exchange = processes.Worker._exchange
 
-    def hurried(lane, message, _):
+    def hurried(worker, message, _):
         call, args = pickle.loads(message)
         hangs = call is faulty and any(args[0].get(one["parameters.m"]) == "hangs" for one in args[-1])
-        return exchange(lane, message, 1.0 if hangs and lane._known else 600.0)
+        return exchange(worker, message, 1.0 if hangs and worker._completed else 600.0)
 
-    monkeypatch.setattr(timed.Lane, "_exchange", hurried)
+    monkeypatch.setattr(processes.Worker, "_exchange", hurried)
     monkeypatch.setattr("dynid.study.scheduler.Chunks.size", lambda _, left, __: 1 if left == 20 else 2)
 
 
@@ -111,24 +111,24 @@ def test_a_sample_that_takes_long_is_named(tmp_path, monkeypatch):
 
 
 def test_a_process_that_is_gone_is_replaced_and_what_it_raises_comes_through():
-    lane = timed.Lane()
+    worker = processes.Worker()
     try:
-        assert lane.run(60.0, os.getpid) != os.getpid()
+        assert worker.run(60.0, os.getpid) != os.getpid()
         with pytest.raises(ValueError, match="could not convert"):
-            lane.run(60.0, float, "x")
-        with pytest.raises(timed.WorkerDied):
-            lane.run(60.0, signal.raise_signal, signal.SIGKILL)
-        with pytest.raises(timed.TimeLimitExceeded):
-            lane.run(0.2, time.sleep, 1000)
-        assert lane.run(60.0, abs, -3) == 3
+            worker.run(60.0, float, "x")
+        with pytest.raises(processes.WorkerDied):
+            worker.run(60.0, signal.raise_signal, signal.SIGKILL)
+        with pytest.raises(processes.TimeLimitExceeded):
+            worker.run(0.2, time.sleep, 1000)
+        assert worker.run(60.0, abs, -3) == 3
     finally:
-        lane.close()
-    with pytest.raises(timed.WorkerDied):
-        lane.run(60.0, abs, -3)
+        worker.close()
+    with pytest.raises(processes.WorkerDied):
+        worker.run(60.0, abs, -3)
 
 
 def test_processes_that_nothing_asks_for_end():
-    of_worker = timed.Lanes(idle=0.05)
+    of_worker = processes.WorkerPool(idle=0.05)
     process = of_worker.run(60.0, os.getpid)
     end = time.monotonic() + 60
     while _lives(process):
@@ -140,10 +140,10 @@ def test_processes_that_nothing_asks_for_end():
 
 ORPHAN = """
 import os, sys, time
-from dynid.study.executors.timed import Lane
-lane = Lane()
-print(lane.run(60.0, os.getpid), flush=True)
-lane.run(60.0, time.sleep, 1000)
+from dynid.study.executors.processes import Worker
+worker = Worker()
+print(worker.run(60.0, os.getpid), flush=True)
+worker.run(60.0, time.sleep, 1000)
 """
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dynid.errors import NumericalError
 from dynid.scene.outcomes import SampleOutcome, SampleOutcomes
-from dynid.study.executors.timed import TimeLimitExceeded
+from dynid.study.executors.processes import TimeLimitExceeded
 from dynid.study.work import Done, Job, Packed, packed, run_chunk
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dynid.errors import UsageError
-from dynid.study.executors.base import SerialExecutor, StudyExecutor, cores
+from dynid.study.executors.base import SerialExecutor, StudyExecutor
 
 __all__ = ["EXECUTORS", "StudyExecutor", "make_executor"]
 
@@ -50,12 +50,8 @@ def make_executor(
         )
     if executor == "dask":
         return DaskExecutor(scheduler or configured_address(), scheduler_file, workers, sample_timeout)
-    if sample_timeout is not None:
-        from dynid.study.executors.timed import TimedExecutor
+    if executor == "processes" or sample_timeout is not None:
+        from dynid.study.executors.processes import ProcessExecutor
 
-        return TimedExecutor(1 if executor == "serial" else workers or cores(), sample_timeout)
-    if executor == "processes":
-        from dynid.study.executors.base import ProcessExecutor
-
-        return ProcessExecutor(workers)
+        return ProcessExecutor(1 if executor == "serial" else workers, sample_timeout)
     return SerialExecutor()

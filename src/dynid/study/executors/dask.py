@@ -12,7 +12,7 @@ from typing import Any
 
 from dynid.errors import FileError, UsageError
 from dynid.study.executors.base import StudyExecutor
-from dynid.study.executors.timed import WorkerDied, run_timed
+from dynid.study.executors.processes import WorkerDied, run_timed
 
 _PATIENCE = 10.0  # seconds to connect to the scheduler
 _TALKATIVE = ("distributed", "tornado", "asyncio")  # loggers

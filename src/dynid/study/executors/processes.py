@@ -1,7 +1,7 @@
-"""Executor with a time limit: processes that run one call at a time, and are killed if it takes too long.
+"""Executor in processes that run one call at a time, and are killed if it exceeds a time limit.
 
-A pool of `multiprocessing` would not do: there one process cannot end without the others, and workers of
-Dask, which are daemons, may not have such children.
+No standard pool would do (`docs/decisions/process_pool.md`): in `concurrent.futures` one process cannot end
+without the others, and workers of Dask, which are daemons, may not have children of `multiprocessing`.
 """
 
 from __future__ import annotations
@@ -21,17 +21,28 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import suppress
 from typing import IO, Any
 
-from dynid.study.executors.base import ONE_THREAD, StudyExecutor
+from dynid.study.executors.base import StudyExecutor, cores
+
+#: Environment that limits linear algebra to one thread: the processes already share the cores.
+ONE_THREAD = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "BLIS_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+)
 
 _LENGTH = struct.Struct("<Q")
 _BOOT = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
-    "from dynid.study.executors.timed import serve; serve()"
+    "from dynid.study.executors.processes import serve; serve()"
 )
-_WARM_UP = 10.0  # s added to the limit of the first call, which imports modules; or
-_SLOWNESS = 5.0  # times the time that the process took to start, if that is longer
-_START = 600.0  # limit of the start of a process, s
-_IDLE = 60.0  # s until an idle process of a Dask worker ends
+# Added to the limit of the first call, which imports modules: seconds, or this many
+# times what the process took to start, if that is longer.
+_WARM_UP_SECONDS, _WARM_UP_STARTS = 10.0, 5.0
+_START_SECONDS = 600.0  # limit of the start of a process
+_IDLE_SECONDS = 60.0  # until an idle process of a Dask worker ends
 
 
 class TimeLimitExceeded(Exception):
@@ -42,18 +53,18 @@ class WorkerDied(Exception):
     """The process of a call ended before the call."""
 
 
-class Lane:
+class Worker:
     """Process that runs one call at a time, and is replaced when it has ended."""
 
     def __init__(self) -> None:
         self.timer: threading.Timer | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._replies: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
-        self._known: bytes | None = None  # a call that ended in time
+        self._completed: bytes | None = None  # a call that ended in time
         self._warm_up = 0.0
         self._closed = False
 
-    def run(self, seconds: float, call: Callable[..., Any], *args: Any) -> Any:
+    def run(self, seconds: float | None, call: Callable[..., Any], *args: Any) -> Any:
         """Return the value of a call, or raise its exception.
 
         A new process first repeats a call that ended in time before, so that the time for imports does not
@@ -62,24 +73,26 @@ class Lane:
         Raises
         ------
         TimeLimitExceeded
-            If the call takes longer than `seconds`. Its process is killed.
+            If the call takes longer than `seconds`, unless that is None. Its process is killed.
         WorkerDied
             If its process ends.
         """
         message = pickle.dumps((call, args))
         if self._process is None:
             self._start()
-            if self._known is not None:
+            if self._completed is not None and seconds is not None:
                 try:
-                    self._exchange(self._known, seconds + self._warm_up)
+                    self._exchange(self._completed, seconds + self._warm_up)
                 except (TimeLimitExceeded, WorkerDied):
-                    self._known = None
+                    self._completed = None
                     self._start()
-        allowed = seconds + (0.0 if self._known else self._warm_up)
-        done, answer = pickle.loads(self._exchange(message, allowed))
+        if seconds is not None and self._completed is None:
+            seconds += self._warm_up
+        done, answer = pickle.loads(self._exchange(message, seconds))
         if not done:
             raise answer
-        self._known = self._known or message
+        if seconds is not None:
+            self._completed = self._completed or message
         return answer
 
     def close(self) -> None:
@@ -102,10 +115,10 @@ class Lane:
         began = time.monotonic()
         self._replies = queue.SimpleQueue()
         threading.Thread(target=_receive, args=(self._process.stdout, self._replies), daemon=True).start()
-        self._exchange(pickle.dumps((_ready, ())), _START)
-        self._warm_up = max(_WARM_UP, _SLOWNESS * (time.monotonic() - began))
+        self._exchange(pickle.dumps((_ready, ())), _START_SECONDS)
+        self._warm_up = max(_WARM_UP_SECONDS, _WARM_UP_STARTS * (time.monotonic() - began))
 
-    def _exchange(self, message: bytes, seconds: float) -> bytes:
+    def _exchange(self, message: bytes, seconds: float | None) -> bytes:
         assert self._process is not None
         assert self._process.stdin is not None
         try:
@@ -131,107 +144,106 @@ class Lane:
                 process.stdin.close()
 
 
-class Lanes:
-    """Pool of lanes, one for each call that runs at a time.
+class WorkerPool:
+    """Pool of workers, one for each call that runs at a time.
 
     Parameters
     ----------
     idle
-        Seconds after which the process of an idle lane ends; None for never.
+        Seconds after which the process of an idle worker ends; default: never.
     """
 
     def __init__(self, idle: float | None = None) -> None:
         self._idle = idle
         self._lock = threading.Lock()
-        self._free: list[Lane] = []
-        self._every: list[Lane] = []
+        self._free: list[Worker] = []
+        self._workers: list[Worker] = []
         self._closed = False
 
-    def run(self, seconds: float, call: Callable[..., Any], *args: Any) -> Any:
-        """Run a call in a free lane; see `Lane.run`."""
+    def run(self, seconds: float | None, call: Callable[..., Any], *args: Any) -> Any:
+        """Run a call in a free worker; see `Worker.run`."""
         with self._lock:
             if self._closed:
                 raise WorkerDied
-            lane = self._free.pop() if self._free else Lane()
-            if lane not in self._every:
-                self._every.append(lane)
-        if lane.timer is not None:
-            lane.timer.cancel()
+            worker = self._free.pop() if self._free else Worker()
+            if worker not in self._workers:
+                self._workers.append(worker)
+        if worker.timer is not None:
+            worker.timer.cancel()
         try:
-            return lane.run(seconds, call, *args)
+            return worker.run(seconds, call, *args)
         finally:
             with self._lock:
-                self._free.append(lane)
+                self._free.append(worker)
             if self._idle is not None:
-                lane.timer = threading.Timer(self._idle, self._retire, (lane,))
-                lane.timer.daemon = True
-                lane.timer.start()
+                worker.timer = threading.Timer(self._idle, self._retire, (worker,))
+                worker.timer.daemon = True
+                worker.timer.start()
 
     def close(self) -> None:
         """End all processes."""
         with self._lock:
             self._closed = True
-            every = list(self._every)
-        for lane in every:
-            lane.close()
+            workers = list(self._workers)
+        for worker in workers:
+            worker.close()
 
-    def _retire(self, lane: Lane) -> None:
+    def _retire(self, worker: Worker) -> None:
         with self._lock:
-            if lane not in self._free:
+            if worker not in self._free:
                 return
-            self._free.remove(lane)
-            self._every.remove(lane)
-        lane.close()
+            self._free.remove(worker)
+            self._workers.remove(worker)
+        worker.close()
 
 
-class TimedExecutor(StudyExecutor):
-    """Executor in processes of this machine that are killed when a chunk exceeds its time limit.
+class ProcessExecutor(StudyExecutor):
+    """Executor in processes of this machine.
 
     Parameters
     ----------
-    width
-        Number of processes.
-    seconds
-        Time limit of a chunk of samples, s.
+    workers
+        Number of processes; default: one per core.
+    timeout
+        Time limit of a chunk of samples, s, whose process is killed then; default: no limit.
     """
 
-    def __init__(self, width: int, seconds: float) -> None:
+    def __init__(self, workers: int | None = None, timeout: float | None = None) -> None:
         super().__init__()
-        self.width = width
-        self.timeout = seconds
-        self._lanes = Lanes()
+        self.width = workers or cores()
+        self.timeout = timeout
+        self._pool = WorkerPool()
 
     def submit(self, call: Callable[..., Any], *args: Any) -> Future[Any]:
         """Submit a call to a worker, which a thread waits for."""
         return super().submit(self._run, call, args)
 
     def _run(self, call: Callable[..., Any], args: tuple[Any, ...]) -> Any:
-        assert self.timeout is not None
-        return self._lanes.run(self.timeout, call, *args)  # the lanes exist when the workers have started
+        return self._pool.run(self.timeout, call, *args)  # the pool exists when the threads have started
 
     def replace(self) -> None:
-        """Do nothing: each lane replaces its own process."""
+        """Do nothing: each worker replaces its own process."""
 
     def has_died(self, error: BaseException) -> bool:
         """Return whether the process of a call ended before the call."""
         return isinstance(error, WorkerDied)
 
     def _start(self) -> Executor:
-        self._lanes = Lanes()
+        self._pool = WorkerPool()
         return ThreadPoolExecutor(self.width)
 
     def _stop(self, executor: Executor) -> None:
         executor.shutdown(wait=False, cancel_futures=True)
-        self._lanes.close()
+        self._pool.close()
         executor.shutdown(wait=True)
 
 
-_OF_WORKER = Lanes(_IDLE)
+_DASK_POOL = WorkerPool(_IDLE_SECONDS)
 
 
 def run_timed(seconds: float, call: Callable[..., Any], *args: Any) -> Any:
-    """Run a call of a Dask worker in a child process with a time limit; see `Lane.run`."""
-    return _OF_WORKER.run(seconds, call, *args)
+    """Run a call of a Dask worker in a child process with a time limit; see `Worker.run`."""
+    return _DASK_POOL.run(seconds, call, *args)
 
 
 def _ready() -> None:
@@ -240,7 +252,7 @@ def _ready() -> None:
 
 
 def serve() -> None:
-    """Run calls from standard input, in the process of a lane."""
+    """Run calls from standard input, in the process of a worker."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     requests, replies = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
     nothing = os.open(os.devnull, os.O_RDWR)
