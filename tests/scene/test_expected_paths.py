@@ -18,9 +18,8 @@ from dynid.lti.step_info import StepInfo
 from dynid.scene.doubts import scene_doubts
 from dynid.scene.kinds.expected_paths import impossible_paths
 from dynid.scene.kinds.result_layout import ATTRIBUTES, LAYOUT, names_in
-from dynid.scene.load import Scene, check_source, load_scene
+from dynid.scene.load import check_source, load_scene, validated
 from dynid.scene.run import run_scene
-from dynid.scene.schema.study import StudyScene
 from dynid.scene.yaml.source import apply_overrides, parse_source
 from tests.scene.example_scenes import ISOLATOR, check
 
@@ -92,7 +91,7 @@ def collecting(name, *paths, vary="parameters.m: [1, 2]"):
     base = load_scene(CONFIGS / f"{name}.yaml")
     collect = "".join(f"  - {path}\n" for path in paths)
     text = f"dynid: 1\nkind: study\nscene: x.yaml\nvary: {{{vary}}}\ncollect:\n{collect}"
-    study = Scene(parse_source(text), StudyScene.model_validate(parse_source(text).data))
+    study = validated(parse_source(text))
     return [(fault.line, fault.message) for fault in impossible_paths(base, study)]
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from typing_extensions import TypeVar
 
     from dynid.scene.schema.base import SceneModel
-    from dynid.scene.schema.quantities import Located
+    from dynid.scene.schema.quantities import Located, SceneNames
 
     M = TypeVar("M", bound=SceneModel, covariant=True, default=Any)
 else:
@@ -48,10 +48,13 @@ class Scene(Generic[M]):
         Its text, plain data and the places of both.
     model
         The same, validated, with every quantity resolved.
+    names
+        The names in it, with which its quantities were resolved.
     """
 
     source: Source
     model: M
+    names: SceneNames
 
     @property
     def kind(self) -> str:
@@ -218,7 +221,7 @@ def validated(source: Source) -> Scene:
     model = _model_of(source)
     names, faults = read_names(source)
     try:
-        scene = Scene(source, model.model_validate(with_text_keys(source.data), context=names))
+        valid = model.model_validate(with_text_keys(source.data), context=names)
     except ValidationError as error:
         reported = {
             (fault.file, fault.line, fault.column) for fault in faults
@@ -231,7 +234,7 @@ def validated(source: Source) -> Scene:
         raise SceneError(faults) from None
     if faults:
         raise SceneError(faults)
-    return scene
+    return Scene(source, valid, names)
 
 
 def _completed(scene: Scene) -> Source:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from dynid.arithmetic.expression import name_problem
 from dynid.errors import Fault
 from dynid.scene.model_files import is_instance, library_names
-from dynid.scene.schema.raw import chain_ends, is_mapping_of_mappings, listing, mapping
+from dynid.scene.schema.raw import MAX_COPIES, chain_ends, is_mapping_of_mappings, listing, mapping
 from dynid.scene.yaml.parser import Path as KeyPath
 from dynid.scene.yaml.source import Source
 from dynid.suggestions import did_you_mean
@@ -23,8 +23,6 @@ from dynid.suggestions import did_you_mean
 _INSTANCE_KEYS = ("model", "repeat", "chain", "copies")
 #: Keys of instances and nodes, which no parameter of a model is called.
 RESERVED = (*_INSTANCE_KEYS, "type", "value", "domain", "ports", "law")
-#: The most copies of an instance.
-MAX_COPIES = 100_000
 #: The most values (texts, numbers, lists, mappings) of all instances together: about 1 GB.
 MAX_VALUES = 4_000_000
 #: The most models within one another; each takes two frames of Python's stack of 1,000.

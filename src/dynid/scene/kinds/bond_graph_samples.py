@@ -29,7 +29,6 @@ from dynid.scene.kinds.graph_parts import has_law
 from dynid.scene.load import Scene
 from dynid.scene.outcomes import SampleOutcome, SampleOutcomes
 from dynid.scene.schema.quantities import Quantity
-from dynid.scene.schema.raw import read_names
 
 if TYPE_CHECKING:
     from dynid.scene.schema.bond_graph import BondGraphScene
@@ -92,7 +91,7 @@ class GraphSamples:
         if not shared(self._paths, analysis) or any(names & set(named_in(part)) for part in constant):
             raise NotShared("what is collected is more than numbers of the channels and responses")
         self._binary = analysis.reading == "binary"
-        self._fixed = read_names(scene.source)[0].parameters
+        self._fixed = scene.names.parameters
         self._values = _slots({name: node.value for name, node in model.graph.nodes.items()}, names)
         self._stored = _slots({name: given.f or given.e for name, given in model.initial.items()}, names)
         self._initial = dict(analysis.initial)

@@ -18,7 +18,8 @@ from dynid.scene.schema.base import DefinedParameter, Section
 from dynid.scene.schema.bond_graph import BondGraphScene, GraphModel
 from dynid.scene.schema.control import ControlModel
 from dynid.scene.schema.faults import located_faults
-from dynid.scene.schema.raw import mapping, read_names, written_key
+from dynid.scene.schema.quantities import AT_KEY, Located
+from dynid.scene.schema.raw import read_names
 from dynid.units import angular_factor
 
 if TYPE_CHECKING:
@@ -33,10 +34,7 @@ if TYPE_CHECKING:
 def designed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
     """Return a scene without its design, in which free parameters have the designed values."""
     data = {key: value for key, value in scene.source.data.items() if key not in ("design", "models", "use")}
-    given = dict(mapping(data, "parameters"))
-    for name, value in values.items():
-        given[written_key(given, name)] = value
-    data["parameters"] = given
+    data["parameters"] = {str(name): value for name, value in data["parameters"].items()} | dict(values)
     return check_source(replace(scene.source, data=data, overridden=True))
 
 
@@ -104,17 +102,16 @@ def check_design(scene: Scene[BondGraphScene]) -> None:
     for _, quantity in quantities(parts):
         used |= quantity.dependent.names if quantity.dependent is not None else set()
     message = "nothing in the graph depends on this parameter; use it in a value, or do not free it"
-    faults, raw = [], mapping(mapping(source.data, "design"), "free")
+    faults: list[Located] = []
     for name in model.design.free:
-        path = ("design", "free", written_key(raw, name))
+        path = ("design", "free", name, AT_KEY)
         if name not in used:
-            faults.append(source.fault(path, message, key=True))
+            faults.append((path, message))
         try:
             _free_parameter(model, model.design, name)
         except UsageError as error:
-            faults.append(source.fault(path, str(error), key=True))
-    if faults:
-        raise SceneError(faults)
+            faults.append((path, str(error)))
+    scene.raise_faults(faults)
 
 
 class _DependentParts(Section):

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from dynid.bondgraph.analysis_request import MARGINS, PROPERTIES, ResultName
 from dynid.scene.kinds.parameters import unknown_parameters
 from dynid.scene.kinds.result_layout import ATTRIBUTES, ROOT_ATTRIBUTES, groups_in, is_of_scene, names_in
-from dynid.scene.schema.raw import MULTIPORTS, node_types, references
+from dynid.scene.schema.joints import ParameterModel
+from dynid.scene.schema.references import sections
 from dynid.scene.schema.study import paths_of
 from dynid.suggestions import did_you_mean, shortened
 
@@ -66,8 +67,6 @@ _NUMBERED = frozenset(
 _OF_PARAMETERS = frozenset(
     ("identification", name) for name in ("parameters", "rejected", "diagnostics", "equivalent_optima")
 )
-#: Keys of an unknown parameter that stands where its value would.
-_UNKNOWN = frozenset({"start", "true", "min", "max", "prior", "std", "scale", "value"})
 #: Dimensions without a coordinate.
 _UNLABELLED = frozenset({"line", "master", "basis_mode", "end"})
 #: The groups of bond graphs, with the results of which one has to be requested.
@@ -316,17 +315,9 @@ def _labels(scene: Scene, parts: tuple[str, ...]) -> dict[str, list[str]]:
 
 def _unknown_names(scene: Scene[IdentificationScene]) -> list[str]:
     """Return the names of the unknown parameters of a scene; none where others than `parameters` are."""
-    waiting: list[Any] = [value for key, value in scene.source.data.items() if key != "parameters"]
-    while waiting:
-        part = waiting.pop()
-        if isinstance(part, dict):
-            if "start" in part and _UNKNOWN.issuperset(part):
-                return []
-            waiting += part.values()
-        elif isinstance(part, list):
-            waiting += part
-    model = scene.model
-    return [parameter.name for parameter in unknown_parameters(model)]
+    if any(joint.start is not None for _, joint in sections(scene.model.joints, ParameterModel)):
+        return []
+    return [parameter.name for parameter in unknown_parameters(scene.model)]
 
 
 def _has_block(group: str, model: BondGraphScene) -> bool:
@@ -337,16 +328,13 @@ def _has_block(group: str, model: BondGraphScene) -> bool:
 
 def _labels_of_graph(scene: Scene[BondGraphScene]) -> dict[str, list[str]]:
     """Return the labels of axes of the results of a bond graph, as far as the scene alone says them."""
-    data, model = scene.source.data, scene.model
-    types = node_types(data) | references(data)
-    labels = {}
+    model, labels = scene.model, {}
     if model.control is not None:
         labels["loop"] = [f"{loop.measured} -> {loop.source}" for loop in model.control.loops]
-    if not any(kind in MULTIPORTS for kind in types.values()):  # whose ports have names of their own
-        sources = [name for name, kind in types.items() if kind in ("Se", "Sf")]
+    if not any(node.ports for node in model.graph.nodes.values()):  # whose names are their own
         labels["output"] = [str(port) for port in model.analysis.outputs]
-        labels["input"] = [str(name) for name in model.analysis.inputs or ()] or sources
-        labels["source"] = sources
+        labels["input"] = model.analysis.inputs or model.sources
+        labels["source"] = model.sources
     return labels
 
 

@@ -22,7 +22,7 @@ from dynid.errors import DynidError
 from dynid.model_scope import ScopePart
 from dynid.scene.schema.laws import OperatingPointModel, variables_of
 from dynid.scene.schema.quantities import Quantity
-from dynid.scene.schema.raw import STRUCTURE, own_variable, read_names
+from dynid.scene.schema.raw import STRUCTURE, own_variable
 
 if TYPE_CHECKING:
     from dynid.bondgraph.analysis_request import Reading
@@ -323,10 +323,9 @@ def law_variables(scene: Scene, graph: GraphModel, point: OperatingPointModel | 
 def laws_of(scene: Scene, graph: GraphModel) -> dict[str, Law]:
     """Return the laws of the nodes of a graph."""
     found: dict[str, Law] = {}
-    names = None
+    names = scene.names
     for name, node in graph.nodes.items():
         if given := _given(node):
-            names = names or read_names(scene.source)[0]
             gives, text = given
             expression = parse(text)
             own = own_variable(node.type, gives)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dynid.identification.records.measurement import Experiment
@@ -122,7 +123,7 @@ def started(scene: Scene[IdentificationScene], structure: StructuralModel) -> St
     """Return a structure as an estimator reduces it: its basis is made at the starts, not at the truth."""
     model = scene.model
     at_start = at_starts(model)
-    return structure if at_start is model else structure_of(Scene(scene.source, at_start))
+    return structure if at_start is model else structure_of(replace(scene, model=at_start))
 
 
 class Setting(NamedTuple):

@@ -103,7 +103,7 @@ class IdentificationSamples:
             if changed is None:
                 return None
             model = changed
-        scene, result = Scene(self._scene.source, model), CollectedResult("identification", self._collect)
+        scene, result = replace(self._scene, model=model), CollectedResult("identification", self._collect)
         try:
             structure = self._structure if self._same else structure_of(scene)
             given = self._setting_of(scene, structure, override)

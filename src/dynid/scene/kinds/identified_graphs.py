@@ -62,7 +62,7 @@ def started_graph(scene: Scene[IdentificationScene]) -> tuple[IdentifiedGraph, B
     assert model.graph is not None
     at_start = at_starts(model)
     constant = at_start is model or all(node.reduction is None for node in model.graph.nodes.values())
-    return identified_graph(scene if constant else Scene(scene.source, at_start))
+    return identified_graph(scene if constant else replace(scene, model=at_start))
 
 
 def run_graph(scene: Scene[IdentificationScene]) -> Result:

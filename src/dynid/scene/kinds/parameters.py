@@ -11,8 +11,7 @@ from pydantic import BaseModel
 
 from dynid.errors import SceneError, UsageError
 from dynid.scene.schema.base import DefinedParameter
-from dynid.scene.schema.quantities import Quantity
-from dynid.scene.schema.raw import mapping, written_key
+from dynid.scene.schema.quantities import AT_KEY, Quantity
 
 if TYPE_CHECKING:
     from dynid.arithmetic.numbers import Number
@@ -87,26 +86,20 @@ def check_parameters(scene: Scene[IdentificationScene]) -> None:
     SceneError
         If a number does not fit the scale of its parameter, or nothing depends on an unknown one.
     """
-    from dynid.scene.schema.raw import read_names
-
     model = scene.model
     if not any(isinstance(given, DefinedParameter) for given in model.parameters.values()):
-        return
-    if read_names(scene.source)[1]:  # what depends on a parameter without a value is not known
         return
     used: set[str] = set()
     for _, quantity in quantities(model):
         if quantity.dependent is not None:
             used |= quantity.dependent.names
-    raw = mapping(scene.source.data, "parameters")
     message = "nothing depends on this unknown parameter; name it in a quantity of the model, or leave it out"
-    unused = [
-        scene.source.fault(("parameters", written_key(raw, name)), message, key=True)
-        for name, given in model.parameters.items()
-        if isinstance(given, DefinedParameter) and given.start is not None and name not in used
-    ]
-    if unused and model.measurement is not None:
-        raise SceneError(unused)
+    if model.measurement is not None:
+        scene.raise_faults(
+            (("parameters", name, AT_KEY), message)
+            for name, entry in model.parameters.items()
+            if isinstance(entry, DefinedParameter) and entry.start is not None and name not in used
+        )
     try:
         unknown_parameters(model)
     except UsageError as error:

@@ -13,6 +13,7 @@ against the scene as it stands.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple, cast
 
@@ -141,7 +142,7 @@ class ReductionSamples:
         self._scene, self._collect = scene, collect
         model = self._varying_model(scene, paths)
         self._model = model
-        self._structure = build_structure(Scene(scene.source, model), model.structure, model.joints)
+        self._structure = build_structure(replace(scene, model=model), model.structure, model.joints)
         size = self._structure.size
         if self._structure.is_sparse or size > _MAX_DOFS:
             raise NotShared(f"structures of more than {_MAX_DOFS} DOFs are reduced one by one")

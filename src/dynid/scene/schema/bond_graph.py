@@ -34,7 +34,6 @@ from dynid.bondgraph.graph import (
     Bond,
     graph_faults,
 )
-from dynid.scene.model_faults import MAX_COPIES
 from dynid.scene.schema.base import (
     ENGINE_RESULTS,
     AccuracyModel,
@@ -71,6 +70,7 @@ from dynid.scene.schema.quantities import (
 from dynid.scene.schema.raw import (
     COUPLING,
     FIELD,
+    MAX_COPIES,
     MULTIPORTS,
     PORT,
     STRUCTURE,

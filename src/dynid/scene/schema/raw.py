@@ -17,14 +17,8 @@ if TYPE_CHECKING:
     from dynid.scene.schema.quantities import SceneNames
 
 
-def signals(path: tuple[Any, ...], given: Any) -> Iterable[tuple[tuple[Any, ...], dict[Any, Any]]]:
-    """Yield the signals of one or of a list, each with its path."""
-    if isinstance(given, dict):
-        yield path, given
-    elif isinstance(given, list):
-        yield from (
-            ((*path, place), signal) for place, signal in enumerate(given) if isinstance(signal, dict)
-        )
+#: The most copies of an instance of a model.
+MAX_COPIES = 100_000
 
 
 def mapping_of(value: Any) -> dict[Any, Any]:
