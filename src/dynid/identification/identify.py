@@ -167,7 +167,7 @@ def posterior_of(problem: Problem, estimator: Any, *, suggest: bool = False) -> 
     values = [record.whole for record in likelihood.records]
     origin, unknowns = identifiable_origin(likelihood.ideal), model.unknowns
     eta = origin.eta
-    fixed = {one.name: _guess(one) for one in unknowns if one.name in origin.undetermined}
+    fixed = {unknown.name: _guess(unknown) for unknown in unknowns if unknown.name in origin.undetermined}
     astray: Posterior | None = None
     for _ in range(1 + len(unknowns)):
         if fixed:
@@ -193,7 +193,7 @@ def posterior_of(problem: Problem, estimator: Any, *, suggest: bool = False) -> 
     else:
         astray = None
     # What is fixed starts there; the scene's starts are those that are reported.
-    posterior = replace(posterior, starts=tuple(one.start for one in unknowns))
+    posterior = replace(posterior, starts=tuple(unknown.start for unknown in unknowns))
     posterior = _checked(posterior, starts(unknowns if astray else model.unknowns), suggest)
     if astray is not None:
         return posterior, model
@@ -293,8 +293,8 @@ def _with_optima(
 
     def likelihood_at(eta: Array) -> Likelihood:
         assert rebuild is not None
-        other = problem.likelihood_of(rebuild(named(model.unknowns, eta)), values)
-        return other.with_noise_of(likelihood)
+        rebuilt = problem.likelihood_of(rebuild(named(model.unknowns, eta)), values)
+        return rebuilt.with_noise_of(likelihood)
 
     ends = [
         stage.eta for stage in estimate.stages if stage.misfit < likelihood.misfit(posterior.fit) + DECIDED
@@ -344,26 +344,26 @@ def _estimated(estimator: Any, likelihood: Likelihood, eta: Array, suggest: bool
     try:
         astray = likelihood.records[0].observed.astray
         with guarded("the estimator", Diverged, remedy=astray, names=likelihood.names):
-            found: Estimate = estimator.run(likelihood, eta)
+            estimate: Estimate = estimator.run(likelihood, eta)
     except Diverged as error:
         raise _suggesting(error, instrument_mistakes(likelihood, [eta]) if suggest else ()) from error
-    if not likelihood.modelled or found.likelihood is not None:
-        return found
-    coloured = likelihood.renewed(found.fit)  # an estimator that assumes white noise
-    return replace(found, likelihood=coloured, fit=coloured.fit(found.fit.eta), comparison=None)
+    if not likelihood.modelled or estimate.likelihood is not None:
+        return estimate
+    coloured = likelihood.renewed(estimate.fit)  # an estimator that assumes white noise
+    return replace(estimate, likelihood=coloured, fit=coloured.fit(estimate.fit.eta), comparison=None)
 
 
 def _checked(posterior: Posterior, start: Array, suggest: bool) -> Posterior:
     """Return a checked posterior, which may be rejected, with mistakes that explain its lack of fit."""
     if suggest and (not posterior.comparison.explained or posterior.comparison.lacks_fit):
-        found = instrument_mistakes(posterior.likelihood, [posterior.fit.eta, start])
-        posterior = replace(posterior, mistakes=tuple(found))
+        mistakes = instrument_mistakes(posterior.likelihood, [posterior.fit.eta, start])
+        posterior = replace(posterior, mistakes=tuple(mistakes))
     try:
         posterior.check()
     except (Diverged, NotIdentifiable) as error:
         return replace(posterior, rejection=_suggesting(error, posterior.mistakes))
     if suggest and not posterior.mistakes and posterior.comparison.has_signal:
-        names = [place.name for place in posterior.channels]
+        names = [channel.name for channel in posterior.channels]
         growing = growing_residuals(posterior.likelihood, posterior.fit, names)
         posterior = posterior if growing is None else replace(posterior, growing=growing)
     return posterior
@@ -393,13 +393,16 @@ def _continued(before: Posterior, likelihood: Likelihood, now: Estimate) -> Esti
         return replace(now, stages=stages)
     earlier: list[Sweep] = []
     pairs = [
-        (one.model, other.model)
-        for one, other in zip(before.likelihood.records, likelihood.records, strict=True)
-        if isinstance(one, TimeRecord) and isinstance(other, TimeRecord)
+        (old_record.model, new_record.model)
+        for old_record, new_record in zip(before.likelihood.records, likelihood.records, strict=True)
+        if isinstance(old_record, TimeRecord) and isinstance(new_record, TimeRecord)
     ]
-    same = [(len(one.times), one.system.states) == (len(two.times), two.system.states) for one, two in pairs]
+    same = [
+        (len(first.times), first.system.states) == (len(second.times), second.system.states)
+        for first, second in pairs
+    ]
     if all(same):
-        units = [one.scale / other.scale for one, other in pairs]
+        units = [first.scale / second.scale for first, second in pairs]
         earlier = [
             [
                 history._replace(

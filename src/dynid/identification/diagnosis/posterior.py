@@ -84,14 +84,14 @@ class ChannelOfRecord(NamedTuple):
 def channels_of_records(records: Sequence[RecordLikelihood]) -> list[ChannelOfRecord]:
     """Return all channels, record by record; of several records and of modes the names have a prefix."""
     several = sum(not record.modal for record in records) > 1
-    found = []
+    channels = []
     for k, record in enumerate(records):
         prefix = "modes." if record.modal else f"record_{k + 1}." if several else ""
-        found += [
-            ChannelOfRecord(k, column, f"{prefix}{one.name}", one.unit)
-            for column, one in enumerate(record.channels)
+        channels += [
+            ChannelOfRecord(k, column, f"{prefix}{channel.name}", channel.unit)
+            for column, channel in enumerate(record.channels)
         ]
-    return found
+    return channels
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,8 +158,8 @@ class Posterior:
     @cached_property
     def noise(self) -> list[Array]:
         """Noise of each record, given or that of the residuals (channels); above round-off, as a divisor."""
-        each = zip(self.fit.noise, self.likelihood.records, strict=True)
-        return [np.maximum(noise, np.finfo(float).eps * record.data.rms) for noise, record in each]
+        pairs = zip(self.fit.noise, self.likelihood.records, strict=True)
+        return [np.maximum(noise, np.finfo(float).eps * record.data.rms) for noise, record in pairs]
 
     @cached_property
     def information(self) -> Information:
@@ -203,16 +203,16 @@ class Posterior:
             high, free=~self.identifiable
         )
 
-    def _within_limits(self, found: Array, free: NDArray[np.bool_] | None = None) -> Array:
+    def _within_limits(self, parameters: Array, free: NDArray[np.bool_] | None = None) -> Array:
         """Return values of the parameters (p) without the round-off of their coordinates at limits.
 
         Those that are `free` (p) stay.
         """
         unknowns = self.likelihood.unknowns
-        low = [-np.inf if one.low is None else one.low for one in unknowns]
-        high = [np.inf if one.high is None else one.high for one in unknowns]
-        clipped = np.clip(found, low, high)
-        return clipped if free is None else np.where(free, found, clipped)
+        low = [-np.inf if unknown.low is None else unknown.low for unknown in unknowns]
+        high = [np.inf if unknown.high is None else unknown.high for unknown in unknowns]
+        clipped = np.clip(parameters, low, high)
+        return clipped if free is None else np.where(free, parameters, clipped)
 
     @cached_property
     def decided_by(self) -> list[str]:
@@ -220,8 +220,8 @@ class Posterior:
         priors = self.likelihood.priors
         alone = self.deviations > UNDECIDED * np.where(np.isnan(priors.spreads), np.inf, priors.spreads)
         by_limits = ~priors.given | (priors.spreads < priors.deviations)
-        found = np.where(alone, np.where(by_limits, "limits", "prior"), "data")
-        return [str(one) for one in np.where(self.identifiable, found, "nothing")]
+        sources = np.where(alone, np.where(by_limits, "limits", "prior"), "data")
+        return [str(source) for source in np.where(self.identifiable, sources, "nothing")]
 
     @property
     def relative_errors(self) -> Array:
@@ -263,9 +263,9 @@ class Posterior:
         The weights stay those of the noise given: H^-1 J^T D J H^-1, with D the ratios of variances.
         """
         ratio, rows, first = np.nan_to_num(self.noise_test.ratio, nan=1.0), [], 0
-        for record, part in zip(self.likelihood.records, self.fit.parts, strict=True):
-            rows.append(record.by_row(ratio[first : first + len(part.counts)]))
-            first += len(part.counts)
+        for record, record_fit in zip(self.likelihood.records, self.fit.parts, strict=True):
+            rows.append(record.by_row(ratio[first : first + len(record_fit.counts)]))
+            first += len(record_fit.counts)
         projected, root = self.information.projected, self.information.root
         scale = np.concatenate([*rows, np.ones(len(projected) - sum(map(len, rows)))])
         spread = root @ (root.T @ (projected * scale[:, None]).T)
@@ -282,8 +282,8 @@ class Posterior:
         """The estimates (p)."""
         unknowns = self.likelihood.unknowns
         fixed = self.likelihood.priors.fixed  # theirs without the round-off of a logarithm
-        found = self._within_limits(values(unknowns, self.fit.eta))
-        return np.where(fixed, [one.start for one in unknowns], found)
+        estimates = self._within_limits(values(unknowns, self.fit.eta))
+        return np.where(fixed, [unknown.start for unknown in unknowns], estimates)
 
     @property
     def rates(self) -> Array:
@@ -303,17 +303,17 @@ class Posterior:
             likelihood = self.likelihood.ideal
             fit = likelihood.at_truth
             rate = rates(likelihood.unknowns, fit.eta)
-        each = zip(self.likelihood.records, self.noise, strict=True)
-        noise = [record.level(estimated, ideal=ideal) for record, estimated in each]
+        pairs = zip(self.likelihood.records, self.noise, strict=True)
+        noise = [record.level(estimated, ideal=ideal) for record, estimated in pairs]
         if not all(level.all() for level in noise):
             return np.zeros(len(true))  # clean data
-        found = likelihood.information(fit, noise, prior=prior)
+        information = likelihood.information(fit, noise, prior=prior)
         if not prior:
             try:
-                found.check()
+                information.check()
             except NotIdentifiable:
                 return np.full(len(rate), np.inf)
-        deviations = found.deviations()
+        deviations = information.deviations()
         return np.where(likelihood.priors.open(deviations), np.inf, rate * deviations)
 
     @property
@@ -335,17 +335,22 @@ class Posterior:
         system = self.likelihood.records[0].considered
         if not system:
             return None
-        found, own = self.calibration_slopes, {one.name: one.deviation for one in system}
-        sizes = np.array([own.get(name, 0.0) for name in found.quantities])
-        return np.asarray(np.hypot(self.deviations, np.linalg.norm(found.slopes * sizes, axis=1)))
+        slopes, deviations = (
+            self.calibration_slopes,
+            {parameter.name: parameter.deviation for parameter in system},
+        )
+        sizes = np.array([deviations.get(name, 0.0) for name in slopes.quantities])
+        return np.asarray(np.hypot(self.deviations, np.linalg.norm(slopes.slopes * sizes, axis=1)))
 
     # Convergence, and tests of the model.
 
     @cached_property
     def comparison(self) -> ModelComparison:
         """The scene's model compared with no model and with the saturated one."""
-        made = self.estimate.comparison
-        return compare_models(self.likelihood, self.fit, self.whiteness_p) if made is None else made
+        comparison = self.estimate.comparison
+        return (
+            compare_models(self.likelihood, self.fit, self.whiteness_p) if comparison is None else comparison
+        )
 
     @cached_property
     def optimal(self) -> bool:
@@ -367,9 +372,11 @@ class Posterior:
     @cached_property
     def free_information(self) -> Information:
         """The Fisher information as if no undetermined parameter were fixed."""
-        each = zip(self.likelihood.records, self.fit.parts, self.noise, strict=True)
-        found = joint_information([record.information(part, level) for record, part, level in each])
-        return found.beside(self.likelihood.priors.rows(fixed=False))
+        fits = zip(self.likelihood.records, self.fit.parts, self.noise, strict=True)
+        information = joint_information(
+            [record.information(record_fit, level) for record, record_fit, level in fits]
+        )
+        return information.beside(self.likelihood.priors.rows(fixed=False))
 
     @cached_property
     def identifiable(self) -> NDArray[np.bool_]:
@@ -409,9 +416,9 @@ class Posterior:
         The others follow. If that is not the start, it lies between the start and the estimate.
         """
         unknown, eta = self.likelihood.unknowns[k], float(self.fit.eta[k])
-        wanted = unknown.coordinate(unknown.start)
-        for part in _TOWARDS_START:
-            if self._accepted(k, coordinate := eta + part * (wanted - eta), _ADMITTED):
+        start = unknown.coordinate(unknown.start)
+        for fraction in _TOWARDS_START:
+            if self._accepted(k, coordinate := eta + fraction * (start - eta), _ADMITTED):
                 return coordinate
         return eta
 
@@ -471,12 +478,12 @@ class Posterior:
         more, a thousand times the estimate is not.
         """
         uncertain = self.relative_errors > UNCERTAIN
-        found, eta = np.zeros(len(uncertain), dtype=bool), self.fit.eta
+        indistinguishable, eta = np.zeros(len(uncertain), dtype=bool), self.fit.eta
         for k in np.flatnonzero(uncertain).tolist():
             unknown = self.likelihood.unknowns[k]
             large = max(eta[k] + _FAR, unknown.coordinate(unknown.start))
-            found[k] = self._accepted(k, eta[k] - _FAR) and not self._accepted(k, large)
-        return found
+            indistinguishable[k] = self._accepted(k, eta[k] - _FAR) and not self._accepted(k, large)
+        return indistinguishable
 
     def _accepted(self, k: int, coordinate: float, ratio: float = _RATIO) -> bool:
         """Return True if a coordinate of a parameter raises the misfit by no more than `ratio`.
@@ -484,12 +491,12 @@ class Posterior:
         By default that of its 95 % interval by likelihood ratio.
         """
         fixed = np.arange(len(self.fit.eta)) == k
-        most = self.likelihood.misfit(self.fit) + ratio
+        max_misfit = self.likelihood.misfit(self.fit) + ratio
         eta = np.where(fixed, coordinate, self.fit.eta)
         try:
             for _ in range(_FOLLOWING):
                 fit = self.likelihood.fit(eta, self.noise)
-                if self.likelihood.misfit(fit) <= most:
+                if self.likelihood.misfit(fit) <= max_misfit:
                     return True
                 information = self.likelihood.information(fit, self.noise).without(fixed | self.held)
                 step = information.step(self.likelihood.weighted(fit, self.noise))
@@ -500,17 +507,17 @@ class Posterior:
 
     def _unexplained(self) -> str:
         """Return why the prediction does not explain the records; empty where it does."""
-        each = zip(self.likelihood.records, self.fit.parts, strict=True)
+        fits = zip(self.likelihood.records, self.fit.parts, strict=True)
         # Corrected for the degrees of freedom of the fit.
         left = np.concatenate(
-            [record.scatter(p.counts, record.raw_size(p)) / record.data.rms for record, p in each]
+            [record.scatter(p.counts, record.raw_size(p)) / record.data.rms for record, p in fits]
         )
         if not np.mean(left**2) < _NOTHING**2:
             return f"the prediction explains nothing of the {self.noun}{'s' * self.several}"
-        for unexplained, place in zip(left, self.channels, strict=True):
-            if unexplained > _INVALID and is_coloured(self.channel_whiteness_p(place)):
-                part = f"{100 * unexplained:.0f} % of {place.name}"
-                return f"{part} is unexplained, and the residual is not noise"
+        for unexplained, channel in zip(left, self.channels, strict=True):
+            if unexplained > _INVALID and is_coloured(self.channel_whiteness_p(channel)):
+                share = f"{100 * unexplained:.0f} % of {channel.name}"
+                return f"{share} is unexplained, and the residual is not noise"
         return ""
 
     # Residuals and innovations.
@@ -518,9 +525,9 @@ class Posterior:
     @cached_property
     def whiteness_p(self) -> float:
         """The p-value of the whiteness of the residuals."""
-        made = self.estimate.comparison
-        if made is not None and all(record.data.passed == 1 for record in self.likelihood.records):
-            return made.whiteness_p
+        comparison = self.estimate.comparison
+        if comparison is not None and all(record.data.passed == 1 for record in self.likelihood.records):
+            return comparison.whiteness_p
         return self.likelihood.whiteness(self.fit)
 
     @cached_property
@@ -531,39 +538,39 @@ class Posterior:
     @property
     def residual_rms(self) -> Array:
         """RMS of the residuals (channels of all records), in the channels' units."""
-        each = zip(self.likelihood.records, self.fit.parts, strict=True)
-        return np.concatenate([record.residual_rms(part) for record, part in each])
+        fits = zip(self.likelihood.records, self.fit.parts, strict=True)
+        return np.concatenate([record.residual_rms(record_fit) for record, record_fit in fits])
 
     @property
     def explained(self) -> bool:
         """True if the residuals are small, or white noise."""
         return is_explained(self.residual_ratio, self.whiteness_p)
 
-    def raw_residual(self, place: ChannelOfRecord) -> Array:
+    def raw_residual(self, channel: ChannelOfRecord) -> Array:
         """Return the recorded values of a channel less the prediction (rows), NaN where missing."""
-        record, part = self.likelihood.records[place.record], self.fit.parts[place.record]
-        return np.asarray((record.data.recorded - part.predicted.outputs)[:, place.column])
+        record, record_fit = self.likelihood.records[channel.record], self.fit.parts[channel.record]
+        return np.asarray((record.data.recorded - record_fit.predicted.outputs)[:, channel.column])
 
-    def series(self, place: ChannelOfRecord) -> Array:
+    def series(self, channel: ChannelOfRecord) -> Array:
         """Return the series of a channel that is white if the model is right (rows x columns)."""
-        residual = self.fit.residuals[place.record]
-        return self.likelihood.records[place.record].channel_series(residual, place.column)
+        residual = self.fit.residuals[channel.record]
+        return self.likelihood.records[channel.record].channel_series(residual, channel.column)
 
-    def channel_whiteness_p(self, place: ChannelOfRecord) -> float:
+    def channel_whiteness_p(self, channel: ChannelOfRecord) -> float:
         """Return the p-value of the whiteness of the residuals of a channel."""
-        order = self.likelihood.records[place.record].noise_orders[place.column]
-        return whiteness(self.series(place), coefficients=[int(order)])
+        order = self.likelihood.records[channel.record].noise_orders[channel.column]
+        return whiteness(self.series(channel), coefficients=[int(order)])
 
     @cached_property
     def shapes(self) -> list[ResidualShape | None]:
         """Shapes of the residuals (channels of all records); None where they are round-off or too short."""
-        found: list[ResidualShape | None] = []
-        for place in self.channels:
-            record, residual = self.likelihood.records[place.record], self.raw_residual(place)
-            both = np.column_stack([residual, record.data.recorded[:, place.column]])
+        shapes: list[ResidualShape | None] = []
+        for channel in self.channels:
+            record, residual = self.likelihood.records[channel.record], self.raw_residual(channel)
+            both = np.column_stack([residual, record.data.recorded[:, channel.column]])
             left, signal = root_mean_square(both)
-            found.append(residual_shape(residual, OUTLIER.value) if left > _ROUND_OFF * signal else None)
-        return found
+            shapes.append(residual_shape(residual, OUTLIER.value) if left > _ROUND_OFF * signal else None)
+        return shapes
 
     @property
     def robust(self) -> bool:
@@ -585,20 +592,22 @@ class Posterior:
         squares, degrees, robust, first = [], [], [], 0
         # Degrees of freedom that the parameters take from each row of the information.
         shares = np.sum((self.information.projected @ self.information.root) ** 2, axis=1)
-        for record, part, noise in zip(self.likelihood.records, self.fit.parts, self.noise, strict=True):
+        for record, record_fit, noise in zip(
+            self.likelihood.records, self.fit.parts, self.noise, strict=True
+        ):
             column = record.by_row(np.arange(len(noise)))
-            own = shares[first : first + len(column)]
+            row_shares = shares[first : first + len(column)]
             first += len(column)
-            fitted = record.taken(part, noise) + np.bincount(column, own, len(noise))
-            given, count = record.data.given_noise, record.data.passed * part.counts
+            fitted = record.taken(record_fit, noise) + np.bincount(column, row_shares, len(noise))
+            given_noise, count = record.data.given_noise, record.data.passed * record_fit.counts
             if record.data.robust is not None:
                 variance = record.data.robust.scale**2 / record.data.passed
-                squares.append(variance / given**2 * count)
+                squares.append(variance / given_noise**2 * count)
                 degrees.append(count)
             else:
-                squares.append(part.counts * (part.size / given) ** 2)
+                squares.append(record_fit.counts * (record_fit.size / given_noise) ** 2)
                 degrees.append(count - fitted)
-            robust.append(np.full(len(given), record.data.robust is not None))
+            robust.append(np.full(len(given_noise), record.data.robust is not None))
         return noise_test(np.concatenate(squares), np.concatenate(degrees), np.concatenate(robust))
 
     @property
@@ -621,5 +630,9 @@ class Posterior:
     @property
     def consistency(self) -> Consistency | None:
         """Mean square of the innovations of all records, as of one channel."""
-        every = self.innovations
-        return None if every is None else consistency(np.concatenate([e.ravel() for e in every])[:, None])
+        innovations = self.innovations
+        return (
+            None
+            if innovations is None
+            else consistency(np.concatenate([e.ravel() for e in innovations])[:, None])
+        )

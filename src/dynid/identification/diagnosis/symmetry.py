@@ -52,7 +52,7 @@ def like_parameters(model: Model) -> list[str]:
 
     That is where it acts (stiffness, damping, mass; types of nodes), and its scale.
     """
-    roles: dict[str, set[str]] = {one.name: set() for one in model.unknowns}
+    roles: dict[str, set[str]] = {unknown.name: set() for unknown in model.unknowns}
     acting: list[tuple[str, Sequence[str]]] = []
     if isinstance(model, StructuralModel):
         acting = [(term.letter, tuple(term.coefficient.names)) for term in (*model.joint_terms, *model.terms)]
@@ -65,7 +65,10 @@ def like_parameters(model: Model) -> list[str]:
         for name in names:
             if name in roles:
                 roles[name].add(role)
-    return [f"{one.scale} {' '.join(sorted(roles[one.name])) or one.unit}" for one in model.unknowns]
+    return [
+        f"{unknown.scale} {' '.join(sorted(roles[unknown.name])) or unknown.unit}"
+        for unknown in model.unknowns
+    ]
 
 
 def distinct_kinds(kinds: Sequence[str], names: Sequence[str], alone: Sequence[bool]) -> list[str]:
@@ -80,8 +83,8 @@ def image(permutation: Permutation, eta: Array) -> Array:
     return moved
 
 
-def images(permutations: Sequence[Permutation], eta: Array, same: Array, most: int) -> list[Array]:
-    """Return coordinates (p) with all their images by the group of permutations, each once, up to `most`.
+def images(permutations: Sequence[Permutation], eta: Array, same: Array, max_count: int) -> list[Array]:
+    """Return coordinates (p) with their images by the group of permutations, each once, up to `max_count`.
 
     Two are one where no coordinate differs by more than `same` (p).
     """
@@ -89,7 +92,9 @@ def images(permutations: Sequence[Permutation], eta: Array, same: Array, most: i
     for point in orbit:
         for permutation in permutations:
             moved = image(permutation, point)
-            if len(orbit) < most and not any(np.all(np.abs(moved - other) <= same) for other in orbit):
+            if len(orbit) < max_count and not any(
+                np.all(np.abs(moved - point_of_orbit) <= same) for point_of_orbit in orbit
+            ):
                 orbit.append(moved)
     return orbit
 
@@ -158,7 +163,7 @@ class _Search:
         confirmed: list[Permutation] = []
         point, residuals = self._random_point(centre)
         for i, j in pairs:
-            if any(one[i] == j or one[j] == i for one in confirmed):
+            if any(permutation[i] == j or permutation[j] == i for permutation in confirmed):
                 continue
             try:
                 permutation = self._extended(centre, [(i, j)])
@@ -246,11 +251,11 @@ class _Search:
         """Return the residuals of all records in units of their RMS (values), initial states fitted."""
         self._count()
         with guarded("the prediction"):
-            each = [
+            residuals = [
                 record.residual(eta) / level
                 for record, level in zip(self.likelihood.records, self.levels, strict=True)
             ]
-        return np.concatenate([np.nan_to_num(part).ravel() for part in each])
+        return np.concatenate([np.nan_to_num(residual).ravel() for residual in residuals])
 
     def _count(self) -> None:
         self.evaluations += 1

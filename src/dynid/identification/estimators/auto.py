@@ -143,8 +143,8 @@ class Search:
                 best = min((tried.stage.misfit for tried in self.tried), default=np.inf)
                 if steps == _MOST_STEPS and self.likelihood.misfit(fit) < best:
                     # Further steps, as in a narrow valley, are for the best attempt alone.
-                    most = int(min(_FURTHER_STEPS, max(1, self.left)))
-                    fit, further = refine(self.likelihood, fit.eta, most)
+                    max_steps = int(min(_FURTHER_STEPS, max(1, self.left)))
+                    fit, further = refine(self.likelihood, fit.eta, max_steps)
                     steps += further
                 likelihood, (fit, steps) = with_noise(self.likelihood, Refined(fit, steps))
         except DynidError as error:  # from a poor start an attempt may diverge, from another one not
@@ -185,15 +185,15 @@ class Search:
         """
         turn = cycle(routes)
         affine = self.likelihood.records[0].system_model.affine is not None
-        for seed, (most, reach, part) in enumerate(_ROUNDS if affine else (_NEAR, *_ROUNDS)):
-            count = int(min(most, _RANKING * self.left))
+        for seed, (max_count, reach, fraction) in enumerate(_ROUNDS if affine else (_NEAR, *_ROUNDS)):
+            count = int(min(max_count, _RANKING * self.left))
             if count < _FEWEST:
                 self.cut_off = True
                 return
             starts = drawn_starts(self.likelihood.priors, origin, count, reach, seed)
             ranked: dict[bool, Iterator[int]] = {}
-            taken: set[int] = set()
-            for place in range(1, min(count, round(part * MOST_STARTS.value)) + 1):
+            used: set[int] = set()
+            for number in range(1, min(count, round(fraction * MOST_STARTS.value)) + 1):
                 if self.left <= 0:
                     self.cut_off = True
                     return
@@ -203,9 +203,9 @@ class Search:
                     chooser = guide if is_guided else self.likelihood
                     misfits = [_misfit_at(chooser, eta) for eta in tracked(starts, "start")]
                     ranked[is_guided] = iter(np.argsort(misfits, kind="stable").tolist())
-                chosen = next(k for k in ranked[is_guided] if k not in taken)
-                taken.add(chosen)
-                self.attempt(f"start {place} of {count}", partial(guided, route, starts[chosen]), drawn=True)
+                chosen = next(k for k in ranked[is_guided] if k not in used)
+                used.add(chosen)
+                self.attempt(f"start {number} of {count}", partial(guided, route, starts[chosen]), drawn=True)
                 if self.ended:
                     return
 
@@ -228,8 +228,8 @@ class Search:
     @property
     def best_tried(self) -> Attempt:
         """The attempt of the greatest likelihood, the first of several that end there."""
-        least = min(tried.stage.misfit for tried in self.tried)
-        return next(tried for tried in self.tried if tried.stage.misfit <= least + _TIED)
+        min_misfit = min(tried.stage.misfit for tried in self.tried)
+        return next(tried for tried in self.tried if tried.stage.misfit <= min_misfit + _TIED)
 
     @property
     def accepted(self) -> bool:
@@ -255,10 +255,10 @@ class Search:
         there = [tried.drawn for tried in self.tried if self.is_same(best, tried.stage)]
         return sum(there) + (not all(there))
 
-    def is_same(self, best: EstimationStage, other: EstimationStage) -> bool:
+    def is_same(self, best: EstimationStage, stage: EstimationStage) -> bool:
         """Return True if two attempts ended at one optimum."""
-        near = np.all(np.abs(best.eta - other.eta) <= _SAME * self._units(best.eta))
-        return bool(near) or abs(best.misfit - other.misfit) <= _AS_GOOD
+        near = np.all(np.abs(best.eta - stage.eta) <= _SAME * self._units(best.eta))
+        return bool(near) or abs(best.misfit - stage.misfit) <= _AS_GOOD
 
     @property
     def agreed(self) -> bool:
@@ -352,8 +352,8 @@ class Auto:
             search.attempt("the start", partial(guided, (), origin))
         if not self.multi_start or (search.accepted and not search.vague):
             return search.best()
-        guides = {part: in_segments(likelihood, part) for route in _ROUTES for part in route}
-        routes: list[list[Likelihood]] = [[guides[part] for part in route] for route in _ROUTES]
+        guides = {divisor: in_segments(likelihood, divisor) for route in _ROUTES for divisor in route}
+        routes: list[list[Likelihood]] = [[guides[divisor] for divisor in route] for route in _ROUTES]
         if search.accepted:
             search.look_around()
         else:
@@ -400,14 +400,16 @@ class FrfAuto:
         band = BAND
         while (limited := likelihood.band_limited(band)) is not None:
             try:
-                found = self._searched(limited, origin).best()
+                estimate = self._searched(limited, origin).best()
             except DynidError:  # the whole model says more exactly what is wrong
                 break
-            end = likelihood if found.likelihood is None else likelihood.with_weights_of(found.likelihood)
-            whole = Search(end, accept_small=self.accept_small)
-            whole.attempt("the whole model", partial(guided, (), found.fit.eta))
-            if whole.tried and (whole.accepted or self._agree(found, whole.tried[0])):
-                return _completed(found, whole.tried[0], likelihood)
+            end = (
+                likelihood if estimate.likelihood is None else likelihood.with_weights_of(estimate.likelihood)
+            )
+            full_search = Search(end, accept_small=self.accept_small)
+            full_search.attempt("the whole model", partial(guided, (), estimate.fit.eta))
+            if full_search.tried and (full_search.accepted or self._agree(estimate, full_search.tried[0])):
+                return _completed(estimate, full_search.tried[0], likelihood)
             band *= 2  # more modes, until the whole model confirms the search
         return self._searched(likelihood, origin).best()
 
@@ -422,26 +424,26 @@ class FrfAuto:
         return search
 
     @staticmethod
-    def _agree(found: Estimate, whole: Attempt) -> bool:
+    def _agree(estimate: Estimate, full: Attempt) -> bool:
         """Return True if an estimate is that of the whole model, to a fraction of its standard errors."""
-        deviations = whole.likelihood.information(whole.fit, whole.fit.noise).deviations()
-        return bool(np.all(np.abs(whole.fit.eta - found.fit.eta) <= _CONFIRMED * deviations))
+        deviations = full.likelihood.information(full.fit, full.fit.noise).deviations()
+        return bool(np.all(np.abs(full.fit.eta - estimate.fit.eta) <= _CONFIRMED * deviations))
 
 
-def _completed(found: Estimate, whole: Attempt, likelihood: FrfLikelihood) -> Estimate:
+def _completed(estimate: Estimate, full: Attempt, likelihood: FrfLikelihood) -> Estimate:
     """Return an estimate whose last iterations are those of the whole model."""
     stages = [
-        replace(whole.stage, name=stage.name, iterations=stage.iterations + whole.stage.iterations)
-        if stage.eta is found.fit.eta
+        replace(full.stage, name=stage.name, iterations=stage.iterations + full.stage.iterations)
+        if stage.eta is estimate.fit.eta
         else stage
-        for stage in found.stages
+        for stage in estimate.stages
     ]
     return replace(
-        found,
-        fit=whole.fit,
+        estimate,
+        fit=full.fit,
         stages=stages,
-        likelihood=whole.likelihood if likelihood.modelled else None,
-        disputed=found.disputed and not whole.accepted,
-        cut_off=0 if whole.accepted else found.cut_off,
-        comparison=whole.comparison,
+        likelihood=full.likelihood if likelihood.modelled else None,
+        disputed=estimate.disputed and not full.accepted,
+        cut_off=0 if full.accepted else estimate.cut_off,
+        comparison=full.comparison,
     )

@@ -59,11 +59,11 @@ class ModalSearch:
         DynidError
             The first error, if no attempt was completed.
         """
-        own = tuple(record for record in likelihood.records if isinstance(record, ModalRecord))
-        alone = len(own) == len(likelihood.records)
-        own = tuple(record.with_error(np.maximum(record.error, _COMPROMISE)) for record in own)
-        modes = _guide(own, origin)
-        spans = _guide(tuple(record.by_spans(_WIDE) for record in own), origin)
+        surveys = tuple(record for record in likelihood.records if isinstance(record, ModalRecord))
+        alone = len(surveys) == len(likelihood.records)
+        surveys = tuple(record.with_error(np.maximum(record.error, _COMPROMISE)) for record in surveys)
+        modes = _guide(surveys, origin)
+        spans = _guide(tuple(record.by_spans(_WIDE) for record in surveys), origin)
         route: list[Likelihood] = [] if alone else [modes]
         search = Search(likelihood, agreeing=_AGREEING if alone else _AGREEING_RECORDS)
         search.attempt("the start", partial(guided, route, origin))
@@ -116,7 +116,7 @@ def _confirm(search: Search, routes: list[list[Likelihood]]) -> None:
         for number, start in enumerate(starts, 1):
             begun, tried = partial(guided, routes[number % 2], start), len(search.tried)
             search.attempt(f"start {number} of {count} around the optimum", begun, drawn=True)
-            agreeing += sum(search.is_same(best, one.stage) for one in search.tried[tried:])
+            agreeing += sum(search.is_same(best, attempt.stage) for attempt in search.tried[tried:])
             if _is_confirmed(search) or not search.is_same(best, search.best_tried.stage):
                 break
             if agreeing >= search.enough and 2 * agreeing >= number:

@@ -113,9 +113,11 @@ class ModalRecord(RecordLikelihood):
                 remedy="Give it one, or leave the damping ratios out.",
                 names=("measurement.modes",),
             )
-        known = np.array([getattr(measurement.model_error, one.name) for one in channels_of(measurement)])
-        record = cls(model, measurement, RecordData(np.zeros((0, 0))), known, sharing, count)
-        return record.with_error(known)
+        error = np.array(
+            [getattr(measurement.model_error, quantity.name) for quantity in channels_of(measurement)]
+        )
+        record = cls(model, measurement, RecordData(np.zeros((0, 0))), error, sharing, count)
+        return record.with_error(error)
 
     def with_error(self, error: Array, left_out: tuple[int, ...] | None = None) -> Self:
         """Return the likelihood with other errors of the model's form (quantities).
@@ -123,11 +125,11 @@ class ModalRecord(RecordLikelihood):
         `left_out`: modes whose frequencies do not count, from 0.
         """
         left_out = self.left_out if left_out is None else left_out
-        found = replace(self, error=error, left_out=left_out)
+        record = replace(self, error=error, left_out=left_out)
         columns = [values.copy() for values in self._columns]
         columns[0][list(left_out)] = np.nan
-        values = _side_by_side([a / b for a, b in zip(columns, found.spread, strict=True)])
-        return replace(found, data=RecordData(values, given=np.ones(values.shape[1])))
+        values = _side_by_side([a / b for a, b in zip(columns, record.spread, strict=True)])
+        return replace(record, data=RecordData(values, given=np.ones(values.shape[1])))
 
     # Description.
 
@@ -177,7 +179,7 @@ class ModalRecord(RecordLikelihood):
     @property
     def considered(self) -> tuple[Parameter, ...]:
         """Parameters that are known with uncertainty."""
-        return tuple(one for one in self.model.parameters if one.std is not None)
+        return tuple(parameter for parameter in self.model.parameters if parameter.std is not None)
 
     @cached_property
     def system_model(self) -> LinearSystem:
@@ -200,36 +202,40 @@ class ModalRecord(RecordLikelihood):
     @cached_property
     def _columns(self) -> list[Array]:
         """Measured values of each quantity: r frequencies, r damping ratios, the shapes' components."""
-        found = [self.measurement.omega]
+        columns = [self.measurement.omega]
         if self.measurement.has_damping:
             assert self.measurement.damping is not None
-            found.append(self.measurement.damping)
+            columns.append(self.measurement.damping)
         if len(self.measurement.dofs):
-            found.append(real_parts(self.measurement.shapes))
-        return found
+            columns.append(real_parts(self.measurement.shapes))
+        return columns
 
     @cached_property
     def scatter_and_size(self) -> list[tuple[Array, Array]]:
         """Scatter of the values of each quantity, and their sizes, to which errors of the form relate."""
         frequency, damping, shape = self.measurement.deviations()
         omega, zeta = self.measurement.omega, self.measurement.damping
-        found = [(frequency * omega, omega)]
+        pairs = [(frequency * omega, omega)]
         if self.measurement.has_damping:
             assert zeta is not None
             size = np.where(zeta == 0, 1.0, np.abs(zeta))
-            found.append((damping * size, size))
+            pairs.append((damping * size, size))
         if len(self.measurement.dofs):
             # Of a complex component half of the variance in each part.
-            each = shape / np.sqrt(2) if self.measurement.complex_shapes else shape
-            flat = real_parts(each + 1j * each) if self.measurement.complex_shapes else each.ravel()
-            found.append((flat, np.full(len(flat), 1 / np.sqrt(len(flat) // shape.size or 1))))
-        return found
+            deviation = shape / np.sqrt(2) if self.measurement.complex_shapes else shape
+            flat = (
+                real_parts(deviation + 1j * deviation)
+                if self.measurement.complex_shapes
+                else deviation.ravel()
+            )
+            pairs.append((flat, np.full(len(flat), 1 / np.sqrt(len(flat) // shape.size or 1))))
+        return pairs
 
     @cached_property
     def spread(self) -> list[Array]:
         """Deviations of the values of each quantity: scatter and error of the form."""
-        each = zip(self.scatter_and_size, self.error, strict=True)
-        return [np.hypot(scatter, error * size) for (scatter, size), error in each]
+        pairs = zip(self.scatter_and_size, self.error, strict=True)
+        return [np.hypot(scatter, error * size) for (scatter, size), error in pairs]
 
     # Prediction.
 
@@ -256,14 +262,14 @@ class ModalRecord(RecordLikelihood):
         """Predict the modes at coordinates of the parameters, and compare them with `values`."""
         at = named(self.unknowns, eta)
         solution = self.solution(at)
-        found = paired_modes(
+        paired = paired_modes(
             self.measurement, self.rows, solution, self.model.slopes(at), self.error, self.close
         )
         rate = rates(self.unknowns, eta)
         spread = self.spread
-        outputs = _side_by_side([a / b for a, b in zip(found.columns, spread, strict=True)])
-        slopes = [a * rate / b[:, None] for a, b in zip(found.slopes, spread, strict=True)]
-        by_parameter = np.stack([_filled(part, len(outputs)) for part in slopes], axis=1)
+        outputs = _side_by_side([a / b for a, b in zip(paired.columns, spread, strict=True)])
+        slopes = [a * rate / b[:, None] for a, b in zip(paired.slopes, spread, strict=True)]
+        by_parameter = np.stack([_filled(slope, len(outputs)) for slope in slopes], axis=1)
         residual = values - outputs
         counts, size = np.count_nonzero(~np.isnan(residual), axis=0), root_mean_square(residual)
         return ModalFit(
@@ -274,19 +280,19 @@ class ModalRecord(RecordLikelihood):
             size,
             self.noise_in(counts, size),
             by_parameter=by_parameter,
-            pairs=found.pairs,
-            omega=found.columns[0],
-            damping=found.damping,
-            shapes=found.shapes,
-            mac=found.mac,
-            own_mac=found.own_mac,
+            pairs=paired.pairs,
+            omega=paired.columns[0],
+            damping=paired.damping,
+            shapes=paired.shapes,
+            mac=paired.mac,
+            own_mac=paired.own_mac,
         )
 
     # Residuals and information.
 
     def taken(self, fit: RecordFit, noise: Array) -> Array:  # noqa: ARG002
         """Return the number of scales of each quantity (quantities)."""
-        return np.array([self.nuisances if one.name == "shape" else 0.0 for one in self.channels])
+        return np.array([self.nuisances if channel.name == "shape" else 0.0 for channel in self.channels])
 
     def on(self, data: RecordData) -> Self:
         """Return the likelihood of other values of the same modes."""
@@ -325,9 +331,9 @@ class ModalRecord(RecordLikelihood):
         where these values are left out. `moved`: A, derivatives times a root of the covariance (values x
         quantities x p).
         """
-        found: list[tuple[float, int]] = []
+        groups: list[tuple[float, int]] = []
         before, rank = 0.0, 0
-        several = [k for k, one in enumerate(self.channels) if one.name != "shape"]
+        several = [k for k, channel in enumerate(self.channels) if channel.name != "shape"]
         for count in range(1, len(several) + 1) if len(self.channels) > 1 else ():
             r = residual[:, several[:count]].T.ravel()
             A = moved[:, several[:count]].transpose(1, 0, 2).reshape(len(r), -1)
@@ -336,9 +342,9 @@ class ModalRecord(RecordLikelihood):
             shown = variance > HIDDEN
             parts = (axes.T @ r[there])[shown]
             squares, degrees = float(np.sum(parts**2 / variance[shown])), int(np.count_nonzero(shown))
-            found.append((squares - before, degrees - rank))
+            groups.append((squares - before, degrees - rank))
             before, rank = squares, degrees
-        return found
+        return groups
 
     def by_spans(self, close: float) -> Self:
         """Return the likelihood in which modes that are this close have one span: it has no veering."""

@@ -112,11 +112,11 @@ def left_out(record: ModalRecord, eta: Array) -> LeftOut:
     bare = record.with_error(np.zeros(len(record.error)))
     for k in range(r):
         report_progress(f"frequency {k + 1} left out")
-        both = [Likelihood((one.with_error(one.error, (k,)),)) for one in (record, bare)]
+        both = [Likelihood((survey.with_error(survey.error, (k,)),)) for survey in (record, bare)]
         try:
             _information(both[0], eta).check()
             end = refine(both[0], eta, _STEPS).fit
-            roots = [_information(one, end.eta).root for one in both]
+            roots = [_information(survey, end.eta).root for survey in both]
         except _FAILURES:
             continue
         fit = end.parts[0]
@@ -124,8 +124,8 @@ def left_out(record: ModalRecord, eta: Array) -> LeftOut:
         assert fit.by_parameter is not None
         error[k] = fit.omega[k] / measured[k] - 1
         slope = fit.by_parameter[k, 0] * record.spread[0][k] / measured[k]
-        for one, root, bars in zip((record, bare), roots, (deviation, by_scatter), strict=True):
-            bars[k] = np.hypot(np.linalg.norm(slope @ root), one.spread[0][k] / measured[k])
+        for survey, root, bars in zip((record, bare), roots, (deviation, by_scatter), strict=True):
+            bars[k] = np.hypot(np.linalg.norm(slope @ root), survey.spread[0][k] / measured[k])
     return LeftOut(error, deviation, by_scatter)
 
 
@@ -153,21 +153,21 @@ def trade_off(record: ModalRecord, eta: Array, rebuild: Rebuild | None) -> dict[
     rebuild
         Returns the model for parameters by name, where its basis follows them.
     """
-    found, channels = {}, [one.name for one in record.channels]
+    ends, channels = {}, [channel.name for channel in record.channels]
     for name, ignored in (("frequencies", "shape"), ("shapes", "frequency")):
         report_progress(f"fit to {name} alone")
-        error = np.where([one == ignored for one in channels], _NO_WEIGHT, 0.0)
-        own, end = record.with_error(error), eta
+        error = np.where([channel == ignored for channel in channels], _NO_WEIGHT, 0.0)
+        survey, end = record.with_error(error), eta
         try:
             for _ in range(1 if rebuild is None else 2):
-                end = refine(Likelihood((own,)), end, _STEPS).fit.eta
+                end = refine(Likelihood((survey,)), end, _STEPS).fit.eta
                 if rebuild is not None:
-                    own = replace(own, model=rebuild(named(own.unknowns, end)))
-            fit = own.fit(end, own.data.values)
+                    survey = replace(survey, model=rebuild(named(survey.unknowns, end)))
+            fit = survey.fit(end, survey.data.values)
         except _FAILURES:
             continue
-        found[name] = End(fit.omega / own.measurement.omega - 1, fit.own_mac)
-    return found
+        ends[name] = End(fit.omega / survey.measurement.omega - 1, fit.own_mac)
+    return ends
 
 
 @dataclass(frozen=True)
@@ -241,7 +241,9 @@ def add_modes(
     if not result.wants_below(GROUP):
         return result
     k, record = next(
-        (k, one) for k, one in enumerate(posterior.likelihood.records) if isinstance(one, ModalRecord)
+        (k, record)
+        for k, record in enumerate(posterior.likelihood.records)
+        if isinstance(record, ModalRecord)
     )
     after = posterior.fit.parts[k]
     before = at_start.fit(starts(record.unknowns), at_start.data.values)
@@ -249,7 +251,9 @@ def add_modes(
     measured, r = record.measurement, record.measurement.modes
     factor = 1 / angular_factor(measured.unit)
     result.add_axis(f"{GROUP}/mode", np.arange(1, r + 1))
-    result.add_axis(f"{GROUP}/quantity", np.array([one.name for one in record.channels], dtype=object))
+    result.add_axis(
+        f"{GROUP}/quantity", np.array([channel.name for channel in record.channels], dtype=object)
+    )
     dims = ("mode",)
     result.add(f"{GROUP}/frequency_measured", factor * measured.omega, dims, measured.unit)
     scatter = measured.deviations()
@@ -268,8 +272,8 @@ def add_modes(
         _add_shapes(result, record, before, after)
     if len(measured.dofs) and full.size * r <= _MOST_EXPANDED and result.wants(f"{GROUP}/expanded"):
         result.add_axis(f"{GROUP}/dof", np.array([str(dof) for dof in full.dofs], dtype=object))
-        for suffix, one, fit in (("_start", at_start, before), ("", record, after)):
-            shapes = _expanded(one, fit)
+        for suffix, candidate, fit in (("_start", at_start, before), ("", record, after)):
+            shapes = _expanded(candidate, fit)
             if len(shapes) == full.size:
                 result.add(f"{GROUP}/expanded{suffix}", shapes, ("dof", "mode"))
     squares, degrees = posterior.comparison.chi_squared
@@ -278,7 +282,7 @@ def add_modes(
     result.add(f"{GROUP}/model_error", record.error, ("quantity",))
     if needed is not None:
         result.add(f"{GROUP}/model_error_needed", needed.error, ("quantity",))
-    floors = [getattr(measured.floors, one.name) for one in record.channels]
+    floors = [getattr(measured.floors, channel.name) for channel in record.channels]
     result.add(f"{GROUP}/scatter_floor", floors, ("quantity",))
     said = _add_leverage(result, posterior.comparison.tables[0], r)
     if len(posterior.likelihood.records) == 1:
@@ -311,16 +315,16 @@ def _expanded(record: ModalRecord, fit: ModalFit) -> NDArray[Any]:
     J. O'Callahan, P. Avitabile, R. Riemer, *Proc. IMAC VII* 1989, 29–37.
     """
     solution = record.solution(named(record.unknowns, fit.eta))
-    whole = record.model.expand(solution.shapes[:, fit.pairs])
+    shapes_at_all_dofs = record.model.expand(solution.shapes[:, fit.pairs])
     at_sensors, target = record.rows @ solution.shapes[:, fit.pairs], record.measurement.shapes
-    found = np.full(whole.shape, np.nan, dtype=np.result_type(whole, target))
+    expanded = np.full(shapes_at_all_dofs.shape, np.nan, dtype=np.result_type(shapes_at_all_dofs, target))
     for k in range(target.shape[1]):
         there = ~np.isnan(target[:, k])
         if there.any():
             near = np.argsort(np.abs(fit.omega - fit.omega[k]), kind="stable")[: np.count_nonzero(there)]
             parts = np.linalg.lstsq(at_sensors[np.ix_(there, near)], target[there, k], rcond=None)[0]
-            found[:, k] = whole[:, near] @ parts
-    return found
+            expanded[:, k] = shapes_at_all_dofs[:, near] @ parts
+    return expanded
 
 
 def _add_diagnosis(
@@ -329,19 +333,22 @@ def _add_diagnosis(
     """Add the frequencies left out and the ends of the trade-off; return what they say."""
     group, eta, said = GROUP, posterior.fit.eta, []
     if record.error.any():
-        each = [
-            f"{100 * e:.2g} % of {one.name}" for one, e in zip(record.channels, record.error, strict=True)
+        statements = [
+            f"{100 * e:.2g} % of {channel.name}"
+            for channel, e in zip(record.channels, record.error, strict=True)
         ]
-        said.append(f"stated errors of the model's form, in fit, intervals and verdict: {', '.join(each)}")
+        said.append(
+            f"stated errors of the model's form, in fit, intervals and verdict: {', '.join(statements)}"
+        )
     if result.wants_below(f"{group}/left_out_error") and record.measurement.modes > 1:
-        found = left_out(record, eta)
-        for name, values in zip(("error", "deviation", "by_scatter"), found, strict=True):
+        predictions = left_out(record, eta)
+        for name, values in zip(("error", "deviation", "by_scatter"), predictions, strict=True):
             result.add(f"{group}/left_out_{name}", values, ("mode",))
-        worst = np.flatnonzero(found.contradicted)
+        worst = np.flatnonzero(predictions.contradicted)
         if len(worst):
+            bars = predictions.deviation
             shown = ", ".join(
-                f"mode {k + 1} {100 * found.error[k]:+.2g} % (bar {100 * found.deviation[k]:.2g} %)"
-                for k in worst
+                f"mode {k + 1} {100 * predictions.error[k]:+.2g} % (bar {100 * bars[k]:.2g} %)" for k in worst
             )
             said.insert(
                 0,
@@ -351,10 +358,10 @@ def _add_diagnosis(
     if in_error and len(record.measurement.dofs) and result.wants_below(f"{group}/trade_off"):
         also = " and damping ratios" if record.measurement.has_damping else ""
         for name, end in trade_off(record, eta, rebuild).items():
-            own = f"{group}/trade_off/{name}"
-            result.add_axis(f"{own}/mode", np.arange(1, len(end.error) + 1))
-            result.add(f"{own}/frequency_error", end.error, ("mode",))
-            result.add(f"{own}/mac", end.mac, ("mode",))
+            end_group = f"{group}/trade_off/{name}"
+            result.add_axis(f"{end_group}/mode", np.arange(1, len(end.error) + 1))
+            result.add(f"{end_group}/frequency_error", end.error, ("mode",))
+            result.add(f"{end_group}/mac", end.mac, ("mode",))
             rms = 100 * float(np.sqrt(np.mean(end.error**2)))
             said.append(
                 f"fitted to {name}{also} alone: RMS error of frequencies {rms:.2g} %, mean MAC "
@@ -369,22 +376,32 @@ def _add_directions(result: Result, posterior: Posterior) -> list[str]:
     Two limits are a prior, of the deviation of a uniform distribution.
     """
     priors, names = posterior.likelihood.priors, posterior.likelihood.names
-    own = f"{GROUP}/directions"
-    if np.isnan(priors.spreads).any() or not result.wants_below(own):
+    directions_group = f"{GROUP}/directions"
+    if np.isnan(priors.spreads).any() or not result.wants_below(directions_group):
         return []
     information = posterior.likelihood.information(posterior.fit, posterior.noise, prior=False)
-    found = directions(information, priors.spreads)
-    labels = [one.label(names) for one in found]
-    result.add_axis(f"{own}/direction", np.arange(1, len(found) + 1))
-    result.add_axis(f"{own}/parameter", names)
-    result.add(f"{own}/strength", [one.strength for one in found], ("direction",))
-    result.add(f"{own}/weights", np.array([one.weights for one in found]), ("direction", "parameter"))
-    result.add(f"{own}/label", np.array(labels, dtype=object), ("direction",))
-    known = [label for one, label in zip(found, labels, strict=True) if one.strength > DETERMINED]
+    combinations = directions(information, priors.spreads)
+    labels = [combination.label(names) for combination in combinations]
+    result.add_axis(f"{directions_group}/direction", np.arange(1, len(combinations) + 1))
+    result.add_axis(f"{directions_group}/parameter", names)
+    result.add(
+        f"{directions_group}/strength", [combination.strength for combination in combinations], ("direction",)
+    )
+    result.add(
+        f"{directions_group}/weights",
+        np.array([combination.weights for combination in combinations]),
+        ("direction", "parameter"),
+    )
+    result.add(f"{directions_group}/label", np.array(labels, dtype=object), ("direction",))
+    determined = [
+        label
+        for combination, label in zip(combinations, labels, strict=True)
+        if combination.strength > DETERMINED
+    ]
     than = "priors" if priors.given.all() else "priors and limits" if priors.given.any() else "limits"
     said = [
-        f"the data determine {len(known)} of {len(names)} combinations better than the {than}: "
-        + "; ".join(known)
+        f"the data determine {len(determined)} of {len(names)} combinations better than the {than}: "
+        + "; ".join(determined)
     ]
     if blind := [name for name, by in zip(names, posterior.decided_by, strict=True) if by == "prior"]:
         said.append(f"known by their priors alone: {', '.join(blind)}")
