@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import (
     AfterValidator,
@@ -212,8 +212,10 @@ ParameterEntry = Annotated[
 class SceneModel(Section):
     """Keys of every scene."""
 
+    if TYPE_CHECKING:  # each kind has its own value
+        kind: str
+
     dynid: Literal[1]
-    kind: str
     title: str = ""
     parameters: dict[str, ParameterEntry] = {}
     expect: list[Expectation] = []
