@@ -7,7 +7,7 @@ import pytest
 
 from dynid import defaults
 from dynid.bondgraph.floating import spectrum
-from dynid.bondgraph.results import prototype, sensitivities
+from dynid.bondgraph.results import prototype_results, sensitivities
 from dynid.scene.schema.study import MAX_SAMPLES
 from dynid.structure import damping, frf, model
 
@@ -55,9 +55,9 @@ def test_errors_beside_other_tools_are_those_of_the_tables(text, benchmark, size
         ("on more than {} loops", defaults.MANY_LOOPS.value),
         ("{}; 150 on more", defaults.EXACT_POLYNOMIALS.value),
         ("; {} on more than 4 loops | float", defaults.EXACT_POLYNOMIALS_ON_LOOPS.value),
-        ("{} storage elements | refused; frequency", spectrum._LARGEST),
-        ("| sensitivities | {} storage elements", sensitivities._STORAGES),
-        ("prototypes | {} storage elements", prototype._STORAGES),
+        ("{} storage elements | refused; frequency", spectrum._MAX_DENSE_STORAGES),
+        ("| sensitivities | {} storage elements", sensitivities._MAX_SENSITIVITY_STORAGES),
+        ("prototypes | {} storage elements", prototype_results._MAX_PROTOTYPE_SIZE),
         ("| dense modes | {} DOFs", defaults.DENSE_MODES.value),
         ("{} DOFs | ask for a number", defaults.ALL_MODES.value),
         ("ratios of all modes | {} DOFs", damping._MOST_MODAL),

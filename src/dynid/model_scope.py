@@ -8,7 +8,7 @@ from typing import NamedTuple
 from dynid.result import Result
 
 #: Most names in a list.
-_SHOWN = 500
+_MAX_LISTED_NAMES = 500
 
 
 class ScopePart(NamedTuple):
@@ -90,5 +90,5 @@ def scope_parts(result: Result, holder: str) -> list[ScopePart]:
 
 def listed_names(names: Sequence[str]) -> str:
     """Return a list of names, shortened where it is long."""
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return ", ".join(names[:_SHOWN]) + more
+    more = f" and {len(names) - _MAX_LISTED_NAMES} more" if len(names) > _MAX_LISTED_NAMES else ""
+    return ", ".join(names[:_MAX_LISTED_NAMES]) + more

@@ -176,7 +176,7 @@ _TOKEN = re.compile(
 )
 #: Scales with an offset: no factor converts them, and `°C` is no degree times coulomb.
 _TEMPERATURE = re.compile(r"(°|deg(ree)?s?)\s*[CF](?![^\W\d])")
-_LONGEST = 60
+_MAX_UNIT_CHARACTERS = 60
 _MOST_POWER = 9
 
 
@@ -310,8 +310,8 @@ def readings(text: str, *, pint: bool = True) -> tuple[Unit, ...]:
         If it is no unit.
     """
     plain = _plain(text)
-    if not plain or len(plain) > _LONGEST:
-        raise UnknownUnitError(f"'{text[:_LONGEST]}' is no unit")
+    if not plain or len(plain) > _MAX_UNIT_CHARACTERS:
+        raise UnknownUnitError(f"'{text[:_MAX_UNIT_CHARACTERS]}' is no unit")
     if _TEMPERATURE.search(plain):
         raise UnknownUnitError(f"'{text}' is no unit with a factor: the scale of temperature has an offset")
     tokens, at = [], 0

@@ -146,7 +146,7 @@ def test_variances_are_not_negative_however_sure_the_filter_is():
 
 
 def test_a_record_too_large_is_refused_before_any_work(monkeypatch):
-    monkeypatch.setattr(cost, "_MOST_NUMBERS", 10_000)
+    monkeypatch.setattr(cost, "_MAX_SENSITIVITY_NUMBERS", 10_000)
     with pytest.raises(UsageError, match="too large") as caught:
         run()
     assert caught.value.names == ("samples",)

@@ -566,7 +566,7 @@ def test_a_nonlinear_response_of_which_no_sample_is_reached_says_why(stop, frequ
 
 
 def test_a_nonlinear_response_is_of_graphs_up_to_a_size(monkeypatch):
-    monkeypatch.setattr("dynid.bondgraph.results.operating_point._MOST", 9)
+    monkeypatch.setattr("dynid.bondgraph.results.operating_point._MAX_VARIABLES", 9)
     result = run(over_time(HARD, ", input: {kind: step}"))
     said = result.group_attrs["bond_graph/time_response"]["nonlinear"]
     assert said == "left out: the graph has 10 variables, more than 9"

@@ -310,7 +310,7 @@ def test_scripts_that_claim_or_hold_too_much(tmp_path, monkeypatch):
     (tmp_path / "k.m").write_text("a=[\n1 1 2;\n];\na=sparse(a(:,1),a(:,2),a(:,3),5000,4000)\n")
     with pytest.raises(FileError, match="it claims 5000 x 4000, more rows than its bytes"):
         read_matrix(MatrixFile(tmp_path / "k.m"), "stiffness")
-    monkeypatch.setattr("dynid.files.fe_exports._LONGEST", 40)
+    monkeypatch.setattr("dynid.files.fe_exports._MAX_SCRIPT_BYTES", 40)
     with pytest.raises(FileError, match=r"k\.m is too large for a script of a matrix"):
         read_matrix(MatrixFile(tmp_path / "k.m"), "stiffness")
 

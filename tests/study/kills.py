@@ -61,7 +61,7 @@ def in_child(plan, target, budget=None):
 
 def main(journal, total, kills):
     """Kill at random bytes, one study each: most of them of the journal, the rest of the file too."""
-    scheduler._MOST = 1  # every sample is a record of its own
+    scheduler._MAX_CHUNK_SAMPLES = 1  # every sample is a record of its own
     plan = make_plan(load_scene("masses.yaml"))
     random = np.random.default_rng(7)
     budgets = [*random.integers(0, journal, kills - kills // 4), *random.integers(0, total, kills // 4)]

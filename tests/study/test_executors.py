@@ -237,7 +237,7 @@ def test_a_study_whose_scheduler_is_gone_says_so_and_goes_on_elsewhere(serial, c
 def test_a_scheduler_that_is_not_there_is_said_to_be_so(tmp_path, monkeypatch):
     from dynid.study.executors import dask
 
-    monkeypatch.setattr(dask, "_PATIENCE", 0.5)
+    monkeypatch.setattr(dask, "_CONNECT_SECONDS", 0.5)
     with pytest.raises(FileError, match=r"the Dask scheduler at tcp://127\.0\.0\.1:9 does not answer"):
         run_study(planned(tmp_path), tmp_path / "s.h5", make_executor(scheduler="tcp://127.0.0.1:9"))
 

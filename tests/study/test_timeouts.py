@@ -98,7 +98,7 @@ def test_a_limit_that_nothing_reaches_changes_nothing(undisturbed, tmp_path, exe
 
 @pytest.mark.usefixtures("impatient")
 def test_a_sample_that_takes_long_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr(scheduler, "_LONG", 0.2)
+    monkeypatch.setattr(scheduler, "_REPORT_INTERVAL", 0.2)
     monkeypatch.setattr(scheduler, "_TICK", 0.05)
     said = []
     plan = planned(tmp_path, MANY)

@@ -20,7 +20,7 @@ from dynid.arithmetic.real_field import ROUNDED_BITS, RealField
 from dynid.errors import NumericalError
 
 #: Length of coefficients, in lengths of coded numbers, beyond which they are coded anew.
-_LONG = 16
+_MAX_COEFFICIENT_RATIO = 16
 
 
 class _RingElement(ABC):
@@ -77,7 +77,7 @@ class FieldNumber(_RingElement):
         self.value = value if value.p % field.prime else fmpq(0)
 
     def _made(self, value: Any) -> Self:
-        if value.p.bit_length() > _LONG * self.field.bits and value.p % self.field.prime:
+        if value.p.bit_length() > _MAX_COEFFICIENT_RATIO * self.field.bits and value.p % self.field.prime:
             value = _coded_anew(self.field, value)
         return type(self)(self.field, value)
 
@@ -171,7 +171,7 @@ class FieldPolynomial(_RingElement):
         polynomial = type(self)(self.field, value)
         return (
             polynomial.shortened()
-            if polynomial.value.numer().height_bits() > _LONG * self.field.bits
+            if polynomial.value.numer().height_bits() > _MAX_COEFFICIENT_RATIO * self.field.bits
             else polynomial
         )
 

@@ -58,7 +58,7 @@ _MAX_TRIALS = 4096
 #: Bits of a number that is factored wholly; of the factors that are sought in longer ones.
 _FACTORED_BITS, _SMOOTH_BITS = 80, 20
 #: Circles have points of this order from the start: angles in whole degrees, halved twice.
-_ORDER = 1440
+_CIRCLE_ORDER = 1440
 #: Multiples of an angle by fractions with such a denominator are its multiples.
 _DIVISOR = 5040
 
@@ -132,7 +132,7 @@ class RealField:
         self._relations: dict[
             tuple[int, str, int, float], list[Fraction] | None
         ] = {}  # the same for every prime
-        modulus, trial, self._order = self._first_modulus(), 0, _ORDER
+        modulus, trial, self._order = self._first_modulus(), 0, _CIRCLE_ORDER
         for _ in range(_MAX_TRIALS):
             self.prime = _prime(modulus, trial)
             try:
@@ -152,7 +152,7 @@ class RealField:
 
     def _first_modulus(self) -> int:
         """Return the factors of all radicands, multiplied as far as the product is short."""
-        modulus = _ORDER
+        modulus = _CIRCLE_ORDER
         for base in self._radical_factors(self._terms):
             if modulus.bit_length() < _MAX_MODULUS_BITS:
                 modulus = math.lcm(modulus, _odd(base))

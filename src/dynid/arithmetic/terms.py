@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from fractions import Fraction
 
 #: Characters of a term in a message.
-_SHOWN = 60
+_MAX_TERM_CHARACTERS = 60
 _INFIX = {"+": " + ", "-": " - ", "*": "*", "/": "/", "**": "**"}
 
 
@@ -31,8 +31,8 @@ class Term:
         self.operation, self.operands = operation, operands
 
     def __str__(self) -> str:
-        text = self._text(_SHOWN)
-        return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
+        text = self._text(_MAX_TERM_CHARACTERS)
+        return text if len(text) <= _MAX_TERM_CHARACTERS else f"{text[:_MAX_TERM_CHARACTERS]}…"
 
     def _text(self, room: int) -> str:
         """Return the term as text, the innermost parts left out."""

@@ -46,7 +46,7 @@ VALUED = frozenset({"I", "C", "R", "TF", "GY", ACTIVATED})
 #: The types by number, as the library has them (`native/plan.c`).
 NUMBER_OF_TYPE: dict[str, int] = {kind: number for number, kind in enumerate(get_args(NodeType))}
 #: Bonds from which faults are looked for by arrays.
-_LARGE = 1000
+_ARRAY_CHECK_BONDS = 1000
 ONE_PORTS = SOURCES | STORAGES | {"R"}
 FIELDS = STORAGES | {"R"}
 
@@ -221,7 +221,7 @@ class BondGraph:
         self.nodes: dict[str, Node] = {node.name: node for node in nodes}
         self.bonds: tuple[Bond, ...] = tuple(bonds)
         faults: list[GraphFault] = []
-        if len(self.bonds) < _LARGE or not self._sound():
+        if len(self.bonds) < _ARRAY_CHECK_BONDS or not self._sound():
             faults += graph_faults({name: node.type for name, node in self.nodes.items()}, self.bonds)
         unvalued = [node for node in self.nodes.values() if node.type in VALUED and not node.value]
         faults += [

@@ -89,7 +89,7 @@ class Bounded:
 
 #: A point whose relative error bound exceeds this, for every ten operations, is computed again. The bound
 #: adds up worst cases: in long chains it lies a thousand times above the true error (3e-14 at 300 stages).
-_TOLERANCE = 1e-12
+_RESPONSE_TOL = 1e-12
 #: Programs longer than this run in doubled precision, with bounds below 1e-12 whatever their length. For
 #: shorter ones translating the program into the library's instructions does not pay.
 _LONG = COMPILED_RESPONSES.value
@@ -101,7 +101,7 @@ _ANEW = PLANNED_ANEW.value
 _SAMPLE = 64
 _PRECISIONS = (128, 256, 512)
 #: How many bits beside a natural mode what is finite there is taken.
-_BESIDE = 150
+_OFFSET_BITS = 150
 
 #: Finds the same registers in a plan made anew.
 Again = Callable[[Any], list[int]]
@@ -168,7 +168,7 @@ def _doubled(
 
     response, bounds = sweep_frequencies(planned.program, registers, planned.graph.value, omega)
     with np.errstate(all="ignore"):
-        trusted = bounds <= _TOLERANCE * np.maximum(np.abs(response), _SMALLEST)
+        trusted = bounds <= _RESPONSE_TOL * np.maximum(np.abs(response), _SMALLEST)
     return response, np.all(trusted & np.isfinite(response), axis=1)
 
 
@@ -183,7 +183,7 @@ def _double(
         columns = [np.broadcast_to(run[register].value, omega.shape) for register in registers]
         bounds = [np.broadcast_to(run[register].error, omega.shape) for register in registers]
         response = np.stack(columns, axis=-1)
-        tolerance = _TOLERANCE * max(1.0, len(planned.program) / 10)
+        tolerance = _RESPONSE_TOL * max(1.0, len(planned.program) / 10)
         trusted = np.stack(bounds, axis=-1) <= tolerance * np.abs(response)
     return response, np.all(trusted & np.isfinite(response), axis=1)
 
@@ -268,7 +268,7 @@ def _on_a_mode(planned: GraphProgram, registers: list[int], omega: float) -> lis
     orders = orders_on_axis(planned, registers, Fraction(omega))
     limits = {register: complex(np.inf if order < 0 else 0.0) for register, order in orders.items() if order}
     finite = [register for register in registers if register not in limits]
-    near, nearer = (_in_balls(planned, finite, omega, aside) for aside in (_BESIDE, _BESIDE + 8))
+    near, nearer = (_in_balls(planned, finite, omega, aside) for aside in (_OFFSET_BITS, _OFFSET_BITS + 8))
     if near is None or nearer is None or not np.allclose(near, nearer, rtol=1e-15, atol=0.0):
         return None
     limits |= dict(zip(finite, near, strict=True))

@@ -153,7 +153,7 @@ def zero_dynamics(reduced: ReducedGraph, port: Port, source: str) -> StateSpace:
 
 
 #: Most states of a part whose characteristic polynomial is formed.
-_MOST_STATES = 150
+_MAX_POLYNOMIAL_STATES = 150
 
 
 @dataclass(frozen=True)
@@ -206,7 +206,7 @@ def zero_parts(reduced: ReducedGraph, port: Port, source: str) -> tuple[ZeroPart
         if not rates:
             continue
         polynomial = None
-        if len(rates) <= _MOST_STATES:  # det(s - A), times a positive integer
+        if len(rates) <= _MAX_POLYNOMIAL_STATES:  # det(s - A), times a positive integer
             rows = [[_rational(form.get(("w", name), 0)) for name in rates] for form in rates.values()]
             characteristic, field = fmpq_mat(rows).charpoly(), reduced.graph.field
             polynomial = (

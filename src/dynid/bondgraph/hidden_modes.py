@@ -28,7 +28,7 @@ from dynid.bondgraph.reduced_graph import Channel, ReducedGraph
 from dynid.lti.certified_roots import CertifiedRoot, certified_roots
 
 #: The smallest share of a mode's energy that an element is named for.
-_SHARE = 0.005
+_MIN_ENERGY_SHARE = 0.005
 
 
 @dataclass(frozen=True)
@@ -288,4 +288,8 @@ def _energy(
     energies = sizes * (np.abs(system.C[1:] @ motion) ** 2).sum(axis=1)
     total = energies.sum()
     shares = {name: round(float(e / total), 4) for name, e in zip(storages, energies, strict=True) if total}
-    return {name: share for name, share in sorted(shares.items(), key=lambda it: -it[1]) if share >= _SHARE}
+    return {
+        name: share
+        for name, share in sorted(shares.items(), key=lambda it: -it[1])
+        if share >= _MIN_ENERGY_SHARE
+    }

@@ -290,7 +290,7 @@ def _places(forms: Sequence[LinearForm], symbols: Sequence[FormSymbol]) -> list[
 
 
 #: Largest error bound over the response; of a derivative, over it or the response over the parameter.
-_TOLERANCE = 1e-10
+_ERROR_BOUND_TOL = 1e-10
 
 
 class ParametricResponse:
@@ -362,7 +362,7 @@ class ParametricResponse:
                     len(omega), size.shape[1] - count
                 ),
             )
-            trusted = np.all((error <= _TOLERANCE * size) & np.isfinite(values_at), axis=1)
+            trusted = np.all((error <= _ERROR_BOUND_TOL * size) & np.isfinite(values_at), axis=1)
         for line in np.flatnonzero(~trusted):
             values_at[line] = self._tape.run(leaves, float(omega[line]))
         return (

@@ -239,7 +239,7 @@ def as_array(value: Scalar) -> NDArray[Any]:
 _DIAGNOSTICS, _MEASURED = "identification/diagnostics", "identification/measurement"
 _PARAMETERS, _POSTERIOR = "identification/parameters", "identification/posterior"
 #: Values of two records agree to this part of the largest.
-_SAME = 1e-9
+_RECORD_TOL = 1e-9
 # Words for differences of BIC, and for twice those of the logarithm of the evidence (R. E. Kass, A. E.
 # Raftery, J. Am. Stat. Assoc. 90 (1995) 773–795, section 3.2).
 _STRENGTHS = ((2.0, "hardly"), (6.0, "positively"), (10.0, "strongly"), (math.inf, "very strongly"))
@@ -278,7 +278,7 @@ def _same_record(a: Result, b: Result) -> bool:
         if one.shape != other.shape:
             return False
         scale = float(np.nanmax(np.abs(one), initial=0.0))
-        if not np.allclose(one, other, rtol=_SAME, atol=_SAME * scale, equal_nan=True):
+        if not np.allclose(one, other, rtol=_RECORD_TOL, atol=_RECORD_TOL * scale, equal_nan=True):
             return False
     return True
 

@@ -158,7 +158,7 @@ def _mapping(path: Path, rows: int) -> tuple[str, ...]:
 
 
 # The largest script, bytes.
-_LONGEST = 4_000_000_000
+_MAX_SCRIPT_BYTES = 4_000_000_000
 _SPARSE = re.compile(
     r"^\s*(?P<name>\w+)\s*=\s*sparse\(\s*\w+\(:,1\)\s*,\s*\w+\(:,2\)\s*,\s*\w+\(:,3\)"
     r"\s*(?:,\s*(?P<rows>\d+)\s*,\s*(?P<columns>\d+)\s*)?\)"
@@ -174,7 +174,7 @@ def read_script(path: Path) -> ImportedMatrix:
         If it is no such script, or damaged.
     """
     with read_errors(path, "a MATLAB script of a sparse matrix"):
-        if path.stat().st_size > _LONGEST:
+        if path.stat().st_size > _MAX_SCRIPT_BYTES:
             raise FileError(f"{path} is too large for a script of a matrix")
         inside, found = False, None
         numbers: list[str] = []

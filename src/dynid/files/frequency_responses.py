@@ -27,7 +27,7 @@ _MEASURED = ("measured", "response", "identification/measurement/measured")
 #: Function types of a data set 58: frequency response, coherence.
 _FRF, _COHERENCE = 4, 6
 #: Up to which part lines may differ: in text a Universal File has six digits of their distance.
-_DIGITS = 1e-5
+_LINE_RTOL = 1e-5
 
 
 class ResponseLayout(NamedTuple):
@@ -259,7 +259,7 @@ def from_universal(file: DataFile, layout: ResponseLayout) -> MeasuredResponses:
     if layout.deviation:
         file.refuse("holds functions, no deviations", "Give their coherence.", key="deviation")
     for function in parts:
-        if function.x.shape != lines.shape or not np.allclose(function.x, lines, rtol=_DIGITS, atol=0):
+        if function.x.shape != lines.shape or not np.allclose(function.x, lines, rtol=_LINE_RTOL, atol=0):
             file.refuse(
                 f"the function {function.name} has other lines than the first",
                 "Put responses at different lines into files of their own.",

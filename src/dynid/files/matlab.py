@@ -30,10 +30,10 @@ _HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 #: Classes of variables that hold no numbers, and are not read.
 _PASSED_OVER = {"char", "function", "object", "opaque", "unknown"}
 _DEEPEST = 4  # how deep structures within structures are read
-_GROWTH = 1032  # of stored bytes by decompression, at most
+_MAX_DECOMPRESSION_RATIO = 1032  # of stored bytes by decompression, at most
 #: Memory of the separate process, bytes: of itself, and at most.
 _LEAST_MEMORY, _MOST_MEMORY = 2**31, 24 * MOST_NUMBERS
-_BYTES_A_SECOND = 10_000_000  # of a file, read at least
+_MATLAB_BYTES_A_SECOND = 10_000_000  # of a file, read at least
 
 
 class MatlabVariable(NamedTuple):
@@ -159,8 +159,8 @@ def _archive(path: Path) -> Path:
             raise FileError(
                 f"{path} is a MATLAB file of version 7.3, of which only matrices are read", remedy=_REMEDY
             )
-        seconds = trial.SECONDS + facts.st_size / _BYTES_A_SECOND
-        memory = min(_LEAST_MEMORY + 2 * _GROWTH * facts.st_size, _MOST_MEMORY)
+        seconds = trial.SECONDS + facts.st_size / _MATLAB_BYTES_A_SECOND
+        memory = min(_LEAST_MEMORY + 2 * _MAX_DECOMPRESSION_RATIO * facts.st_size, _MOST_MEMORY)
         try:
             return archived(path, archive, seconds=seconds, memory=memory)
         except DiedError:
@@ -181,7 +181,7 @@ def archive(path: str, target: str) -> None:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of two variables of one name the first is read
-            bytes_held = _GROWTH * Path(path).stat().st_size
+            bytes_held = _MAX_DECOMPRESSION_RATIO * Path(path).stat().st_size
             for name, shape, kind in whosmat(path):
                 if kind in _PASSED_OVER or name.startswith("__"):
                     if name and not name.startswith("__"):

@@ -42,7 +42,7 @@ _TAGS = ("gmsh:physical", "medit:ref")
 _ADDED = "gmsh:bounding_entities"
 #: Memory of the separate process, bytes: of itself, for each byte of the file, and at most.
 _LEAST_MEMORY, _GROWTH, _MOST_MEMORY = 2**31, 60, 24 * MOST_NUMBERS
-_BYTES_A_SECOND = 500_000  # of a file, read at least
+_MESH_BYTES_A_SECOND = 500_000  # of a file, read at least
 #: Counts in the text of files, and the fewest bytes of what they count; compression makes 1000 of one.
 _COUNTS = {
     ".vtk": (
@@ -81,7 +81,7 @@ def read_foreign(path: Path, includes: Sequence[Path]) -> MeshData:
         raise FileError(
             f"{path} cannot be read without meshio", remedy="Install it: pip install 'dynid[laboratory]'."
         )
-    seconds = trial.SECONDS + size / _BYTES_A_SECOND
+    seconds = trial.SECONDS + size / _MESH_BYTES_A_SECOND
     memory = min(_LEAST_MEMORY + _GROWTH * size, _MOST_MEMORY)
     try:
         target = archived(path, archive, FORMATS[path.suffix.lower()], seconds=seconds, memory=memory)

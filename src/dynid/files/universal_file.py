@@ -36,7 +36,7 @@ _JOINED = (15, 2420)
 #: Types of functions of time, general or not.
 _TIME = (0, 1)
 #: Digits of an increment as the format prints it.
-_DIGITS = 1e-5
+_INCREMENT_RTOL = 1e-5
 #: Directions by their numbers in data sets 58: displacements along the node's axes, rotations about them.
 _DIRECTIONS = ("", "x", "y", "z", "rx", "ry", "rz")
 #: Quantities of ordinates by their specific data types.
@@ -280,7 +280,7 @@ def mean_step(x: NDArray[np.float64]) -> float:
 def stored_precision(x: NDArray[np.float64]) -> float:
     """Return the relative rounding of abscissae that are stored one by one: six digits in text."""
     if np.array_equal(x, [float(f"{value:.5e}") for value in x]):
-        return _DIGITS
+        return _INCREMENT_RTOL
     single = np.array_equal(x, x.astype(np.float32))
     return float(np.finfo(np.float32 if single else np.float64).eps)
 

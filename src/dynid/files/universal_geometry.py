@@ -23,7 +23,7 @@ _CARTESIAN, _CYLINDRICAL = 0, 1
 #: Systems that need no definition: files without one mean the basic system by them.
 _BASIC = (0, 1)
 #: How far the axes of a system may be from orthonormal: data sets 18 have six digits.
-_DIGITS = 1e-4
+_ORTHONORMAL_TOL = 1e-4
 #: Descriptors of shell elements in data sets 2412, whose edges are drawn; those of two nodes are lines.
 _SHELLS = range(41, 100)
 
@@ -191,7 +191,11 @@ def _checked(file: DataFile, number: int, kind: int, origin: Array, axes: Iterab
     if kind not in (_CARTESIAN, _CYLINDRICAL):
         file.refuse(f"system {number} is spherical (type {kind})", "Export Cartesian or cylindrical systems.")
     good = rows.shape == (3, 3) and np.isfinite(rows).all() and np.isfinite(origin).all()
-    if not good or not np.allclose(rows @ rows.T, np.eye(3), atol=_DIGITS) or np.linalg.det(rows) < 0:
+    if (
+        not good
+        or not np.allclose(rows @ rows.T, np.eye(3), atol=_ORTHONORMAL_TOL)
+        or np.linalg.det(rows) < 0
+    ):
         file.refuse(f"the axes of system {number} are not orthonormal and right-handed", "It is damaged.")
     if np.array_equal(rows, np.eye(3)):
         return CoordinateSystem(np.asarray(origin, dtype=float), rows, kind)

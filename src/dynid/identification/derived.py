@@ -35,13 +35,13 @@ _LINEAR = 0.1
 # Real parts below this part of the root, whatever the parameters, are on the imaginary axis.
 _ON_AXIS = 1e-8
 # Random values of the parameters that confirm what holds for all values.
-_CONFIRMED = 3
+_CONFIRMING_DRAWS = 3
 # Distance from the axis, in standard deviations, beyond which no sample is needed.
-_FAR = 6.0
+_AXIS_DEVIATIONS = 6.0
 # Errors of an estimate that is converged: so many standard deviations, at most this part of the parameter.
 _DEVIATIONS, _CONVERGED = 6.0, 1e-9
 # Roots of a sample that stay within so many radii of a cluster are not resolved either.
-_WITHIN = 4.0
+_CLUSTER_RADII = 4.0
 # Distances between roots in a block of samples.
 _BLOCK = 1 << 17
 
@@ -136,7 +136,7 @@ class GaussianPosterior:
     def elsewhere(self) -> Array:
         """Coordinates at random far from the mean, to confirm what holds everywhere (count x p)."""
         spread = np.array([unknown.first_spread for unknown in self.unknowns]) / 4
-        drawn = np.random.default_rng(_SEED).uniform(-1, 1, (_CONFIRMED, len(self.eta)))
+        drawn = np.random.default_rng(_SEED).uniform(-1, 1, (_CONFIRMING_DRAWS, len(self.eta)))
         return np.clip(self.eta + spread * drawn, self.low, self.high)
 
     def bands(
@@ -273,7 +273,7 @@ class RootFamily:
             roots = tracked[:, places]
             mean = roots.mean(axis=1)
             mean = mean.real.astype(np.complex128) if centre.imag == 0 else mean
-            close = (np.abs(roots - mean[:, None]) <= _WITHIN * radius).all(axis=1)
+            close = (np.abs(roots - mean[:, None]) <= _CLUSTER_RADII * radius).all(axis=1)
             tracked[np.ix_(close, places)] = mean[close, None]
         return tracked
 
@@ -374,7 +374,7 @@ class RootFamily:
             return 1.0
         deviation = np.linalg.norm(np.where(np.isfinite(slopes), slopes, 0.0) @ self.posterior.root, axis=1)
         smooth = np.isfinite(slopes).all(axis=1)
-        far = np.abs(real) > _FAR * deviation
+        far = np.abs(real) > _AXIS_DEVIATIONS * deviation
         if (smooth & far).all():
             return float(np.all(real < 0))
         real_parts = self._tracked(self.posterior.samples)[:, free].real

@@ -50,7 +50,7 @@ _SEARCHED, _REACH = 8, 6.0
 # A basis that follows the parameters is rebuilt until the estimates change by less than this many standard
 # errors, or this part of themselves; and so often at the most.
 _SETTLED, _LEAST = 0.01, 1e-6
-_MOST_ROUNDS = 10
+_MAX_NOISE_ROUNDS = 10
 
 
 def identify(
@@ -224,9 +224,9 @@ def _settled(
     """
     values = [record.whole for record in likelihood.records]
     search_last = isinstance(likelihood, FrfLikelihood)
-    here, most_rounds = estimator, _MOST_ROUNDS
+    here, most_rounds = estimator, _MAX_NOISE_ROUNDS
     if search_last and rebuild is not None:
-        here, most_rounds = _with(estimator, accept_small=True, multi_start=False), 2 * _MOST_ROUNDS
+        here, most_rounds = _with(estimator, accept_small=True, multi_start=False), 2 * _MAX_NOISE_ROUNDS
     before: Posterior | None = None
     for number in count(1):
         estimate = _estimated(here, likelihood, eta, suggest)
@@ -243,7 +243,7 @@ def _settled(
         change, eta = np.abs(estimate.fit.eta - eta), estimate.fit.eta
         settled = bool(np.all(change <= np.maximum(_SETTLED * deviations, _LEAST * likelihood.priors.units)))
         settled = settled and covering is likelihood
-        if search_last and (settled or number == _MOST_ROUNDS):
+        if search_last and (settled or number == _MAX_NOISE_ROUNDS):
             searching = _with(here, multi_start=True)
             if posterior.explained or searching == here:
                 break

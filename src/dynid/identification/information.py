@@ -23,7 +23,7 @@ from dynid.number_format import sentence
 # Part of a blind direction below which a parameter has no share in it; equality of coefficients.
 _SHARE, _EQUAL = 1e-3, 1e-2
 # Largest denominator of an exponent that is written as a fraction.
-_LARGEST = 4
+_MAX_DENOMINATOR = 4
 # Least part of a parameter's sensitivity that initial state and other parameters must not account for:
 # sensitivities are exact to about 1e-12, and no measured record has that many digits.
 _IDENTIFIABLE = 1e-8
@@ -187,7 +187,7 @@ def _invariants(names: Sequence[str], relative: Array) -> str:
     base = int(np.flatnonzero(changes <= changes.min() * (1 + _EQUAL))[-1])
     products = []
     for k, name in enumerate(names):
-        power = Fraction(float(relative[k] / relative[base])).limit_denominator(_LARGEST)
+        power = Fraction(float(relative[k] / relative[base])).limit_denominator(_MAX_DENOMINATOR)
         if abs(float(power) - relative[k] / relative[base]) > _EQUAL:
             return ""
         if k != base:

@@ -12,9 +12,9 @@ from dynid.native import call, compiled
 # are zero.
 STATE_RANK = 1e-10
 # Height over width of the blocks that a tall matrix is factorised by.
-_BLOCK = 8
+_BLOCK_ASPECT = 8
 # Most columns of matrices that the library factorises; LAPACK takes larger ones, whose calls cost it little.
-_SMALL = 32
+_MAX_LIBRARY_COLUMNS = 32
 
 
 def without_state(columns: Array, by_state: Array) -> tuple[Array, int]:
@@ -36,7 +36,7 @@ def thin_svd(matrix: Array) -> tuple[Array, Array, Array]:
     finite("the sensitivity of the record", matrix)
     if not matrix.shape[1]:
         return np.zeros((len(matrix), 0)), np.zeros(0), np.zeros((0, 0))
-    if len(matrix) > _BLOCK * matrix.shape[1]:
+    if len(matrix) > _BLOCK_ASPECT * matrix.shape[1]:
         Q, R = _tall_qr(matrix)
         U, s, Vt = np.linalg.svd(R)
         return Q @ U, s, Vt
@@ -51,7 +51,7 @@ def _tall_qr(matrix: Array) -> tuple[Array, Array]:
     than they save. J. Demmel et al., SIAM J. Sci. Comput. 34 (2012) A206–A239.
     """
     rows, columns = matrix.shape
-    height = _BLOCK * columns
+    height = _BLOCK_ASPECT * columns
     if rows <= height:
         Q, R = np.linalg.qr(matrix)
         return Q, R
@@ -74,7 +74,7 @@ def triangular_factors(rows: Array) -> Array:
 
 def _triangle(matrix: Array) -> Array:
     rows, columns = matrix.shape
-    height = _BLOCK * columns
+    height = _BLOCK_ASPECT * columns
     if rows > height:
         filled = np.concatenate([matrix, np.zeros((-rows % height, columns))])
         blocks = np.linalg.qr(filled.reshape(-1, height, columns), mode="r")
@@ -88,11 +88,11 @@ def least_squares(matrix: Array, right: Array, rank: float) -> Array:
     finite("the sensitivity of the record", matrix)
     finite("the record", right)
     rows, columns = matrix.shape
-    if columns <= _SMALL and compiled():
+    if columns <= _MAX_LIBRARY_COLUMNS and compiled():
         x = np.empty(columns)
         call("dynid_least_squares", rows, columns, np.column_stack([matrix, right]), float(rank), x)
         return x
-    if rows > _BLOCK * columns:
+    if rows > _BLOCK_ASPECT * columns:
         both = _triangle(np.column_stack([matrix, right]))
         matrix, right = both[:, :-1], both[:, -1]
     return np.asarray(np.linalg.lstsq(matrix, right, rank)[0])

@@ -28,7 +28,7 @@ _EXPLAINED = 0.03
 # An estimate is at the optimum if the step left is below this part of its standard error …
 _STEP_IN_DEVIATIONS = 0.5
 # … or below this relative size, where residuals are so small that the standard error is no yardstick.
-_STEP = 1e-4
+_RELATIVE_STEP_TOL = 1e-4
 # Half width of a 95 % interval in standard deviations.
 _HALF_WIDTH = 1.959963984540054
 # Lags of the autocorrelation; samples of a segment of the spectrum.
@@ -40,7 +40,7 @@ _MAD_SPREAD = 1.1664
 # Order of the autoregression that whitens a residual, and how many samples it takes at least for each.
 _ORDER, _PER_ORDER = 20, 10
 # Fewer samples than this are not tested.
-_LEAST_SAMPLES = 20
+_MIN_TESTED_SAMPLES = 20
 
 
 def whiteness(*residuals: Array, coefficients: Sequence[int] = ()) -> float:
@@ -97,7 +97,7 @@ def is_optimal(step: Array, deviations: Array) -> bool:
     deviations
         Standard errors of the coordinates (p).
     """
-    return bool(np.all(np.abs(step) <= np.maximum(_STEP_IN_DEVIATIONS * deviations, _STEP)))
+    return bool(np.all(np.abs(step) <= np.maximum(_STEP_IN_DEVIATIONS * deviations, _RELATIVE_STEP_TOL)))
 
 
 def is_explained(residual_ratio: Array, whiteness_p: float) -> bool:
@@ -319,7 +319,7 @@ def residual_shape(residual: Array, level: float) -> ResidualShape | None:
     """
     unit = float(root_mean_square(residual[:, None])[0])
     there = ~np.isnan(residual)
-    if np.count_nonzero(there) < _LEAST_SAMPLES or not unit > 0:
+    if np.count_nonzero(there) < _MIN_TESTED_SAMPLES or not unit > 0:
         return None
     residual = residual / unit  # squares of large units overflow
     mean = float(residual[there].mean())

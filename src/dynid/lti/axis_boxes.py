@@ -21,7 +21,7 @@ from dynid.lti.quasi_polynomials import Balls
 #: Round-off of a double.
 _EPS = 2.0**-52
 #: Intervals that are expanded at a time, which limits the memory.
-_CHUNK = 4096
+_INTERVAL_CHUNK = 4096
 #: What a search along the axis counts.
 INTERVALS = "terms on intervals of frequencies; their number grows with delay times bandwidth"
 
@@ -260,5 +260,5 @@ def halves(low: Array, high: Array) -> tuple[Array, Array]:
 
 def chunks(low: Array, high: Array) -> Iterator[tuple[Array, Array]]:
     """Yield intervals in portions that fit into memory."""
-    for start in range(0, len(low), _CHUNK):
-        yield low[start : start + _CHUNK], high[start : start + _CHUNK]
+    for start in range(0, len(low), _INTERVAL_CHUNK):
+        yield low[start : start + _INTERVAL_CHUNK], high[start : start + _INTERVAL_CHUNK]

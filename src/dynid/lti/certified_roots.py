@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from dynid.lti.stability import SidedRoot
 
 #: Working precision of square roots, bits.
-_PRECISION = 128
+_SQUARE_ROOT_BITS = 128
 #: Prime modulo which coprimality is proved.
 _PRIME = (1 << 61) - 1
 
@@ -217,7 +217,7 @@ def _simple_roots(
         pairs = fmpz_poly([c for w in shared.coeffs() for c in (w, 0)])
         polynomial = polynomial // pairs
         for square in enclosures(shared, sides=False, work=work):
-            with ctx.workprec(max(_PRECISION, square.real.bits(), square.imag.bits())):
+            with ctx.workprec(max(_SQUARE_ROOT_BITS, square.real.bits(), square.imag.bits())):
                 # A negative w lies on the imaginary axis; else the principal branch is the right half-plane.
                 on_axis = bool(square.imag == 0 and square.real < 0)
                 s = acb(arb(0), (-square.real).sqrt()) if on_axis else square.sqrt()
@@ -233,7 +233,7 @@ def _rounded(ball: Any, multiplicity: int, side: int) -> CertifiedRoot:
     """Round a ball clear of 0 to the nearest complex number and bound the distance to the true root."""
     from flint import acb, ctx
 
-    with ctx.workprec(_PRECISION + max(ball.real.bits(), ball.imag.bits())):
+    with ctx.workprec(_SQUARE_ROOT_BITS + max(ball.real.bits(), ball.imag.bits())):
         value = complex(_nearest(ball.real.mid()), _nearest(ball.imag.mid()))
         if not value:
             raise _out_of_range()

@@ -40,9 +40,9 @@ _LOW = 2.0**-24
 #: Halvings of an interval down to the rounding of doubles.
 _BISECTIONS = 52
 #: Steps of Newton's method in ball arithmetic.
-_STEPS = 6
+_NEWTON_STEPS = 6
 #: Relative difference of phases and delays from the smallest up to which they are refined.
-_NEAR = 1e-6
+_REFINED_MARGIN_RTOL = 1e-6
 #: Relative distance of a maximum from a frequency where the size is the same but for `_EXCESS`.
 _NEAR_MAXIMUM = 1e-3
 
@@ -179,7 +179,9 @@ class _Loop:
         least = [min((entry[k] for entry in lags), default=math.inf) for k in (0, 1)]
         refined = []
         for rough, delay, omega in lags:
-            if rough <= least[0] + 360 * _NEAR or delay <= least[1] * (1 + _NEAR):
+            if rough <= least[0] + 360 * _REFINED_MARGIN_RTOL or delay <= least[1] * (
+                1 + _REFINED_MARGIN_RTOL
+            ):
                 exact = self._refined(omega, self._difference_at)
                 angle = lag(self(exact))
                 refined.append((angle, exact, math.radians(angle) / exact))
@@ -204,12 +206,14 @@ class _Loop:
         return size, slope
 
     @staticmethod
-    def _refined(omega: float, function: Callable[[Any], tuple[Any, Any]], near: float = _NEAR) -> float:
+    def _refined(
+        omega: float, function: Callable[[Any], tuple[Any, Any]], near: float = _REFINED_MARGIN_RTOL
+    ) -> float:
         """Return a zero to all digits by Newton's method; the first value where it does not stay near."""
         from flint import arb
 
         at = arb(omega)
-        for _ in range(_STEPS):
+        for _ in range(_NEWTON_STEPS):
             value, slope = function(at)
             if slope.contains(0):
                 return omega
@@ -285,7 +289,11 @@ class _Loop:
             (value,) = self._rounded([omega])
             if value.real < 0:
                 rough = -1 / value.real
-                if (rough < factor * (1 + _NEAR)) if up else (rough > factor * (1 - _NEAR)):
+                if (
+                    (rough < factor * (1 + _REFINED_MARGIN_RTOL))
+                    if up
+                    else (rough > factor * (1 - _REFINED_MARGIN_RTOL))
+                ):
                     exact = self._refined(omega, self._imaginary_at)
                     real = self(exact).real
                     refined = -1 / real if real else math.inf

@@ -32,7 +32,7 @@ _NARROW = 2.0**-60
 #: Lowest frequency of the first grid, relative to the highest one.
 _LOW = 2.0**-24
 #: Size below which a root beside one at the origin is that root.
-_ORIGIN = 1e-30
+_ORIGIN_ROOT_SIZE = 1e-30
 #: Halvings of a frequency down to where the lowest power prevails.
 _HALVINGS = 2000
 #: Rate of growth, by the largest delay, of roots of high frequency that are told from those on the axis.
@@ -43,9 +43,9 @@ _NEAR = (
     "little"
 )
 #: Binary logarithm of the largest frequency.
-_RANGE = 900
+_FREQUENCY_RANGE_BITS = 900
 #: Exponent of the largest factor exp(-s τ) that doubles hold with its inverse.
-_GROWTH = 700.0
+_MAX_EXPONENT = 700.0
 #: Relative separation that rounding errors of shifted coefficients do not reach.
 _ROUNDING = Fraction(1, 10**12)
 
@@ -168,7 +168,7 @@ def _roots_right(given: QuasiPolynomial, work: Work, line: float = 0.0) -> int:
     leading = given.leading(given.degree)
     if line:
         growth = {loops: -line * float(sum(loop.seconds for loop in loops)) for loops in leading}
-        if max(map(abs, growth.values())) > _GROWTH:
+        if max(map(abs, growth.values())) > _MAX_EXPONENT:
             raise Undecided("the delayed terms are out of range on this line")
         leading = {loops: value * Fraction(math.exp(growth[loops])) for loops, value in leading.items()}
     apart = separation(leading)
@@ -240,7 +240,7 @@ def lower_powers_below(parts: Iterable[tuple[Balls, float]], degree: int, limit:
     radius = max(((size - allowed) / gap for size, gap in lower), default=0.0)
     while sum(2.0 ** (size - allowed - gap * radius) for size, gap in lower) > 1:
         radius += 0.25
-    if not abs(radius) < _RANGE:
+    if not abs(radius) < _FREQUENCY_RANGE_BITS:
         raise Undecided("the coefficients of the characteristic function are out of range")
     return float(2.0**radius)
 
@@ -364,7 +364,7 @@ def rightmost_roots(
         root = refined_root(given, start)
         if (
             root is None
-            or (roots and abs(root.value) < _ORIGIN and not roots[0].radius)
+            or (roots and abs(root.value) < _ORIGIN_ROOT_SIZE and not roots[0].radius)
             or any(abs(root.value - other.value) <= root.radius + other.radius for other in roots)
         ):
             continue

@@ -26,7 +26,7 @@ VARIABLES = 3
 #: Gains at which a range of gains is examined.
 _GAINS = 200
 #: Boxes of the torus at a time, which take some 10 ms.
-_BOXES = 20_000
+_MAX_TORUS_BOXES = 20_000
 
 Coefficients = Mapping[frozenset[Any], Fraction]
 
@@ -67,7 +67,7 @@ def _least_on_torus(coefficients: Coefficients, variables: list[Hashable]) -> Fr
     middles, half, least = np.zeros((1, len(variables))), math.pi, math.inf
     corners = np.array(list(product((-1, 1), repeat=len(variables))))
     while len(middles):
-        if len(middles) > _BOXES:
+        if len(middles) > _MAX_TORUS_BOXES:
             return Fraction(0)
         turned = np.exp(1j * middles @ exponents.T) * sizes
         size, slopes = np.abs(turned.sum(axis=1)), np.abs(turned @ exponents)

@@ -31,11 +31,11 @@ _PRECISION, _MAX_PRECISION, _ACCURACY = 128, 1 << 16, 64
 #: Most sweeps of the iteration; relative correction that ends it; relative distance of near points.
 _SWEEPS, _STILL, _NEAR = 200, 2.0**-44, 1e-8
 #: Accuracy of a correction during the iteration, bits.
-_DIGITS = 10
+_MIN_CORRECTION_BITS = 10
 #: Most rounds of eigenvalues, relative correction that ends them, largest ratio of moduli.
 _ROUNDS, _NEARBY, _SPREAD = 40, 1e-6, 1e9
 #: Largest |log2| of a root's modulus in the floating-point part of the iteration.
-_RANGE = 900
+_ROOT_RANGE_BITS = 900
 #: Bits to which a start close to a root agrees with it, steps from there, and the largest precision for them.
 _CLOSE, _CLOSE_STEPS, _CLOSE_PRECISION = 28, 4, 4096
 #: Evaluations for every root that Arb's isolation costs, at the precision that roots of unlike sizes take.
@@ -70,7 +70,7 @@ def enclosures(
     """
     radii = _newton_radii(polynomial)
     exponent = round((max(radii) + min(radii)) / 2)
-    if max(map(abs, radii)) > _RANGE and abs(exponent) > 1:  # centred, doubles may hold them
+    if max(map(abs, radii)) > _ROOT_RANGE_BITS and abs(exponent) > 1:  # centred, doubles may hold them
         scaled = _at_power_of_two(polynomial, exponent)
         balls = enclosures(scaled, sides=sides, work=work)
         with ctx.workprec(2 * _MAX_PRECISION):
@@ -109,7 +109,9 @@ def _close_by(polynomial: _BallPolynomial, starts: Sequence[complex], *, sides: 
     one that is disjoint of the others holds one (B. T. Smith, Journal of the ACM 17 (1970) 661-674). The
     products are taken at the starts, in floating point, with an allowance for what that changes.
     """
-    upper = np.array([start for start in starts if start.imag >= 0 and 0 < abs(start) < 2.0**_RANGE])
+    upper = np.array(
+        [start for start in starts if start.imag >= 0 and 0 < abs(start) < 2.0**_ROOT_RANGE_BITS]
+    )
     z = np.concatenate([upper, upper[upper.imag > 0].conj()])
     if len(z) != polynomial.degree:
         return []
@@ -131,7 +133,7 @@ def _close_by(polynomial: _BallPolynomial, starts: Sequence[complex], *, sides: 
                 radius = abs(step).upper() * (1.05 * polynomial.degree)
                 if radius * 2**_ACCURACY <= _smallest_part(centre, sides=sides):
                     break
-                if value.rel_accuracy_bits() < _DIGITS:
+                if value.rel_accuracy_bits() < _MIN_CORRECTION_BITS:
                     precision *= 2
                     if precision > _CLOSE_PRECISION:
                         return []
@@ -173,7 +175,7 @@ class _BallPolynomial:
         """Return p to a few digits, where possible, and the precision needed."""
         while True:
             value = self.at(point, precision)
-            if value.rel_accuracy_bits() >= _DIGITS or precision >= _MAX_PRECISION:
+            if value.rel_accuracy_bits() >= _MIN_CORRECTION_BITS or precision >= _MAX_PRECISION:
                 return value, precision
             precision *= 2
 
@@ -191,10 +193,10 @@ def _initial_values(
     polynomial: _BallPolynomial, radii: list[float], starts: Sequence[complex] | None
 ) -> list[Any]:
     """Return as many different values as there are roots; none where the roots exceed the range."""
-    if max(map(abs, radii)) > _RANGE:
+    if max(map(abs, radii)) > _ROOT_RANGE_BITS:
         return []
     turns = np.exp(1j * (0.7 + 2.4 * np.arange(len(radii))))  # the golden angle: no two roots align
-    values = [complex(start) for start in starts or () if 0 < abs(start) < 2.0**_RANGE]
+    values = [complex(start) for start in starts or () if 0 < abs(start) < 2.0**_ROOT_RANGE_BITS]
     if len(values) > len(radii):  # keep those nearest to roots of this polynomial
         size = [abs(polynomial.newton(acb(start), _PRECISION)[0]) / abs(start) for start in values]
         best = sorted(range(len(values)), key=size.__getitem__)[: polynomial.degree]

@@ -9,11 +9,11 @@ import numpy as np
 from dynid.arrays import Array
 from dynid.errors import NumericalError
 
-_DEGREE = 16
+_TAYLOR_DEGREE = 16
 # The Taylor remainder at this norm is 0.8^17 / 17! = 6e-17.
 _LARGEST_NORM = 0.8
-_COEFFICIENTS = np.array([1 / math.factorial(k) for k in range(_DEGREE + 1)])
-_BLOCKS = _COEFFICIENTS[:_DEGREE].reshape(4, 4).copy()
+_COEFFICIENTS = np.array([1 / math.factorial(k) for k in range(_TAYLOR_DEGREE + 1)])
+_BLOCKS = _COEFFICIENTS[:_TAYLOR_DEGREE].reshape(4, 4).copy()
 _BLOCKS[0, 0] = 0.0  # exp - 1
 # Largest exponent of the scale of a state: quotients of two scales stay in range.
 _FARTHEST = 400
@@ -62,7 +62,7 @@ def exponential_with_derivatives(A: Array, dA: Array, h: float) -> tuple[Array, 
         powers[3] = _product(powers[2], S)
         fourth = _product(powers[2], powers[2])
         blocks = (_BLOCKS @ powers.reshape(4, -1)).reshape(powers.shape)
-        D: Array = blocks[3] + _COEFFICIENTS[_DEGREE] * fourth
+        D: Array = blocks[3] + _COEFFICIENTS[_TAYLOR_DEGREE] * fourth
         for block in blocks[2::-1]:
             D = _product(D, fourth)
             D += block

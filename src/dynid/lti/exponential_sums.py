@@ -20,15 +20,15 @@ from dynid.arrays import Array
 from dynid.errors import NumericalError
 
 #: Order of the Taylor polynomials.
-_ORDER = 10
+_TAYLOR_ORDER = 10
 #: Most boxes that are examined at a time; a longer span of time is divided before.
-_BOXES = 4096
+_MAX_TIME_BOXES = 4096
 #: Most spans of time that a search visits.
 _SPANS = 5000
 #: Relative rounding of doubles that a search may lose to cancelling residues.
 _CANCELLED = 1e8
 #: Where d changes by less than this over a box, relative to its terms, it is flat: rounding decides.
-_FLAT = 1e-13
+_FLAT_BOX_TOL = 1e-13
 #: Shortest half width of a box, in units of the fastest time constant.
 _NARROWEST = 1e-20
 #: Working precisions, bits.
@@ -102,7 +102,7 @@ class ExponentialSum:
     def taylor(self, times: Array) -> Array:
         """Return the Taylor coefficients of d at times, shape (times, order + 2)."""
         if self.cancels:
-            orders = range(_ORDER + 2)
+            orders = range(_TAYLOR_ORDER + 2)
             return np.array([[float(self.at(float(t), k).mid()) for k in orders] for t in times])
         with np.errstate(under="ignore"):
             columns = np.exp(np.multiply.outer(times, self.poles)) * np.power.outer(times, self.powers)
@@ -189,23 +189,25 @@ class ExponentialSum:
 
     def _extremes(self, start: float, stop: float) -> Array | None:
         """Return the extremes of d between two times, ascending; None where that takes too many boxes."""
-        orders = np.arange(1, _ORDER + 2)
+        orders = np.arange(1, _TAYLOR_ORDER + 2)
         extremes = []
         low, high = np.array([start]), np.array([stop])
         while len(low):
-            if len(low) > _BOXES:
+            if len(low) > _MAX_TIME_BOXES:
                 return None
             middle, half = (low + high) / 2, (high - low) / 2
             values = self.taylor(middle)
             rates = values[:, 1:] * orders  # Taylor coefficients of d'
-            steps = half[:, None] ** np.arange(_ORDER + 1)
-            remainder = (_ORDER + 1) * self._sum_of_bounds(low, high, _ORDER + 1) * half**_ORDER
-            terms = np.abs(rates[:, :_ORDER]) * steps[:, :_ORDER]
+            steps = half[:, None] ** np.arange(_TAYLOR_ORDER + 1)
+            remainder = (
+                (_TAYLOR_ORDER + 1) * self._sum_of_bounds(low, high, _TAYLOR_ORDER + 1) * half**_TAYLOR_ORDER
+            )
+            terms = np.abs(rates[:, :_TAYLOR_ORDER]) * steps[:, :_TAYLOR_ORDER]
             may_vanish = np.abs(rates[:, 0]) <= terms[:, 1:].sum(axis=1) + remainder
-            curving = (terms[:, 2:] * np.arange(2, _ORDER)).sum(axis=1) + _ORDER * remainder
+            curving = (terms[:, 2:] * np.arange(2, _TAYLOR_ORDER)).sum(axis=1) + _TAYLOR_ORDER * remainder
             monotone = terms[:, 1] > curving
             size = np.abs(values[:, 0]) if self.cancels else self._sum_of_bounds(low, high, 0)
-            flat = 2 * half * (terms.sum(axis=1) + remainder) <= _FLAT * size
+            flat = 2 * half * (terms.sum(axis=1) + remainder) <= _FLAT_BOX_TOL * size
             narrow = flat | (half <= np.maximum(8 * np.spacing(high), _NARROWEST))
             single = may_vanish & monotone & ~narrow
             if single.any():
@@ -272,7 +274,7 @@ def _taylor_row(pole: Any, parts: list[Any], power: int) -> list[Any]:
     from flint import acb, arb
 
     row = []
-    for order in range(_ORDER + 2):
+    for order in range(_TAYLOR_ORDER + 2):
         total = acb(0)
         for i in range(min(order, len(parts) - 1 - power) + 1):
             share = parts[power + i] / (arb.fac_ui(power) * arb.fac_ui(i))

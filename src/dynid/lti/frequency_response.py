@@ -26,7 +26,7 @@ QUANTITIES = {"displacement": 0, "velocity": 1, "acceleration": 2}
 """Output quantities and their powers of i omega (receptance, mobility, accelerance)."""
 WORST_CONDITION = 1e14
 """Condition number beyond which a solution in double precision has fewer than two digits."""
-_RESIDUAL = 1e-12
+_SOLVE_RESIDUAL = 1e-12
 #: Singular values below this part of the largest belong to a pole.
 _NULL = 1e-14
 #: Quantities below the first times the noise of a null vector are zero, above the second they are not.
@@ -194,7 +194,7 @@ def checked_solve(Z: ComplexArray, right: Array | ComplexArray) -> tuple[Complex
         axis=1, initial=1.0
     )
     residual = np.abs(Z @ solution - right).max(axis=1, initial=0.0)
-    allowed = _RESIDUAL * (
+    allowed = _SOLVE_RESIDUAL * (
         size[:, None] * np.abs(solution).max(axis=1, initial=0.0) + np.abs(right).max(axis=1, initial=0.0)
     )
     bad = (size * growth > WORST_CONDITION) | ~np.all(residual <= allowed, axis=1)

@@ -26,7 +26,7 @@ LIMIT = 1e-9
 #: Verdict on a loop with L = 0.
 FEED_FORWARD = "stable: L = 0, nothing is fed back"
 #: Bits with which loops are evaluated.
-_PRECISION = 160
+_LOOP_BITS = 160
 
 
 #: Margins that are defined for a stable loop alone: the changes that make it unstable, and their frequencies.
@@ -196,7 +196,7 @@ def _ratio(top: Any, bottom: Any, omega: float) -> complex:
 
     from dynid.arithmetic.field_polynomials import integers
 
-    with ctx.workprec(_PRECISION):
+    with ctx.workprec(_LOOP_BITS):
         s = acb(0, omega)
         top, bottom = integers(top, bottom)
         value = acb_poly(top)(s) / acb_poly(bottom)(s)

@@ -154,7 +154,7 @@ def shifted_polynomials(c: Array, s: Array) -> Array:
 
 
 #: Most samples of white noise (800 MB with the spline).
-_MOST = 20_000_000
+_MAX_NOISE_SAMPLES = 20_000_000
 
 
 @dataclass(frozen=True)
@@ -295,8 +295,8 @@ class WhiteNoise(SmoothSignal):
     def __post_init__(self) -> None:
         _require_noise(self.amplitude, self.seed, self.step, self.samples, self.hold)
         require(
-            self.samples <= _MOST,
-            f"a random signal of {self.samples:.3g} samples is too much, {_MOST:,} are allowed",
+            self.samples <= _MAX_NOISE_SAMPLES,
+            f"a random signal of {self.samples:.3g} samples is too much, {_MAX_NOISE_SAMPLES:,} are allowed",
             "Shorten the record or its settling, or give the signal a band.",
             ("random", "band"),
         )

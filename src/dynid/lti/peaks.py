@@ -29,14 +29,14 @@ ResponseFunction = Callable[[Array], ComplexArray]
 #: Frequencies within each bracket at a time: its width shrinks to 2/11 in a round.
 _INSIDE = 10
 #: Frequencies nearer to each other than this part of the bracket count as one.
-_APART = 0.01
+_MIN_FREQUENCY_SEPARATION = 0.01
 #: Most local maxima of a channel, the largest ones, that are refined.
 _BRACKETS = 4
 #: A bracket is narrow enough where the response changes by less than this within it, relative. The frequency
 #: of a maximum is then known to about the square root, times the width of the resonance.
-_FLAT = 1e-10
+_FLAT_PEAK_TOL = 1e-10
 #: Rounds after which a bracket of any width has shrunk to neighbouring numbers ((2/11)^30 = 6e-23).
-_ROUNDS = 30
+_BRACKET_ROUNDS = 30
 
 
 class Peaks(NamedTuple):
@@ -95,7 +95,7 @@ def peaks(
         maxima = np.flatnonzero(left & right & (values > 0))  # of equal neighbours the first
         largest = maxima[np.argsort(-values[maxima], kind="stable")][:_BRACKETS]
         brackets += [_Bracket(column, grid, values, int(at)) for at in largest]
-    for _ in range(_ROUNDS):  # each round evaluates the response once for all brackets
+    for _ in range(_BRACKET_ROUNDS):  # each round evaluates the response once for all brackets
         active = [bracket for bracket in brackets if bracket.open]
         if not active:
             break
@@ -136,7 +136,7 @@ class _Bracket:
         """Return the next frequencies, none next to a known one."""
         spread = np.linspace(self.omega[0], self.omega[-1], _INSIDE + 2)[1:-1]
         distance = np.abs(spread[:, None] - self.omega).min(axis=1)
-        return np.asarray(spread[distance > _APART * (self.omega[-1] - self.omega[0])])
+        return np.asarray(spread[distance > _MIN_FREQUENCY_SEPARATION * (self.omega[-1] - self.omega[0])])
 
     def narrow(self, omega: Array, sizes: Array) -> None:
         """Keep the neighbours of the largest value."""
@@ -147,7 +147,7 @@ class _Bracket:
         self.top, self.where = float(values[at]), float(places[at])
         rows = slice(max(at - 1, 0), at + 2)
         self.omega, self.sizes = places[rows], values[rows]
-        self.open = bool(np.isfinite(self.top) and self.sizes.min() < (1 - _FLAT) * self.top)
+        self.open = bool(np.isfinite(self.top) and self.sizes.min() < (1 - _FLAT_PEAK_TOL) * self.top)
         if self.open and self.omega[-1] - self.omega[0] <= 4 * np.spacing(self.omega[-1]):
             self.open = False
             if self.sizes.min() < 0.5 * self.top:  # between neighbouring doubles: a pole on the axis
@@ -174,7 +174,7 @@ def _sizes(evaluate: ResponseFunction, omega: Array) -> Array:
 
 
 #: Working precision, bits.
-_PRECISION = 256
+_PEAK_BITS = 256
 
 
 @dataclass(frozen=True)
@@ -216,7 +216,7 @@ def bandwidth(numerator: Any, denominator: Any) -> Bandwidth:
     from flint import ctx
 
     above, below = _squared_magnitude(numerator), _squared_magnitude(denominator)
-    with ctx.workprec(_PRECISION):
+    with ctx.workprec(_PEAK_BITS):
         status, band = "defined", None
         if below[0] == 0:
             status = "partly defined: T(0) is infinite, which the bandwidth refers to"

@@ -18,7 +18,7 @@ from typing import Any
 from dynid.errors import NumericalError
 
 #: First precision, bits, at which the sign of a residue is taken.
-_PRECISION = 128
+_RESIDUE_BITS = 128
 
 
 class NotPositiveReal(NumericalError):
@@ -199,7 +199,7 @@ def _wrong_residue(numerator: Any, denominator: Any) -> Violation | None:
 
     rest = fmpq_poly([0, 1]) * (denominator // in_square(factor))
     above, below = real_part(numerator, rest), 2 * factor.derivative() * squared_magnitude(rest)
-    precision = _PRECISION
+    precision = _RESIDUE_BITS
     while True:
         with ctx.workprec(precision):
             roots = [root for root, _ in factor.numer().complex_roots()]

@@ -15,7 +15,7 @@ import numpy as np
 from dynid.arrays import Array
 
 # Number of steps below which single steps are as fast.
-_SHORT = 8
+_MIN_BLOCKED_STEPS = 8
 
 
 def recurrence(
@@ -43,8 +43,10 @@ def recurrence(
     steps, columns, n = forcing.shape
     out = np.empty(forcing.shape)
     length = math.isqrt(steps)
-    powers = powers_of(Phi, length) if steps >= _SHORT and n else Phi[None]
-    if steps < _SHORT or not (n and np.isfinite(powers[-1]).all()):  # powers overflow, but the state may be 0
+    powers = powers_of(Phi, length) if steps >= _MIN_BLOCKED_STEPS and n else Phi[None]
+    if steps < _MIN_BLOCKED_STEPS or not (
+        n and np.isfinite(powers[-1]).all()
+    ):  # powers overflow, but the state may be 0
         state = start
         for k in range(steps):
             state = out[k] = state @ Phi.T + forcing[k]

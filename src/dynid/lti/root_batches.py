@@ -143,11 +143,11 @@ _DOUBLED, _DOUBLE = 2.0**-100, 2.0**-49
 #: Bits that a coefficient is truncated to, and the relative truncation error.
 _BITS, _CUT = 106, 2.0**-105
 #: Widest range of the scaled coefficients, as an exponent of 2.
-_RANGE = 400
+_COEFFICIENT_RANGE_BITS = 400
 #: Factor by which bounds are enlarged for their own rounding.
 _SLACK = 1 + 1e-12
 #: Numbers in a block, which stays in the cache.
-_BLOCK = 8192
+_CACHE_NUMBERS = 8192
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +197,7 @@ def root_batch(columns: Sequence[Sequence[int]], *, even: bool = False) -> RootB
     """
     scaled = _scaled(columns, 2 if even else 1)
     count, size = len(columns[0]), len(columns)
-    block = max(1, _BLOCK // (size - 1))
+    block = max(1, _CACHE_NUMBERS // (size - 1))
     parts = [_roots(scaled[start : start + block], even=even) for start in range(0, count, block)]
     return RootBatch(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
@@ -223,7 +223,7 @@ def _scaled(columns: Sequence[Sequence[int]], divisor: int) -> _Scaled:
     rise = np.arange(shape[1]) * shift[:, None]
     bits = np.where(high == 0, np.min(bits + rise, axis=1, keepdims=True), bits + rise)
     largest = bits.max(axis=1, keepdims=True)
-    fits = np.ptp(bits, axis=1) < _RANGE
+    fits = np.ptp(bits, axis=1) < _COEFFICIENT_RANGE_BITS
     exponents = np.where(fits[:, None], exponents + rise - largest, 0)
     return _Scaled(Doubled(high, low).scaled(exponents), shift, fits)
 
@@ -239,7 +239,7 @@ def _roots(polynomials: _Scaled, *, even: bool) -> tuple[NDArray[Any], ...]:
             certain, shift = certain & real, shift // 2
         else:
             certain &= (values.real.high != 0).all(axis=1)  # a disc does not prove a root on the axis
-        certain &= _known(values, radii).all(axis=1) & (np.abs(shift) < _RANGE)
+        certain &= _known(values, radii).all(axis=1) & (np.abs(shift) < _COEFFICIENT_RANGE_BITS)
         distance = (radii + 2 * np.hypot(values.real.low, values.imag.low)) * _SLACK
         rounded, exponent = values.rounded, shift[:, None]
         roots = np.empty_like(rounded)

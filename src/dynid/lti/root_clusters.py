@@ -21,7 +21,7 @@ from dynid.arrays import Array, ComplexArray
 Resolution = Callable[[ComplexArray], Array]
 
 #: Relative distance within which roots may be one: eps^(1/m) of nine.
-_NEAR = 0.02
+_CLUSTER_RTOL = 0.02
 #: Directions in which the reach of a cluster is sought, and its first guess over the size of the cluster.
 _DIRECTIONS = np.exp(2j * np.pi * np.arange(8) / 8)
 
@@ -51,8 +51,8 @@ def root_clusters(values: ComplexArray, resolution: Resolution) -> list[RootClus
     upper = np.flatnonzero(values.imag >= 0)
     z = values[upper]
     size = np.abs(z)
-    near = np.abs(z[:, None] - z) <= _NEAR * np.minimum(size[:, None], size)
-    real = z.imag <= _NEAR * size / 2  # half the distance to the conjugate root
+    near = np.abs(z[:, None] - z) <= _CLUSTER_RTOL * np.minimum(size[:, None], size)
+    real = z.imag <= _CLUSTER_RTOL * size / 2  # half the distance to the conjugate root
     i, j = np.nonzero(np.triu(near, 1))
     both = np.concatenate([(z[i] + z[j]) / 2, z[real].real.astype(np.complex128)])
     if not len(i) and not (real & (z.imag > 0)).any():
@@ -99,6 +99,6 @@ def _components(links: NDArray[np.bool_]) -> Sequence[NDArray[np.intp]]:
 def _reach(values: ComplexArray, centre: complex, resolution: Resolution) -> float:
     """Return a distance from the centre, to a factor of 2, beyond which rounding moves no root."""
     radius = max(float(np.abs(values - centre).max()), float(np.finfo(float).eps) * abs(centre))
-    while radius < _NEAR * abs(centre) and (resolution(centre + radius * _DIRECTIONS) <= 1).any():
+    while radius < _CLUSTER_RTOL * abs(centre) and (resolution(centre + radius * _DIRECTIONS) <= 1).any():
         radius *= 2
     return radius

@@ -21,7 +21,7 @@ from dynid.lti.root_clusters import Resolution, RootCluster, root_clusters
 from dynid.lti.state_space import ParametricSystem
 
 # Relative size below which a singular value or a direct term is rounding.
-_ROUNDING = 1e-10
+_SINGULAR_VALUE_TOL = 1e-10
 # Angles of the points at which a transfer function is tested for zero, rad.
 _ANGLES = np.array([0.3, 1.1, 0.7, 0.5])
 # Backward errors of reduction and eigenvalues, over n eps and the norm of the matrix.
@@ -165,11 +165,11 @@ def _vanishes(A: Array, b: Array, c: Array, d: Array) -> bool:
     The points lie in the right half-plane, from the slowest motion to the norm of A, which is 1.
     """
     sizes = np.abs(np.linalg.eigvals(A))
-    slowest = sizes[sizes > _ROUNDING].min(initial=1.0)
+    slowest = sizes[sizes > _SINGULAR_VALUE_TOL].min(initial=1.0)
     points = np.geomspace(slowest, 2.0, len(_ANGLES)) * np.exp(1j * _ANGLES)
     right = np.linalg.solve(points[:, None, None] * np.eye(len(A)) - A, b[:, None].astype(complex))[:, :, 0]
     terms = np.column_stack([right * c, np.full(len(points), d)])
-    return bool((np.abs(terms.sum(axis=1)) <= _ROUNDING * np.abs(terms).sum(axis=1)).all())
+    return bool((np.abs(terms.sum(axis=1)) <= _SINGULAR_VALUE_TOL * np.abs(terms).sum(axis=1)).all())
 
 
 def _zero_dynamics(A: Array, b: Array, c: Array, d: Array) -> Array | None:
@@ -178,9 +178,9 @@ def _zero_dynamics(A: Array, b: Array, c: Array, d: Array) -> Array | None:
     Of systems (S x n x n, S x n, S x n, S) of one relative degree; None where theirs differ or there is no
     transfer.
     """
-    while (through := np.abs(d) <= _ROUNDING * np.maximum(1.0, np.linalg.norm(b, axis=1))).any():
+    while (through := np.abs(d) <= _SINGULAR_VALUE_TOL * np.maximum(1.0, np.linalg.norm(b, axis=1))).any():
         length = np.linalg.norm(c, axis=1)
-        if not through.all() or not A.shape[1] or (length <= _ROUNDING).any():
+        if not through.all() or not A.shape[1] or (length <= _SINGULAR_VALUE_TOL).any():
             return None
         # The output's direction first, by a reflection: H = 1 - v w^T.
         v = c.copy()
@@ -202,7 +202,7 @@ def _at_origin(A: Array) -> NDArray[np.intp]:
     count = np.zeros(len(A), dtype=np.intp)
     while left.shape[1]:
         s = np.linalg.svd(left, compute_uv=False)
-        null = np.count_nonzero(s <= _ROUNDING * size, axis=1)
+        null = np.count_nonzero(s <= _SINGULAR_VALUE_TOL * size, axis=1)
         if not null.any():
             break
         if (null != null[0]).any():

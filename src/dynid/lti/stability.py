@@ -16,7 +16,7 @@ from typing import Protocol
 from dynid.number_format import frequency_text
 
 #: Most zeros or poles that a verdict names.
-_SHOWN = 4
+_MAX_NAMED_VALUES = 4
 #: A zero is far if its modulus exceeds that of the largest pole by this factor.
 FAR = 1e3
 
@@ -255,9 +255,9 @@ def _place(roots: list[SidedRoot], what: str) -> str:
     count = sum(root.multiplicity for root in roots)
     upper = [root.value for root in roots if root.value.imag >= 0]
     named = []
-    for value in upper[:_SHOWN]:
+    for value in upper[:_MAX_NAMED_VALUES]:
         real = f"{value.real:.4g}"
         pair = f"{real} ± {abs(value.imag):.4g}j" if value.real else f"±{abs(value.imag):.4g}j"
         named.append(pair if value.imag else real)
-    text = ", ".join(named) + (", …" if len(upper) > _SHOWN else "")
+    text = ", ".join(named) + (", …" if len(upper) > _MAX_NAMED_VALUES else "")
     return f"{what} at {text} lies" if count == 1 else f"{what}s at {text} lie"

@@ -21,7 +21,7 @@ from dynid.lti.stability import SidedRoot, stability
 #: The band around the final value, and the levels between which the response rises, relative to it.
 BAND, LOW, HIGH = 0.02, 0.1, 0.9
 #: An envelope below this is a response at rest.
-_AT_REST = 1e-280
+_MIN_ENVELOPE = 1e-280
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,7 @@ class _Step:
                     best = float(sign * values[index])
                     bracket = (times[max(index - 1, 0)], times[min(index + 1, len(times) - 1)], times[index])
             envelope = transient.bound(high)
-            if envelope <= best or high >= ever or envelope < _AT_REST:
+            if envelope <= best or high >= ever or envelope < _MIN_ENVELOPE:
                 break
             low = high
         if bracket is None:

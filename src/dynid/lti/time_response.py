@@ -35,7 +35,7 @@ _GROWS = 300.0
 # Decay exponent beyond which the phase of an oscillation is irrelevant.
 _DECAYED = 40.0
 # Relative differences of this size are rounding: of the pieces of a spline, of sin(pi).
-_ROUNDING = 1e-9
+_JUMP_TOL = 1e-9
 
 
 class _NearLines(Multisine):
@@ -317,4 +317,4 @@ def _derivative_jumps(signal: Signal, order: int, stop: float) -> bool:
     if len(points) > 1:
         before[1:] = signal.states(points[1:], middles[:-1]) @ readout
     size = max(np.abs(values).max() for values in (after, before, between))
-    return bool(np.any(np.abs(after - before) > _ROUNDING * size))
+    return bool(np.any(np.abs(after - before) > _JUMP_TOL * size))

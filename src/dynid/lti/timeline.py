@@ -18,7 +18,7 @@ Indices = NDArray[np.int64]
 # Most substeps of a signal: seconds for a response, minutes for a filter.
 _MOST_SUBSTEPS = 1_000_000
 # Most numbers in the table of generator states (800 MB with temporaries).
-_MOST_STATES = 50_000_000
+_MAX_GENERATOR_NUMBERS = 50_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +108,7 @@ def timeline(signals: Sequence[Signal], times: Array, start: float) -> Timeline:
         G[here, here] = block
         H[row, here] = readout
         first += len(block)
-    if len(nodes) * len(G) > _MOST_STATES:
+    if len(nodes) * len(G) > _MAX_GENERATOR_NUMBERS:
         largest = max(signals, key=lambda signal: len(signal.generator()[1]))
         raise UsageError(
             f"{len(nodes):,} times are too many for signals of {len(G)} generator states",

@@ -13,7 +13,7 @@ from dynid.scene.schema.raw import mapping, mapping_of
 from dynid.scene.yaml.source import Source, parse_source, read_source
 
 #: The most files that use one another in a row.
-_MAX_DEPTH = 50
+_MAX_USE_DEPTH = 50
 
 
 def library_names() -> list[str]:
@@ -95,8 +95,8 @@ class _UsedFiles:
             identity = os.path.realpath(file)  # links may give a file any number of names
             if identity in above:
                 self.faults.append(source.fault(path, f"'{name}' uses itself"))
-            elif len(above) > _MAX_DEPTH:
-                message = f"more than {_MAX_DEPTH} files use one another in a row; join some of them"
+            elif len(above) > _MAX_USE_DEPTH:
+                message = f"more than {_MAX_USE_DEPTH} files use one another in a row; join some of them"
                 self.faults.append(source.fault(path, message))
             elif identity not in self._read:
                 self._read.add(identity)

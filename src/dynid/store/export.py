@@ -20,7 +20,7 @@ from dynid.result import Result
 _TRANSFER = "bond_graph/transfer_function"
 _STATE_SPACE = "bond_graph/state_space"
 # Most entries of an array in the answer of a result.
-_SHORT = 100
+_MAX_ANSWER_ENTRIES = 100
 _MATRICES = ("mass", "stiffness", "damping", "T")
 # The header of a MATLAB file, 116 bytes.
 _MATLAB_TEXT = b"MATLAB 5.0 MAT-file, written by dynid".ljust(116)
@@ -75,7 +75,7 @@ def answer_json(result: Result, warnings: Sequence[str]) -> str:
         "answer": {
             path: _plain(variable.data.tolist())
             for path, variable in result.items()
-            if variable.data.dtype.names is None and variable.data.size <= _SHORT
+            if variable.data.dtype.names is None and variable.data.size <= _MAX_ANSWER_ENTRIES
         },
         "warnings": list(warnings),
     }

@@ -27,7 +27,7 @@ INTERRUPTED = "interrupted"
 SCALE_ATTRS = frozenset({"CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABELS"})
 OWN_ATTRS = frozenset({"units", "dynid_dims", "dynid_index"})
 ROOT_ATTRS = frozenset({"format", "kind", "title", "status", "scene"})
-_MAX_DEPTH = 64
+_MAX_GROUP_DEPTH = 64
 _BLOCK = 2**20  # values that are read at a time
 
 
@@ -186,7 +186,7 @@ def _items(file: Any) -> Iterator[tuple[str, Any]]:
         for key in sorted(group):
             path = f"{above}/{key}" if above else key
             item = _hard_item(group, key)
-            if item is None or path.count("/") >= _MAX_DEPTH:
+            if item is None or path.count("/") >= _MAX_GROUP_DEPTH:
                 continue
             if not hasattr(item, "shape"):
                 if hash(item.id) in seen:

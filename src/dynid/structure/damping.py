@@ -29,9 +29,9 @@ from dynid.structure.modes.modes import modes
 
 _MOST_MODAL = 3000
 # Frequencies nearer to each other than this part of their size are one.
-_SAME = 1e-9
+_FREQUENCY_TOL = 1e-9
 # Energy of a change in a motion, relative to the terms that it is summed of, that is rounding.
-_ROUNDING = 1e-7
+_ENERGY_TOL = 1e-7
 
 
 @dataclass(frozen=True)
@@ -234,7 +234,7 @@ def _modal(pattern: Matrix, shapes: Array, momentum: Array, letter: str) -> tupl
     part = shapes.T @ product
     if letter == "M" and shapes.shape[1] < len(shapes):
         beside = product - momentum @ part
-        if np.abs(beside).max(initial=0.0) > _ROUNDING * np.abs(product).max(initial=0.0):
+        if np.abs(beside).max(initial=0.0) > _ENERGY_TOL * np.abs(product).max(initial=0.0):
             raise UsageError(
                 "modal damping has no derivative by a mass that is unknown where there is none",
                 remedy="Give a mass that is not 0 to start from.",
@@ -245,7 +245,7 @@ def _modal(pattern: Matrix, shapes: Array, momentum: Array, letter: str) -> tupl
 def _moved(omega: Array, zeta: Array, k: Array, m: Array, size: Array) -> Array:
     """Return X (r x r) of the module for constant ratios; `size`: that of the terms of k's diagonal (r)."""
     rigid = omega == 0
-    if np.any(rigid) and np.any((np.abs(np.diag(k)) > _ROUNDING * size) & rigid & (zeta > 0)):
+    if np.any(rigid) and np.any((np.abs(np.diag(k)) > _ENERGY_TOL * size) & rigid & (zeta > 0)):
         raise UsageError(
             "modal damping has no derivative where a rigid-body mode gets stiffness",
             remedy="Start from a stiffness that is not 0, or use alpha and beta.",
@@ -255,7 +255,7 @@ def _moved(omega: Array, zeta: Array, k: Array, m: Array, size: Array) -> Array:
     one = both <= 0
     X = np.where(one, 0.0, np.add.outer(zeta, zeta) * (k + product * m) / np.where(one, 1.0, both))
     different = (apart != 0) & ~one
-    if np.any(different & (np.abs(gap) <= _SAME * both)):
+    if np.any(different & (np.abs(gap) <= _FREQUENCY_TOL * both)):
         raise NumericalError(
             "modal damping has no derivative where modes of one frequency have different damping ratios",
             remedy="Give these modes one ratio.",

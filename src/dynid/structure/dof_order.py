@@ -247,9 +247,9 @@ def _rigid_modes(K: Matrix) -> int:
 
 
 # Frequencies of a file of modes and those of the matrices are the same within this.
-_SAME_FREQUENCY = 1e-4
+_FILE_FREQUENCY_RTOL = 1e-4
 # A mode is apart from its neighbours by at least this, relative.
-_APART = 1e-3
+_MIN_MODE_SEPARATION = 1e-3
 # Displacements in two shapes of one mode are the same within this, relative to the largest.
 _SAME_MOTION = 1e-4
 _MOST_MODES = 40
@@ -269,9 +269,9 @@ def _by_modes(M: Matrix, K: Matrix, file: NodeFile) -> tuple[Label, ...]:
     made = modes(M, nothing(3 * n, sparse=is_sparse(K)), K, count)
     found, shapes = made.omega, made.shapes
     given = file.modes.frequencies[:count]
-    if len(given) < 2 or not np.allclose(found, given, rtol=_SAME_FREQUENCY, atol=1e-4 * given.max()):
+    if len(given) < 2 or not np.allclose(found, given, rtol=_FILE_FREQUENCY_RTOL, atol=1e-4 * given.max()):
         return ()
-    gaps = np.diff(given) > _APART * given.max()
+    gaps = np.diff(given) > _MIN_MODE_SEPARATION * given.max()
     alone = np.r_[True, gaps] & np.r_[gaps, False] & (given > 0.01 * given.max())
     own = shapes.reshape(n, 3, -1)[:, :, alone]
     theirs = file.modes.shapes[:, :, :count][:, :, alone]

@@ -23,14 +23,14 @@ from dynid.arrays import Array, ComplexArray
 from dynid.lti.frequency_response import checked_solve
 
 # Elimination pays where at most this part of the coordinates is kept.
-_KEPT = 0.6
+_MAX_KEPT_SHARE = 0.6
 # Sums whose terms exceed them by this factor lose too many digits: near a resonance of the eliminated part.
-_GROWTH = 1e4
+_MAX_CANCELLATION = 1e4
 # Relative singular values of the parts that vary: above the first they count, below the second they are
 # rounding. With others between them the rank is unclear.
 _COUNTS, _ROUNDING = 1e-9, 1e-13
 # Numbers in one block of lines.
-_BLOCK = 1_000_000
+_RESPONSE_BLOCK_NUMBERS = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +136,9 @@ class CondensedLines:
             np.abs(across * part).max(axis=(1, 2), initial=0.0) for part in (Z, self.stiffness)
         )
         level = np.abs(H) + np.median(np.abs(H), axis=0)
-        cancelled = (subtracted > _GROWTH * size) | np.any(np.abs(self.compliance) > _GROWTH * level, axis=1)
+        cancelled = (subtracted > _MAX_CANCELLATION * size) | np.any(
+            np.abs(self.compliance) > _MAX_CANCELLATION * level, axis=1
+        )
         return H, motion, self.usable & ~bad & ~cancelled
 
 
@@ -163,7 +165,7 @@ def condensed_lines(
         The lines, rad/s.
     """
     n, a, e = len(matrices[0]), coordinates.count, len(ends)
-    if a > _KEPT * n:
+    if a > _MAX_KEPT_SHARE * n:
         return None
     turned = [coordinates.rotated(coordinates.rotated(part).T) for part in matrices]
     inner, between = [part[a:, a:] for part in turned], [part[a:, :a] for part in turned]
@@ -172,7 +174,7 @@ def condensed_lines(
     forces = np.empty((len(omega), a, e), dtype=complex)
     compliance = np.empty((len(omega), pairs.shape[1]), dtype=complex)
     usable = np.empty(len(omega), dtype=bool)
-    chunk = max(1, _BLOCK // (n - a) ** 2)
+    chunk = max(1, _RESPONSE_BLOCK_NUMBERS // (n - a) ** 2)
     for first in range(0, len(omega), chunk):
         part = slice(first, first + chunk)
         Z, scale = _dynamic_stiffness(inner[0], inner[1], inner[2], omega[part])

@@ -22,7 +22,7 @@ from dynid.structure.matrices import DependentMatrix, as_array, entries
 Block: TypeAlias = Sequence[Sequence[Real]] | Array
 
 # A block that is negative by less, relative to its diagonal, is one of rounded or measured digits.
-_TOLERANCE = 1e-9
+_DEFINITENESS_TOL = 1e-9
 
 
 @dataclass(frozen=True)
@@ -207,7 +207,7 @@ def _block(values: Block) -> tuple[tuple[Real, ...], ...]:
         raise UsageError("a joint's matrix has entries that are not finite numbers")
     size = float(np.abs(block).max())
     gap = np.abs(block - block.T)
-    if gap.max() > _TOLERANCE * size:
+    if gap.max() > _DEFINITENESS_TOL * size:
         i, j = np.unravel_index(int(np.argmax(gap)), gap.shape)
         raise UsageError(
             f"a joint's matrix must be symmetric: entry ({i + 1}, {j + 1}) is {block[i, j]:g}, "
@@ -215,7 +215,7 @@ def _block(values: Block) -> tuple[tuple[Real, ...], ...]:
         )
     block = (block + block.T) / 2
     lowest = float(np.linalg.eigvalsh(block / (size or 1.0))[0]) * size
-    if lowest < -_TOLERANCE * size:
+    if lowest < -_DEFINITENESS_TOL * size:
         raise UsageError(
             f"a joint's matrix must not be indefinite: its lowest eigenvalue is {lowest:.3g}",
             remedy="A passive joint stores and dissipates energy; check its signs.",

@@ -15,7 +15,7 @@ from dynid.structure.named_dofs import Motion
 from dynid.suggestions import shortened
 
 #: Components of a direction below this are those of rounded axes: data sets 18 have six digits.
-_ROUNDED = 1e-4
+_AXIS_COMPONENT_TOL = 1e-4
 #: Nodes of a model that lie closer than this part of the tolerance are at one place.
 _COINCIDENT = 1e-6
 
@@ -299,7 +299,7 @@ def _components(
     own = np.eye(3) if test is None else test.axes_of(measured)
     axes = np.eye(3) if nodes is None else nodes.axes_of(node)
     weights = axes @ (own[place % 3] @ how.axes)
-    weights[np.abs(weights) < _ROUNDED] = 0.0
+    weights[np.abs(weights) < _AXIS_COMPONENT_TOL] = 0.0
     weights /= np.linalg.norm(weights)
     names = DIRECTIONS[:3] if place < 3 else DIRECTIONS[3:]
     return {name: float(weight) for name, weight in zip(names, weights, strict=True) if weight}

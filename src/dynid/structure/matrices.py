@@ -34,7 +34,7 @@ NAMES = {"M": "mass", "C": "damping", "K": "stiffness"}
 # Two triangles that differ by less, relative to the largest entries of row and column, are one matrix.
 _SYMMETRY = 1e-10
 # An eigenvalue this far below zero, after scaling to a unit diagonal, is rounding of a file's digits.
-_INDEFINITE = 1e-7
+_DIGITS_INDEFINITENESS = 1e-7
 _LANCZOS_STEPS = 40
 
 
@@ -154,7 +154,7 @@ def check_semidefinite(name: str, matrix: Matrix, labels: Sequence[Label]) -> No
     else:
         scaled = np.asarray(matrix) * inverse * inverse[:, None]
         try:
-            np.linalg.cholesky(scaled + _INDEFINITE * np.eye(len(scaled)))
+            np.linalg.cholesky(scaled + _DIGITS_INDEFINITENESS * np.eye(len(scaled)))
         except np.linalg.LinAlgError:
             values, vectors = np.linalg.eigh(scaled)
             lowest = float(values[0]), vectors[:, 0] * inverse
@@ -172,7 +172,7 @@ def check_semidefinite(name: str, matrix: Matrix, labels: Sequence[Label]) -> No
 def _check_minors(name: str, matrix: Matrix, diagonal: Array, root: Array, labels: Sequence[Label]) -> None:
     """Refuse an entry that is larger than those on the diagonal, in its row and its column, allow."""
     rows, columns, entries = triplets(matrix)
-    excess = np.abs(entries) - (1 + _INDEFINITE) * root[rows] * root[columns]
+    excess = np.abs(entries) - (1 + _DIGITS_INDEFINITENESS) * root[rows] * root[columns]
     # Beside a zero on the diagonal anything is too much, but for rounding.
     tiny = np.finfo(float).eps * float(diagonal.max(initial=0.0))
     if excess.max(initial=0.0) > tiny:
@@ -253,7 +253,7 @@ def _lowest_sparse(matrix: Sparse, inverse: Array) -> tuple[float, Array] | None
     k = len(alpha)
     tridiagonal = np.diag(alpha) + np.diag(beta[: k - 1], 1) + np.diag(beta[: k - 1], -1)
     values, vectors = np.linalg.eigh(tridiagonal)
-    if values[0] >= -_INDEFINITE:
+    if values[0] >= -_DIGITS_INDEFINITENESS:
         return None
     return float(values[0]), np.asarray(np.column_stack(basis[:k]) @ vectors[:, 0] * inverse)
 

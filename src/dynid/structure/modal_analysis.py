@@ -17,13 +17,13 @@ from dynid.structure.modes import Modes, modes
 from dynid.structure.state_space import massless
 
 # A motion belongs to the rigid ones if what sticks out of their span is smaller, relative to it.
-_WITHIN = 1e-5
+_RIGID_SPAN_TOL = 1e-5
 # DOFs a node, and how many of them are translations, of matrices that are not labelled.
 _PERIODS = ((6, 3), (3, 3), (2, 2), (1, 1))
 _AXES = "xyz"
-_MOVED = 3
+_MAX_NAMED_DOFS = 3
 #: Rigid-body modes of a free structure.
-_RIGID = 6
+_RIGID_BODY_MODES = 6
 
 
 class StructureSummary(NamedTuple):
@@ -87,12 +87,14 @@ def rigid_names(dofs: Sequence[Label], shapes: Array) -> tuple[str, ...]:
         known = np.linalg.qr(np.array(moved).T)[0]
         left, sizes, _ = np.linalg.svd(basis - known @ (known.T @ basis), full_matrices=False)
         rest = left[:, : count - len(names)]
-        assert sizes[: rest.shape[1]].min(initial=1.0) > _WITHIN
+        assert sizes[: rest.shape[1]].min(initial=1.0) > _RIGID_SPAN_TOL
     turning, mechanisms = _rotations(dofs, rest, len(names))
     names += ["rotation"] * turning if turning < 2 else [f"rotation {k}" for k in range(1, turning + 1)]
     for motion in mechanisms.T:
         size = np.abs(motion)
-        most = [at for at in np.argsort(-size, kind="stable")[:_MOVED] if size[at] > 1e-3 * size.max()]
+        most = [
+            at for at in np.argsort(-size, kind="stable")[:_MAX_NAMED_DOFS] if size[at] > 1e-3 * size.max()
+        ]
         names.append(f"mechanism of {labels.listed([dofs[at] for at in most])}")
     return tuple(names)
 
@@ -124,7 +126,7 @@ def _rotations(dofs: Sequence[Label], rest: Array, translations: int) -> tuple[i
                            if kind == "rotation"}) == 1:  # fmt: skip
         # In a plane one motion turns all alike; the rest of the span turns nothing, or parts only.
         part = np.linalg.lstsq(turns, np.ones(len(turns)), rcond=None)[0]
-        if np.linalg.norm(turns @ part - 1) > _WITHIN * np.sqrt(len(turns)):
+        if np.linalg.norm(turns @ part - 1) > _RIGID_SPAN_TOL * np.sqrt(len(turns)):
             return 0, rest
         direction = part / np.linalg.norm(part)
         others = np.linalg.svd(rest - np.outer(rest @ direction, direction), full_matrices=False)[0]
@@ -135,7 +137,7 @@ def _rotations(dofs: Sequence[Label], rest: Array, translations: int) -> tuple[i
 
 def _is_within(motion: Array, basis: Array) -> bool:
     outside = motion - basis @ (basis.T @ motion)
-    return bool(np.linalg.norm(outside) <= _WITHIN * np.linalg.norm(motion) > 0)
+    return bool(np.linalg.norm(outside) <= _RIGID_SPAN_TOL * np.linalg.norm(motion) > 0)
 
 
 def _beyond_rigid(matrices: tuple[Matrix, Matrix, Matrix], lowest: Modes) -> Modes:
@@ -147,7 +149,7 @@ def _beyond_rigid(matrices: tuple[Matrix, Matrix, Matrix], lowest: Modes) -> Mod
     M, C, K = matrices
     found = lowest
     while found.rigid == len(found.omega) < (most := M.shape[0] - found.massless):
-        found = modes(M, C, K, min(2 * len(found.omega) + _RIGID, most))
+        found = modes(M, C, K, min(2 * len(found.omega) + _RIGID_BODY_MODES, most))
     return found
 
 

@@ -33,15 +33,15 @@ Vectors = NDArray[Any]
 # Most steps of Newton's method to a damped mode; the last ones of its pole and its shape, relative.
 _MOST_STEPS, _LAST_STEP, _LAST_TURN = 20, 1e-12, 1e-10
 # An approximate pole that is corrected by more, relative, would have become another one.
-_FAR = 1e-3
+_MAX_POLE_CORRECTION = 1e-3
 # Part of the largest inverse eigenvalue below which a motion has no mass.
-_MASSLESS = 1e-13
+_MASSLESS_MOTION_TOL = 1e-13
 # Least part of the largest entry of its column that a diagonal pivot may be.
 _PIVOT = 0.01
 # Dense structures up to this size have all their eigenvectors computed: derivatives then cost nothing.
 _MOST_WHOLE = 400
 # Columns of a basis that are dependent on others to this part are left out.
-_DEPENDENT = 1e-9
+_DEPENDENT_COLUMN_TOL = 1e-9
 
 
 class Inverse(NamedTuple):
@@ -270,7 +270,7 @@ def _undamped(M: Array, K: Array, count: int, shift: float) -> tuple[Array, Arra
             remedy="Check the values of the parameters: a mode needs positive stiffness.",
         ) from None
     inverse = Inverse(mu[::-1], scale[:, None] * shapes[:, ::-1], shift)
-    heavy = inverse.mu > _MASSLESS * inverse.mu[0]
+    heavy = inverse.mu > _MASSLESS_MOTION_TOL * inverse.mu[0]
     mu, shapes = inverse.mu[heavy], inverse.vectors[:, heavy]
     return 1 / mu - shift, shapes / np.sqrt(mu), inverse
 
@@ -354,7 +354,7 @@ def _corrected(
         last = size
     else:
         raise _lost(abs(start))
-    if abs(pole - start) > _FAR * abs(start):
+    if abs(pole - start) > _MAX_POLE_CORRECTION * abs(start):
         raise _lost(abs(start))
     heavy = np.asarray(M @ shape)
     turned = np.exp(-0.5j * np.angle(shape @ heavy))
@@ -404,5 +404,5 @@ def modal_basis(
     size = np.linalg.norm(every, axis=0)
     every = every[:, size > 0] / size[size > 0]
     U, s, _ = np.linalg.svd(every, full_matrices=False)
-    T = U[:, s > _DEPENDENT * s[0]]
+    T = U[:, s > _DEPENDENT_COLUMN_TOL * s[0]]
     return model.projected(T, tuple(f"q{k}" for k in range(1, T.shape[1] + 1)))

@@ -30,7 +30,7 @@ _MOST_DENSE = 5000
 # Motion that is rounding, relative to the largest in the same column of a basis.
 _ROUNDING = 16 * float(np.finfo(float).eps)
 # The same of computed rigid-body motions.
-_RIGID = 1e-9
+_RIGID_ENERGY_TOL = 1e-9
 
 
 class Term(NamedTuple):
@@ -478,7 +478,7 @@ def _projected_pattern(term: Term, T: Array, rigid: Sequence[int]) -> Array:
     part = (part + part.T) / 2
     if term.letter != "M":
         rounding = np.full(T.shape[1], _ROUNDING)
-        rounding[list(rigid)] = _RIGID
+        rounding[list(rigid)] = _RIGID_ENERGY_TOL
         size = np.asarray(abs(term.matrix) @ np.abs(T)).max(axis=0, initial=0.0)
         unstrained = np.abs(product).max(axis=0, initial=0.0) <= rounding * size
         part[unstrained], part[:, unstrained] = 0.0, 0.0

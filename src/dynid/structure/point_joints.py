@@ -26,7 +26,7 @@ Components: TypeAlias = Mapping[str, Component] | JointParameter | Block
 # Two places nearer than this part of their structure's size are one.
 _ONE_PLACE = 1e-6
 # Motions whose weights differ by less than this part of the largest are the same.
-_ROUNDING = 1e-12
+_WEIGHT_DIFFERENCE_TOL = 1e-12
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ class _Ends:
 
 def _alike(one: Motion, other: Motion) -> bool:
     """Return True if two motions are the same but for rounding."""
-    least = _ROUNDING * max(map(abs, [*one.values(), *other.values()]), default=0.0)
+    least = _WEIGHT_DIFFERENCE_TOL * max(map(abs, [*one.values(), *other.values()]), default=0.0)
     return all(abs(one.get(dof, 0.0) - other.get(dof, 0.0)) <= least for dof in {*one, *other})
 
 

@@ -28,7 +28,7 @@ Spread: TypeAlias = Literal["rigid", "distributed"]
 # is not determined where more than this part of it lies in unseen motions.
 _UNSEEN, _PART = 1e-7, 1e-6
 # Weights below this part of the largest are round-off.
-_ROUNDING = 1e-14
+_WEIGHT_TOL = 1e-14
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class PlacedPoint:
                 names=(f"points.{self.name}",),
             )
         row = wanted @ self.weights
-        row[np.abs(row) <= _ROUNDING * np.abs(row).max(initial=0.0)] = 0.0
+        row[np.abs(row) <= _WEIGHT_TOL * np.abs(row).max(initial=0.0)] = 0.0
         return {dof: float(weight) for dof, weight in zip(self.dofs, row, strict=True) if weight}
 
     def determines(self, direction: Sequence[float] | Array) -> bool:

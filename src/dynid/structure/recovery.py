@@ -17,7 +17,7 @@ from dynid.errors import NumericalError, UsageError
 from dynid.lti.floating import guarded
 
 # The relative contradiction that rounded numbers of a state space may contain.
-_ROUNDED = 1e-6
+_CONTRADICTION_TOL = 1e-6
 
 _WORST_BASIS = 1e8
 
@@ -57,7 +57,10 @@ def recovered(A: Array, B: Array | None = None, C: Array | None = None) -> Recov
     X, Y = -A[n:, :n], -A[n:, n:]
     square, right = np.linalg.eig(X)
     size = float(np.abs(square).max(initial=0.0))
-    if np.abs(square.imag).max() > _ROUNDED * size or square.real.min() < -_ROUNDED * size:
+    if (
+        np.abs(square.imag).max() > _CONTRADICTION_TOL * size
+        or square.real.min() < -_CONTRADICTION_TOL * size
+    ):
         worst = square[int(np.argmax(np.abs(square.imag) + np.maximum(-square.real, 0)))]
         raise UsageError(
             f"the state space is no passive structure: M^-1 K has the eigenvalue {worst:.4g}",
@@ -129,10 +132,10 @@ def _nearest_masses(left: Array, coupling: Array) -> Array:
     Z = coupling / size
     np.fill_diagonal(Z, 0.0)
     # D_i Z_ij = D_j Z_ji makes C symmetric: the null space of their squares' sum, rounding of Z left out.
-    Z[np.abs(Z) < _ROUNDED] = 0.0
+    Z[np.abs(Z) < _CONTRADICTION_TOL] = 0.0
     symmetry = np.diag((Z**2).sum(axis=1)) - Z * Z.T
     values, vectors = np.linalg.eigh(symmetry)
-    free = vectors[:, values <= _ROUNDED**2 + _ROUNDED * values[-1]]
+    free = vectors[:, values <= _CONTRADICTION_TOL**2 + _CONTRADICTION_TOL * values[-1]]
     masses = free @ np.linalg.lstsq(free.T @ gram**2 @ free, free.T @ np.diag(gram), rcond=None)[0]
     if masses.min() <= 0:
         raise UsageError(
@@ -144,7 +147,7 @@ def _nearest_masses(left: Array, coupling: Array) -> Array:
 
 def _even(name: str, matrix: Array) -> Array:
     gap = np.abs(matrix - matrix.T)
-    if gap.max() > _ROUNDED * max(float(np.abs(matrix).max()), np.finfo(float).tiny):
+    if gap.max() > _CONTRADICTION_TOL * max(float(np.abs(matrix).max()), np.finfo(float).tiny):
         i, j = np.unravel_index(int(np.argmax(gap)), gap.shape)
         raise UsageError(
             f"the {name} that the state space gives is not symmetric: entry ({i + 1}, {j + 1}) is "

@@ -27,7 +27,7 @@ from dynid.structure.solid_mesh import Block, SolidMesh, check_elements, doubled
 from dynid.suggestions import did_you_mean, shortened
 
 # Entries of element matrices that are made at once.
-_ENTRIES = 4_000_000
+_ELEMENT_MATRIX_ENTRIES = 4_000_000
 # Beyond this Poisson's ratio fully integrated elements lock under volume-preserving strain.
 _INCOMPRESSIBLE = 0.49
 
@@ -241,7 +241,7 @@ def _assembled(shares: Sequence[_Share], xyz: Array, free: Places, dense: bool) 
     blocks, masses, at = np.zeros((9, len(keys))), np.zeros(len(keys)), 0
     for share in shares:
         n = share.block.cells.shape[1]
-        step = max(_ENTRIES // (3 * n) ** 2, 1)
+        step = max(_ELEMENT_MATRIX_ENTRIES // (3 * n) ** 2, 1)
         for start in range(0, len(share.block.cells), step):
             part = slice(start, start + step)
             cells = share.block.cells[part]

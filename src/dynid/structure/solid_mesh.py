@@ -14,10 +14,10 @@ from dynid.errors import UsageError
 from dynid.structure.solid_elements import ELEMENTS, Places, jacobians
 
 # A Jacobian below this part of the largest of its element is zero.
-_FLAT = 1e-10
+_JACOBIAN_TOL = 1e-10
 # Nodes nearer to each other than this part of the size of the mesh are at one place.
-_SAME = 1e-8
-_CHUNK = 20_000
+_COINCIDENT_NODE_TOL = 1e-8
+_CELL_CHUNK = 20_000
 
 
 class Block(NamedTuple):
@@ -89,12 +89,14 @@ def check_elements(mesh: SolidMesh) -> None:
         )
     signs = []
     for block in mesh.blocks:
-        for start in range(0, len(block.cells), _CHUNK):
-            cells = block.cells[start : start + _CHUNK]
+        for start in range(0, len(block.cells), _CELL_CHUNK):
+            cells = block.cells[start : start + _CELL_CHUNK]
             det = np.linalg.det(jacobians(ELEMENTS[block.kind], mesh.xyz[cells]))
             low, high, size = det.min(axis=1), det.max(axis=1), np.abs(det).max(axis=1)
             length = np.ptp(mesh.xyz[cells], axis=1).max(axis=1)
-            bad = (low <= _FLAT * size) & (high >= -_FLAT * size) | (size <= _FLAT * length**3)
+            bad = (low <= _JACOBIAN_TOL * size) & (high >= -_JACOBIAN_TOL * size) | (
+                size <= _JACOBIAN_TOL * length**3
+            )
             if np.any(bad):
                 _refuse(mesh, Block(block.kind, cells), int(np.argmax(bad)), "is flat or folded")
             signs.append((Block(block.kind, cells), np.sign(low)))
@@ -169,4 +171,4 @@ def doubled_nodes(xyz: Array) -> int:
     from scipy.spatial import cKDTree  # heavy import, for meshes of several parts
 
     size = float(np.ptp(xyz, axis=0).max())
-    return len(cKDTree(xyz).query_pairs(_SAME * size))
+    return len(cKDTree(xyz).query_pairs(_COINCIDENT_NODE_TOL * size))

@@ -28,7 +28,7 @@ from dynid.structure.model import StructuralModel
 
 Vector: TypeAlias = tuple[Real, Real, Real]
 # Of a node's rotational stiffness and inertia without releases: what is rounding beside it.
-_ROUNDING = 1e-12
+_RELEASED_STIFFNESS_TOL = 1e-12
 # A member nearer to the z axis than this angle is vertical.
 _VERTICAL = 1e-6
 
@@ -360,11 +360,11 @@ def _uncarried(
     free = np.array(
         [[(node, along) not in fixed for along in DIRECTIONS[3:]] for node in range(1, count + 1)]
     )
-    there = np.einsum("nii->ni", carried) > _ROUNDING
+    there = np.einsum("nii->ni", carried) > _RELEASED_STIFFNESS_TOL
     for node, along in zip(*np.nonzero(~there | ~free), strict=True):
         carried[node, along], carried[node, :, along], carried[node, along, along] = 0.0, 0.0, 1.0
     values, vectors = np.linalg.eigh(carried)
-    for alone in np.flatnonzero(values[:, 0] < _ROUNDING):
+    for alone in np.flatnonzero(values[:, 0] < _RELEASED_STIFFNESS_TOL):
         axis = vectors[alone, :, 0]
         axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
         shown = ", ".join(f"{part:.3g}" for part in axis)

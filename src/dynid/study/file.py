@@ -35,7 +35,7 @@ from dynid.study.analysis.table import RESULTS, SAMPLES
 #: Errors of file systems without locks, such as some network file systems.
 _WITHOUT_LOCKS = frozenset({errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP})
 #: Time to wait for a lock whose holder removes its file just then, s.
-_PATIENCE = 0.2
+_LOCK_SECONDS = 0.2
 #: Bytes of a lock file that Windows lets no other process read while they are locked; most bytes behind them.
 _LOCKED, _LONGEST = 1, 200
 
@@ -312,7 +312,7 @@ def locked(target: str) -> Iterator[None]:
 
     name = f"{target}.lock"
     # A file system without locks is refused: files that merely exist would outlive their process.
-    lock = FileLock(name, timeout=_PATIENCE, fallback_to_soft=False)
+    lock = FileLock(name, timeout=_LOCK_SECONDS, fallback_to_soft=False)
     try:
         lock.acquire()
     except Timeout:

@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 
 _SECONDS = 0.5  # of a chunk: long compared with the cost of a message, short for a waiting user
 _SPARE = 4  # a time limit is this many times the expected time of a chunk
-_MOST = 4096  # samples of a chunk
-_GROWTH = 4  # ratio of the sizes of successive chunks
+_MAX_CHUNK_SAMPLES = 4096  # samples of a chunk
+_CHUNK_RATIO = 4  # ratio of the sizes of successive chunks
 _BYTES = 16 * 2**20  # of a chunk in memory
-_LONG = 30.0  # s after which running samples are reported; then after twice as long, and so on
-_ATTEMPTS = 3  # of a sample whose worker dies each time
+_REPORT_INTERVAL = 30.0  # s after which running samples are reported; then after twice as long, and so on
+_SAMPLE_ATTEMPTS = 3  # of a sample whose worker dies each time
 _HOPELESS = 5  # samples given up in a row: they are not the cause
 _TICK = 1.0  # s between two looks at the running chunks
 
@@ -67,7 +67,7 @@ class Chunks:
     def learn(self, count: int, seconds: float, size: int = 0) -> None:
         """Record the time (s) and size (bytes) of a chunk; samples of larger chunks take less time each."""
         fitting = int(count * min(self._seconds / max(seconds, 1e-9), _BYTES / max(size, 1)))
-        self._size = max(1, min(fitting, _GROWTH * count, _MOST))
+        self._size = max(1, min(fitting, _CHUNK_RATIO * count, _MAX_CHUNK_SAMPLES))
 
 
 class RunningChunks:
@@ -85,7 +85,7 @@ class RunningChunks:
 
     def __init__(self, pool: StudyExecutor, plan: Plan, notice: Notice | None) -> None:
         self._pool, self._plan, self._notice = pool, plan, notice
-        self._long = _LONG if pool.timeout is None else min(_LONG, pool.timeout / 2)
+        self._long = _REPORT_INTERVAL if pool.timeout is None else min(_REPORT_INTERVAL, pool.timeout / 2)
         self._trouble: str | None = None
         self._since: dict[Future[Any], float] = {}
         self._due: dict[Future[Any], float] = {}  # the age at which it is reported next
@@ -251,17 +251,17 @@ class Scheduler:
             return
         number = int(chunk[0])
         self.deaths[number] += 1
-        if self.deaths[number] < _ATTEMPTS:
+        if self.deaths[number] < _SAMPLE_ATTEMPTS:
             self.suspects.appendleft(chunk)
             return
         self.given_up += 1
         if self.given_up == _HOPELESS:
             raise NumericalError(
-                f"workers die whatever they run ({_ATTEMPTS * _HOPELESS} times in a row)",
+                f"workers die whatever they run ({_SAMPLE_ATTEMPTS * _HOPELESS} times in a row)",
                 remedy="Find the cause: too little memory, or a damaged installation. "
                 "Then run the study again to resume it.",
             )
-        self._fail(chunk, f"its worker died {_ATTEMPTS} times: it was killed, or ran out of memory")
+        self._fail(chunk, f"its worker died {_SAMPLE_ATTEMPTS} times: it was killed, or ran out of memory")
 
     def _fail(self, chunk: Numbers, error: str) -> None:
         self.arrived([(chunk, packed(SampleOutcomes.of([SampleOutcome(error=error, exit_code=3)])))])

@@ -9,7 +9,7 @@ from typing import Any
 from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.defaults import HOLD
 
-_STEP = 0.002
+_SAMPLE_STEP = 0.002
 _OMEGA = (70.0, 110.0, 250.0)  # rad/s
 _MASSES = (2.0, 2.0, 1.5, 1.0, 1.0)
 _LINKS = (((0,), 2e4), ((0, 1), 3e4), ((1, 2), 2e4), ((2, 3), 2e4), ((3, 4), 2e4))
@@ -42,7 +42,7 @@ def _system() -> Any:
 def _times(samples: int) -> Any:
     import numpy as np
 
-    return _STEP * np.arange(samples)
+    return _SAMPLE_STEP * np.arange(samples)
 
 
 def _force(t: Any) -> Any:
@@ -57,7 +57,7 @@ def _by_hold(hold: str) -> Callable[[int], Callable[[], Any]]:
         from dynid.lti.time_response import propagate
 
         times = _times(samples)
-        signal = Sampled(_force(times), _STEP, hold)
+        signal = Sampled(_force(times), _SAMPLE_STEP, hold)
         return lambda: propagate(_system(), [signal], times).outputs[:, 0]
 
     return prepare
@@ -97,13 +97,13 @@ def _runge_kutta(samples: int) -> Callable[[], Any]:
 
     def work() -> Any:
         x, found = np.zeros(len(A)), np.zeros(samples)
-        starts, middles = _force(times), _force(times + _STEP / 2)
+        starts, middles = _force(times), _force(times + _SAMPLE_STEP / 2)
         for place in range(samples - 1):
             k1 = A @ x + b * starts[place]
-            k2 = A @ (x + _STEP / 2 * k1) + b * middles[place]
-            k3 = A @ (x + _STEP / 2 * k2) + b * middles[place]
-            k4 = A @ (x + _STEP * k3) + b * starts[place + 1]
-            x = x + _STEP / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+            k2 = A @ (x + _SAMPLE_STEP / 2 * k1) + b * middles[place]
+            k3 = A @ (x + _SAMPLE_STEP / 2 * k2) + b * middles[place]
+            k4 = A @ (x + _SAMPLE_STEP * k3) + b * starts[place + 1]
+            x = x + _SAMPLE_STEP / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
             found[place + 1] = system.C[0] @ x
         return found
 
@@ -119,7 +119,7 @@ def _newmark(samples: int) -> Callable[[], Any]:
     forces = _force(_times(samples))
 
     def work() -> Any:
-        h = _STEP
+        h = _SAMPLE_STEP
         factor = lu_factor(M + h / 2 * C + h**2 / 4 * K)
         x, v, a = (np.zeros(5) for _ in range(3))
         found = np.zeros(samples)

@@ -16,7 +16,7 @@ from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.defaults import EXACT_ROOTS, EXACT_ROOTS_ON_LOOPS, MANY_LOOPS, SPARSE_REFINEMENT, STARTED_ROOTS
 
 #: Errors of roots below this part of the largest pole are relative to that part.
-_SMALL = 1e-3
+_SMALL_ROOT_RATIO = 1e-3
 
 
 def distance(got: Any, true: Any, size: float) -> float:
@@ -34,7 +34,7 @@ def relative_to(true: Any, size: float) -> Any:
     """Return the sizes that errors of roots are relative to; `size` is that of the largest pole."""
     import numpy as np
 
-    scale = np.maximum(np.abs(true), _SMALL * size)
+    scale = np.maximum(np.abs(true), _SMALL_ROOT_RATIO * size)
     return np.where(scale > 0, scale, 1.0)
 
 

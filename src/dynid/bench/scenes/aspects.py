@@ -39,7 +39,7 @@ from dynid.structure.reduction.methods import Reductor
 ALONE = "joint-aware-modes"
 METHODS = (*_CLASSES, ALONE)
 #: Frequencies below this part of the highest are rigid-body motions, measured by that.
-_RIGID = 1e-6
+_RIGID_FREQUENCY_RATIO = 1e-6
 #: Samples of a hold per requested instant, and the most in all.
 _FINER, _MOST = (1, 2, 4), 1_000_000
 Work = Callable[[list[Any]], Callable[[], Any]]
@@ -151,7 +151,7 @@ def solvers(
     def error(found: Any, reference: Any) -> float:
         if len(found) != len(reference):
             return float("inf")
-        scale = np.maximum(reference, _RIGID * reference.max(initial=0.0))
+        scale = np.maximum(reference, _RIGID_FREQUENCY_RATIO * reference.max(initial=0.0))
         return float((np.abs(found - reference) / np.where(scale > 0, scale, 1.0)).max(initial=0.0))
 
     names = ["dense", *BACKENDS] if size <= ALL_MODES.value else list(BACKENDS)

@@ -33,7 +33,7 @@ _SHARE, _FAIR = 0.5, 2.0
 _MARGIN = 1.5
 
 #: After a first run shorter than this, s, which is mostly loading and compiling, a second one is timed.
-_LONG = 0.5
+_MIN_TIMED_SECONDS = 0.5
 
 Key: TypeAlias = tuple[str, int]
 """Name and size of an alternative."""
@@ -253,7 +253,7 @@ class Worker:
             with measured() as cost:
                 found = work()
             seconds = cost.seconds
-            if seconds < _LONG:
+            if seconds < _MIN_TIMED_SECONDS:
                 before = perf_counter()
                 work()
                 seconds = perf_counter() - before

@@ -112,13 +112,13 @@ class Causality:
 # --- explanations ---------------------------------------------------------------------------------
 
 #: Most nodes that a sentence lists.
-_MOST = 6
+_MAX_LISTED_NODES = 6
 
 
 def join_nodes(names: Sequence[str]) -> str:
     """Join names as in a sentence: a, b and c."""
-    if len(names) > _MOST:
-        return f"{', '.join(names[:_MOST])} and {len(names) - _MOST} more"
+    if len(names) > _MAX_LISTED_NODES:
+        return f"{', '.join(names[:_MAX_LISTED_NODES])} and {len(names) - _MAX_LISTED_NODES} more"
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}" if names else ""
 
 

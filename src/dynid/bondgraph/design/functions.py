@@ -32,11 +32,11 @@ from dynid.parameters import Parameter
 #: A parameter without limits is searched in this range of its start, as a logarithm or in multiples of it.
 SPAN = 1e6
 #: Poles below this part of the size of A are at the origin.
-_ORIGIN = 1e-14
+_ORIGIN_POLE_TOL = 1e-14
 #: The factor around the start within which random starts are drawn where a limit is farther.
-_SPREAD = 30.0
+_START_SPREAD = 30.0
 #: Frequencies nearer to each other than this, relative, count as one.
-_SAME_FREQUENCY = 1e-6
+_FREQUENCY_RTOL = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +106,7 @@ class Coordinates:
 
     def drawn(self, count: int, seed: int) -> Array:
         """Return random coordinates within the limits (count x p)."""
-        near = np.where([parameter.logarithmic for parameter in self.free], math.log(_SPREAD), 3.0)
+        near = np.where([parameter.logarithmic for parameter in self.free], math.log(_START_SPREAD), 3.0)
         low, high = np.maximum(self.low, self.start - near), np.minimum(self.high, self.start + near)
         return np.random.default_rng(seed).uniform(low, high, (count, len(self.free)))
 
@@ -328,7 +328,7 @@ class DesignFunctions:
         if criterion.kind == "h2" and system.d:
             return f"{name} follows its input directly (gain {system.d:.4g}): its H2 norm is infinite"
         size = float(np.linalg.norm(system.A)) or 1.0
-        channel_poles = np.where(np.abs(channel_poles) <= _ORIGIN * size, 0.0, channel_poles)
+        channel_poles = np.where(np.abs(channel_poles) <= _ORIGIN_POLE_TOL * size, 0.0, channel_poles)
         axis = norms.on_axis(channel_poles, size)
         at = np.abs(channel_poles.imag)
         within = axis & (at >= criterion.low * (1 - 1e-9)) & (at <= criterion.high * (1 + 1e-9))
@@ -377,7 +377,7 @@ def _with_frequencies(norm: Norm, further: Norm) -> Norm:
         return norm
     at, new = (set_of_maxima.omega[np.isfinite(set_of_maxima.omega)] for set_of_maxima in (maxima, others))
     distance = np.abs(new[:, None] - at).min(axis=1, initial=np.inf)
-    new = new[distance > _SAME_FREQUENCY * new]
+    new = new[distance > _FREQUENCY_RTOL * new]
     values, slopes = norms.at_frequencies(norm.system, new)
     joined = norms.Maxima(
         np.append(maxima.omega, new),

@@ -141,7 +141,7 @@ def _is_isolated(solution: Solution) -> bool:
 
 
 #: Derivatives below this part of the largest one are those of something that does not change.
-_NOTHING = 1e-10
+_DERIVATIVE_TOL = 1e-10
 #: A coordinate nearer to its limit than this is at it.
 _AT_LIMIT = 1e-6
 #: A parameter that left its start by more than this factor without a limit ran away.
@@ -159,7 +159,8 @@ def without_influence(functions: DesignFunctions, evaluations: Sequence[Evaluati
     idle = []
     for k, parameter in enumerate(free):
         still = all(
-            (np.abs(rows[:, k]) <= _NOTHING * np.abs(rows).max(axis=1, initial=0.0)).all() for rows in blocks
+            (np.abs(rows[:, k]) <= _DERIVATIVE_TOL * np.abs(rows).max(axis=1, initial=0.0)).all()
+            for rows in blocks
         )
         if parameter.name not in functions.reached or (len(blocks) > 1 and still):
             idle.append(parameter.name)
@@ -292,7 +293,7 @@ def _fixed_part(
     """Return what of a root does not depend on the free parameters; empty where all that is missed does."""
     names = ", ".join(parameter.name for parameter in functions.design.free)
     slopes = np.stack([evaluation.jacobian[rows] for evaluation in evaluations])
-    still = np.asarray((np.abs(slopes) <= _NOTHING).all(axis=(0, 2)))
+    still = np.asarray((np.abs(slopes) <= _DERIVATIVE_TOL).all(axis=(0, 2)))
     if still.all():
         return f"the {target.kind}s of {target.channel} do not depend on {names}"
     missed = np.abs(reached.residuals) > MET
@@ -314,7 +315,7 @@ def _limits(functions: DesignFunctions, best: Evaluation) -> Iterator[str]:
             ("max", parameter.high, functions.high[k], -1),
         ):
             at = abs(best.eta[k] - edge) <= _AT_LIMIT * (1 + abs(edge))
-            if at and way * gradient[k] > _NOTHING * size:
+            if at and way * gradient[k] > _DERIVATIVE_TOL * size:
                 value = coordinates.values(best.eta)[k]
                 runs = f"{'falls' if way > 0 else 'grows'} to"
                 yield f"{parameter.name} {runs if limit is None else f'is at its {key},'} {value:.6g}"

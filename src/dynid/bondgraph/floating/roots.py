@@ -345,7 +345,7 @@ def checked(discs: RootDiscs, count: int) -> RootDiscs:
 
 
 #: Most roots that a message names.
-_SHOWN = 6
+_MAX_NAMED_ROOTS = 6
 
 
 def _undecided(what: str, discs: RootDiscs) -> Undecided:
@@ -355,7 +355,7 @@ def _undecided(what: str, discs: RootDiscs) -> Undecided:
         for value, radius in zip(discs.centre.tolist(), discs.radius.tolist(), strict=True)
         if value.imag >= 0
     ]
-    roots = shortened(names, _SHOWN) if names else "none"
+    roots = shortened(names, _MAX_NAMED_ROOTS) if names else "none"
     return Undecided(
         f"the floating-point engine cannot determine {what}: {roots}, rad/s",
         remedy="Use 'analysis.engine: exact', which decides it.",

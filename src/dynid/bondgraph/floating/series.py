@@ -19,7 +19,7 @@ from dynid.errors import NumericalError
 _FIRST, _LAST = 1, 256
 #: Bits of the balls, until they say all of the first term that a double can.
 PRECISIONS = (128, 1024, 8192, 65536)
-_BITS = 100
+_MIN_SERIES_BITS = 100
 _NEVER = 1 << 60
 
 
@@ -127,7 +127,7 @@ class CertifiedNumber:
     @property
     def is_sharp(self) -> bool:
         """True where the ball determines the nearest double."""
-        return bool(self.ball.rel_accuracy_bits() > _BITS)
+        return bool(self.ball.rel_accuracy_bits() > _MIN_SERIES_BITS)
 
 
 class _Point(NamedTuple):

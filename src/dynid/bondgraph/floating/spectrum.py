@@ -277,7 +277,7 @@ def _unresolved(s: complex) -> Undecided:
 # --- systems of equations -------------------------------------------------------------------------
 
 #: Most storage elements whose eigenvalues are sought: the matrix is dense.
-_LARGEST = 8000
+_MAX_DENSE_STORAGES = 8000
 
 
 def natural_equations(reduced: ReducedGraph, port: Port) -> list[LinearForm]:
@@ -294,10 +294,10 @@ def zero_equations(reduced: ReducedGraph, channel: Channel) -> list[LinearForm]:
 
 
 def _descriptor(reduced: ReducedGraph, port: Port, freed: str | None = None) -> Descriptor:
-    if len(reduced.storages) > _LARGEST:
+    if len(reduced.storages) > _MAX_DENSE_STORAGES:
         raise NumericalError(
             f"zeros and poles of {len(reduced.storages):,} storages are beyond dense eigenvalues "
-            f"(at most {_LARGEST:,})",
+            f"(at most {_MAX_DENSE_STORAGES:,})",
             remedy="Ask for the frequency response, which needs no roots, or for a smaller part.",
         )
     junctions = reduced.reductions[port].junctions

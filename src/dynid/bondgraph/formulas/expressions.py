@@ -16,7 +16,7 @@ from dynid.bondgraph.graph import Node
 from dynid.bondgraph.program.program import Operation, Program, Register, operands
 
 #: Most operations of a sum that is brought to lowest terms; a longer one is written as it stands.
-_LONGEST = 300
+_MAX_SUM_OPERATIONS = 300
 
 
 def print_register(
@@ -69,7 +69,7 @@ def print_sum(
         order = tuple(in_order(program, register, labels)) if whole_formula else (register,)
         named = {r: labels[r] for r in order if r in labels and not (spelled and r == register)}
         expressions.append(RegisterExpression(order, named))
-    if sum(len(expression.order) for expression in expressions) > _LONGEST or independent(
+    if sum(len(expression.order) for expression in expressions) > _MAX_SUM_OPERATIONS or independent(
         program, expressions, nodes
     ):
         return [_as_it_stands(program, expression, nodes, hand) for expression in expressions]

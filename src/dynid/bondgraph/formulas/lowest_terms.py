@@ -17,7 +17,7 @@ from dynid.bondgraph.graph import Node
 from dynid.bondgraph.program.program import Operation, Program, Register, operands
 
 #: Most terms of a polynomial; a formula that outgrows it is written as it stands.
-_MOST = 2000
+_MAX_POLYNOMIAL_TERMS = 2000
 
 
 class ReducedQuotient(NamedTuple):
@@ -132,7 +132,7 @@ class FormulaRing:
                 if label
                 else self._part(register, quotients)
             )
-            if max(len(quotient.above), len(quotient.below)) > _MOST:
+            if max(len(quotient.above), len(quotient.below)) > _MAX_POLYNOMIAL_TERMS:
                 raise OverflowError
             cancelled |= quotient.cancelled
             quotients[register] = quotient
@@ -167,8 +167,10 @@ class FormulaRing:
 
         def leaf(item: Fraction | str) -> SymbolicQuotient:
             if isinstance(item, str):
-                return SymbolicQuotient({PolynomialFactor(self._gens["name", item]): 1}, 1, self._ring, _MOST)
-            return SymbolicQuotient({}, 1, self._ring, _MOST).constant(item)
+                return SymbolicQuotient(
+                    {PolynomialFactor(self._gens["name", item]): 1}, 1, self._ring, _MAX_POLYNOMIAL_TERMS
+                )
+            return SymbolicQuotient({}, 1, self._ring, _MAX_POLYNOMIAL_TERMS).constant(item)
 
         try:
             return ReducedQuotient(*node.formula.fold(leaf, apply).lowest_terms())

@@ -11,7 +11,7 @@ from dynid.bondgraph.formula_printers import ATOM, POWER, PRODUCT, SUM, TEXT, Fo
 from dynid.bondgraph.program.factored import FactoredQuotient, PolynomialFactor
 
 #: Products of terms that may be formed for every term that a polynomial may have.
-_WORK = 32
+_PRODUCTS_PER_TERM = 32
 
 
 class FormulaTooLong(ArithmeticError):
@@ -49,7 +49,7 @@ class SymbolicQuotient(FactoredQuotient):
 
     def _multiplied(self, a: Any, b: Any) -> Any:
         """Multiply, as long as the number of products of terms is bounded."""
-        if len(a) * len(b) > _WORK * self.limit:
+        if len(a) * len(b) > _PRODUCTS_PER_TERM * self.limit:
             raise FormulaTooLong
         return a * b
 

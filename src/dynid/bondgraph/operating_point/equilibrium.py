@@ -22,9 +22,9 @@ from dynid.progress import report_progress
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_SAME = 1e-7  # two solutions are one within it, relative to the larger one
+_SOLUTION_TOL = 1e-7  # two solutions are one within it, relative to the larger one
 #: Rates beside the terms of their balance above which a given point is no equilibrium.
-_AT_REST = 1e-6
+_EQUILIBRIUM_TOL = 1e-6
 
 Choice = Literal["nearest", "stable"] | int
 
@@ -273,8 +273,8 @@ def _random_starts(
 def _equal(a: NewtonSolution, b: NewtonSolution) -> bool:
     size = np.maximum(np.abs(a.z), np.abs(b.z))
     scaled = size / a.scale
-    floor = _SAME * float(scaled.max(initial=0.0)) * a.scale
-    return bool((np.abs(a.z - b.z) <= np.maximum(_SAME * size, 1e-5 * floor)).all())
+    floor = _SOLUTION_TOL * float(scaled.max(initial=0.0)) * a.scale
+    return bool((np.abs(a.z - b.z) <= np.maximum(_SOLUTION_TOL * size, 1e-5 * floor)).all())
 
 
 def _stability(equations: LawEquations, inputs: Mapping[str, Fraction], solution: NewtonSolution) -> int:
@@ -330,7 +330,7 @@ def _given(equations: LawEquations, request: OperatingPointRequest) -> Operating
     drift = {}
     for port, rate in zip(equations.states, equations.rates, strict=True):
         opposite = float(np.abs(solution.z[equations.beside(rate)]).max())
-        if rate not in solution.free and abs(solution.z[rate]) > _AT_REST * opposite:
+        if rate not in solution.free and abs(solution.z[rate]) > _EQUILIBRIUM_TOL * opposite:
             drift[port] = float(solution.z[rate])
     if drift:
         rates = ", ".join(f"d({port})/dt = {value:.4g}" for port, value in drift.items())

@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from dynid.bondgraph.operating_point.equations import LawSystem
 
 _MOST_STEPS, _SHORTEST = 200, 2.0**-20
-_TOLERANCE = 1e-11  # of a correction, beside the largest scaled variable
-_ROUNDING = 1e-6  # of a correction that no step makes smaller
+_CORRECTION_TOL = 1e-11  # of a correction, beside the largest scaled variable
+_ROUNDING_CORRECTION = 1e-6  # of a correction that no step makes smaller
 _BITS = 256
-_RANK = 1e-12  # singular values of the scaled matrix below it count as zero
+_SINGULAR_TOL = 1e-12  # singular values of the scaled matrix below it count as zero
 #: Residual beside the terms of an equation above which the equations are not fulfilled.
 CONSISTENT = 1e-9
 
@@ -73,7 +73,7 @@ class Factor:
             size = onenormest(inverse) if shape[0] > 4 else np.linalg.norm(solve(np.eye(shape[0])), 1)
         condition = float(size * abs(self._matrix).sum(axis=0).max())
         large = shape[0] > DENSE_EQUILIBRIUM.value  # then the residual at high precision decides alone
-        if np.isfinite(condition) and (large or condition < 1 / _RANK):
+        if np.isfinite(condition) and (large or condition < 1 / _SINGULAR_TOL):
             self._lu, self.condition = lu, condition
 
     def _decompose(self) -> None:
@@ -81,7 +81,7 @@ class Factor:
         if max(self._matrix.shape) > DENSE_EQUILIBRIUM.value:
             raise OutOfRangeError("the matrix is singular")
         U, s, V = np.linalg.svd(self._matrix.toarray())
-        rank = int((s > _RANK * s[0]).sum()) if len(s) else 0
+        rank = int((s > _SINGULAR_TOL * s[0]).sum()) if len(s) else 0
         self._svd = U[:, :rank], s[:rank], V
         self.condition = (
             float(s[0] / s[rank - 1]) if rank == self._matrix.shape[1] - len(self._fixed) else np.inf
@@ -169,7 +169,7 @@ def iterate(system: LawSystem, z: NDArray[np.float64]) -> tuple[NDArray[np.float
             largest = max(largest, float(np.abs(z / factor.scale).max(initial=0.0)))
             if not np.isfinite(size):
                 return None
-            if size <= _TOLERANCE * largest:
+            if size <= _CORRECTION_TOL * largest:
                 return z, factor
             while True:
                 trial = z - damping * factor.scale * step
@@ -182,7 +182,7 @@ def iterate(system: LawSystem, z: NDArray[np.float64]) -> tuple[NDArray[np.float
                     pass
                 damping /= 2
                 if damping < _SHORTEST:  # within rounding of a solution, else stuck
-                    return (z, factor) if size <= _ROUNDING * largest else None
+                    return (z, factor) if size <= _ROUNDING_CORRECTION * largest else None
             z = trial
     except (OutOfRangeError, np.linalg.LinAlgError):
         return None

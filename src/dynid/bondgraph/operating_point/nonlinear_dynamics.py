@@ -24,7 +24,7 @@ from dynid.errors import NumericalError
 if TYPE_CHECKING:
     from dynid.arrays import Array
 
-_RANK = 1e-11
+_RANK_TOL = 1e-11
 _ZERO = Fraction(0)
 
 
@@ -63,7 +63,7 @@ class LawDynamics:
             if source in sources:
                 driven[k, sources.index(source)] = self._rows[k]
         U, s, V = np.linalg.svd(scaled[static, : self._count])
-        rank = int((s > _RANK * s.max(initial=0.0)).sum())
+        rank = int((s > _RANK_TOL * s.max(initial=0.0)).sum())
         self._basis = V[rank:].T  # of efforts and flows that fulfil the linear equations
         self._particular = V[:rank].T @ ((U[:, :rank].T @ driven[static]) / s[:rank, None])
         self._left = ~static
@@ -153,7 +153,7 @@ class LawDynamics:
         if self._regular and np.isfinite(by_c).all():
             return by_c, np.zeros((len(by_c), 0))
         U, s, _ = np.linalg.svd(by_c)
-        rank = int((s > _RANK * s.max(initial=0.0)).sum())
+        rank = int((s > _RANK_TOL * s.max(initial=0.0)).sum())
         N = U[:, rank:]
         self._regular = not N.shape[1]
         return np.vstack([by_c, N.T @ by_x @ self.rate_matrix]), N
@@ -172,7 +172,7 @@ class LawDynamics:
             if N.shape[1]:
                 rates = self.rate_matrix @ c + self._rates_of_inputs() @ u
                 h = np.concatenate([h, N.T @ by_x @ rates])
-                step, _, rank, _ = np.linalg.lstsq(matrix, h, rcond=_RANK)
+                step, _, rank, _ = np.linalg.lstsq(matrix, h, rcond=_RANK_TOL)
                 if rank < len(c):
                     raise NumericalError("the state equations have an index above 2")
             else:
@@ -238,7 +238,7 @@ class LawDynamics:
         _, by_c, by_x = self._storages_and_laws(c, x, u)
         matrix, N = self._closed(by_c, by_x)
         right = np.vstack([by_x, np.zeros((N.shape[1], by_x.shape[1]))])
-        by_states = -np.linalg.lstsq(matrix, right, rcond=_RANK)[0]
+        by_states = -np.linalg.lstsq(matrix, right, rcond=_RANK_TOL)[0]
         # on the constraints and with what is conserved: the null space of both
         kept = np.zeros((len(self.equations.conserved), by_x.shape[1]))
         for k, conserved in enumerate(self.equations.conserved):
@@ -249,7 +249,7 @@ class LawDynamics:
             kept[k] /= np.abs(kept[k]).max()
         fixed = np.vstack([N.T @ by_x, kept])
         _, s, V = np.linalg.svd(fixed) if len(fixed) else (0, np.zeros(0), np.eye(by_x.shape[1]))
-        rank = int((s > _RANK * s.max(initial=0.0)).sum())
+        rank = int((s > _RANK_TOL * s.max(initial=0.0)).sum())
         tangent = V[rank:].T
         A = tangent.T @ self.rate_matrix @ by_states @ tangent
         return np.linalg.eigvals(A), float(np.abs(A).max(initial=0.0))

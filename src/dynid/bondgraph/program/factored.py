@@ -30,14 +30,14 @@ if TYPE_CHECKING:
 
 # A prime near 10^18 sqrt(5), far from powers of two and ten: modulo 2^61 - 1, for example, 2^61 is 1, and
 # binary fractions that differ by this factor are the same.
-_LARGEST = 2236067977499789659
+_MAX_PRIME = 2236067977499789659
 
 
 def primes() -> Iterator[int]:
     """Yield large primes, the largest first."""
     from flint import fmpz
 
-    return (candidate for candidate in range(_LARGEST, 1, -2) if fmpz(candidate).is_prime())
+    return (candidate for candidate in range(_MAX_PRIME, 1, -2) if fmpz(candidate).is_prime())
 
 
 def prime_for(values: Iterable[Fraction]) -> int:
@@ -334,7 +334,7 @@ def _combined(
 # --- rational functions of s ----------------------------------------------------------------------
 
 #: Beyond the storage elements behind it, a value may carry one factor s (a momentum or displacement output).
-_SLACK = 1
+_MAX_EXTRA_DEGREE = 1
 
 
 class RationalFunction(FactoredQuotient):
@@ -380,7 +380,7 @@ class RationalFunction(FactoredQuotient):
         for factor, power in (total.factors or {}).items():
             degree = factor.polynomial.degree() * power
             above, below = (above + degree, below) if power > 0 else (above, below - degree)
-        if max(above, below) > total.storages.bit_count() + _SLACK:
+        if max(above, below) > total.storages.bit_count() + _MAX_EXTRA_DEGREE:
             return self.of(*total.lowest_terms(), total.storages)
         return total
 
@@ -461,7 +461,7 @@ def polynomial(coefficients: list[int], prime: int) -> Any:
     """Return a polynomial modulo a prime, coefficients ascending."""
     from flint import nmod_poly
 
-    if prime > _LARGEST:
+    if prime > _MAX_PRIME:
         return _long_polynomials(prime)(coefficients)
     return nmod_poly(coefficients, prime)
 

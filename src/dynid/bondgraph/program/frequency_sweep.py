@@ -27,7 +27,7 @@ from dynid.native import call, compiled
 #: registers alive stay in the cache; and in a block of NumPy, whose calls cost more than their arithmetic.
 _BLOCK, _NUMPY_BLOCK = 64, 1024
 #: Rows of a register: high and low part of the real and the imaginary part, modulus, error bound.
-_ROWS = 6
+_REGISTER_ROWS = 6
 
 
 class InstructionTape(NamedTuple):
@@ -125,10 +125,10 @@ def _by_library(
     blocks = -(-len(omega) // _BLOCK)
     padded = np.resize(omega, blocks * _BLOCK)
     padded[len(omega) :] = omega[-1:]
-    blocks_of_rows = np.empty((blocks, len(registers), _ROWS, _BLOCK))
+    blocks_of_rows = np.empty((blocks, len(registers), _REGISTER_ROWS, _BLOCK))
 
     def run(worker: int) -> None:
-        memory = np.zeros((tape.slots, _ROWS, _BLOCK))
+        memory = np.zeros((tape.slots, _REGISTER_ROWS, _BLOCK))
         for block in range(worker, blocks, workers):
             frequencies = padded[block * _BLOCK : (block + 1) * _BLOCK]
             call("dynid_run_tape", len(tape.rows), tape.rows, tape.numbers, frequencies, memory)
@@ -139,7 +139,7 @@ def _by_library(
     workers = max(1, min(blocks, cores))
     with ThreadPoolExecutor(workers) as pool:
         list(pool.map(run, range(workers)))
-    return blocks_of_rows.transpose(2, 0, 3, 1).reshape(_ROWS, blocks * _BLOCK, len(registers))[
+    return blocks_of_rows.transpose(2, 0, 3, 1).reshape(_REGISTER_ROWS, blocks * _BLOCK, len(registers))[
         :, : len(omega)
     ]
 
@@ -149,7 +149,7 @@ def _by_numpy(
 ) -> Array:
     """Return the rows of the registers, shape (6, omega, register)."""
     values = {name: DoubledComplex.real(value(name)) for name in program.parameters(registers)}
-    unity, rows = DoubledComplex.real(1), np.empty((_ROWS, len(omega), len(registers)))
+    unity, rows = DoubledComplex.real(1), np.empty((_REGISTER_ROWS, len(omega), len(registers)))
     with np.errstate(all="ignore"):  # what overflows has no finite bound
         for start in range(0, len(omega), _NUMPY_BLOCK):
             block = omega[start : start + _NUMPY_BLOCK]

@@ -53,7 +53,7 @@ Register = int
 
 #: Registers among which equal values are looked for: two of them are mistaken for equal with a probability of
 #: about the square of this, times their degree, over the prime.
-_COMPARED = 20_000
+_MAX_COMPARED_VALUES = 20_000
 
 
 @dataclass(frozen=True)
@@ -216,7 +216,9 @@ class Program:
         following = len(self.ops)
         register = self._known.setdefault(key, following)
         if register == following:
-            if self._point.general and following < _COMPARED:  # look for this value, or its opposite
+            if (
+                self._point.general and following < _MAX_COMPARED_VALUES
+            ):  # look for this value, or its opposite
                 value = int(image)
                 equal = self._by_value.setdefault(value, following)
                 opposite = self._by_value.get(self._point.prime - value)

@@ -27,7 +27,7 @@ from dynid.errors import Singular
 # --- errors ---------------------------------------------------------------------------------------
 
 #: Most nodes that a message names.
-_MOST = 8
+_MAX_QUOTED_NODES = 8
 
 
 def no_solution(structure: JunctionStructure, junctions: Sequence[str], sources: Sequence[str]) -> Singular:
@@ -92,8 +92,8 @@ def _user_names(structure: JunctionStructure, junctions: Iterable[str]) -> list[
 
 def _quoted(names: Sequence[str]) -> str:
     quoted = [f"'{name}'" for name in names]
-    if len(quoted) > _MOST:
-        return f"{', '.join(quoted[:_MOST])} and {len(quoted) - _MOST} more"
+    if len(quoted) > _MAX_QUOTED_NODES:
+        return f"{', '.join(quoted[:_MAX_QUOTED_NODES])} and {len(quoted) - _MAX_QUOTED_NODES} more"
     return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} and {quoted[-1]}"
 
 

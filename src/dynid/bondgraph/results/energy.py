@@ -23,7 +23,7 @@ from dynid.result import Result
 #: The part whose elements stand for controllers.
 CONTROL = "control"
 #: Eigenvalues nearer to each other than this, relative to the larger one, are one repeated eigenvalue.
-_EQUAL = 1e-7
+_REPEATED_EIGENVALUE_RTOL = 1e-7
 #: A second eigenvector nearer to the first than this is the same one: the eigenvalue is defective.
 _PARALLEL = 1e-4
 
@@ -128,7 +128,7 @@ def free_motions(reduced: ReducedGraph, elements: EnergyElements) -> FreeMotions
     C = solve_triangular(root, system.C.T, trans="T", lower=False).T
     poles, squares, repeated = [], [], []
     for pole in values[values.imag >= 0]:
-        near = np.abs(values - pole) <= _EQUAL * max(abs(pole), np.finfo(float).tiny)
+        near = np.abs(values - pole) <= _REPEATED_EIGENVALUE_RTOL * max(abs(pole), np.finfo(float).tiny)
         left, sizes, _ = np.linalg.svd(vectors[:, near], full_matrices=False)
         null_space = left[:, sizes > _PARALLEL * sizes[0]]
         poles.append(values[near].mean())

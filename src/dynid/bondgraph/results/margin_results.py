@@ -48,7 +48,7 @@ _POINTS, _GAINS = 400, 121
 #: Relative distances from a gain at which branches meet, where they are fast, of further gains.
 _NEAR = (1e-3, 1e-2)
 #: Largest degree of a root locus.
-_DEGREE = 60
+_MAX_LOCUS_DEGREE = 60
 #: Poles of loops with delays that are listed, and the order of the approximants whose poles lead to them.
 _ROOTS, _STARTS = 20, 12
 
@@ -239,7 +239,7 @@ def _add_locus(
     """Add the poles over a factor on the gain of a loop; those with delays are approximate."""
     top, bottom = polynomials
     degree = max(top.degree(), bottom.degree())
-    if not 0 < degree <= _DEGREE or top == 0:
+    if not 0 < degree <= _MAX_LOCUS_DEGREE or top == 0:
         return
     gains, zeros = _gains(top, bottom, work), _values(root_balls(top, work=work))
     poles = np.full((len(gains), degree), np.inf, dtype=complex)

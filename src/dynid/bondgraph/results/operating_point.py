@@ -196,7 +196,7 @@ def _at_rest(point: OperatingPoint, port: Port) -> float:
 #: Relative tolerance of the response, and that of the one it is compared with.
 TOLERANCE, COARSE = 1e-8, 1e-6
 #: Largest number of variables of a graph whose nonlinear response is computed.
-_MOST = 600
+_MAX_VARIABLES = 600
 #: Most evaluations of the equations for a response, and as many more for every sample.
 _MOST_EVALUATIONS, _MOST_BY_SAMPLE = 20_000, 20
 
@@ -271,8 +271,8 @@ class _Run:
         self._equations = equations = LawEquations(
             model, [*outputs, *(port for port in request.start if port.quantity in "qp")]
         )
-        if equations.size > _MOST:
-            raise NumericalError(f"the graph has {equations.size} variables, more than {_MOST}")
+        if equations.size > _MAX_VARIABLES:
+            raise NumericalError(f"the graph has {equations.size} variables, more than {_MAX_VARIABLES}")
         z = self._point(point)
         self._sources = tuple(dict.fromkeys([*request.inputs, *(name for name, _ in signals)]))
         self._rest = np.array([float(request.inputs.get(name, 0)) for name in self._sources])

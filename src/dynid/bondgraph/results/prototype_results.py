@@ -109,14 +109,16 @@ def equations(planned: GraphProgram, reduction: Reduction, hand: FormulaPrinter)
 # --- zero and pole dynamics -----------------------------------------------------------------------
 
 #: Most storage elements with which the dynamics of a prototype are formed unasked.
-_STORAGES = 150
+_MAX_PROTOTYPE_SIZE = 150
 
 
 def add_output_dynamics(result: Result, reduced: ReducedGraph, engine: Engine) -> None:
     """Add the dynamics of the prototype at every output; of a large graph only for the exact engine."""
     size = modelled_storages(reduced)
-    if size > _STORAGES and engine != "exact":
-        note = f"not formed: {size:,} storage elements; exact equations of A and B: up to {_STORAGES}"
+    if size > _MAX_PROTOTYPE_SIZE and engine != "exact":
+        note = (
+            f"not formed: {size:,} storage elements; exact equations of A and B: up to {_MAX_PROTOTYPE_SIZE}"
+        )
         result.annotate("bond_graph/reduction", dynamics=f"{note}; 'engine: exact' forms them all the same")
         return
     for port, reduction in reduced.reductions.items():

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 #: by about their power, 3e-31, and less than by rounding where singularities are multiple.
 _POINTS, _PART = 64, 1 / 3
 #: Largest rounding error of a moment, over the largest value on the circle, in doubles and in balls.
-_SETTLED = 1e-10
+_MOMENT_RTOL = 1e-10
 #: What is less than this part of a root's distance to the next one, or of a gain, counts as little.
 _NOTICED, _TINY = 1e-4, 1e-280
 #: The points of the unit circle.
@@ -182,7 +182,7 @@ def _first_settled(
                 1 / circle.radius if circle.about == "root" else np.abs(transfer.value).max() + _TINY
             )
             scale = np.maximum(np.abs(integrand.value).max(axis=1), _NOTICED * scale_of_whole)
-            if np.all(np.max(integrand.error, axis=1) <= _SETTLED * scale):
+            if np.all(np.max(integrand.error, axis=1) <= _MOMENT_RTOL * scale):
                 return circle.integral(integrand, scale)
         if bits:
             run = again(bits)
@@ -258,7 +258,7 @@ def _in_balls(
 # --- result ----------------------------------------------------------------------------------------
 
 #: Most storage elements with which they are taken unasked: the work grows with the cube.
-_STORAGES = 100
+_MAX_SENSITIVITY_STORAGES = 100
 
 _NOTE = (
     "inf: roots meet there, and part with a root of the parameter; of a multiple root it is the mean "
@@ -278,10 +278,10 @@ def add_sensitivities(result: Result, reduced: ReducedGraph, analysis: Analysis)
         Where the graph is so large that they would take very long, and nobody insists on it.
     """
     size = modelled_storages(reduced)
-    if size > _STORAGES and analysis.engine != "exact":
+    if size > _MAX_SENSITIVITY_STORAGES and analysis.engine != "exact":
         raise UsageError(
             f"sensitivities of a graph of {size:,} storage elements take very long: they are computed up to "
-            f"{_STORAGES}",
+            f"{_MAX_SENSITIVITY_STORAGES}",
             remedy="Drop 'sensitivities' from the results, or insist with 'engine: exact'.",
             names=("analysis.results",),
         )

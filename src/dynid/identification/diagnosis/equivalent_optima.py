@@ -44,7 +44,7 @@ from dynid.structure.response import Channel
 #: Difference of the logarithm of the posterior from which it decides: odds of 150 to 1.
 DECIDED = 5.0
 # Most optima that are listed: the images of seven equal branches.
-_MOST = 5040
+_MAX_OPTIMA = 5040
 # Most images whose neighbourhood is searched for the optimum of the posterior, and steps of one search.
 _REFINED, _STEPS = 24, 20
 # Gain of the logarithm of the posterior from which another optimum is the estimate, and how often it may be.
@@ -53,7 +53,7 @@ _BETTER, _ROUNDS = 0.01, 8
 # many units on they are distinct.
 _SAME_DEVIATIONS, _SAME_UNITS, _DISTINCT = 0.01, 1e-9, 1e-4
 # An optimum that no symmetry relates to the estimate is another one from so many deviations on.
-_APART = 3.0
+_DISTINCT_OPTIMUM_DEVIATIONS = 3.0
 # Starts with exchanged values that are ranked, and searched; the first steps of such a search, and the part
 # of the misfit that they must leave at most.
 _RANKED, _SEARCHED, _FIRST, _LEFT = 16, 3, 4, 0.3
@@ -75,7 +75,7 @@ _SENSOR_STATES, _SENSORS, _LINES, _DIFFERENT, _NAMED, _COMPARED = 120, 60, 5, 1e
 # How far from a saddle its optima are looked for, in units.
 _APART_SADDLE = (0.4, 0.1)
 # Most multiplications of the evaluations of these starts: some hundredths of a second.
-_WORK = 100_000_000
+_MAX_RANKING_WORK = 100_000_000
 
 
 class FlatDirection(NamedTuple):
@@ -214,7 +214,7 @@ class OptimaSearch:
         permutations = self._symmetries(best)
         if (beside := self._beside_saddle(best, permutations, deviations)) is not None:
             return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), beside
-        points = images(permutations, eta, same, _MOST)
+        points = images(permutations, eta, same, _MAX_OPTIMA)
         gain = np.zeros(len(points))  # of the logarithm of the posterior
         bounded = np.isfinite(priors.low) | np.isfinite(priors.high) | priors.given
         if (bounded & ~priors.fixed).any():
@@ -235,7 +235,7 @@ class OptimaSearch:
         if best.misfit - least.misfit > _BETTER:
             return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), least
         for optimum in near:
-            for point in images(permutations, optimum.fit.eta, same, _MOST):
+            for point in images(permutations, optimum.fit.eta, same, _MAX_OPTIMA):
                 points.append(point)
                 likelihoods = np.append(likelihoods, best.record_misfit - optimum.record_misfit)
                 gain = np.append(gain, best.misfit - optimum.misfit)
@@ -309,7 +309,7 @@ class OptimaSearch:
     @cached_property
     def _cheap(self) -> bool:
         """True if further searches are wanted, and their evaluations cheap."""
-        cheap = work_of(self.likelihood) * _RANKED <= _WORK and self.likelihood_at is None
+        cheap = work_of(self.likelihood) * _RANKED <= _MAX_RANKING_WORK and self.likelihood_at is None
         return cheap and self.searched > 0
 
     def _near(
@@ -322,7 +322,7 @@ class OptimaSearch:
         likelihood = self.likelihood
         if not self._cheap:
             return
-        apart = np.maximum(_APART * deviations, _SAME_UNITS * likelihood.priors.units)
+        apart = np.maximum(_DISTINCT_OPTIMUM_DEVIATIONS * deviations, _SAME_UNITS * likelihood.priors.units)
         seen = list(known)
         ranked: list[tuple[float, int, Array]] = []
         for start in map(likelihood.priors.clipped, self._starts(best.fit.eta)):
@@ -450,10 +450,10 @@ def expected_optima(
     if not permutations:
         return None
     units = likelihood.priors.units
-    points = images(permutations, eta, _SAME_UNITS * units, _MOST)
+    points = images(permutations, eta, _SAME_UNITS * units, _MAX_OPTIMA)
     if len(points) == 1:
         apart = eta + units * np.linspace(-0.5, 0.5, len(eta))
-        points = images(permutations, apart, _SAME_UNITS * units, _MOST)
+        points = images(permutations, apart, _SAME_UNITS * units, _MAX_OPTIMA)
     gain = np.array([prior_gain(likelihood.priors, eta, point) for point in points])
     optima = EquivalentOptima(np.array(points), np.zeros(len(points)), gain - gain[0], permutations)
     return replace(optima, sensors=deciding_sensors(model, likelihood, optima))

@@ -32,7 +32,7 @@ _COMPROMISE = 0.1
 # few values is known to a fifth at best.
 _MAX_ROUNDS, _SETTLED = 30, 0.01
 # Deviations between a prior and the survey above which wider priors are named: one in 22 by chance.
-_APART = 2.0
+_PRIOR_CONFLICT_DEVIATIONS = 2.0
 # Factor by which the priors are widened to see if they decide.
 _WIDER = 10.0
 
@@ -164,7 +164,9 @@ def _deciding_priors(posterior: Posterior) -> tuple[str, ...]:
     """Return the parameters whose priors contradict the survey, if wider ones let the scatter explain it."""
     likelihood = posterior.likelihood
     names = [
-        name for name, apart in zip(likelihood.names, posterior.prior_conflict, strict=True) if apart > _APART
+        name
+        for name, apart in zip(likelihood.names, posterior.prior_conflict, strict=True)
+        if apart > _PRIOR_CONFLICT_DEVIATIONS
     ]
     if not names:
         return ()

@@ -39,7 +39,7 @@ _LOG_GAINS, _AROUND = (-math.log(4), math.log(4)), 0.2
 _ROUGH: Any = {"xatol": 0.05, "maxiter": 8}
 _FINE: Any = {"xatol": 2e-3, "maxiter": 20}
 # How many of the gains that explain most are searched so far that they can be compared.
-_COMPARED = 3
+_SEARCHED_GAINS = 3
 # Parabolas that are laid through its likelihood, the first over this step, the others over its deviation.
 _PARABOLAS, _STEP = 3, 0.01
 # Values times states times gains beyond which no free gain is sought.
@@ -60,7 +60,7 @@ def free_gain(likelihood: Likelihood, plain: Likelihood, eta: Array) -> Found | 
         with suppress(DynidError, ArithmeticError, np.linalg.LinAlgError):
             rough.append((places, *_likeliest_gain(likelihood, plain, places, eta, _LOG_GAINS, _ROUGH)))
     fine: list[tuple[Places, float, Found]] = []
-    for places, log, near in sorted(rough, key=lambda candidate: candidate[2].value)[:_COMPARED]:
+    for places, log, near in sorted(rough, key=lambda candidate: candidate[2].value)[:_SEARCHED_GAINS]:
         with suppress(DynidError, ArithmeticError, np.linalg.LinAlgError):
             around = log - _AROUND, log + _AROUND
             estimate = _likeliest_gain(likelihood, plain, places, near.fit.eta, around, _FINE)

@@ -32,13 +32,13 @@ from dynid.parameters import values
 #: Samples of the posterior, and the shape of the weights above which it is not Gaussian enough.
 DRAWS, RELIABLE = 1000, 0.7
 # Part of the samples that are effective above which weights hardly differ.
-_NEAR = 0.95
+_EVEN_WEIGHTS = 0.95
 # Rounds of further samples where those of the Gaussian posterior are not enough; their degrees of freedom.
 _ROUNDS, _FREEDOM = 4, 5.0
 _SEED = 20261124
-_TAIL = 0.025
+_INTERVAL_TAIL = 0.025
 #: A residual of clean data is no smaller than this part of its channel's RMS.
-_ROUNDING = 1e-13
+_RESIDUAL_FLOOR = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ class PosteriorCheck:
 
         The shape of weights that hardly differ says nothing: then the effective number of samples decides.
         """
-        return self.k_hat <= RELIABLE or self.effective >= _NEAR * DRAWS
+        return self.k_hat <= RELIABLE or self.effective >= _EVEN_WEIGHTS * DRAWS
 
     @property
     def warnings(self) -> list[str]:
@@ -155,7 +155,7 @@ def posterior_check(posterior: Posterior) -> PosteriorCheck:
     target = _Target(posterior)
     first = used = _weighted(target, likelihood, fit.eta, root, math.inf)
     for _ in range(_ROUNDS):
-        if used.k_hat <= RELIABLE or used.effective >= _NEAR * DRAWS:
+        if used.k_hat <= RELIABLE or used.effective >= _EVEN_WEIGHTS * DRAWS:
             break
         # A proposal with heavy tails, fitted to the weighted samples, and never narrower than the Gaussian.
         mean = used.weight @ used.eta
@@ -166,7 +166,7 @@ def posterior_check(posterior: Posterior) -> PosteriorCheck:
             break
         used = student
     theta = values(likelihood.unknowns, used.eta)
-    low, high = (_quantiles(theta, used.weight, level) for level in (_TAIL, 1 - _TAIL))
+    low, high = (_quantiles(theta, used.weight, level) for level in (_INTERVAL_TAIL, 1 - _INTERVAL_TAIL))
     reason = _no_evidence(likelihood)
     evidence = None
     if not reason:
@@ -277,7 +277,7 @@ class _Target:
         for record, noise, rank, nuisances in records:
             record_fit = record.fit(eta, record.data.values, noise)
             counts = record.data.passed * record_fit.counts
-            size = np.maximum(record_fit.size, _ROUNDING * record.data.rms)
+            size = np.maximum(record_fit.size, _RESIDUAL_FLOOR * record.data.rms)
             with_given_noise = -counts * (size / noise) ** 2 / 2
             free = -np.maximum(counts - nuisances, 1.0) * np.log(size / noise)
             total += float(np.where(np.isnan(record.given), free, with_given_noise).sum())

@@ -54,13 +54,13 @@ _MOST_DELAY, _PART, _COMMON_DELAYS = 20, 0.1, (1, -1, 2, -2, 3, -3)
 # A channel whose square of the correlation with the prediction is less is left as it is.
 _CORRELATED = 0.2
 # Rounds of corrections and estimates.
-_ROUNDS = 6
+_CORRECTION_ROUNDS = 6
 # How many times smaller the mean square of a corrected channel's residual is than without its correction.
 _SMALLER = 2.0
 # Multiplications of one evaluation of frequency responses beyond which nothing is searched.
-_MOST_WORK = 3e7
+_MAX_SEARCH_WORK = 3e7
 # Values times states beyond which only the estimate and the start are searched from.
-_LARGE = 2e5
+_MAX_SEARCH_SIZE = 2e5
 # Channels beyond which a single reversed one is not searched for; pairs beyond which no exchanged ones are.
 _FEW_CHANNELS, _MOST_PAIRS = 12, 30
 
@@ -80,7 +80,7 @@ def instrument_mistakes(likelihood: Likelihood, etas: Sequence[Array]) -> list[s
         if not isinstance(record, TimeRecord | FrfRecord) or record.data.robust is not None:
             return []
         if isinstance(record, FrfRecord) and (
-            record.measurement.proportional or record.multiplications > _MOST_WORK
+            record.measurement.proportional or record.multiplications > _MAX_SEARCH_WORK
         ):
             return []
     if isinstance(likelihood, FrfLikelihood):
@@ -116,7 +116,7 @@ def _search(
         if corrections is None:
             none = [[NONE] * record.data.values.shape[1] for record in plain.records]
             corrections = _chosen(plain, plain.fit(eta), none)
-        for _ in range(_ROUNDS):
+        for _ in range(_CORRECTION_ROUNDS):
             estimate = estimated(likelihood, plain, corrections, eta, STEPS)
             new = _chosen(plain, estimate.fit, corrections)
             if new == corrections:
@@ -129,7 +129,10 @@ def _search(
 
 def _from_common_mistakes(likelihood: Likelihood, plain: Likelihood, eta: Array) -> Found | None:
     """Return the best of the searches that start with one mistake in all channels, a quantity, or a sign."""
-    if sum(record.data.values.size for record in plain.records) * plain.records[0].nuisances > _LARGE:
+    if (
+        sum(record.data.values.size for record in plain.records) * plain.records[0].nuisances
+        > _MAX_SEARCH_SIZE
+    ):
         return None
     quantities = [
         [str(getattr(channel, "quantity", "")) for channel in record.channels] for record in plain.records

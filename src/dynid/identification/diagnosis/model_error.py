@@ -28,7 +28,7 @@ _MOST_DOFS, _FINER = 48, 3
 # Shifts below this part of a parameter cause no warning, whatever the noise.
 _NEGLIGIBLE = 1e-5
 # Longest step of a coordinate for which the first order is valid.
-_LONGEST = 0.5
+_MAX_LINEAR_STEP = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,10 @@ class ModelError:
         k = int(np.argmax(np.abs(self.shift) / np.maximum(self.noise, _NEGLIGIBLE)))
         name, unknown = self.unknowns[k].name, self.unknowns[k]
         moved, rate = self.shifted[k] - self.estimate[k], rates(self.unknowns, self.coordinates)[k]
-        if np.abs(self.shift / [unknown.first_spread / 2 for unknown in self.unknowns]).max() >= _LONGEST:
+        if (
+            np.abs(self.shift / [unknown.first_spread / 2 for unknown in self.unknowns]).max()
+            >= _MAX_LINEAR_STEP
+        ):
             effect = f"the estimates with the {self.reference} are far from these"
         else:
             way = "higher" if moved > 0 else "lower"
@@ -175,8 +178,8 @@ def _step(likelihood: Likelihood, fit: Fit) -> Array:
     """Return the Gauss–Newton step of the coordinates, no longer than is valid to first order."""
     noise = _noise(likelihood, fit)
     step = likelihood.information(fit, noise).step(likelihood.weighted(fit, noise))
-    length = float(np.abs(step / likelihood.priors.units).max(initial=_LONGEST))
-    return np.asarray(step * min(1.0, _LONGEST / length))
+    length = float(np.abs(step / likelihood.priors.units).max(initial=_MAX_LINEAR_STEP))
+    return np.asarray(step * min(1.0, _MAX_LINEAR_STEP / length))
 
 
 def _reference(

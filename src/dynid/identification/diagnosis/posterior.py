@@ -49,11 +49,11 @@ if TYPE_CHECKING:
 # Residuals above this part of a channel's RMS invalidate the estimates if they are not noise …
 _INVALID = 0.5
 # … and above this one (all channels together) whatever they are.
-_NOTHING = 1.0
+_EXPLAINED_RATIO = 1.0
 # Residuals below this part of the signal are round-off and holds: their distribution is not tested.
 _ROUND_OFF = 1e-6
 # A standard error of the logarithm beyond which not even the order of magnitude is known: a factor of e^10.
-_UNKNOWN = 10.0
+_UNKNOWN_LOG_DEVIATION = 10.0
 #: Part of the deviation of a prior above which the data leave a parameter to the prior or its limits.
 UNDECIDED = 0.8
 #: One beyond which a parameter is poorly known.
@@ -386,7 +386,7 @@ class Posterior:
             return np.ones(len(names), dtype=bool)
         bounds, log = self.free_information.bounds(), logarithmic(self.likelihood.unknowns)
         held = np.array([name in self.undetermined for name in names])
-        return np.asarray(np.isfinite(bounds) & ~held & ~(log & (bounds > _UNKNOWN)))
+        return np.asarray(np.isfinite(bounds) & ~held & ~(log & (bounds > _UNKNOWN_LOG_DEVIATION)))
 
     @cached_property
     def unknown(self) -> NDArray[np.bool_]:
@@ -402,10 +402,10 @@ class Posterior:
         if not np.any(
             self.deviations[~self.likelihood.priors.fixed] <= UNCERTAIN
         ):  # the records have to know another one for that
-            uncertain &= self.deviations > _UNKNOWN
+            uncertain &= self.deviations > _UNKNOWN_LOG_DEVIATION
         unknown = np.zeros(len(uncertain), dtype=bool)
         for k in np.flatnonzero(uncertain).tolist():
-            eta, far = float(self.fit.eta[k]), self.deviations[k] > _UNKNOWN
+            eta, far = float(self.fit.eta[k]), self.deviations[k] > _UNKNOWN_LOG_DEVIATION
             ends = (self._accepted(k, eta + side * (_TENFOLD if far else _FAR)) for side in (1, -1))
             unknown[k] = any(ends) if far else all(ends)
         return unknown
@@ -512,7 +512,7 @@ class Posterior:
         left = np.concatenate(
             [record.scatter(p.counts, record.raw_size(p)) / record.data.rms for record, p in fits]
         )
-        if not np.mean(left**2) < _NOTHING**2:
+        if not np.mean(left**2) < _EXPLAINED_RATIO**2:
             return f"the prediction explains nothing of the {self.noun}{'s' * self.several}"
         for unexplained, channel in zip(left, self.channels, strict=True):
             if unexplained > _INVALID and is_coloured(self.channel_whiteness_p(channel)):

@@ -32,17 +32,17 @@ Permutation = tuple[int, ...]
 
 # Predictions and derivatives are exact to about 1e-12, lightly damped ones of long records to 1e-8; those of
 # different models differ by about as much as they are.
-_EQUAL = 1e-6
+_MODEL_RTOL = 1e-6
 # A basis for other parameters changes derivatives by less than this part.
 _NEARLY = 0.3
 # Coordinates that are raised, in units, one after the other: no two alike, nor sums of others.
 _RAISED = (0.41, 0.29, 0.17, 0.11)
 # The step over which a prediction is differenced, in units.
-_STEP = 0.07
+_DIFFERENCE_STEP = 0.07
 # Deviation of the random point at which a permutation is confirmed, in units.
-_SPREAD = 0.3
+_RANDOM_POINT_DEVIATION = 0.3
 # Points at which a prediction may not exist, one after the other, before a search is given up.
-_ATTEMPTS = 3
+_POINT_ATTEMPTS = 3
 #: Most evaluations of a search for symmetries.
 MOST_EVALUATIONS = 200
 
@@ -156,7 +156,7 @@ class _Search:
 
     def permutations(self) -> list[Permutation]:
         """Return the permutations."""
-        pairs = self.candidates(_EQUAL)
+        pairs = self.candidates(_MODEL_RTOL)
         if not pairs:
             return []
         centre = centre_of(self.kinds, self.eta)
@@ -188,12 +188,14 @@ class _Search:
     def _random_point(self, centre: Array) -> tuple[Array, Array]:
         """Return a point at which no parameters are equal, with the residuals there."""
         generator = np.random.Generator(np.random.PCG64(0))
-        for attempt in range(_ATTEMPTS):
-            point = centre + _SPREAD / 2**attempt * self.units * generator.standard_normal(len(centre))
+        for attempt in range(_POINT_ATTEMPTS):
+            point = centre + _RANDOM_POINT_DEVIATION / 2**attempt * self.units * generator.standard_normal(
+                len(centre)
+            )
             try:
                 return point, self._residuals(point)
             except DynidError:
-                if attempt == _ATTEMPTS - 1:
+                if attempt == _POINT_ATTEMPTS - 1:
                     raise
         raise AssertionError
 
@@ -242,7 +244,7 @@ class _Search:
             base = self._residuals(eta)
             rows = np.zeros((len(eta), len(base)))
             for k in np.flatnonzero(self.comparable):
-                step = np.where(np.arange(len(eta)) == k, _STEP * self.units, 0.0)
+                step = np.where(np.arange(len(eta)) == k, _DIFFERENCE_STEP * self.units, 0.0)
                 rows[k] = self._residuals(eta + step) - base
         self._signatures[key] = rows
         return rows
@@ -263,7 +265,7 @@ class _Search:
             raise _ExhaustedError
 
 
-def _alike(first: Array, second: Array, tolerance: float = _EQUAL) -> bool:
+def _alike(first: Array, second: Array, tolerance: float = _MODEL_RTOL) -> bool:
     """Return True if two arrays are equal to a tolerance, by default that of round-off."""
     largest = max(float(np.linalg.norm(first)), float(np.linalg.norm(second)))
     return float(np.linalg.norm(first - second)) <= tolerance * largest

@@ -28,7 +28,7 @@ _ROUND_OFF = 1e-6
 # With fewer values than this beyond the unknowns the estimated noise is off by a quarter, as a rule.
 _LEAST_SPARE = 10
 # A channel that takes fewer values is not tested for clipping.
-_LEAST_SAMPLES = 50
+_MIN_CLIPPING_SAMPLES = 50
 # Estimators whose filter is that of white noise.
 _WHITE_ONLY = ("filter", "invariant-imbedding")
 #: What may be wrong where a model lacks fit, and what shows it.
@@ -39,7 +39,7 @@ POSSIBLE_CAUSES = (
 # Difference of the logarithm of the posterior below which optima are equally good.
 _EVEN = 0.1
 # A parameter differs between optima from this part of a unit on; else priors move it a little.
-_MOVED = 0.01
+_MOVED_UNITS = 0.01
 # The most outliers that are named one by one.
 _NAMED = 3
 # An outlier or offset that makes up this part of a residual's mean square reduces the weight of its channel.
@@ -267,7 +267,7 @@ def _equivalent_optima(posterior: Posterior) -> str:
     away = np.ptp(undecided, axis=0) / posterior.likelihood.priors.units
     moved = np.flatnonzero(away > 0)
     # Priors and limits may leave fewer groups than the symmetries.
-    apart = {names[k] for k in np.flatnonzero(away > _MOVED)}
+    apart = {names[k] for k in np.flatnonzero(away > _MOVED_UNITS)}
     sets = interchangeable(names, optima.permutations)
     left = [[group for group in groups if apart & set(group)] for groups in sets]
     left = [groups for groups in left if len(groups) > 1] or sets
@@ -378,7 +378,7 @@ def _record_warnings(posterior: Posterior) -> Iterator[str]:
         if len(there) < (1 - _GAPS) * len(values):
             yield f"{place.name} has {100 * (1 - len(there) / len(values)):.0f} % of its samples missing"
         extreme = max(np.count_nonzero(there == there.min()), np.count_nonzero(there == there.max()))
-        if len(there) >= _LEAST_SAMPLES and extreme > max(2, _CLIPPED * len(there)):
+        if len(there) >= _MIN_CLIPPING_SAMPLES and extreme > max(2, _CLIPPED * len(there)):
             yield f"{place.name} stands at its extreme value in {extreme} samples: it may be clipped"
 
 

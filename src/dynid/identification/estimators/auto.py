@@ -55,7 +55,7 @@ _NEAR = (256, 4.0, 1 / 3)
 # A prior bounds what is drawn to so many of its deviations.
 _PRIOR = 4.0
 # Most steps on a guide, of which only the neighbourhood of the optimum is needed.
-_STEPS = 15
+_MAX_GUIDE_STEPS = 15
 # Most steps of an attempt, and further ones where it is the best so far and has not converged.
 _MOST_STEPS, _FURTHER_STEPS = 50, 200
 # Part of the evaluations that are left which ranking starts may take, and fewest starts of a round.
@@ -65,7 +65,7 @@ _SAME, _AS_GOOD = 0.02, 0.02
 # Misfits that differ by less are equal to round-off: of equal ends the first is the best.
 _TIED = 1e-6
 # Residuals below this part of a channel's RMS are accepted whatever their colour …
-_EXACT = 1e-6
+_EXACT_RESIDUAL = 1e-6
 # … and others if their whiteness has this p-value or more, and the model no lack of fit.
 _WHITE = 1e-4
 # Part of the mean square of the records that residuals may be where their noise is coloured or proportional.
@@ -77,7 +77,7 @@ _VAGUE, _AWAY, _FARTHEST = 0.05, 3.0, 2.0
 _BLIND = 10.0
 # A search with the modes of a band is confirmed by an estimate of the whole model that differs by less than
 # this part of its standard errors.
-_CONFIRMED = 0.1
+_CONFIRMED_DEVIATIONS = 0.1
 # Lengths of segments that are fitted one after the other, as fractions 1/n of a record; starts are chosen by
 # the shortest. No route is the best for all records: short segments have fewer local optima, but are less
 # sensitive.
@@ -165,8 +165,8 @@ class Search:
             return False, None
         if self.accept_small and is_explained(ratio, whiteness_p):
             return True, None
-        if np.all(ratio <= _EXACT) or whiteness_p < _WHITE:
-            return bool(np.all(ratio <= _EXACT)), None
+        if np.all(ratio <= _EXACT_RESIDUAL) or whiteness_p < _WHITE:
+            return bool(np.all(ratio <= _EXACT_RESIDUAL)), None
         compared = compare_models(likelihood, fit, whiteness_p)
         return not compared.lacks_fit, compared
 
@@ -298,7 +298,7 @@ class Search:
 def guided(route: Sequence[Likelihood], eta: Array) -> SearchStart:
     """Begin at the end of a few steps on each likelihood of a route."""
     for guide in route:
-        eta = refine(guide, eta, _STEPS).fit.eta
+        eta = refine(guide, eta, _MAX_GUIDE_STEPS).fit.eta
     return eta, []
 
 
@@ -427,7 +427,7 @@ class FrfAuto:
     def _agree(estimate: Estimate, full: Attempt) -> bool:
         """Return True if an estimate is that of the whole model, to a fraction of its standard errors."""
         deviations = full.likelihood.information(full.fit, full.fit.noise).deviations()
-        return bool(np.all(np.abs(full.fit.eta - estimate.fit.eta) <= _CONFIRMED * deviations))
+        return bool(np.all(np.abs(full.fit.eta - estimate.fit.eta) <= _CONFIRMED_DEVIATIONS * deviations))
 
 
 def _completed(estimate: Estimate, full: Attempt, likelihood: FrfLikelihood) -> Estimate:

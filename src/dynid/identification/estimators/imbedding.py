@@ -32,7 +32,7 @@ from dynid.progress import report_progress
 #: Terms of the exponential series between two nodes of the record's timeline.
 _TERMS = 12
 # Part of a record by which a time may lie outside: round-off.
-_ROUND_OFF = 1e-12
+_TIME_ROUND_OFF = 1e-12
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ class Flow:
         direct = np.einsum("kcl,kl->c", matrices.D - self._direct, inputs)
         recorded = np.clip(t + self._delays, *self._span)
         innovation = self._splines(recorded) - matrices.C @ z[:n] - direct
-        outside = np.abs(recorded - t - self._delays) > _ROUND_OFF * (self._span[1] - self._span[0])
+        outside = np.abs(recorded - t - self._delays) > _TIME_ROUND_OFF * (self._span[1] - self._span[0])
         if outside.any():  # of a delayed channel there is no value of this time, or none yet
             Ht[outside], innovation[outside] = 0.0, 0.0
         return F, Ht, innovation, matrices.B @ inputs[0], matrices.A_slopes

@@ -41,13 +41,13 @@ from dynid.lti.floating import guarded
 from dynid.progress import report_progress
 
 #: Longest step of a coordinate in its unit: of a logarithm a factor of 4.5.
-_LONGEST = 1.5
+_MAX_STEP = 1.5
 #: First damping, its least and its most; it falls and rises tenfold.
 _DAMPING, _LEAST, _MOST = 1e-3, 1e-10, 1e6
 #: A step is the last if the distance left is below this part of the standard errors, or this size.
 _PART, _SIZE = 1e-3, 1e-11
 #: A step below this part of that one which does not improve is rounding: shorter ones are not tried.
-_ROUNDED = 1e-3
+_MIN_STEP_RATIO = 1e-3
 # Pulls to the middle of limits, over their distance: first about the deviation of a uniform distribution.
 _PULLS = (0.3, 3.0)
 L = TypeVar("L", bound=Likelihood)
@@ -59,7 +59,7 @@ _SETTLING = 10
 # Rounds in which the order of a noise model is chosen.
 _CHOOSING = 3
 # A robust deviation below this part of a channel's RMS is rounding.
-_ROUNDING = 1e-12
+_DEVIATION_FLOOR = 1e-12
 
 
 class Refined(NamedTuple):
@@ -157,7 +157,7 @@ def _nearest_maximum(likelihood: Likelihood, eta: Array, iterations: int) -> Ref
                 target = _bounded_target(likelihood, information, residual, damping, fit.eta)
             better, step = _improved(likelihood, target, noise, misfit), target - fit.eta
             damping *= 1.0 if better else 10.0
-            if better is None and np.all(np.abs(step) <= _ROUNDED * negligible):
+            if better is None and np.all(np.abs(step) <= _MIN_STEP_RATIO * negligible):
                 break
         if better is None:  # no step improves: rounding is all that is left
             return Refined(fit, number - 1)
@@ -214,7 +214,7 @@ def _damped_step(information: Information, residual: Array, damping: float, unit
     rows = np.concatenate([J / size, np.sqrt(damping) * np.eye(p)])
     right = np.concatenate([residual, np.zeros(p)])
     step = least_squares(rows, right, 0.0) / size
-    return np.asarray(step * min(1.0, _LONGEST / float(np.abs(step / units).max(initial=_LONGEST))))
+    return np.asarray(step * min(1.0, _MAX_STEP / float(np.abs(step / units).max(initial=_MAX_STEP))))
 
 
 def _bounded_target(
@@ -227,7 +227,7 @@ def _bounded_target(
     Q, R = np.linalg.qr(np.concatenate([J, damped]))
     right = Q.T @ np.concatenate([residual, np.zeros(len(size))])
     step = likelihood.priors.nearest(R, right + R @ eta) - eta
-    return np.asarray(eta + step * min(1.0, _LONGEST / float(np.abs(step / units).max(initial=_LONGEST))))
+    return np.asarray(eta + step * min(1.0, _MAX_STEP / float(np.abs(step / units).max(initial=_MAX_STEP))))
 
 
 def _improved(
@@ -304,7 +304,7 @@ def bounded(likelihood: L, fit: Fit) -> L:
         data, predicted = record.data, record_fit.predicted.outputs
         residual, robust = data.recorded - predicted, data.robust
         if robust is None:
-            rounding = _ROUNDING * root_mean_square(data.recorded)
+            rounding = _DEVIATION_FLOOR * root_mean_square(data.recorded)
             scale = np.maximum(record.scatter(record_fit.counts, robust_deviation(residual)), rounding)
             beyond = np.where(np.isnan(residual), np.nan, np.abs(residual) >= HUBER.value * scale)
             robust = RobustLoss(data.recorded, scale, np.nanmean(beyond, axis=0), data.given_noise)

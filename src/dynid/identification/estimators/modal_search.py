@@ -23,7 +23,7 @@ from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.modal_record import ModalRecord
 
 # Frequencies nearer than this part have one span, on the way to an optimum.
-_WIDE = 0.15
+_SPAN_RTOL = 0.15
 # Least deviation of a compromise, relative: that of a poor initial guess rather than that of the scatter.
 _COMPROMISE = 0.1
 # Attempts from the given start: as it is, by a compromise, by spans of close modes.
@@ -63,7 +63,7 @@ class ModalSearch:
         alone = len(surveys) == len(likelihood.records)
         surveys = tuple(record.with_error(np.maximum(record.error, _COMPROMISE)) for record in surveys)
         modes = _guide(surveys, origin)
-        spans = _guide(tuple(record.by_spans(_WIDE) for record in surveys), origin)
+        spans = _guide(tuple(record.by_spans(_SPAN_RTOL) for record in surveys), origin)
         route: list[Likelihood] = [] if alone else [modes]
         search = Search(likelihood, agreeing=_AGREEING if alone else _AGREEING_RECORDS)
         search.attempt("the start", partial(guided, route, origin))

@@ -15,7 +15,7 @@ from dynid.lti.floating import guarded
 from dynid.parameters import rates, starts, values
 
 # How far from the starts parameters are looked for that hide there, in units: by a factor of 1.3 to 1.6.
-_BESIDE = 0.25
+_START_OFFSET = 0.25
 
 
 class Origin(NamedTuple):
@@ -48,7 +48,7 @@ def identifiable_origin(likelihood: Likelihood) -> Origin:
         return Origin(eta, ())
     sides = np.where(np.arange(len(eta)) % 2, -1.0, 1.0) * (1 + np.arange(len(eta)) / (1 + len(eta)))
     for side in (sides, -sides[::-1]):
-        nearby = likelihood.priors.clipped(eta + _BESIDE * side * likelihood.priors.units)
+        nearby = likelihood.priors.clipped(eta + _START_OFFSET * side * likelihood.priors.units)
         try:
             with guarded("the prediction"):
                 nearby_information = information_at(nearby)

@@ -34,7 +34,7 @@ from dynid.parameters import Parameter
 # states that are not observable in a segment stay those of the forced response.
 _RIDGE = 1e-6
 # A segment has at least this many values for each of its initial states.
-_LEAST = 2
+_MIN_VALUES_PER_STATE = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +184,7 @@ def in_segments(likelihood: TimeLikelihood, divisor: int) -> Likelihood:
     segments = []
     for record in likelihood.records:
         samples, channels = record.data.values.shape
-        min_length = math.ceil(_LEAST * record.nuisances / channels)
+        min_length = math.ceil(_MIN_VALUES_PER_STATE * record.nuisances / channels)
         length = int(min(samples, max(min_length, samples // divisor)))
         segments.append(Segments(record, length, len(likelihood.records)))
     return Likelihood(tuple(segments))

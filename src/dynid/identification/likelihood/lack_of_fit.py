@@ -47,7 +47,7 @@ from dynid.lti.floating import finite
 # model below this one is not resolved, whatever the noise.
 _ROUNDING, _COARSE = 1e-6, 1e-4
 # Singular values below this part of the largest are none.
-_RANK = 1e-9
+_BASIS_RANK_TOL = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,7 +330,7 @@ def _off_states(record: Sequence[SaturatedCoordinates], noise: Array) -> tuple[A
 def _range(matrix: Array) -> Array:
     """Return an orthonormal basis of the range of the columns, scaled to one length."""
     size = np.linalg.norm(matrix, axis=0)
-    return basis(matrix[:, size > 0] / size[size > 0], _RANK)
+    return basis(matrix[:, size > 0] / size[size > 0], _BASIS_RANK_TOL)
 
 
 def _without(U: Array, columns: Array) -> Array:

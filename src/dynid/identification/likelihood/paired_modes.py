@@ -26,7 +26,7 @@ _SPARE, _BEYOND, _MOST = 4, 1.5, 200
 # Part of the highest measured frequency up to which the derivatives of modes are in a basis.
 _WITH_SLOPES = 1.25
 # Shapes at the sensors, of equal frequencies, are dependent below this part of the largest singular value.
-_DEPENDENT = 1e-6
+_DEPENDENT_SHAPE_TOL = 1e-6
 # More DOFs than this are reduced to the lowest modes and their derivatives.
 _MOST_DOFS = 250
 
@@ -131,7 +131,7 @@ def _best_of_span(
     shapes = np.column_stack([shape for shape, _ in modes])
     moves = np.stack([moved for _, moved in modes], axis=1)
     Q, size, Vh = np.linalg.svd(weight[:, None] * shapes[there], full_matrices=False)
-    rank = np.count_nonzero(size > _DEPENDENT * size[0])
+    rank = np.count_nonzero(size > _DEPENDENT_SHAPE_TOL * size[0])
     Q = Q[:, :rank]
     weights = Vh[:rank].conj().T @ (Q.conj().T @ (weight * target) / size[:rank])
     change = weight[:, None] * np.tensordot(moves[there], weights, axes=([1], [0]))

@@ -29,7 +29,7 @@ from dynid.parameters import Parameter, rates, values
 #: Part of its variance that parameters leave of a value, or combination, below which no error shows in it.
 HIDDEN = 0.05
 # Residuals below this part of a channel's RMS are rounding.
-_ROUNDING = 1e-13
+_RESIDUAL_FLOOR = 1e-13
 
 
 class NamedChannel(Protocol):
@@ -352,7 +352,7 @@ class RecordLikelihood(ABC):
 
     def above_rounding(self, estimated: Array) -> Array:
         """Return the given noise, else this estimate of it, not below rounding (channels)."""
-        return self.given_or(np.hypot(estimated, _ROUNDING * self.data.rms))
+        return self.given_or(np.hypot(estimated, _RESIDUAL_FLOOR * self.data.rms))
 
     def scatter(self, counts: NDArray[np.int_], size: Array) -> Array:
         """Return the RMS of residuals of this size (channels), corrected for the number of fitted values."""

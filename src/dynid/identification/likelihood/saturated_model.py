@@ -34,7 +34,7 @@ _LAGS, _LAG_PART = 8, 20
 # A pole this many times faster than the sampling rate has decayed within a sample.
 _FAST = 3.0
 # Largest growth over a record that a column may have.
-_GROWTH = 30.0
+_MAX_COLUMN_GROWTH = 30.0
 # Norm of a column of norm 1, projected off those before it, below which it is linearly dependent.
 _NEW = 1e-5
 # Part of a column's square that its rounding may be; squares below this one make that of others grow.
@@ -328,7 +328,7 @@ def _decays(exponents: ComplexArray, rows: int) -> ComplexArray:
 def _forced(pole: complex, forces: Array, times: Array) -> tuple[list[ComplexArray], list[ComplexArray]]:
     """Return the responses of x' = pole x + f to the forces from rest, and the derivatives by the pole."""
     (step, span), n = _spacing(times), forces.shape[1]
-    if not n or pole.real * span > _GROWTH:
+    if not n or pole.real * span > _MAX_COLUMN_GROWTH:
         return [], []
     grown = np.exp(pole * step)
     a, b = grown.real, grown.imag

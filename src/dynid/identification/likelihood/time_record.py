@@ -54,9 +54,9 @@ from dynid.parameters import Parameter, rates, starts, values
 from dynid.structure.response import Channel
 
 # The prior lets every channel be this many times larger than measured.
-_WIDE = 10.0
+_PRIOR_WIDTH = 10.0
 # Numbers of the largest sensitivities that are kept from a fit for the tests of it.
-_KEPT = 1_000_000
+_MAX_KEPT_NUMBERS = 1_000_000
 #: Rows of a history, at the most.
 MOST_ROWS = 100_000
 
@@ -200,7 +200,7 @@ class TimeRecord(RecordLikelihood):
     @cached_property
     def root(self) -> Array:
         """Lower root of the wide prior covariance of the state (n x n)."""
-        return np.asarray(_WIDE * (self.data.rms / self.model.reach).max() * self.model.state_root)
+        return np.asarray(_PRIOR_WIDTH * (self.data.rms / self.model.reach).max() * self.model.state_root)
 
     @property
     def unknowns(self) -> tuple[Parameter, ...]:
@@ -259,7 +259,7 @@ class TimeRecord(RecordLikelihood):
     def _remember(self, eta: Array, x0: Array, predicted: Prediction) -> None:
         """Keep the prediction of the last fit, if it is small."""
         self._last.clear()
-        if predicted.by_state.size <= _KEPT:
+        if predicted.by_state.size <= _MAX_KEPT_NUMBERS:
             self._last[eta.tobytes() + x0.tobytes()] = predicted
 
     # Noise model.

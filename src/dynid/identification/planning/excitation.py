@@ -36,7 +36,7 @@ from dynid.structure.modes.modes import modes
 from dynid.structure.response import Load, common_unit
 
 # Poles below this part of the largest are at zero.
-_AT_REST = 1e-9
+_ZERO_POLE_TOL = 1e-9
 # Frequencies in all, at the most; and how far below the lowest mode, above the highest, and below Nyquist's.
 _MOST_LINES, _BELOW, _ABOVE, _NYQUIST = 300, 0.3, 1.5, 0.9
 
@@ -192,7 +192,7 @@ def natural_frequencies(model: Model, system: LinearSystem, values: Mapping[str,
         return modes(*model.dense(values), backend="dense").omega
     poles = system.poles(values)
     sizes = np.abs(poles[poles.imag >= 0])
-    return np.unique(sizes[sizes > _AT_REST * sizes.max(initial=0.0)])
+    return np.unique(sizes[sizes > _ZERO_POLE_TOL * sizes.max(initial=0.0)])
 
 
 def exact_bounds(

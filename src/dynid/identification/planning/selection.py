@@ -22,7 +22,7 @@ _BEFORE = 1e-3
 _STATE = 1e-6
 # An exchange must gain this much: less is round-off.
 _GAIN = 1e-9
-_MOST_ROUNDS = 20
+_MAX_EXCHANGE_ROUNDS = 20
 # So many numbers are factorised at a time (80 MB).
 _AT_ONCE = 10_000_000
 
@@ -118,7 +118,7 @@ def select(candidates: Candidates, count: int) -> list[int]:
     """
     chosen = _in_order(candidates, None, min(count, candidates.most()))
     best = candidates.worth(chosen)
-    for _ in range(_MOST_ROUNDS):
+    for _ in range(_MAX_EXCHANGE_ROUNDS):
         before = best
         for index in range(len(chosen)):
             others = chosen[:index] + chosen[index + 1 :]

@@ -25,12 +25,12 @@ from dynid.lti.signals import Chirp, Impact, Impulse, Multisine, Sampled, Step
 from dynid.structure.response import Load
 
 # Remainder of a filter's response where the ends of a record are cut off.
-_TAIL = 1e-5
+_FILTER_REMAINDER = 1e-5
 # Cut-off of the anti-alias filter as a part of the new Nyquist frequency, its ripple in dB and its order
 # (as scipy.signal.decimate has them; it passes twice).
 _CUTOFF, _RIPPLE, _ALIAS_ORDER = 0.8, 0.05, 8
 # A detrended channel below this part of what it was is rounding.
-_ROUNDING = 1e-13
+_DETREND_FLOOR = 1e-13
 # Frequencies up to Nyquist's at which the gain of the filters is averaged.
 _BINS = 20_001
 
@@ -89,7 +89,7 @@ class Detrend:
         for k, column in enumerate(samples.values.T):
             there = ~np.isnan(column)
             trend = basis @ np.linalg.lstsq(basis[there], column[there], rcond=None)[0]
-            rounding = _ROUNDING * np.abs(column[there]).max(initial=0.0)
+            rounding = _DETREND_FLOOR * np.abs(column[there]).max(initial=0.0)
             only_trend = np.abs(column - trend)[there].max(initial=0.0) <= rounding
             left[there, k] = 0.0 if only_trend else (column - trend)[there]
         return samples._replace(values=left)
@@ -114,7 +114,7 @@ class _Filter(ABC):
 
         z, p, k = self.design(samples)
         n, radius = len(samples.values), float(np.abs(p).max())
-        reach = math.ceil(math.log(_TAIL) / math.log(radius)) if radius < 1 else n
+        reach = math.ceil(math.log(_FILTER_REMAINDER) / math.log(radius)) if radius < 1 else n
         if n - 2 * reach < 2:
             raise UsageError(
                 f"the filter's response reaches {reach * samples.step:.3g} s, and the record lasts "

@@ -60,13 +60,13 @@ from dynid.units import angular_factor
 # What a fit to a part of the data may raise: the rest may not determine the parameters.
 _FAILURES = (DynidError, ArithmeticError, np.linalg.LinAlgError)
 # Most steps with a frequency left out, and to an end of the trade-off.
-_STEPS = 25
+_MAX_TRADE_OFF_STEPS = 25
 # An error that takes the weight from a quantity.
 _NO_WEIGHT = 1e3
 #: Prediction errors beyond so many bars contradict these: one in 16,000 by chance.
 CONTRADICTED = 4.0
 # Part of a direction below which a parameter is not named in it.
-_SHARE = 0.3
+_MIN_DIRECTION_SHARE = 0.3
 #: Leverage above which an error of 6 standard errors shows in three of four surveys at the most, tested at
 #: 5 %: as 6 sqrt(1 - 0.8) = 2.7 deviations.
 ABSORBED = 0.8
@@ -115,7 +115,7 @@ def left_out(record: ModalRecord, eta: Array) -> LeftOut:
         both = [Likelihood((survey.with_error(survey.error, (k,)),)) for survey in (record, bare)]
         try:
             _information(both[0], eta).check()
-            end = refine(both[0], eta, _STEPS).fit
+            end = refine(both[0], eta, _MAX_TRADE_OFF_STEPS).fit
             roots = [_information(survey, end.eta).root for survey in both]
         except _FAILURES:
             continue
@@ -160,7 +160,7 @@ def trade_off(record: ModalRecord, eta: Array, rebuild: Rebuild | None) -> dict[
         survey, end = record.with_error(error), eta
         try:
             for _ in range(1 if rebuild is None else 2):
-                end = refine(Likelihood((survey,)), end, _STEPS).fit.eta
+                end = refine(Likelihood((survey,)), end, _MAX_TRADE_OFF_STEPS).fit.eta
                 if rebuild is not None:
                     survey = replace(survey, model=rebuild(named(survey.unknowns, end)))
             fit = survey.fit(end, survey.data.values)
@@ -189,7 +189,7 @@ class Direction:
         """Return the parameters that take part in it, the most important first, as ratios or products."""
         order = np.argsort(-np.abs(self.weights), kind="stable")
         largest = np.abs(self.weights).max()
-        parts = [k for k in order.tolist() if abs(self.weights[k]) > _SHARE * largest]
+        parts = [k for k in order.tolist() if abs(self.weights[k]) > _MIN_DIRECTION_SHARE * largest]
         sign = np.sign(self.weights[parts[0]])
         return " ".join(f"{'' if self.weights[k] * sign > 0 else '-'}{names[k]}" for k in parts)
 

@@ -25,13 +25,13 @@ from dynid.structure.matrices import as_array
 #: Modes up to this multiple of the highest line are kept at first.
 BAND = 3.0
 # Columns of residual vectors below this part of the largest are rounding.
-_ROUNDING = 1e-10
+_RESIDUAL_VECTOR_TOL = 1e-10
 # A search works with the basis where it has at most this part of the DOFs, and there are this many or more.
 _PART, _LEAST_DOFS = 0.6, 40
 # Lines at which responses from poles are tested, and the residual that they may leave.
 _TRIED, _RESIDUAL = 16, 1e-10
 # Numbers in one block of lines.
-_BLOCK = 100_000
+_LINE_BLOCK_NUMBERS = 100_000
 # Most coordinates of joints that get residual vectors of their own.
 _MOST_DIRECTIONS = 12
 
@@ -120,7 +120,7 @@ def _responses(k: Array, c: Array, b: Array, rows: Array, omega: Array) -> Compl
         return np.asarray((rows @ X[:r]) @ (modal / (s[:, None, None] - poles[:, None])))
     blocks = [
         rows @ np.linalg.solve(k + w * c + w**2 * np.eye(r), b.astype(complex))
-        for w in np.array_split(s[:, None, None], max(1, len(s) * r * r // _BLOCK))
+        for w in np.array_split(s[:, None, None], max(1, len(s) * r * r // _LINE_BLOCK_NUMBERS))
     ]
     return np.concatenate(blocks)
 
@@ -169,4 +169,4 @@ def band_basis(M: Array, K: Array, directions: Array, top: float) -> Array:
     vectors = np.concatenate([statics, statics / square[count:, None]], axis=1)
     sizes = np.linalg.norm(vectors, axis=0)
     U, singular_values, _ = np.linalg.svd(vectors / np.where(sizes > 0, sizes, 1.0), full_matrices=False)
-    return np.concatenate([shapes[:, :count], others @ U[:, singular_values > _ROUNDING]], axis=1)
+    return np.concatenate([shapes[:, :count], others @ U[:, singular_values > _RESIDUAL_VECTOR_TOL]], axis=1)

@@ -21,9 +21,9 @@ from dynid.parameters import Parameter, named, rates, true_values
 from dynid.structure.model import StructuralModel
 
 # The most numbers that the solutions at all lines may take.
-_MOST_NUMBERS = 100_000_000
+_MAX_RESPONSE_NUMBERS = 100_000_000
 # The most multiplications of one evaluation: some seconds.
-_MOST_WORK = 3e10
+_MAX_RESPONSE_WORK = 3e10
 
 
 class Response(NamedTuple):
@@ -42,7 +42,7 @@ def check_cost(model: Model, lines: int) -> None:
         With the remedy.
     """
     size = model.size if isinstance(model, StructuralModel) else 0
-    if lines * float(size) ** 3 > _MOST_WORK or lines * size > _MOST_NUMBERS:
+    if lines * float(size) ** 3 > _MAX_RESPONSE_WORK or lines * size > _MAX_RESPONSE_NUMBERS:
         raise UsageError(
             f"{lines} lines of a model of {size} DOFs are too many to solve again and again",
             remedy="Reduce the structure: reduction: {method: joint-aware}; or give fewer lines.",

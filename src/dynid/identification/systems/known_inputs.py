@@ -21,7 +21,7 @@ from dynid.lti.signals import Derivative, Sampled, Shifted, Signal
 from dynid.parameters import Parameter, named
 
 # Part of a sampling step by which a sample may lie outside and still count as known: round-off of times.
-_ROUND_OFF = 1e-6
+_SAMPLE_TIME_TOL = 1e-6
 # Part of a record that the range of delays that are sought may leave out at each end, beside their starts.
 _SEARCHED = 0.1
 # Fewest samples to which a record may be shortened.
@@ -106,7 +106,7 @@ def _left_out(
     for signal, earliest, latest in zip(signals, loads_low, loads_high, strict=True):
         first, last = _span(signal)
         begin, end = max(begin, first + latest), min(end, last + earliest)
-    rounding = _ROUND_OFF * float(np.min(np.diff(times), initial=1.0))
+    rounding = _SAMPLE_TIME_TOL * float(np.min(np.diff(times), initial=1.0))
     before = times - max(0.0, float(high.max(initial=0.0))) < begin - rounding
     after = times - min(0.0, float(low.min(initial=0.0))) > end + rounding
     return KnownSamples(int(np.count_nonzero(before)), int(np.count_nonzero(after)))

@@ -39,10 +39,10 @@ Rebuild: TypeAlias = Callable[[Mapping[str, float]], StructuralModel]
 """A model with unknown parameters: a structure, or any other one."""
 
 # Most numbers that the sensitivities of a record may take, with the copies that their factorisation makes.
-_MOST_NUMBERS = 250_000_000
+_MAX_SENSITIVITY_NUMBERS = 250_000_000
 _COPIES = 4
 # Relative jumps of an input below this are rounding.
-_ROUNDING = 1e-9
+_INPUT_JUMP_TOL = 1e-9
 
 
 class Transition(NamedTuple):
@@ -332,7 +332,7 @@ class ParametricModel:
             here = np.flatnonzero(line.which == length)
             jumped[here] = (line.W[here + 1] - line.W[here] @ exponential(line.G, float(h)).T) @ line.H.T
         size = np.abs(line.W @ line.H.T).max(axis=0, initial=0.0)
-        jumped = np.where(np.abs(jumped) > _ROUNDING * size, jumped, 0.0) * self.acting
+        jumped = np.where(np.abs(jumped) > _INPUT_JUMP_TOL * size, jumped, 0.0) * self.acting
         return np.asarray(-np.einsum("il,pl,nl->ipn", jumped, late, self.at(eta).B))
 
     def rates(self, eta: Array, states: Array) -> Array:
@@ -578,10 +578,10 @@ def _scaled(matrices: Matrices, d: Array) -> Matrices:
 def _check_cost(nodes: int, states: int, sensitivities: int) -> None:
     """Refuse a record that would not fit into memory, before any work on it."""
     numbers = nodes * states + _COPIES * sensitivities
-    if numbers > _MOST_NUMBERS:
+    if numbers > _MAX_SENSITIVITY_NUMBERS:
         raise UsageError(
             f"the record is too large: its sensitivities take {8e-9 * numbers:.2g} GB, "
-            f"{8e-9 * _MOST_NUMBERS:.2g} GB is the most",
+            f"{8e-9 * _MAX_SENSITIVITY_NUMBERS:.2g} GB is the most",
             remedy="Use fewer samples or channels, or a smaller model.",
             names=("samples",),
         )

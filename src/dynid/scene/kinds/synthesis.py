@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from dynid.scene.schema.synthesis import SynthesisScene
 
 #: Most digits of a number in an expression; longer ones are parameters.
-_LONGEST = 400
+_MAX_DIGITS = 400
 
 
 def run(scene: Scene[SynthesisScene], _: Result | None = None) -> Result:
@@ -144,11 +144,11 @@ def _value_text(value: Fraction, name: str, parameters: dict[str, str]) -> Any:
 
 def _whole_text(number: int, name: str, parameters: dict[str, str]) -> str:
     """Return a whole number, or the name of the parameter that it becomes where it is long."""
-    if len(str(number)) <= _LONGEST:
+    if len(str(number)) <= _MAX_DIGITS:
         return str(number)
-    above, below = divmod(number, 10**_LONGEST)
+    above, below = divmod(number, 10**_MAX_DIGITS)
     head = _whole_text(above, f"{name}_", parameters)
-    parameters[name] = f"{head} * 10**{_LONGEST} + {below}"
+    parameters[name] = f"{head} * 10**{_MAX_DIGITS} + {below}"
     return name
 
 

@@ -10,7 +10,7 @@ from dynid.errors import Singular, UsageError
 from dynid.structure.modes.pencil import Pencil, StrainEnergy
 
 # A spread of eigenvalues beyond which the low ones lose digits to the high ones in one decomposition.
-_SPREAD = 1e4
+_MAX_EIGENVALUE_RATIO = 1e4
 # The widest part of a spectrum that one shift resolves: to eps times its root at both ends.
 _WINDOW = 1e10
 # Eigenvectors with larger residuals are corrected, if so many products in twice the precision suffice.
@@ -143,7 +143,7 @@ def by_windows(K: Array, M: Array) -> tuple[Array, Array]:
     stiff = np.diag(K) > 0
     bound = (np.diag(K)[stiff] / np.diag(M)[stiff]).min(initial=top)  # where rounding hides the lowest
     elastic = float(square[square > 10 * rounding].min(initial=bound))
-    if top == 0 or square[0] < -1e-3 * top or elastic * _SPREAD > top:
+    if top == 0 or square[0] < -1e-3 * top or elastic * _MAX_EIGENVALUE_RATIO > top:
         return square, shapes
     levels = max(1, int(np.ceil(np.log(top / elastic) / np.log(_WINDOW))))
     ratio = float((top / elastic) ** (1 / levels))

@@ -18,7 +18,7 @@ from dynid.errors import Diverged
 _CONVERGED = 1e-10
 _RESTARTS = 200
 # The rounding that remains of a vector in the span of the others.
-_NOTHING = 1e-11
+_DEPENDENT_VECTOR_TOL = 1e-11
 # Steps between looks at the convergence, at least; and as a part of the modes asked for.
 _LOOK, _LOOK_PART = 3, 8
 
@@ -106,7 +106,7 @@ class _Basis:
         self.coupling, self.held = 0.0, self.size
         before = _norm(w, self.M @ w)
         self._project_out(w, 0, self.size)
-        return self._put(w, _NOTHING * before) > 0
+        return self._put(w, _DEPENDENT_VECTOR_TOL * before) > 0
 
     def extend(self) -> bool:
         """Take the vector behind the others in; False if that exhausts the space."""
@@ -115,7 +115,7 @@ class _Basis:
         column = self._project_out(w, recent, self.size + 1)
         self.T[: self.size + 1, self.size] = self.T[self.size, : self.size + 1] = column
         self.size += 1
-        self.coupling = self._put(w, _NOTHING * float(np.linalg.norm(column)))
+        self.coupling = self._put(w, _DEPENDENT_VECTOR_TOL * float(np.linalg.norm(column)))
         return self.coupling > 0 or self.begin()
 
     def converged(self) -> int:

@@ -33,12 +33,12 @@ _SOFT = 1e-6
 _EXACT = 1e-6 * _UNIT
 # Motions that may be rigid are distinguished from elastic modes that are so many times faster than they may
 # be: when the first mode of a beam with its ends held is lost, the second is four to seven times as fast.
-_APART = 10.0
+_LOST_MODE_RATIO = 10.0
 # The part of a frequency that rounding may leave open without a word: as much as measurements do.
 _LOOSE = 1e-3
 # A stiffness rounded to single precision or to six printed digits has energies as negative as this.
-_INDEFINITE = 1e-5
-_RESIDUAL = 1e-9
+_ROUNDED_INDEFINITENESS = 1e-5
+_MODE_RESIDUAL = 1e-9
 # Below this size dense matrices are faster whatever is asked; above the other, out of question.
 _SMALL, _LARGE = DENSE_MODES.value, ALL_MODES.value
 # The part of all modes beyond which Lanczos is slower than dense matrices.
@@ -158,7 +158,7 @@ def finished(
     order = np.argsort(square, kind="stable")
     shapes, residuals, whole = shapes[:, order], residuals[order], whole[order]
     square, rigid, undecided = square[order], rigid[order], undecided[order]
-    if (worst := float(residuals.max(initial=0.0))) > _RESIDUAL:
+    if (worst := float(residuals.max(initial=0.0))) > _MODE_RESIDUAL:
         raise NumericalError(
             f"the modes have residuals of {worst:.1g} (found by {method})",
             remedy="Use another backend; check the units of the matrices.",
@@ -210,7 +210,7 @@ def _refined(
     """
     better, may_be = np.where(still, 0.0, square), _ROUNDING * whole
     elastic = float(square[~still].min()) if not still.all() else 0.0
-    doubtful = still & (square != 0) & (elastic < _APART**2 * may_be)
+    doubtful = still & (square != 0) & (elastic < _LOST_MODE_RATIO**2 * may_be)
     soft = np.flatnonzero(doubtful | (~still & (square > 0) & (square < _SOFT * whole)))
     if not len(soft):
         return better, still, doubtful
@@ -237,7 +237,7 @@ def _rigid(square: Array, parts: Array) -> NDArray[np.bool_]:
     """
     energy = square / np.where(parts > 0, parts, 1.0)
     lowest = -float(energy.min(initial=0.0))
-    if lowest > _INDEFINITE:
+    if lowest > _ROUNDED_INDEFINITENESS:
         raise Singular(
             f"the stiffness matrix is indefinite (omega^2 = {square[energy.argmin()]:.3g})",
             remedy="The structure has no natural frequency there; check signs and units of the stiffness.",

@@ -48,7 +48,7 @@ class Pencil:
 # A DOF this much faster by itself than the slowest (in squares), and this much lighter than the heaviest,
 # moves without mass to all digits. The first alone would hold for heavy DOFs beside one that is nearly free,
 # the other of rotations in large units of length.
-_MASSLESS = 1e28
+_MASSLESS_RATIO = 1e28
 # The least shift relative to the bound, large against rounding. The lowest elastic eigenvalue of n DOFs is
 # about the bound over n^2 (strings, plates) or more (solids): a shift far below it would make rigid-body
 # modes hide it in the inverse.
@@ -81,7 +81,9 @@ def scaled(K: Matrix, M: Matrix) -> Pencil:
         )
     both = (stiffness > 0) & (mass > 0)
     bound = float((stiffness[both] / mass[both]).min()) if both.any() else 1.0
-    light = both & (mass * bound * _MASSLESS < stiffness) & (mass * _MASSLESS < mass.max(initial=0.0))
+    light = (
+        both & (mass * bound * _MASSLESS_RATIO < stiffness) & (mass * _MASSLESS_RATIO < mass.max(initial=0.0))
+    )
     weight = stiffness + bound * mass
     finite("the ratio of stiffness and mass", weight)
     scale = np.exp2(np.round(-0.5 * np.log2(weight)))

@@ -27,11 +27,11 @@ from dynid.structure.modes.dense import by_windows
 from dynid.structure.modes.lanczos import largest
 from dynid.structure.modes.pencil import Pencil, StrainEnergy, absolute, times, too_many
 
-_ATTEMPTS = 6
+_SHIFT_ATTEMPTS = 6
 # Modes computed above those asked for, to find a gap; and the relative gap wide enough to count in.
 _SPARE, _GAP = 1, 1e-6
 # A body has six rigid motions at most: one of seven pairs is elastic, and gives the distance of the others.
-_RIGID = 6
+_RIGID_BODY_MODES = 6
 # Relative distance of a limit to a mode at which rounding decides on which side of it the mode lies.
 _HIT = 1e-8
 # Shifts tried, relative to the pencil's: the first that leaves the stiffness definite and well enough posed.
@@ -41,7 +41,7 @@ _RAISED = 1e4
 # Residuals of pairs, relative to their sizes, beyond which they are improved, and how often at most.
 _FINE, _POLISHES = 1e-10, 3
 # Backward error, without refinement, of factors whose signs of pivots are those of the eigenvalues.
-_ROUNDING = 1e-12
+_SIGN_BACKWARD_ERROR = 1e-12
 _NUDGES = (0.0, 1e-10, 1e-9, 1e-8)
 # Size up to which a sparse matrix without conclusive pivots is counted by dense ones.
 _DENSE = 3000
@@ -82,8 +82,8 @@ class SparseSpectrum:
             If modes stay missing, or cannot be counted.
         """
         self._extend(count + _SPARE)
-        if len(self.square) <= _RIGID and self.square.max(initial=0.0) < self._shift:
-            self._extend(_RIGID + _SPARE)
+        if len(self.square) <= _RIGID_BODY_MODES and self.square.max(initial=0.0) < self._shift:
+            self._extend(_RIGID_BODY_MODES + _SPARE)
         value = self._proved(count) if proof else 0.0
         if len(self.square) < count:
             raise too_many(count, len(self.square))
@@ -100,7 +100,7 @@ class SparseSpectrum:
         """
         self._first_shift = min(limit, self.pencil.shift)  # from far below, all of them would look alike
         count, limit = self._count(limit)
-        for _ in range(_ATTEMPTS):
+        for _ in range(_SHIFT_ATTEMPTS):
             found = int(np.count_nonzero(self.square < limit))
             if np.any(np.abs(self.square - limit) <= _HIT * limit):  # copies may lie on either side
                 count, limit = self._count(limit * (1 + 10 * _HIT))
@@ -190,7 +190,7 @@ class SparseSpectrum:
 
     def _proved(self, count: int) -> float:
         """Complete so many pairs; return the value, in a gap above them, below which none is missing."""
-        for _ in range(_ATTEMPTS):
+        for _ in range(_SHIFT_ATTEMPTS):
             tail = self.square[max(min(count, len(self.square)) - 1, 0) :]
             wide = np.diff(tail) > _GAP * (np.abs(tail[1:]) + 1e3 * self._shift)
             if wide.any():
@@ -254,7 +254,7 @@ def negative_eigenvalues(A: Matrix, backend: str = "splu", order: Order | None =
             if not diagonal:
                 raise
             break  # SuperLU's pivots on the diagonal at any price: the price was too high
-        if factor.error <= _ROUNDING and (found := factor.negatives) is not None:
+        if factor.error <= _SIGN_BACKWARD_ERROR and (found := factor.negatives) is not None:
             return found
         del factor  # before the next one is made
     if A.shape[0] > _DENSE:

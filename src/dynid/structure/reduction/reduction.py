@@ -19,7 +19,7 @@ from dynid.structure.modes.pencil import StrainEnergy
 # Rounding of a sum of positive and negative terms, relative to their sizes.
 _ROUNDING = 16 * float(np.finfo(float).eps)
 # Energies within this factor of it may be soft springs: what is taken for rounding is far below the others.
-_APART = 100.0
+_SOFT_SPRING_RATIO = 100.0
 # A coordinate whose strain energy is a smaller part of its terms is projected in twice the working precision;
 # where that takes fewer products than the other, all coordinates are.
 _SOFT = 1e-6
@@ -121,7 +121,7 @@ def without_rounding(reduced: Array, T: Array, K: Matrix) -> Array:
     rounding = values <= _ROUNDING
     low, high = values[rounding], values[~rounding]
     # Energies that could be rounding are those of soft springs where they are positive, and not far below.
-    if not rounding.any() or (low.min() > 0 and len(high) and high.min() < _APART * _ROUNDING):
+    if not rounding.any() or (low.min() > 0 and len(high) and high.min() < _SOFT_SPRING_RATIO * _ROUNDING):
         return np.asarray((reduced + reduced.T) / 2)
     root = size[:, None] * vectors * np.sqrt(np.where(values > _ROUNDING, values, 0.0))
     stiff = (root**2).sum(axis=1) > _ROUNDING * parts

@@ -129,7 +129,7 @@ _INSEPARABLE = 1e8
 #: Share of the samples that are at one end of an input, and standard errors that exceed chance.
 _END, _CHANCE = 0.2, 2.0
 #: Relative differences that are round-off.
-_ROUNDING = 1e-12
+_RELATIVE_ROUND_OFF = 1e-12
 #: Ratio of the ends of an input beyond which it may be spaced by its logarithm.
 _DECADE = 10.0
 
@@ -307,7 +307,9 @@ def _bar(
         error = float(np.sqrt(sum(np.mean(errors[end] ** 2) / end.sum() for end in ends)))
     first, last = (float(np.median(column[end])) for end in ends)
     at_low, at_high = (float(np.clip(own[end].mean(), *within)) for end in ends)
-    return Bar(name, first, last, at_low, at_high, slope, max(error, _ROUNDING * (within[1] - within[0])))
+    return Bar(
+        name, first, last, at_low, at_high, slope, max(error, _RELATIVE_ROUND_OFF * (within[1] - within[0]))
+    )
 
 
 def _by_swing(bars: list[Bar]) -> tuple[Bar, ...]:

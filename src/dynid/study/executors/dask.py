@@ -14,7 +14,7 @@ from dynid.errors import FileError, UsageError
 from dynid.study.executors.base import StudyExecutor
 from dynid.study.executors.processes import WorkerDied, run_timed
 
-_PATIENCE = 10.0  # seconds to connect to the scheduler
+_CONNECT_SECONDS = 10.0  # seconds to connect to the scheduler
 _TALKATIVE = ("distributed", "tornado", "asyncio")  # loggers
 _ASK = 2.0  # seconds between two queries of the number of threads
 
@@ -92,7 +92,7 @@ class DaskExecutor(StudyExecutor):
                 logging.getLogger(name).setLevel(logging.CRITICAL + 1)
         try:
             self._client = Client(  # type: ignore[no-untyped-call]
-                **self._options, timeout=_PATIENCE, set_as_default=False
+                **self._options, timeout=_CONNECT_SECONDS, set_as_default=False
             )
         except (OSError, TimeoutError, ValueError) as error:
             raise self._gone() from error
@@ -104,7 +104,7 @@ class DaskExecutor(StudyExecutor):
         try:
             executor.shutdown(wait=False)
         finally:
-            client.close(timeout=_PATIENCE)
+            client.close(timeout=_CONNECT_SECONDS)
 
     def replace(self) -> None:
         """Do nothing: the scheduler replaces its workers."""
