@@ -64,7 +64,6 @@ LIBRARIES = {
     "click": {"cli"},  # commands
     "rich": {"cli"},  # tables on the screen
     "h5py": {"hdf5", "store", "files.hdf5_data"},  # results; users' data
-    "pint": {"units"},  # units that are not built in
     "yaml": {"scene"},
     "pydantic": {"scene"},
     "pydantic_core": {"scene"},

@@ -21,7 +21,7 @@ from types import ModuleType
 import numpy as np
 
 HEAVY = [
-    *["control", "pint", "pyuff", "pyyeti.nastran.op4", "sympy"],
+    *["control", "pyuff", "pyyeti.nastran.op4", "sympy"],
     *[
         f"scipy.{name}"
         for name in ("integrate", "interpolate", "linalg", "optimize", "signal", "special", "stats")

@@ -1,8 +1,8 @@
 """Units of measured quantities: the factor to SI and the dimension of a text such as `mm/s2` or `(m/s2)/kN`.
 
-The names below are built in; any other is looked up in pint, which is imported only then. Two names have two
-readings, of which the dimension decides: `g` (also `mg`, `ug`) is standard gravity or gram, `lb` is pound or
-pound-force. Angles have a dimension of their own, so that `rad/s` and `1/s` are not confused.
+Two names have two readings, of which the dimension decides: `g` (also `mg`, `ug`) is standard gravity or
+gram, `lb` is pound or pound-force. Angles have a dimension of their own, so that `rad/s` and `1/s` are not
+confused.
 
 Factors: B. N. Taylor, A. Thompson, The International System of Units, NIST SP 330 (2008) and SP 811, app. B.
 """
@@ -15,7 +15,7 @@ import unicodedata
 from collections.abc import Iterator, Sequence
 from functools import cache
 from itertools import product
-from typing import Any, NamedTuple, NoReturn
+from typing import NamedTuple, NoReturn
 
 from dynid.errors import UsageError
 
@@ -76,63 +76,110 @@ _POUND = 0.45359237
 _POUND_FORCE = 4.4482216152605
 _INCH, _FOOT = 0.0254, 0.3048
 
-_PREFIXES = {"p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 0.1, "k": 1e3, "M": 1e6, "G": 1e9}
+_PREFIXES = {
+    "p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 0.1, "h": 1e2, "k": 1e3, "M": 1e6, "G": 1e9,
+}  # fmt: skip
+_LONG_PREFIXES = {
+    "": 1.0, "nano": 1e-9, "micro": 1e-6, "milli": 1e-3, "centi": 1e-2, "deci": 0.1, "hecto": 1e2,
+    "kilo": 1e3, "mega": 1e6, "giga": 1e9,
+}  # fmt: skip
 
-#: Units with the prefixes that are read before them.
-_PREFIXED: dict[str, tuple[Unit, str]] = {
-    "m": (Unit(1, _LENGTH), "numcdk"),
-    "s": (Unit(1, _TIME), "num"),
-    "N": (Unit(1, _FORCE), "umckM"),
-    "Nm": (Unit(1, _MOMENT), "umkM"),
-    "Pa": (Unit(1, _PRESSURE), "umkMG"),
-    "bar": (Unit(1e5, _PRESSURE), "m"),
-    "Hz": (Unit(1, _of(s=-1)), "kM"),
-    "V": (Unit(1, _of(m=2, kg=1, s=-3, A=-1)), "numk"),
-    "A": (Unit(1, _of(A=1)), "num"),
-    "C": (Unit(1, _CHARGE), "pnum"),
-    "W": (Unit(1, _of(m=2, kg=1, s=-3)), "mkM"),
-    "J": (Unit(1, _ENERGY), "mkM"),
-    "K": (Unit(1, _of(K=1)), "m"),
-    "rad": (Unit(1, _ANGLE), "um"),
-    "strain": (Unit(1, _NONE), "um"),
-    "ohm": (Unit(1, _of(m=2, kg=1, s=-3, A=-2)), "mk"),
-    "Wb": (Unit(1, _of(m=2, kg=1, s=-2, A=-1)), "m"),
+#: Units with the prefixes that are read before them, and their names in full.
+_PREFIXED: dict[str, tuple[Unit, str, str]] = {
+    "m": (Unit(1, _LENGTH), "pnumcdk", "meter metre"),
+    "s": (Unit(1, _TIME), "pnum", "second"),
+    "N": (Unit(1, _FORCE), "numcdkMG", "newton"),
+    "Nm": (Unit(1, _MOMENT), "umkM", ""),
+    "Pa": (Unit(1, _PRESSURE), "umhkMG", "pascal"),
+    "bar": (Unit(1e5, _PRESSURE), "umk", ""),
+    "Hz": (Unit(1, _of(s=-1)), "mkMG", "hertz"),
+    "V": (Unit(1, _of(m=2, kg=1, s=-3, A=-1)), "numkM", "volt"),
+    "A": (Unit(1, _of(A=1)), "pnumk", "ampere amp"),
+    "C": (Unit(1, _CHARGE), "pnumk", "coulomb"),
+    "W": (Unit(1, _of(m=2, kg=1, s=-3)), "numkMG", "watt"),
+    "J": (Unit(1, _ENERGY), "numkMG", "joule"),
+    "Wh": (Unit(3600, _ENERGY), "mkM", ""),
+    "K": (Unit(1, _of(K=1)), "um", "kelvin"),
+    "rad": (Unit(1, _ANGLE), "num", "radian"),
+    "strain": (Unit(1, _NONE), "num", ""),
+    "ohm": (Unit(1, _of(m=2, kg=1, s=-3, A=-2)), "umkMG", ""),
+    "F": (Unit(1, _of(m=-2, kg=-1, s=4, A=2)), "pnum", "farad"),
+    "H": (Unit(1, _of(m=2, kg=1, s=-2, A=-2)), "num", "henry"),
+    "Wb": (Unit(1, _of(m=2, kg=1, s=-2, A=-1)), "num", "weber"),
+    "T": (Unit(1, _of(kg=1, s=-2, A=-1)), "num", "tesla"),
+    "L": (Unit(1e-3, _VOLUME), "umcdh", "liter litre"),
+    "l": (Unit(1e-3, _VOLUME), "umcdh", ""),
 }
 
 _SINGLE: dict[str, Unit] = {
     **dict.fromkeys(("in", "inch", "inches"), Unit(_INCH, _LENGTH)),
     **dict.fromkeys(("ft", "feet", "foot"), Unit(_FOOT, _LENGTH)),
     **dict.fromkeys(("mil", "mils", "thou"), Unit(2.54e-5, _LENGTH)),
+    **dict.fromkeys(("yd", "yard", "yards"), Unit(3 * _FOOT, _LENGTH)),
+    **dict.fromkeys(("mi", "mile", "miles"), Unit(5280 * _FOOT, _LENGTH)),
+    **dict.fromkeys(("nmi", "nautical_mile"), Unit(1852, _LENGTH)),
     **dict.fromkeys(("micron", "microns"), Unit(1e-6, _LENGTH)),
-    **dict.fromkeys(("kg", "kilogram"), Unit(1, _MASS)),
-    "t": Unit(1e3, _MASS),
+    **dict.fromkeys(("angstrom", "Å"), Unit(1e-10, _LENGTH)),
+    **dict.fromkeys(("kg", "kilogram", "kilograms"), Unit(1, _MASS)),
+    **dict.fromkeys(("gram", "grams"), Unit(1e-3, _MASS)),
+    **dict.fromkeys(("milligram", "milligrams"), Unit(1e-6, _MASS)),
+    **dict.fromkeys(("t", "tonne", "tonnes"), Unit(1e3, _MASS)),
     "lbm": Unit(_POUND, _MASS),
+    **dict.fromkeys(("oz", "ounce", "ounces"), Unit(_POUND / 16, _MASS)),
     "slug": Unit(_POUND_FORCE / _FOOT, _MASS),
-    **dict.fromkeys(("sec", "second", "seconds"), Unit(1, _TIME)),
+    **dict.fromkeys(("slinch", "blob"), Unit(_POUND_FORCE / _INCH, _MASS)),
+    "sec": Unit(1, _TIME),
     "msec": Unit(1e-3, _TIME),
     "usec": Unit(1e-6, _TIME),
-    "min": Unit(60, _TIME),
-    "h": Unit(3600, _TIME),
+    **dict.fromkeys(("min", "minute", "minutes"), Unit(60, _TIME)),
+    **dict.fromkeys(("h", "hr", "hour", "hours"), Unit(3600, _TIME)),
+    **dict.fromkeys(("day", "days"), Unit(86_400, _TIME)),
+    **dict.fromkeys(("knot", "knots", "kt"), Unit(1852 / 3600, _of(m=1, s=-1))),
+    "mph": Unit(5280 * _FOOT / 3600, _of(m=1, s=-1)),
+    "kph": Unit(1 / 3.6, _of(m=1, s=-1)),
     **dict.fromkeys(("deg", "degree", "degrees", "°"), Unit(math.pi / 180, _ANGLE)),
-    **dict.fromkeys(("rev", "turn"), Unit(2 * math.pi, _ANGLE)),
+    "arcmin": Unit(math.pi / 10_800, _ANGLE),
+    "arcsec": Unit(math.pi / 648_000, _ANGLE),
+    **dict.fromkeys(("gon", "grad"), Unit(math.pi / 200, _ANGLE)),
+    **dict.fromkeys(("rev", "turn", "revolution", "revolutions"), Unit(2 * math.pi, _ANGLE)),
     **dict.fromkeys(("rpm", "RPM"), Unit(math.pi / 30, _of(rad=1, s=-1))),
-    **dict.fromkeys(("gn", "grms", "gRMS", "gpk", "G"), Unit(GRAVITY, _ACCELERATION)),
+    **dict.fromkeys(("gn", "grms", "gRMS", "gpk", "G", "g_0"), Unit(GRAVITY, _ACCELERATION)),
     **dict.fromkeys(("gal", "Gal"), Unit(1e-2, _ACCELERATION)),
     "mGal": Unit(1e-5, _ACCELERATION),
     "lbf": Unit(_POUND_FORCE, _FORCE),
-    "kip": Unit(1e3 * _POUND_FORCE, _FORCE),
+    **dict.fromkeys(("kip", "kips", "klbf"), Unit(1e3 * _POUND_FORCE, _FORCE)),
     "ozf": Unit(_POUND_FORCE / 16, _FORCE),
-    **dict.fromkeys(("kgf", "kp"), Unit(GRAVITY, _FORCE)),
+    **dict.fromkeys(("kgf", "kp", "kilopond"), Unit(GRAVITY, _FORCE)),
     "gf": Unit(1e-3 * GRAVITY, _FORCE),
-    "dyn": Unit(1e-5, _FORCE),
+    **dict.fromkeys(("tf", "tonf"), Unit(1e3 * GRAVITY, _FORCE)),
+    **dict.fromkeys(("dyn", "dyne", "dynes"), Unit(1e-5, _FORCE)),
     "poundal": Unit(_POUND * _FOOT, _FORCE),
     "Nmm": Unit(1e-3, _MOMENT),
     "psi": Unit(_POUND_FORCE / _INCH**2, _PRESSURE),
     "ksi": Unit(1e3 * _POUND_FORCE / _INCH**2, _PRESSURE),
+    "psf": Unit(_POUND_FORCE / _FOOT**2, _PRESSURE),
     "atm": Unit(101325, _PRESSURE),
-    **dict.fromkeys(("L", "l"), Unit(1e-3, _VOLUME)),
+    "torr": Unit(101325 / 760, _PRESSURE),
+    "mmHg": Unit(133.322387415, _PRESSURE),
+    "inHg": Unit(25.4 * 133.322387415, _PRESSURE),
+    "hp": Unit(550 * _FOOT * _POUND_FORCE, _of(m=2, kg=1, s=-3)),
+    **dict.fromkeys(("cal", "calorie", "calories"), Unit(4.184, _ENERGY)),
+    "kcal": Unit(4184, _ENERGY),
+    **dict.fromkeys(("Btu", "BTU"), Unit(1055.05585262, _ENERGY)),
+    "erg": Unit(1e-7, _ENERGY),
+    "eV": Unit(1.602176634e-19, _ENERGY),
+    **dict.fromkeys(("gallon", "gallons"), Unit(231 * _INCH**3, _VOLUME)),
+    "cc": Unit(1e-6, _VOLUME),
+    **dict.fromkeys(("P", "poise"), Unit(0.1, _of(m=-1, kg=1, s=-1))),
+    "cP": Unit(1e-3, _of(m=-1, kg=1, s=-1)),
+    "St": Unit(1e-4, _of(m=2, s=-1)),
+    "cSt": Unit(1e-6, _of(m=2, s=-1)),
+    "gauss": Unit(1e-4, _of(kg=1, s=-2, A=-1)),
     "Ω": Unit(1, _of(m=2, kg=1, s=-3, A=-2)),
+    "siemens": Unit(1, _of(m=-2, kg=-1, s=3, A=2)),  # S is a second where all is written in capitals
+    "mS": Unit(1e-3, _of(m=-2, kg=-1, s=3, A=2)),
     "%": Unit(1e-2, _NONE),
+    "ppm": Unit(1e-6, _NONE),
 }
 
 #: Names of two readings.
@@ -146,8 +193,15 @@ _DOUBLE: dict[str, tuple[Unit, Unit]] = {
 _TABLE: dict[str, tuple[Unit, ...]] = {
     **{
         prefix + name: (Unit(_PREFIXES.get(prefix, 1.0) * unit.factor, unit.dimension),)
-        for name, (unit, prefixes) in _PREFIXED.items()
+        for name, (unit, prefixes, _) in _PREFIXED.items()
         for prefix in ("", *prefixes)
+    },
+    **{
+        f"{prefix}{name}{plural}": (Unit(factor * unit.factor, unit.dimension),)
+        for unit, _, names in _PREFIXED.values()
+        for name in names.split()
+        for prefix, factor in _LONG_PREFIXES.items()
+        for plural in ("", "s")
     },
     **{name: (unit,) for name, unit in _SINGLE.items()},
     **_DOUBLE,
@@ -158,7 +212,7 @@ _IN_CAPITALS = "m mm cm s ms sec in ft kg lb lbf rad deg rev kN Hz kHz Pa kPa ba
 _CAPITALS = {name.upper(): name for name in _IN_CAPITALS.split()}
 
 #: Names that are no units in parentheses in a heading, where they may be a side or a sensor.
-_REMARKS = {"1", "A", "C", "K", "L", "l", "t", "h", "J", "W"}
+_REMARKS = {"1", "A", "C", "F", "H", "K", "L", "P", "T", "l", "t", "h", "J", "W"}
 
 #: Shown where a unit does not fit, of each dimension the ones that occur in laboratories.
 _SHOWN = (
@@ -230,13 +284,13 @@ _IN_SI = "kg m s A K rad m/s m/s2 rad/s N N/m N.s/m N.m N.m/rad Pa V C ohm W Wb 
 def split_value(text: str) -> tuple[float, str, Unit] | None:
     """Return the number in a text such as `15 ms`, its unit, and what that is.
 
-    None of a text that is none, of units that are not built in, and of `g` and `lb`, which have two readings.
+    None of a text that is none, and of `g` and `lb`, which have two readings.
     """
     match = _WITH_UNIT.fullmatch(text)
     if match is None:
         return None
     try:
-        found = readings(match[2], pint=False)
+        found = readings(match[2])
     except UnknownUnitError:
         return None
     return (float(match[1]), match[2].strip(), found[0]) if len(found) == 1 else None
@@ -293,7 +347,7 @@ def _fitting(unit: Unit, expected: Sequence[str]) -> bool:
 
 
 @cache
-def readings(text: str, *, pint: bool = True) -> tuple[Unit, ...]:
+def readings(text: str) -> tuple[Unit, ...]:
     """Return the units that a text may mean: one, or two of `g` and `lb`.
 
     Parameters
@@ -301,8 +355,6 @@ def readings(text: str, *, pint: bool = True) -> tuple[Unit, ...]:
     text
         Names with powers (`s2`, `s^-2`, `s²`), products (`.`, `·`, `*`, `-`, a space), quotients (a further
         one divides again) and parentheses.
-    pint
-        Whether names that are not built in are looked up in pint.
 
     Raises
     ------
@@ -321,7 +373,7 @@ def readings(text: str, *, pint: bool = True) -> tuple[Unit, ...]:
             raise UnknownUnitError(f"'{text}' is no unit: '{plain[at:]}' cannot be read")
         tokens.append(match)
         at = match.end()
-    stream = _Tokens(text, tokens, pint)
+    stream = _Tokens(text, tokens)
     found = stream.product()
     if stream.rest:
         raise UnknownUnitError(f"'{text}' is no unit: a parenthesis is not balanced")
@@ -335,8 +387,8 @@ def _plain(text: str) -> str:
 class _Tokens:
     """The tokens of a unit, read once from left to right."""
 
-    def __init__(self, text: str, tokens: Sequence[re.Match[str]], pint: bool) -> None:
-        self.text, self.rest, self.pint = text, list(tokens), pint
+    def __init__(self, text: str, tokens: Sequence[re.Match[str]]) -> None:
+        self.text, self.rest = text, list(tokens)
 
     def product(self) -> tuple[Unit, ...]:
         """Return the readings of factors and divisors up to the end or a closing parenthesis."""
@@ -368,7 +420,7 @@ class _Tokens:
         elif token["one"]:
             found = (Unit(1.0, _NONE),)
         elif token["name"]:
-            found = _named(token["name"], self.text, pint=self.pint)
+            found = _named(token["name"], self.text)
         else:
             self._fail(token[0])
         if self.rest and self.rest[0]["power"] and power is None:
@@ -383,46 +435,16 @@ class _Tokens:
         raise UnknownUnitError(f"'{self.text}' is no unit: a name is missing{where}")
 
 
-def _named(name: str, text: str, *, pint: bool) -> tuple[Unit, ...]:
-    """Return the readings of one name: of the table, of some in capitals, or of pint."""
+def _named(name: str, text: str) -> tuple[Unit, ...]:
+    """Return the readings of one name: of the table, or of some in capitals."""
     if name in _TABLE:
         return _TABLE[name]
     if name in _CAPITALS and text.upper() == text:
         return _TABLE[_CAPITALS[name]]
-    found = _of_pint(name) if pint else None
-    if found is None:
-        hint = f": '{name}' is unknown" if name != text else ""
-        alike = [other for other in _TABLE if other.lower() == name.lower()]
-        meant = f"; did you mean {' or '.join(alike)}?" if alike else ""
-        raise UnknownUnitError(f"'{text}' is no unit{hint}{meant}")
-    return (found,)
-
-
-@cache
-def _registry() -> Any:
-    import pint
-
-    return pint.UnitRegistry()
-
-
-_PINT_BASES = {"[length]": "m", "[mass]": "kg", "[time]": "s", "[current]": "A", "[temperature]": "K"}
-
-
-@cache
-def _of_pint(name: str) -> Unit | None:
-    """Return a unit that pint knows; None of others, of scales with an offset, and of plain numbers."""
-    registry = _registry()
-    try:
-        unit = registry.parse_units(name)
-        one, two = (float((registry.Quantity(k, unit)).to_base_units().magnitude) for k in (1, 2))
-        powers = {_PINT_BASES[base]: power for base, power in dict(unit.dimensionality).items()}
-    except Exception:  # pint raises errors of many kinds
-        return None
-    exponents = {base: round(power) for base, power in powers.items()}
-    whole = all(exponents[base] == power for base, power in powers.items())
-    if not powers or not whole or two != 2 * one or not one > 0:
-        return None
-    return Unit(one, _of(**exponents))
+    hint = f": '{name}' is unknown" if name != text else ""
+    alike = [other for other in _TABLE if other.lower() == name.lower()]
+    meant = f"; did you mean {' or '.join(alike)}?" if alike else ""
+    raise UnknownUnitError(f"'{text}' is no unit{hint}{meant}")
 
 
 _HEADINGS = (
@@ -435,22 +457,21 @@ _HEADINGS = (
 def split_heading(heading: str) -> tuple[str, str]:
     """Return the name and the unit in a heading: `acc 12+Z [g]`, `Time (s)`, `t / ms`; empty: no unit.
 
-    In brackets any text that is a unit is one; in parentheses or behind a slash only built-in ones, as other
-    remarks stand there, too.
+    In parentheses or behind a slash some letters are no units, as remarks stand there, too.
     """
     bare = heading.strip()
-    for pattern, pint in _HEADINGS:
+    for pattern, in_brackets in _HEADINGS:
         match = re.match(pattern, bare)
         inside = "" if match is None else match[2].strip()
-        if match is None or not match[1].strip(" /") or (not pint and inside in _REMARKS):
+        if match is None or not match[1].strip(" /") or (not in_brackets and inside in _REMARKS):
             continue
-        if _states_unit(inside, pint=pint):
+        if _states_unit(inside):
             return match[1].rstrip(" /"), inside
     return bare, ""
 
 
 def is_units_row(fields: Sequence[str]) -> bool:
-    """Return True if fields are units, built-in ones, and empty ones or dashes."""
+    """Return True if fields are units and empty ones or dashes."""
     return any(_units_in(fields)) and all(one is not None for one in _units_in(fields))
 
 
@@ -466,13 +487,13 @@ def _units_in(fields: Sequence[str]) -> Iterator[str | None]:
     """Yield the unit in each field, empty of an empty one, None of what is none."""
     for field in fields:
         bare = unit_of_field(field)
-        yield bare if not bare or _states_unit(bare, pint=False) else None
+        yield bare if not bare or _states_unit(bare) else None
 
 
-def _states_unit(text: str, *, pint: bool) -> bool:
+def _states_unit(text: str) -> bool:
     """Return True if a text is a unit, or a scale of temperature, which `readings` refuses."""
     try:
-        readings(text, pint=pint)
+        readings(text)
     except UnknownUnitError:
         return _TEMPERATURE.fullmatch(_plain(text)) is not None
     return True
