@@ -1,83 +1,25 @@
-"""The scene of a result as plain data, and the unit of frequencies that it chooses for reports.
-
-The scene was checked when it was run, and is not checked again.
-"""
+"""The scene of a result, and the unit of frequencies that it chooses for reports."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from fractions import Fraction
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid.errors import DynidError, UsageError
+from dynid.errors import SceneError, UsageError
 from dynid.scene.schema.raw import unit_of_frequencies
 from dynid.units import HERTZ, RADIANS, FrequencyUnit
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from dynid.arithmetic.expression import Expression, Number
     from dynid.result import Result
+    from dynid.scene.load import Scene
 
-_REMEDY = "Run the scene again."
 _DESIGN = "bond_graph/design"
 
 
-@dataclass(frozen=True)
-class PlainScene:
-    """A scene as plain data.
-
-    Parameters
-    ----------
-    data
-        Texts, numbers, Booleans, lists and mappings.
-    parameters
-        Values of its parameters.
-    """
-
-    data: dict[str, Any]
-    parameters: Mapping[str, Number]
-
-    def number(self, raw: Any) -> float:
-        """Return the value of a quantity: a number, a parameter's name, or an expression."""
-        expression = self.expression(raw)
-        return float(raw if expression is None else expression.evaluate(self.parameters))
-
-    def exact(self, raw: Any) -> Fraction:
-        """Return the value of a quantity as a fraction; a float is its shortest decimal representation."""
-        from dynid.arithmetic.expression import to_fraction
-
-        expression = self.expression(raw)
-        return to_fraction(raw if expression is None else expression.evaluate(self.parameters))
-
-    def unknown(self, raw: Any) -> bool:
-        """Return True for a quantity that depends on a parameter which is to be estimated."""
-        given = self.data.get("parameters") or {}
-        expression, seen = self.expression(raw), set[str]()
-        names = set() if expression is None else set(expression.names)
-        while names:
-            seen |= names
-            entries = [given.get(name) for name in names]
-            if any(isinstance(entry, dict) and "start" in entry for entry in entries):
-                return True
-            behind = [part.names for entry in entries if (part := self.expression(entry)) is not None]
-            names = set().union(*behind) - seen
-        return False
-
-    def expression(self, raw: Any) -> Expression | None:
-        """Return the expression of a quantity; None for a number."""
-        from dynid.arithmetic.expression import parse
-
-        return parse(raw) if isinstance(raw, str) else None
-
-
-def scene_of(result: Result) -> PlainScene:
+def scene_of(result: Result) -> Scene:
     """Return the scene whose text a result holds; free parameters of a design have their designed values.
 
     Raises
@@ -85,32 +27,38 @@ def scene_of(result: Result) -> PlainScene:
     UsageError
         Where it holds none, or one that this version of dynid does not read.
     """
-    designed: dict[str, float] = {}
+    designed: tuple[tuple[str, float], ...] = ()
     if f"{_DESIGN}/value" in result:
         names, values = (result[f"{_DESIGN}/{part}"].data.tolist() for part in ("name", "value"))
-        designed = dict(zip(names, values, strict=True))
-    return plain_scene(str(result.attrs.get("scene", "")), designed)
+        designed = tuple(zip(names, values, strict=True))
+    return scene_of_text(str(result.attrs.get("scene", "")), designed)
 
 
-def plain_scene(text: str, values: Mapping[str, float] | None = None) -> PlainScene:
-    """Return the scene of a text, with other values of some parameters; raises as `scene_of`."""
-    from dynid.arithmetic.expression import resolve_parameters
-    from dynid.scene.schema.raw import reference_values
+@lru_cache(maxsize=4)
+def scene_of_text(text: str, designed: tuple[tuple[str, float], ...] = ()) -> Scene:
+    """Return the scene of a text, with designed values; raises as `scene_of`."""
+    from dynid.scene.load import validated
+    from dynid.scene.yaml.source import parse_source
 
-    data = plain_data(text)
-    if not data:
-        raise UsageError("the result does not hold the text of its scene", remedy=_REMEDY)
-    with readable():
-        written = reference_values(data.get("parameters", {})) | dict(values or {})
-        return PlainScene(data, resolve_parameters(written)[0])
+    remedy = "Run the scene again."
+    if not text:
+        raise UsageError("the result does not hold the text of its scene", remedy=remedy)
+    try:
+        scene = validated(parse_source(text, "<scene of the result>"))
+        if designed:
+            from dynid.scene.kinds.design import designed_scene
+
+            scene = designed_scene(scene, dict(designed))
+    except SceneError as error:
+        raise UsageError(f"the scene in the result cannot be read ({error})", remedy=remedy) from error
+    return scene
 
 
 @lru_cache(maxsize=4)
 def plain_data(text: str) -> dict[str, Any]:
-    """Return the data of a scene in the current format; empty where its text cannot be read."""
+    """Return the data of a scene in the current format, not validated; empty if it cannot be read."""
     if not text:
         return {}
-    from dynid.errors import SceneError
     from dynid.scene.composition import composed
     from dynid.scene.load import as_current
     from dynid.scene.yaml.source import parse_source
@@ -120,23 +68,6 @@ def plain_data(text: str) -> dict[str, Any]:
     except SceneError:
         return {}
     return data if isinstance(data, dict) else {}
-
-
-@contextmanager
-def readable() -> Iterator[None]:
-    """Report errors in the data of a scene as such: its file may have been changed after the run."""
-    try:
-        yield
-    except DynidError:
-        raise
-    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
-        problem = f"the scene in the result cannot be read ({type(error).__name__}: {error})"
-        raise UsageError(problem, remedy=_REMEDY) from error
-
-
-def listed(value: Any) -> list[Any]:
-    """Return a list, also of a single entry or of nothing."""
-    return value if isinstance(value, list) else [] if value is None else [value]
 
 
 def in_hertz(result: Result) -> bool:

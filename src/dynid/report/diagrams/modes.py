@@ -184,8 +184,7 @@ def _lines_by(result: Result) -> tuple[LinesOf, bool] | None:
     Of a scene's chain, beam or plane frame with all its DOFs they follow from these, of others from the
     motion of the nodes that the result holds.
     """
-    data = scene_of(result).data
-    geometry = geometry_of(scene_of(result)) if "structure" in data and "points" not in data else None
+    geometry = geometry_of(scene_of(result))
     labels = [str(label) for label in result[f"{COMPUTED}/dof"].data]
     if geometry is not None and labels == [str(label) for label in geometry.labels]:
         return lambda mode: _bent(geometry, _displacements(result, mode)), not geometry.members

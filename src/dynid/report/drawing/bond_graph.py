@@ -8,15 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from functools import partial
-from itertools import islice, pairwise
-from typing import TYPE_CHECKING, Any, cast
+from itertools import islice
+from typing import TYPE_CHECKING
 
 from dynid.bondgraph.causality.scap import assign_causality, run_scap
 from dynid.bondgraph.causality.strokes import Strokes
 from dynid.bondgraph.graph import (
     JUNCTIONS,
     ONE_PORTS,
+    QUANTITIES,
     SOURCES,
     TWO_PORTS,
     Bond,
@@ -41,13 +43,15 @@ from dynid.report.drawing.sketch import (
 )
 from dynid.report.figure import Figure, FigureTable, Picture
 from dynid.report.notation import short
-from dynid.report.scenes import PlainScene, plain_scene, readable, scene_of
+from dynid.report.scenes import scene_of, scene_of_text
 from dynid.report.svg import SMALL, Svg
-from dynid.scene.schema.raw import MULTIPORTS, PORT, chain_ends, listing, mapping, node_types, ports_of
+from dynid.scene.schema.raw import MULTIPORTS, PORT, node_types
 
 if TYPE_CHECKING:
-    from dynid.bondgraph.graph import NodeType, Quantity
     from dynid.result import Result
+    from dynid.scene.load import Scene
+    from dynid.scene.schema.bond_graph import NodeModel
+    from dynid.scene.schema.identification import IdentificationScene
 
 
 #: Most nodes of a drawing; a larger one is unreadable.
@@ -99,81 +103,77 @@ def drawn_graph(result: Result) -> DrawnGraph:
     return _graph_of(scene_of(result))
 
 
-def _graph_of(scene: PlainScene) -> DrawnGraph:
+def _graph_of(scene: Scene) -> DrawnGraph:
     """Return the graph of a scene."""
-    with readable():
-        analysis = scene.data.get("analysis") or {}
-        nodes, boxes, types = [], dict[str, str](), node_types(scene.data)
-        laws: dict[str, tuple[str, ...]] = {}
+    model, types = scene.model, node_types(scene.source.data)
+    nodes, boxes, laws = [], dict[str, str](), dict[str, tuple[str, ...]]()
 
-        def drawn(end: str) -> str:
-            return end.rpartition(".")[0] if types.get(end) == PORT else end
+    def holder(end: str) -> str:
+        return end.rpartition(".")[0] if types.get(end) == PORT else end
 
-        for name, raw in scene.data["graph"]["nodes"].items():
-            given = raw if isinstance(raw, dict) else {"type": raw}
-            if types[str(name)] in MULTIPORTS:
-                ports = ", ".join(port.rpartition(".")[2] for port in ports_of(types, str(name)))
-                boxes[str(name)] = f"{types[str(name)]} at {ports}"
-                given = {"type": "0" if given["type"] == "C" else "1"}
-            kind, value = cast("NodeType", str(given["type"])), given.get("value")
-            read = _variables(given, types)
-            if read is not None:
-                laws[str(name)] = tuple(dict.fromkeys(map(drawn, read)))
-                value = 1  # a law is drawn without its text
-            exact, formula = (None, None) if value is None else (scene.exact(value), scene.expression(value))
-            nodes.append(Node(str(name), kind, exact, formula, str(given.get("domain") or "")))
-        chains = map(chain_ends, scene.data["graph"]["bonds"])
-        graph = BondGraph(nodes, [Bond(*map(drawn, ends)) for chain in chains for ends in pairwise(chain)])
-        if analysis.get("reading") == "binary":
-            graph = graph.rounded()
-        sources = [name for name, node in graph.nodes.items() if node.type in SOURCES]
-        outputs = []
-        for text in analysis.get("outputs") or _measured(scene.data):
-            node, _, quantity = text.rpartition(".")
-            name = text if types.get(node) == PORT else ""
-            outputs.append(Port(drawn(node), cast("Quantity", quantity), name))
-        port = analysis.get("port")
-        loops = listing(mapping(scene.data, "control"), "loops")
-        driven = [(drawn(str(loop["from"]).rpartition(".")[0]), str(loop["to"])) for loop in loops]
-        inputs = [str(name) for name in analysis.get("inputs") or sources if str(name) in graph.nodes]
-        return DrawnGraph(
-            graph,
-            tuple(name for name in inputs if name not in dict(driven).values()),
-            tuple(outputs),
-            None if port is None else Bond(*map(drawn, chain_ends(port))),
-            GraphUnits(graph).domains,
-            boxes,
-            tuple(driven),
-            laws,
-        )
+    def bond(between: Bond) -> Bond:
+        return Bond(holder(between.tail), holder(between.head))
+
+    for name, node in model.graph.nodes.items():
+        kind, value, formula = node.type, None, None
+        if node.value is not None:
+            value, formula = node.value.exact, node.value.expression
+        if types[name] in MULTIPORTS:
+            boxes[name] = f"{types[name]} at {', '.join(node.ports)}"
+            kind = "0" if kind == "C" else "1"
+        variables = _variables(node, types)
+        if variables is not None:  # a law is drawn without its text
+            laws[name] = tuple(dict.fromkeys(map(holder, variables)))
+            value, formula = Fraction(1), None
+        nodes.append(Node(name, kind, value, formula, node.domain or ""))
+    graph = BondGraph(nodes, [bond(between) for _, between in model.graph.single_bonds])
+    analysis = model.analysis
+    if analysis is not None and analysis.reading == "binary":
+        graph = graph.rounded()
+    outputs = [
+        Port(holder(output.node), output.quantity, str(output) if types.get(output.node) == PORT else "")
+        for output in (analysis.outputs if analysis is not None else _measured(model))
+    ]
+    loops = model.control.loops if model.control is not None else ()
+    driven = tuple((holder(loop.measured.node), loop.source) for loop in loops)
+    sources = [name for name, node in graph.nodes.items() if node.type in SOURCES]
+    inputs = (analysis.inputs if analysis is not None else None) or sources
+    return DrawnGraph(
+        graph,
+        tuple(name for name in inputs if name in graph.nodes and name not in dict(driven).values()),
+        tuple(outputs),
+        bond(analysis.port) if analysis is not None and analysis.port is not None else None,
+        GraphUnits(graph).domains,
+        boxes,
+        driven,
+        laws,
+    )
 
 
-def _variables(node: dict[str, Any], types: Mapping[str, str]) -> list[str] | None:
+def _variables(node: NodeModel, types: Mapping[str, str]) -> list[str] | None:
     """Return the nodes whose variables the law or modulus of a node depends on; None where it has a value."""
     from dynid.arithmetic.expression import parse
 
-    law, value = mapping(node, "law"), node.get("value")
-    texts = list(law.values()) if law else [value] if isinstance(value, str) else []
-    read = [
-        holder
-        for text in texts
-        for holder, _, quantity in (name.rpartition(".") for name in sorted(parse(str(text)).names))
-        if quantity in ("e", "f", "q", "p") and holder in types
-    ]
-    return read if law or read else None
+    if node.law is not None:
+        names = parse(str(node.law.e or node.law.f)).names
+    elif node.value is not None and node.value.variable and node.value.expression is not None:
+        names = node.value.expression.names
+    else:
+        return None
+    parts = (name.rpartition(".") for name in sorted(names))
+    return [holder for holder, _, quantity in parts if quantity in QUANTITIES and holder in types]
 
 
-def _measured(data: dict[str, Any]) -> list[str]:
+def _measured(model: IdentificationScene) -> list[Port]:
     """Return the measured variables of an identification, of all its records."""
-    measurement = mapping(data, "measurement")
-    records = [measurement, *listing(measurement, "records")]
-    channels = [channel for record in records for channel in listing(record, "channels")]
-    return list(dict.fromkeys(str(channel["output"]) for channel in channels if "output" in channel))
+    records = model.measurement.each if model.measurement is not None else []
+    channels = (channel for record in records for channel in record.channels or ())
+    return list(dict.fromkeys(channel.output for channel in channels if channel.output))
 
 
 def figures(result: Result) -> Iterator[Figure]:
     """Yield the drawing of a result's bond graph; of an identification of a structure nothing."""
-    if "graph" not in scene_of(result).data:
+    if getattr(scene_of(result).model, "graph", None) is None:
         return
     drawn = drawn_graph(result)
     if len(drawn.graph.nodes) > LARGEST_WHOLE:
@@ -189,7 +189,7 @@ def figures(result: Result) -> Iterator[Figure]:
 def realisations(result: Result) -> Iterator[Figure]:
     """Yield the drawing of every bond graph of a synthesis."""
     for form in result["synthesis/form"].data:
-        drawn = _graph_of(plain_scene(str(result.value(f"synthesis/{form}/scene"))))
+        drawn = _graph_of(scene_of_text(str(result.value(f"synthesis/{form}/scene"))))
         if len(drawn.graph.nodes) <= LARGEST:
             name, title = f"bond-graph-{form}", f"Bond graph, {form} form"
             yield Figure(

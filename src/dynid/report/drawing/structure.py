@@ -39,10 +39,7 @@ def figures(result: Result) -> Iterator[Figure]:
 
 def plane_geometry(result: Result) -> StructureGeometry | None:
     """Return the geometry of a chain, beam or plane frame that is drawn as a schematic; None of others."""
-    scene = scene_of(result)
-    if "structure" not in scene.data or "points" in scene.data:
-        return None
-    geometry = geometry_of(scene)
+    geometry = geometry_of(scene_of(result))
     few = geometry is not None and len(geometry.points) <= (MASSES if geometry.masses else NODES)
     return geometry if few else None
 

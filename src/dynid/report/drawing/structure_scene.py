@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import accumulate
 from typing import TYPE_CHECKING, Any
 
 from dynid.number_format import unit_text
 from dynid.report.notation import short
-from dynid.report.scenes import listed, readable
 from dynid.report.svg import Point
-from dynid.scene.schema.references import beam_labels, frame_labels
+from dynid.scene.schema.joints import ParameterModel
 from dynid.structure.joints import unit_of
 from dynid.structure.labels import DofNames, kind
 
 if TYPE_CHECKING:
-    from dynid.report.scenes import PlainScene
+    from dynid.scene.load import Scene
+    from dynid.scene.schema.identification import IdentificationScene
+    from dynid.scene.schema.quantities import Quantity
+    from dynid.scene.schema.reduction import ReductionScene
+    from dynid.scene.schema.structure import FrameModel
 
 Label = int | str
 
@@ -55,63 +58,49 @@ class StructureGeometry:
         return max(xs) - min(xs), max(ys) - min(ys)
 
 
-def geometry_of(scene: PlainScene) -> StructureGeometry | None:
-    """Return the geometry of the structure of a scene; None of several parts, or of matrices alone.
+def geometry_of(scene: Scene) -> StructureGeometry | None:
+    """Return the geometry of the structure of a scene.
 
-    Raises
-    ------
-    UsageError
-        Where the scene cannot be read.
+    None of several parts, of named points, of matrices, solids or frames in three dimensions.
     """
-    if "structure" not in scene.data:  # several parts
+    structure = getattr(scene.model, "structure", None)
+    if structure is None or getattr(scene.model, "points", None):
         return None
-    with readable():
-        structure = scene.data["structure"]
-        if (chain := structure.get("lumped")) is not None:
-            masses = [_value_text(scene, mass) for mass in chain["masses"]]
-            masses = [text if text.endswith("?") else f"{text} kg" for text in masses]
-            numbers = range(1, len(masses) + 1)
-            return StructureGeometry({n: (float(n), 0.0) for n in numbers}, list(numbers), masses)
-        for kind in ("beam", "frame"):
-            if (part := structure.get(kind)) is None:
-                continue
-            supports: dict[int, tuple[str, ...]] = {}
-            for support in listed(part.get("supports")):
-                supports[support["node"]] = (*supports.get(support["node"], ()), *support["fix"])
-            held = [(along, node) for node, fixed in supports.items() for along in fixed]
-            if kind == "beam":
-                size, count = part["length"], part["elements"]
-                per_element = isinstance(size, list)
-                steps = map(scene.number, size) if per_element else [scene.number(size) / count] * count
-                ends = accumulate(steps, initial=0.0)
-                points = {node: (x, 0.0) for node, x in enumerate(ends, 1)}
-                members, labels = [list(points)], list[Label](beam_labels(count, held))
-            else:
-                points, members, labels = _frame(scene, part, held)
-            carrying = [mass["node"] for mass in listed(part.get("masses"))]
-            return StructureGeometry(points, labels, (), members, supports, carrying)
-    return None
+    if (chain := structure.lumped) is not None:
+        masses = [_value_text(scene, mass) for mass in chain.masses]
+        masses = [text if text.endswith("?") else f"{text} kg" for text in masses]
+        labels = chain.labels()
+        return StructureGeometry({n: (float(n), 0.0) for n in labels}, labels, masses)
+    part = structure.beam or structure.frame
+    if part is None:
+        return None
+    supports: dict[int, tuple[str, ...]] = {}
+    for support in part.supports:
+        supports[support.node] = (*supports.get(support.node, ()), *support.fix)
+    if structure.beam is not None:
+        size, count = part.length, part.elements
+        steps = map(float, size) if isinstance(size, list) else [float(size) / count] * count
+        points = {node: (x, 0.0) for node, x in enumerate(accumulate(steps, initial=0.0), 1)}
+        members = [list(points)]
+    else:
+        points, members = _frame(part)
+    carrying = [mass.node for mass in part.masses]
+    return StructureGeometry(points, part.labels(), (), members, supports, carrying)
 
 
-_Geometry = tuple[dict[int, Point], list[list[int]], list[Label]]
-
-
-def _frame(scene: PlainScene, part: dict[str, Any], held: Iterable[tuple[str, int]]) -> _Geometry:
-    """Return points, members and labels of a frame; inner nodes of members follow the given ones."""
-    points = {n: (scene.number(x), scene.number(y)) for n, (x, y) in enumerate(part["nodes"], 1)}
-    given, members = len(points), []
-    for member in part["members"]:
-        (start, end), count = member["nodes"], member.get("elements", 1)
+def _frame(frame: FrameModel) -> tuple[dict[int, Point], list[list[int]]]:
+    """Return points and members of a frame; inner nodes of members follow the others."""
+    points = {n: (float(x), float(y)) for n, (x, y) in enumerate(frame.nodes, 1)}
+    members = []
+    for member in frame.members:
+        (start, end), count = member.nodes, member.elements
         (x, y), (x2, y2) = points[start], points[end]
         inner = range(len(points) + 1, len(points) + count)
         for step, node in enumerate(inner, 1):
             share = step / count
             points[node] = (x + share * (x2 - x), y + share * (y2 - y))
         members.append([start, *inner, end])
-    ends = ((m["nodes"], m.get("hinges", ()), m.get("elements", 1)) for m in part["members"])
-    turning = {mass["node"] for mass in listed(part.get("masses")) if scene.number(mass.get("J") or 0)}
-    turning |= {spring["node"] for spring in listed(part.get("springs")) if spring["direction"] == "theta"}
-    return points, members, list(frame_labels(given, ends, held, turning))
+    return points, members
 
 
 @dataclass(frozen=True)
@@ -152,7 +141,7 @@ class Attachments:
     masters: tuple[Label, ...]
 
 
-def attachments_of(scene: PlainScene, labels: Sequence[Label]) -> Attachments:
+def attachments_of(scene: Scene, labels: Sequence[Label]) -> Attachments:
     """Return the attachments of the structure of a scene.
 
     Parameters
@@ -161,71 +150,71 @@ def attachments_of(scene: PlainScene, labels: Sequence[Label]) -> Attachments:
         The scene.
     labels
         The labels of the structure's DOFs, in their order.
-
-    Raises
-    ------
-    UsageError
-        Where the scene cannot be read.
     """
-    names = DofNames(labels)
+    model, names = scene.model, DofNames(labels)
+    structure = model.structure
 
     def named(dof: Label) -> Label:
         return labels[dof - 1] if isinstance(dof, int) and 0 < dof <= len(labels) else names.shown(dof)
 
-    def tied(tie: dict[str, Any], dofs: Sequence[Label], joint: str = "") -> SpringDamper:
-        own = tuple(map(named, dofs))
-        return _spring(scene, tie, own, {"translation"} if masses else set(map(kind, own)), joint)
+    def tied(tie: Any, dofs: Sequence[Label], joint: str = "") -> SpringDamper:
+        ends = tuple(map(named, dofs))
+        kinds = {"translation"} if structure.lumped is not None else set(map(kind, ends))
+        return _spring(scene, tie, ends, kinds, joint)
 
-    with readable():
-        data = scene.data
-        masses = "lumped" in data["structure"]
-        driven = [signal["dof"] for signal in listed(data.get("excitation")) if "dof" in signal]
-        driven += listed(data.get("inputs"))
-        given = [reduction.get("masters") for reduction in listed(data.get("reduction"))]
-        masters = [dof for dofs in given if isinstance(dofs, list) for dof in dofs]
-        measurement = data.get("measurement") or {}
-        shared = listed(measurement.get("channels"))
-        sensors = [
-            (named(dof), channel.get("quantity", "displacement"))
-            for record in listed(measurement.get("records")) or [{}]
-            for channel in [*(listed(record.get("channels")) or shared), *listed(data.get("outputs"))]
-            if isinstance(channel, dict)  # else those of a file
-            for dof in channel.get("dofs") or [channel["dof"]]
-        ]
-        # Links, springs to ground, then joints.
-        structure = data["structure"]
-        ties = [tied(link, link["dofs"]) for link in listed((structure.get("lumped") or {}).get("links"))]
-        for part in ("beam", "frame"):
-            for item in listed((structure.get(part) or {}).get("springs")):
-                ties.append(tied(item, [f"{item['direction']}_{item['node']}"]))
-        for name, joint in (data.get("joints") or {}).items():
-            ties.append(tied(joint, joint["dofs"], str(name)))
-        return Attachments(
-            tuple(ties),
-            tuple(dict.fromkeys(map(named, driven))),
-            tuple(dict.fromkeys(sensors)),
-            tuple(dict.fromkeys(map(named, masters))),
-        )
+    ties = [tied(link, link.dofs) for link in (structure.lumped.links if structure.lumped else ())]
+    for part in filter(None, (structure.beam, structure.frame)):
+        ties += [tied(spring, [f"{spring.direction}_{spring.node}"]) for spring in part.springs]
+    ties += [tied(joint, joint.dofs, name) for name, joint in model.joints.items()]
+    driven = [signal.dof for signal in getattr(model, "excitation", ()) if signal.dof is not None]
+    driven += getattr(model, "inputs", None) or ()
+    reductions = model.reduction if isinstance(model.reduction, list) else [model.reduction]
+    bases = (getattr(reduction, "masters", None) for reduction in reductions)
+    masters = [dof for dofs in bases if isinstance(dofs, list) for dof in dofs]
+    return Attachments(
+        tuple(ties),
+        tuple(dict.fromkeys(map(named, driven))),
+        tuple(dict.fromkeys((named(dof), quantity) for dof, quantity in _sensors(model))),
+        tuple(dict.fromkeys(map(named, masters))),
+    )
 
 
-def _value_text(scene: PlainScene, raw: Any) -> str:
+def _sensors(model: IdentificationScene | ReductionScene) -> Iterator[tuple[Label, str]]:
+    """Yield DOF and quantity of the channels of all records, and of outputs of a comparison."""
+    measurement = getattr(model, "measurement", None)
+    records = measurement.each if measurement is not None else ()
+    channels = [channel for record in records for channel in record.channels or ()]
+    for channel in [*channels, *(getattr(model, "outputs", None) or ())]:
+        for dof in channel.dofs or [channel.dof]:
+            yield dof, channel.quantity or "displacement"
+
+
+def _value_text(scene: Scene, quantity: Quantity) -> str:
     """Return the value of a quantity; of one that is to be estimated its name or expression, with a mark."""
-    return f"{raw} = ?" if scene.unknown(raw) else short(scene.number(raw))
+    if quantity.expression is not None and _unknown(scene, quantity):
+        return f"{quantity.expression.text} = ?"
+    return short(float(quantity))
+
+
+def _unknown(scene: Scene, quantity: Quantity) -> bool:
+    """Return True for a quantity that depends on a parameter which is to be estimated."""
+    names = quantity.dependent.names if quantity.dependent is not None else ()
+    return any(getattr(scene.model.parameters.get(name), "start", None) is not None for name in names)
 
 
 def _spring(
-    scene: PlainScene, tie: dict[str, Any], dofs: tuple[Label, ...], kinds: Collection[str], joint: str
+    scene: Scene, tie: Any, dofs: tuple[Label, ...], kinds: Collection[str], joint: str
 ) -> SpringDamper:
     """Return a spring and damper between DOFs of these kinds, with values that are known single numbers."""
-    letters = [letter for letter in "kc" if tie.get(letter) is not None]
+    values = {letter: value for letter in "kc" if (value := getattr(tie, letter)) is not None}
     texts = [joint] if joint else []
-    for letter in letters:
-        value = tie[letter]
-        if isinstance(value, dict) and value.get("start") is not None:
-            texts.append(f"{letter} = ?" if value.get("matrix") is None else f"{letter} = ? × matrix")
-            continue
-        value = value.get("value") if isinstance(value, dict) else value
-        bare = value is None or isinstance(value, list)
-        unit = "" if bare or scene.unknown(value) else unit_text(unit_of(letter, kinds))
-        texts.append(letter if bare else f"{letter} = {_value_text(scene, value)} {unit}".rstrip())
-    return SpringDamper(dofs, tuple(texts), "k" in letters, "c" in letters, bool(joint))
+    for letter, value in values.items():
+        parameter = isinstance(value, ParameterModel)
+        if parameter and value.start is not None:
+            texts.append(f"{letter} = ?" if value.matrix is None else f"{letter} = ? × matrix")
+        elif (quantity := value.value if parameter else value) is None:
+            texts.append(letter)
+        else:
+            unit = "" if _unknown(scene, quantity) else unit_text(unit_of(letter, kinds))
+            texts.append(f"{letter} = {_value_text(scene, quantity)} {unit}".rstrip())
+    return SpringDamper(dofs, tuple(texts), "k" in values, "c" in values, bool(joint))
