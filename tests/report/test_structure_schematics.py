@@ -148,7 +148,8 @@ def test_values_may_be_parameters_and_expressions():
 
 def test_values_that_are_to_be_estimated_are_not_drawn_by_their_starts():
     unknown = (
-        "parameters: {top: {start: 7}, m_of_the_platform: {start: 8}, twice: 2*top, sure: {value: 3, std: 1}}"
+        "parameters: {top: {start: 7, true: 7}, m_of_the_platform: {start: 8, true: 8}, twice: 2*top, "
+        "sure: {value: 3, std: 1}}"
     )
     text = CHAIN.replace("masses: [2, 3, 4]", "masses: [top, m_of_the_platform, sure]")
     figure = drawn(text.replace("k: 6, c: 7", "k: twice, c: 3*sure") + unknown)
