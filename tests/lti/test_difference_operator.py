@@ -100,12 +100,46 @@ def test_gaps_and_ranges_of_gains():
     assert least_separation(half, one, 1, 3) == 0
 
 
-def test_more_than_three_delays_are_decided_by_sums_and_corners_or_not_at_all():
-    each = {frozenset({k}): Fraction(1, 5) for k in range(4)}
-    assert separation({NONE: Fraction(1), **each}) == Fraction(1, 5)
-    assert separation({NONE: Fraction(1), **{key: value * 2 for key, value in each.items()}}) == 0
-    coefficients = {NONE: Fraction(1)}
-    for name in range(4):
-        for key, value in list(coefficients.items()):
-            coefficients[key | {name}] = value * Fraction(3, 5)
-    assert separation(coefficients) is None
+@pytest.mark.parametrize("seed", sample(range(300), 25))
+def test_more_than_three_delays_are_decided_on_the_torus(seed):
+    rng = random.Random(5000 + seed)
+    variables = rng.randint(4, 5)
+    if rng.random() < 0.5:
+        coefficients, least = products(rng, variables)
+        apart = separation(coefficients)
+        assert (apart == 0) if least < 0 else (apart != 0)
+        angles = np.random.default_rng(seed).uniform(0, 2 * np.pi, (1000, variables))
+        sizes = [
+            abs(sum(float(v) * np.exp(1j * sum(at[k] for k in key)) for key, v in coefficients.items()))
+            for at in angles
+        ]
+        assert float(apart or 0) <= min(sizes)
+        return
+    coefficients = multiaffine(rng, 4)
+    coefficients[NONE] *= 4
+    apart, size = separation(coefficients), np.abs(on_torus(coefficients, 4, 16)).min()
+    if apart:
+        assert free_on_diagonal(coefficients, 4)
+        assert float(apart) <= size * (1 + 1e-12)
+    elif apart == 0:
+        steepness = sum(abs(float(value)) * len(key) for key, value in coefficients.items())
+        assert not free_on_diagonal(coefficients, 4) or size < steepness * np.pi / 16
+
+
+@pytest.mark.parametrize("count", [4, 5, 6])
+def test_gains_of_sums_of_many_delays(count):
+    """1 + k Σ c_i q_i has its first zero at k = 1/Σ |c_i|; k + Σ c_i q_i at k = Σ |c_i|, with none above."""
+    shares = [Fraction((-1) ** k, 3 * count + k) for k in range(count)]
+    terms = {frozenset({k}): share for k, share in enumerate(shares)}
+    total = sum(map(abs, shares))
+    assert critical_gains(terms, {NONE: Fraction(1)}) == (0, pytest.approx(float(1 / total)))
+    assert critical_gains({NONE: Fraction(1)}, terms) == (pytest.approx(float(total)), math.inf)
+    assert separation({NONE: total, **terms}) == 0
+    assert separation({NONE: total * Fraction(1001, 1000), **terms}) == total / 1000
+
+
+def test_a_zero_at_the_limit_away_from_real_values_is_not_taken_for_none():
+    """1 + Σ q_i q_(i+1) / 5 about a cycle of five is 0 where all q are j."""
+    pairs = {frozenset({k, (k + 1) % 5}): Fraction(1, 5) for k in range(5)}
+    assert not separation({NONE: Fraction(1), **pairs})
+    assert separation({NONE: Fraction(101, 100), **pairs})

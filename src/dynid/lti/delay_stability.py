@@ -17,7 +17,7 @@ import numpy as np
 from dynid.arrays import Array
 from dynid.errors import Undecided
 from dynid.lti.axis_boxes import AxisFunctions, Work, chunks, float_log, grid, halves
-from dynid.lti.difference_operator import VARIABLES, separation
+from dynid.lti.difference_operator import TORUS, separation
 from dynid.lti.quasi_polynomials import PRECISION, Balls, QuasiPolynomial, RefinedRoot, refined_root
 from dynid.lti.stability import Verdict
 
@@ -82,10 +82,10 @@ def _at_infinity(closed: QuasiPolynomial, work: Work) -> Verdict | None:
     leading = {loops: value for loops, value in closed.leading(closed.degree).items() if value}
     apart = separation(leading)
     if apart is None:
-        reason = (
-            f"{len(set().union(*leading))} delays have a gain at high frequencies; at most {VARIABLES} can"
-        )
-        return Verdict("undecided", f"{reason} be decided where their sizes add up to 1 or more", math.nan)
+        count = len(set().union(*leading))
+        reason = f"{count} delays have gains at high frequencies that add up to 1 or more"
+        limit = f"whether they cancel takes more than {TORUS} cosines of their phases"
+        return Verdict("undecided", f"{reason}; {limit}", math.nan)
     if apart:
         return None
     try:

@@ -7,7 +7,8 @@ in the closed polydisc |q| <= 1 (Hale & Verduyn Lunel 1993, 9.6; Michiels et al.
 
 With D = a + b q there is none if a has none, and |a| > |b| on the torus (the maximum of |b/a| lies there). D
 has every variable to the first degree, so that of three variables |a|² - |b|² is affine in exp(jθ3), and its
-least value over θ3 a polynomial of degree 2 in cos θ2: exact in rational numbers.
+least value over θ3 a polynomial of degree 2 in cos θ2: exact in rational numbers. Of more variables its sign
+on the torus is decided in boxes, up to a number of them.
 """
 
 from __future__ import annotations
@@ -15,30 +16,43 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Iterator, Mapping
 from fractions import Fraction
-from itertools import product
+from itertools import compress, product
 from typing import Any
 
 import numpy as np
 
-#: Variables up to which the polydisc is decided exactly; beyond, the sum of sizes decides or nothing does.
+from dynid.errors import Undecided
+from dynid.lti.axis_boxes import Work
+
+#: Variables up to which the polydisc is decided exactly; beyond, in boxes of the torus.
 VARIABLES = 3
+#: Halvings of a box, at which terms of second order are those of round-off.
+_HALVINGS = 24
+#: Relative distance from a gain at which roots pass the axis, up to which none is proved to pass before.
+_NEAR_GAIN = Fraction(1, 10**6)
 
 #: Gains at which a range of gains is examined.
 _GAINS = 200
 #: Boxes of the torus at a time, which take some 10 ms.
 _MAX_TORUS_BOXES = 20_000
 
+#: Cosines in boxes of the torus that one decision on more variables may take, some 50 ms.
+TORUS = 2_000_000
+
 Coefficients = Mapping[frozenset[Any], Fraction]
 
 
-def separation(coefficients: Coefficients) -> Fraction | None:
+def separation(coefficients: Coefficients, work: Work | None = None) -> Fraction | None:
     """Return a lower bound on |D| over the closed polydisc; 0 where D has a zero there, None if undecided.
 
     Parameters
     ----------
     coefficients
         The coefficients of D by the set of its variables in each term.
+    work
+        What boxes of the torus may cost; default: `TORUS`.
     """
+    work = work or _torus_work()
     coefficients = {key: value for key, value in coefficients.items() if value}
     prompt = abs(coefficients.get(frozenset(), Fraction(0)))
     others = sum(abs(value) for key, value in coefficients.items() if key)
@@ -48,14 +62,39 @@ def separation(coefficients: Coefficients) -> Fraction | None:
     start = coefficients.get(frozenset(), Fraction(0))
     if any(_corner(coefficients, signs) * start <= 0 for signs in _signs(variables)):
         return Fraction(0)
-    if len(variables) > VARIABLES:
-        return None
+    if len(variables) > VARIABLES and len(factors := _factors(coefficients, variables)) > 1:
+        bounds = [separation(factor, work) for factor in factors]
+        if 0 in bounds:
+            return Fraction(0)
+        return None if None in bounds else math.prod(filter(None, bounds), start=Fraction(1))
     last = variables[-1]
     without = {key: value for key, value in coefficients.items() if last not in key}
-    if separation(without) == 0:
-        return Fraction(0)
-    apart = gap(without, {key - {last}: value for key, value in coefficients.items() if last in key})
+    inner = separation(without, work)
+    if not inner:
+        return inner
+    apart = gap(without, {key - {last}: value for key, value in coefficients.items() if last in key}, work)
     return max(apart, _least_on_torus(coefficients, variables)) if apart else apart
+
+
+def _factors(coefficients: Coefficients, variables: list[Hashable]) -> list[dict[frozenset[Any], Fraction]]:
+    """Return the factors of D, without common variables: those of loops that are apart."""
+    from flint import Ordering, fmpz_mpoly_ctx
+
+    context = fmpz_mpoly_ctx.get([f"q{number}" for number in range(len(variables))], Ordering.lex)
+    scale = math.lcm(*(value.denominator for value in coefficients.values()))
+    powers = {
+        tuple(int(name in key) for name in variables): int(value * scale)
+        for key, value in coefficients.items()
+    }
+    content, factors = context.from_dict(powers).factor()
+    found = [
+        {
+            frozenset(compress(variables, exponents)): Fraction(int(c))
+            for exponents, c in factor.to_dict().items()
+        }
+        for factor, _ in factors
+    ]
+    return [{key: value * int(content) / scale for key, value in found[0].items()}, *found[1:]]
 
 
 def _least_on_torus(coefficients: Coefficients, variables: list[Hashable]) -> Fraction:
@@ -78,7 +117,11 @@ def _least_on_torus(coefficients: Coefficients, variables: list[Hashable]) -> Fr
     return total * Fraction(least) * Fraction(49, 100)  # the rest of the half exceeds round-off
 
 
-def gap(larger: Coefficients, smaller: Coefficients) -> Fraction | None:
+def _torus_work() -> Work:
+    return Work(TORUS, "cosines on the torus")
+
+
+def gap(larger: Coefficients, smaller: Coefficients, work: Work | None = None) -> Fraction | None:
     """Return a lower bound on |a| - |b| over the torus; 0 where it is not positive, None if undecided."""
     sizes = [sum((abs(value) for value in part.values()), Fraction(0)) for part in (larger, smaller)]
     prompt = abs(larger.get(frozenset(), Fraction(0)))
@@ -87,7 +130,12 @@ def gap(larger: Coefficients, smaller: Coefficients) -> Fraction | None:
     variables = _variables(larger, smaller)
     if len(variables) >= VARIABLES:
         corners = ([_corner(part, signs) for part in (larger, smaller)] for signs in _signs(variables))
-        return Fraction(0) if any(abs(a) <= abs(b) for a, b in corners) else None
+        if any(abs(a) <= abs(b) for a, b in corners):
+            return Fraction(0)
+        try:
+            return _least_difference(larger, smaller, variables, work or _torus_work()) * sum(sizes)
+        except Undecided:
+            return None
     mean, quadratic = _least_square(larger, smaller, variables)
     ends = [mean[0] - mean[1], mean[0] + mean[1]]
     if min(ends) <= 0:
@@ -98,6 +146,42 @@ def gap(larger: Coefficients, smaller: Coefficients) -> Fraction | None:
         values.append(f0 - f1 * f1 / (4 * f2))
     # |a| - |b| = (|a|² - |b|²)/(|a| + |b|), and the least |a|² - |b|² is F/(A + 2 |Z|) with |Z| < A/2.
     return max(Fraction(0), Fraction(min(values) / (2 * max(ends) * sum(sizes))))
+
+
+def _least_difference(
+    larger: Coefficients, smaller: Coefficients, variables: list[Hashable], work: Work
+) -> Fraction:
+    """Return a lower bound on |a| - |b| over the torus, over the sum of all sizes; as `gap`, in boxes.
+
+    |a|² - |b|² is a sum of cosines, of which value and slopes in the middle of a box, and a bound on the
+    second derivatives, bound the least value there. `Undecided` where it is too near to 0, or takes too long.
+    """
+    total = sum((abs(value) for part in (larger, smaller) for value in part.values()), Fraction(0))
+    cosines: dict[tuple[int, ...], Fraction] = {}
+    for part, sign in ((larger, 1), (smaller, -1)):
+        for key, value in part.items():
+            for other, factor in part.items():
+                order = tuple((name in key) - (name in other) for name in variables)
+                cosines[order] = cosines.get(order, Fraction(0)) + sign * value * factor / total**2
+    orders = np.array(list(cosines), float)
+    sizes = np.array([float(value) for value in cosines.values()])
+    steepness = float(np.abs(sizes) @ np.abs(orders).sum(axis=1) ** 2)
+    rounding = 2.0**-44 * float(np.abs(sizes).sum())
+    middles, half, least = np.zeros((1, len(variables))), math.pi, math.inf
+    corners = np.array(list(product((-1, 1), repeat=len(variables))))
+    for _ in range(_HALVINGS):
+        work.spend(middles.shape[0] * len(orders))
+        angles = middles @ orders.T
+        values, slopes = np.cos(angles) @ sizes, np.abs((np.sin(angles) * sizes) @ orders)
+        least = min(least, float(values.min()))
+        if least < -rounding:
+            return Fraction(0)
+        lower = values - half * slopes.sum(axis=1) - steepness * half**2 / 2 - rounding
+        half /= 2
+        middles = (middles[lower < least / 2][:, None] + half * corners).reshape(-1, len(variables))
+        if not len(middles) and least > 2 * rounding:
+            return Fraction(least) / 2
+    raise Undecided("the least difference on the torus is that of round-off")
 
 
 def critical_gains(smaller: Coefficients, larger: Coefficients) -> tuple[float, float] | None:
@@ -122,6 +206,8 @@ def critical_gains(smaller: Coefficients, larger: Coefficients) -> tuple[float, 
             gains.add(-constant / slope)
     if len(variables) >= VARIABLES:
         gains |= set(_touching_gains(smaller, larger, variables))
+    if len(variables) > VARIABLES:
+        return _corner_gains(smaller, larger, gains)
     ordered = sorted(gains)
     above = [gain for gain in ordered if gain > 1]
     below = [gain for gain in ordered if gain <= 1][::-1]
@@ -150,17 +236,38 @@ def critical_gains(smaller: Coefficients, larger: Coefficients) -> tuple[float, 
     return results[0], results[1]
 
 
-def least_separation(smaller: Coefficients, larger: Coefficients, low: float, high: float) -> Fraction | None:
+def _corner_gains(
+    smaller: Coefficients, larger: Coefficients, gains: set[Fraction | float]
+) -> tuple[float, float] | None:
+    """Return the nearest of the gains at which D has a zero at ±1, if none before has one elsewhere.
+
+    Others may lie nearer to them than a relative `_NEAR_GAIN`.
+    """
+    below = max((Fraction(gain) for gain in gains if gain <= 1), default=Fraction(0))
+    above = min((Fraction(gain) for gain in gains if gain > 1), default=None)
+    proofs = [(smaller, larger, min(below * (1 + _NEAR_GAIN), Fraction(1)), Fraction(1))]
+    if above is None:  # b/k + a for 1/k from 0 to 1
+        proofs.append((larger, smaller, Fraction(0), Fraction(1)))
+    else:
+        proofs.append((smaller, larger, Fraction(1), max(above * (1 - _NEAR_GAIN), Fraction(1))))
+    if not all(least_separation(*proof) for proof in proofs):
+        return None
+    return float(below), math.inf if above is None else float(above)
+
+
+def least_separation(
+    smaller: Coefficients, larger: Coefficients, low: float | Fraction, high: float | Fraction
+) -> Fraction | None:
     """Return a lower bound on |b + k a| over the closed polydisc and low <= k <= high.
 
     0 where there is a zero, or nearly; None if undecided.
     """
-    steepness = sum((abs(value) for value in smaller.values()), Fraction(0))
+    steepness, work = sum((abs(value) for value in smaller.values()), Fraction(0)), _torus_work()
     intervals, least, count = [(Fraction(low), Fraction(high))], None, 0
     while intervals:
         start, end = intervals.pop()
         middle, count = (start + end) / 2, count + 1
-        apart = separation(_at_gain(smaller, larger, middle))
+        apart = separation(_at_gain(smaller, larger, middle), work)
         if apart is None:
             return None
         lost = steepness * (end - start) / 2
@@ -186,8 +293,6 @@ def _touching_gains(
 
     from dynid.lti.certified_roots import certified_roots
 
-    if len(variables) > VARIABLES:
-        return
     exact = dict[frozenset[Any], Any]()
     for key in {**smaller, **larger}:
         pair = (part.get(key, Fraction(0)) for part in (larger, smaller))
