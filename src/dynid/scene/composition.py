@@ -85,8 +85,8 @@ class _Flattening:
     @cached_property
     def models(self) -> dict[str, Model]:
         """The models, by name."""
-        given = mapping(self.source.data, "models")
-        return {str(name): Model(str(name), mapping_of(data)) for name, data in given.items()}
+        models = mapping(self.source.data, "models")
+        return {str(name): Model(str(name), mapping_of(data)) for name, data in models.items()}
 
     def result(self) -> Source:
         """Return the flat scene."""
@@ -119,8 +119,8 @@ class _Flattening:
         self._raise()
         bonds = self._connected()
         self._raise()
-        for number, (_, _, place) in enumerate(bonds):
-            self.marks["graph", "bonds", number] = place
+        for number, (_, _, mark_of_bond) in enumerate(bonds):
+            self.marks["graph", "bonds", number] = mark_of_bond
         texts = [f"{tail} -> {head}" for tail, head, _ in bonds]
         data["graph"] = {**mapping(data, "graph"), "nodes": self.nodes, "bonds": texts}
         if self.parameters:
@@ -141,7 +141,7 @@ class _Flattening:
     def _place(
         self,
         prefix: str,
-        part: Mapping[Any, Any],
+        graph: Mapping[Any, Any],
         path: KeyPath,
         names: Mapping[str, str],
     ) -> None:
@@ -149,29 +149,29 @@ class _Flattening:
 
         `names` are the flat names of the parameters by those within.
         """
-        given = mapping(part, "nodes")
+        nodes = mapping(graph, "nodes")
         marks = self._marks((*path, "nodes"))
-        for name, node in given.items():
-            flat, place = f"{prefix}{name}", (*path, "nodes", name)
+        for name, node in nodes.items():
+            flat, node_path = f"{prefix}{name}", (*path, "nodes", name)
             if is_instance(node):
-                self._instantiate(flat, node, place, names)
+                self._instantiate(flat, node, node_path, names)
                 continue
             self.nodes[flat] = (
-                _inner(node, names, prefix, given) if prefix and isinstance(node, dict) else node
+                _inner(node, names, prefix, nodes) if prefix and isinstance(node, dict) else node
             )
             for below, mark in marks.get(name, ()):
                 self.marks["graph", "nodes", flat, *below] = mark
-        for number, text in enumerate(listing(part, "bonds")):
-            self._bond(prefix, text, (*path, "bonds", number), given)
+        for number, text in enumerate(listing(graph, "bonds")):
+            self._bond(prefix, text, (*path, "bonds", number), nodes)
 
     def _marks(self, path: KeyPath) -> dict[Any, list[tuple[KeyPath, Positions]]]:
         """Return the marks below every key of a mapping, with their paths from there."""
         length = len(path)
         if path not in self._below:
             self._below[path] = {}
-            for place, mark in self.source.marks.items():
-                if len(place) > length and place[:length] == path:
-                    self._below[path].setdefault(place[length], []).append((place[length + 1 :], mark))
+            for marked, mark in self.source.marks.items():
+                if len(marked) > length and marked[:length] == path:
+                    self._below[path].setdefault(marked[length], []).append((marked[length + 1 :], mark))
         return self._below[path]
 
     def _bond(self, prefix: str, text: Any, path: KeyPath, nodes: Mapping[Any, Any]) -> None:
@@ -185,14 +185,14 @@ class _Flattening:
         for end in ends:
             name = self.aliases.get(f"{prefix}{end}", f"{prefix}{end}")
             holder = end.partition(".")[0]
-            own = nodes.get(holder, nodes.get(int(holder)) if holder.isdecimal() else None)
-            if is_instance(own) and name not in self.ports:
-                model = self.models[str(own["model"])]
-                copies = [holder] if own.get("repeat") is None else [f"{holder}.1", f"{holder}.2"]
-                copies = copies[: own.get("repeat") or 1]
+            node = nodes.get(holder, nodes.get(int(holder)) if holder.isdecimal() else None)
+            if is_instance(node) and name not in self.ports:
+                model = self.models[str(node["model"])]
+                copies = [holder] if node.get("repeat") is None else [f"{holder}.1", f"{holder}.2"]
+                copies = copies[: node.get("repeat") or 1]
                 ports = [f"{copy}.{port}" for copy in copies for port in model.ports]
-                ports += ["…"] if (own.get("repeat") or 1) > 2 else []
-                what = f"'{end}' is no port" if "." in end else f"'{end}' is an instance of {own['model']}"
+                ports += ["…"] if (node.get("repeat") or 1) > 2 else []
+                what = f"'{end}' is no port" if "." in end else f"'{end}' is an instance of {node['model']}"
                 message = f"bond '{text}': {what}; bonds attach at {', '.join(ports) or 'ports'}"
                 self._note(self.source.fault(path, message))
             flat.append(name)
@@ -228,8 +228,8 @@ class _Flattening:
         if copies != [flat]:
             right, left = (str(port) for port in listing(node, "chain") or ("", ""))
             backward = bool(right) and (model.outflow(right) < 0 or model.outflow(left) > 0)
-            for one, other in pairwise(copies) if right else ():
-                ends = (f"{one}.{right}", f"{other}.{left}")
+            for copy_before, copy_after in pairwise(copies) if right else ():
+                ends = (f"{copy_before}.{right}", f"{copy_after}.{left}")
                 self._connect(*(ends[::-1] if backward else ends), mark, f"chain of {flat}")
             if right:
                 self.aliases |= {f"{flat}.{left}": f"{copies[0]}.{left}"}
@@ -252,17 +252,22 @@ class _Flattening:
         else:
             unshared = set()
         scopes = {0: shared}
-        for number, own in {0: shared.keys() - unshared, **changed}.items():
-            scopes[number] = scope = shared | {name: f"{flat}.{number}.{name}" for name in own if number}
-            for name in (name for name in usual if name in own):
+        for number, changed_names in {0: shared.keys() - unshared, **changed}.items():
+            scopes[number] = scope = shared | {
+                name: f"{flat}.{number}.{name}" for name in changed_names if number
+            }
+            for name in (name for name in usual if name in changed_names):
                 if name in copies.get(number, {}):
-                    place, around = (*path, "copies", written_key(node["copies"], str(number)), name), names
+                    value_path, around = (
+                        (*path, "copies", written_key(node["copies"], str(number)), name),
+                        names,
+                    )
                 elif name in node:
-                    place, around = (*path, name), names
+                    value_path, around = (*path, name), names
                 else:
-                    place, around = (*model.path, "parameters", name), scope
+                    value_path, around = (*model.path, "parameters", name), scope
                 value = copies.get(number, {}).get(name, node.get(name, usual[name]))
-                self._add_parameter(scope[name], _scoped(value, around), place)
+                self._add_parameter(scope[name], _scoped(value, around), value_path)
         return scopes
 
     def _add_parameter(self, flat: str, value: Any, path: KeyPath) -> None:
@@ -351,8 +356,10 @@ def _inner(node: Mapping[Any, Any], names: Mapping[str, str], prefix: str, nodes
     if "law" in node:
         law = node["law"]
         for key in law if isinstance(law, dict) else ():
-            own = own_variable(str(node.get("type")), str(key))
-            inside = _Scope({name: other for name, other in names.items() if name != own}, prefix, nodes)
+            variable = own_variable(str(node.get("type")), str(key))
+            inside = _Scope(
+                {name: flat_name for name, flat_name in names.items() if name != variable}, prefix, nodes
+            )
             law = {**law, key: _scoped(law[key], inside)}
         flat["law"] = law
     return flat

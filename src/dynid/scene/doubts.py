@@ -22,8 +22,8 @@ _ENTRY = re.compile(r"[-+]?[0-9]+,( *)\Z")
 
 def scene_doubts(scene: Scene) -> list[Fault]:
     """Return the doubts about a valid scene, each at its place, in the order of the file."""
-    found = KINDS[scene.kind].load("doubts")
-    return sorted({*_decimal_commas(scene), *(found(scene) if found else ())})
+    doubts_of_kind = KINDS[scene.kind].load("doubts")
+    return sorted({*_decimal_commas(scene), *(doubts_of_kind(scene) if doubts_of_kind else ())})
 
 
 def _decimal_commas(scene: Scene) -> Iterator[Fault]:
@@ -31,9 +31,9 @@ def _decimal_commas(scene: Scene) -> Iterator[Fault]:
     source = scene.source
     lines: list[str] = []
     for path, numbers in _lists_of_whole_numbers(source.data, ()):
-        marks = [source.marks.get((*path, place)) for place in range(len(numbers))]
+        marks = [source.marks.get((*path, index)) for index in range(len(numbers))]
         places = [mark.value for mark in marks if mark is not None and mark.file == source.file]
-        if len(places) < len(numbers) or any(place[0] != places[0][0] for place in places):
+        if len(places) < len(numbers) or any(index[0] != places[0][0] for index in places):
             continue
         lines = lines or source.text.splitlines()
         line = lines[places[0][0] - 1]

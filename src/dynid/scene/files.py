@@ -23,8 +23,8 @@ def file_places(data: Any) -> Iterator[KeyPath]:
 
     kind = KINDS.get(data.get("kind"))
     if kind is not None:
-        found = references(kind.load("model"), data, FILE)
-        yield from (place for place, name, _ in found if isinstance(name, str))
+        occurrences = references(kind.load("model"), data, FILE)
+        yield from (path for path, name, _ in occurrences if isinstance(name, str))
 
 
 def missing_files(scene: Scene) -> list[Fault]:
@@ -48,11 +48,11 @@ def missing_files(scene: Scene) -> list[Fault]:
                 values = [value] if len(paths_of(key)) == 1 else value
                 source = set_values(base.source, dict(zip(paths_of(key), values, strict=True)))
                 parts = [path_of(source, path) for path in paths_of(key)]
-                places = (place for place in file_places(source.data) if _is_below(place, parts))
+                places = (key_path for key_path in file_places(source.data) if _is_below(key_path, parts))
                 message = next(filter(None, (_why_not(base.folder, source.data, p) for p in places)), "")
                 listed = ("vary", key, "values", number)
-                place = listed if listed in scene.source.marks else ("vary", key, number)
-                faults += [scene.source.fault(place, message)] if message else []
+                key_path = listed if listed in scene.source.marks else ("vary", key, number)
+                faults += [scene.source.fault(key_path, message)] if message else []
     return faults
 
 
@@ -60,21 +60,21 @@ def _missing(scene: Scene, elsewhere: Sequence[KeyPath]) -> list[Fault]:
     """Return the missing files of a scene, except at paths that something else sets."""
     unread = KINDS[scene.kind].load("unread")
     data, passed = scene.source.data, [*(unread(scene) if unread else ()), *elsewhere]
-    places = [place for place in file_places(data) if not _is_below(place, passed)]
-    said = {place: _why_not(scene.folder, data, place) for place in places}
-    return [scene.source.fault(place, message, key=True) for place, message in said.items() if message]
+    places = [path for path in file_places(data) if not _is_below(path, passed)]
+    said = {path: _why_not(scene.folder, data, path) for path in places}
+    return [scene.source.fault(path, message, key=True) for path, message in said.items() if message]
 
 
-def _is_below(place: KeyPath, parts: Iterable[KeyPath]) -> bool:
-    return any(place[: len(part)] == part for part in parts)
+def _is_below(path: KeyPath, parts: Iterable[KeyPath]) -> bool:
+    return any(path[: len(holder)] == holder for holder in parts)
 
 
-def _why_not(folder: Path, data: Any, place: KeyPath) -> str:
+def _why_not(folder: Path, data: Any, key_path: KeyPath) -> str:
     """Return why the file at a path cannot be read, in the words of a run; empty where it can."""
     name = data
-    for key in place:
+    for key in key_path:
         name = name[key]
-    path = folder / (dataset_of(name)[0] if place[:2] == ("structure", "matrices") else name)
+    path = folder / (dataset_of(name)[0] if key_path[:2] == ("structure", "matrices") else name)
     try:
         check_readable(path)
     except FileError as error:

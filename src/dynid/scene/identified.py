@@ -61,8 +61,10 @@ def identified_scene(result: Result, file: str = "") -> str:
     first: dict[Any, Path] = {}  # one comment a line
     for path, (_, note) in values.items():
         line = source.marks[path].value[0] if path in source.marks else path
-        other = first.setdefault(line, path)
-        notes[other] = f"{notes[other]}, {note}" if other in notes else f"standard error: {note}"
+        path_of_line = first.setdefault(line, path)
+        notes[path_of_line] = (
+            f"{notes[path_of_line]}, {note}" if path_of_line in notes else f"standard error: {note}"
+        )
     changes: dict[Path, Any] = {path: value for path, (value, _) in values.items()}
     data = {key: value for key, value in source.data.items() if key not in _dropped(source.data)}
     changes |= _requests(source.data, data)
@@ -103,33 +105,33 @@ def place_of_unknown(data: Any, name: str) -> Path:
     """
     if name in (data.get("parameters") or {}):
         return ("parameters", name)
-    holder, _, own = name.rpartition(".")
+    holder, _, parameter = name.rpartition(".")
     if holder in mapping(mapping(data, "graph"), "nodes"):
-        given = data["graph"]["nodes"][holder]
-        return ("graph", "nodes", holder, own) if is_instance(given) and own in given else ()
+        node = data["graph"]["nodes"][holder]
+        return ("graph", "nodes", holder, parameter) if is_instance(node) and parameter in node else ()
     line, _, number = holder.rpartition(".")
     copies = mapping(mapping(mapping(data, "graph"), "nodes").get(line), "copies")
-    if own in mapping(copies, key := written_key(copies, number)):
-        return ("graph", "nodes", line, "copies", key, own)
+    if parameter in mapping(copies, key := written_key(copies, number)):
+        return ("graph", "nodes", line, "copies", key, parameter)
     joints = {str(key): key for key in mapping(data, "joints")}
     joint, _, letter = holder.rpartition(".")  # of a joint between points: bolt.k.x
     if joint in joints and holder not in joints:
-        return ("joints", joints[joint], letter, own)
-    return ("joints", joints[holder], own) if holder in joints else ()
+        return ("joints", joints[joint], letter, parameter)
+    return ("joints", joints[holder], parameter) if holder in joints else ()
 
 
 def _dropped(data: Any) -> set[str]:
     """Return the keys of a scene that the identified one has not."""
-    found: set[str] = _OF_IDENTIFICATION & data.keys()
+    keys: set[str] = _OF_IDENTIFICATION & data.keys()
     analysis = data.get("analysis") or {}
     if not analysis.get("time"):
-        found |= {"initial"} & data.keys()
+        keys |= {"initial"} & data.keys()
     if "graph" in data:
-        found |= {"excitation"} & data.keys()
+        keys |= {"excitation"} & data.keys()
     expectations = [one for one in data.get("expect") or [] if not _of_identification(one)]
     if "expect" in data and not expectations:
-        found.add("expect")
-    return found
+        keys.add("expect")
+    return keys
 
 
 def _of_identification(expectation: Any) -> bool:
@@ -170,19 +172,19 @@ def _requests(before: Any, data: Any) -> dict[Path, Any]:
     return changes
 
 
-def _signals(part: Any) -> list[Any]:
+def _signals(holder: Any) -> list[Any]:
     """Return the signals of an excitation, which may be one alone."""
-    given = part.get("excitation") or []
-    return [given] if isinstance(given, dict) else given
+    signals = holder.get("excitation") or []
+    return [signals] if isinstance(signals, dict) else signals
 
 
 def _distinct(values: Any) -> list[Any]:
     """Return values without repetitions, in their order."""
-    found: list[Any] = []
+    distinct: list[Any] = []
     for value in values:
-        if value not in found:
-            found.append(value)
-    return found
+        if value not in distinct:
+            distinct.append(value)
+    return distinct
 
 
 def _at(data: Any, path: Path) -> Any:
@@ -207,18 +209,18 @@ def without_keys(text: str, keys: set[str], data: Any) -> str:
         return dump(data)
     lines, starts = text.splitlines(keepends=True), [key.start_mark.line for key, _ in root.value]
     kept = lines[: starts[0]]
-    for place, (key, _) in enumerate(root.value):
-        stop = starts[place + 1] if place + 1 < len(starts) else len(lines)
-        part = lines[starts[place] : stop]
+    for index, (key, _) in enumerate(root.value):
+        stop = starts[index + 1] if index + 1 < len(starts) else len(lines)
+        block = lines[starts[index] : stop]
         if key.value in keys:
             # Comments and blank lines at the end belong to what follows.
-            own = len(part)
-            while own > 1 and re.match(r"#|\s*$|\.\.\.|---", part[own - 1]):
-                own -= 1
-            part = part[own:]
-        kept += part
-    made = "".join(kept)
-    return made if parse_source(made).data == data else dump(data)
+            length = len(block)
+            while length > 1 and re.match(r"#|\s*$|\.\.\.|---", block[length - 1]):
+                length -= 1
+            block = block[length:]
+        kept += block
+    kept_text = "".join(kept)
+    return kept_text if parse_source(kept_text).data == data else dump(data)
 
 
 def holds_design(result: Result) -> bool:
@@ -244,7 +246,9 @@ def designed_scene_text(result: Result, file: str = "") -> str:
     UsageError
         If it has no scene.
     """
-    names, values, starts = (result[f"{_DESIGN}/{part}"].data.tolist() for part in ("name", "value", "start"))
+    names, values, starts = (
+        result[f"{_DESIGN}/{array}"].data.tolist() for array in ("name", "value", "start")
+    )
     source = _scene_of(result, file, names)
     text = source.text
     changes: dict[Path, Any] = {}
@@ -252,13 +256,19 @@ def designed_scene_text(result: Result, file: str = "") -> str:
     for name, value, start in zip(names, values, starts, strict=True):
         path = place_of_unknown(source.data, name)
         changes[path], notes[path] = value, f"designed, from {start:.6g}"
-    given = source.data.get("expect") or []
-    expected = [one for one in given if not str(one.get("path", "")).startswith(f"{_DESIGN}/")]
-    dropped = {"design"} | ({"expect"} if given and not expected else set())
+    expectations = source.data.get("expect") or []
+    expected = [
+        expectation
+        for expectation in expectations
+        if not str(expectation.get("path", "")).startswith(f"{_DESIGN}/")
+    ]
+    dropped = {"design"} | ({"expect"} if expectations and not expected else set())
     data = {key: value for key, value in source.data.items() if key not in dropped}
-    if expected and expected != given:
+    if expected and expected != expectations:
         data["expect"] = expected
-        text = _without_entries(source, [k for k, one in enumerate(given) if one not in expected], expected)
+        text = _without_entries(
+            source, [k for k, expectation in enumerate(expectations) if expectation not in expected], expected
+        )
     kept = without_keys(text, dropped, data).rstrip() + "\n"
     for path, value in changes.items():
         data = changed_at(data, path, value)
@@ -267,7 +277,7 @@ def designed_scene_text(result: Result, file: str = "") -> str:
 
 def _without_entries(source: Source, places: list[int], expected: list[Any]) -> str:
     """Return the text of a scene without some expectations, each of which stands in a line."""
-    lines = {source.marks["expect", place].value[0] for place in places if ("expect", place) in source.marks}
+    lines = {source.marks["expect", index].value[0] for index in places if ("expect", index) in source.marks}
     written = source.text.splitlines(keepends=True)
     text = "".join(line for number, line in enumerate(written, 1) if number not in lines)
     data = {**source.data, "expect": expected}

@@ -60,15 +60,15 @@ class Kind:
     content: str = ""
     alternatives: str = ""
 
-    def load(self, part: str) -> Any:
+    def load(self, attribute: str) -> Any:
         """Return the object that a reference names; None where the kind has none.
 
         Parameters
         ----------
-        part
+        attribute
             The name of the attribute that holds the reference, such as ``run``.
         """
-        return resolve(getattr(self, part))
+        return resolve(getattr(self, attribute))
 
 
 def resolve(reference: str) -> Any:
@@ -76,8 +76,8 @@ def resolve(reference: str) -> Any:
     if not reference:
         return None
     module, _, name = reference.partition(":")
-    found = import_module(module)
-    return getattr(found, name) if name else found
+    loaded = import_module(module)
+    return getattr(loaded, name) if name else loaded
 
 
 _KINDS = (

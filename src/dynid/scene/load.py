@@ -109,17 +109,20 @@ class Scene(Generic[M]):
     def locate(self, error: DynidError) -> Fault:
         """Return an error of a run as a fault at the first of its names that the scene has."""
         for name in error.names:
-            joint, _, part = name.rpartition(".")
+            joint, _, key_of_joint = name.rpartition(".")
             key = int(name) if name.isdecimal() else name
             candidates: tuple[tuple[Any, ...], ...] = (
-                *(("graph", "nodes", name), ("graph", "nodes", key), ("joints", joint, part)),
+                *(("graph", "nodes", name), ("graph", "nodes", key), ("joints", joint, key_of_joint)),
                 *(("joints", name), ("parameters", name), (name,)),
                 ("joints", *name.split(".")),
                 *(("measurement", name), ("measurement", "simulate", name)),
             )
             path = next((path for path in candidates if path in self.source.marks), None)
             if path is None:
-                dotted = tuple(int(part) if part.isdecimal() else part for part in name.split("."))
+                dotted = tuple(
+                    int(key_of_joint) if key_of_joint.isdecimal() else key_of_joint
+                    for key_of_joint in name.split(".")
+                )
                 path = dotted if dotted[0] in self.source.data else None
             if path is not None:
                 return self.source.fault(path, str(error), key=True)
@@ -174,16 +177,16 @@ def load_scene(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> S
     # A parameter, or a part of a joint, that the scene does not have is refused: nothing would use it.
     for path in paths:
         holder, _, name = path.partition(".")
-        known = [str(key) for key in data[holder]] if isinstance(data.get(holder), dict) else None
-        if known is None or not name:
+        names = [str(key) for key in data[holder]] if isinstance(data.get(holder), dict) else None
+        if names is None or not name:
             continue
-        joint, _, part = name.partition(".")
-        if holder == "parameters" and {name, joint}.isdisjoint(known):
-            faults.append((path, f"the scene has no parameter '{joint}'{did_you_mean(joint, known)}"))
-        whole = {f"joints.{joint}", f"joints.{joint}.dofs"}  # which may be added
-        known_joint = any(name.startswith(f"{other}.") for other in known)
-        if holder == "joints" and part and not known_joint and whole.isdisjoint(paths):
-            faults.append((path, f"the scene has no joint '{joint}'{did_you_mean(joint, known)}"))
+        joint, _, key_of_joint = name.partition(".")
+        if holder == "parameters" and {name, joint}.isdisjoint(names):
+            faults.append((path, f"the scene has no parameter '{joint}'{did_you_mean(joint, names)}"))
+        added = {f"joints.{joint}", f"joints.{joint}.dofs"}  # which may be added
+        known_joint = any(name.startswith(f"{joint_name}.") for joint_name in names)
+        if holder == "joints" and key_of_joint and not known_joint and added.isdisjoint(paths):
+            faults.append((path, f"the scene has no joint '{joint}'{did_you_mean(joint, names)}"))
     if faults:
         raise SceneError(Fault(f"--set {path}", 1, 1, message) for path, message in faults)
     return check_source(apply_overrides(source, assignments))

@@ -133,11 +133,11 @@ class _Checks:
     def check_nodes(self, nodes: Mapping[Any, Any], path: KeyPath) -> None:
         """Note the faults of the nodes of a model, or of the graph, and of the instances among them."""
         for name, node in nodes.items():
-            place = (*path, "nodes", name)
+            node_path = (*path, "nodes", name)
             if path[0] == "models" and not _is_name(str(name)):
-                self._note(place, f"'{name}' cannot name a node; use letters, digits, _ and -")
+                self._note(node_path, f"'{name}' cannot name a node; use letters, digits, _ and -")
             elif is_instance(node):
-                self._check_instance(str(name), node, place)
+                self._check_instance(str(name), node, node_path)
 
     def _check_instance(self, name: str, node: Mapping[Any, Any], path: KeyPath) -> None:
         if problem := name_problem(name.rpartition(".")[2]):

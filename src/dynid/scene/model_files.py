@@ -51,8 +51,8 @@ def with_models(source: Source) -> Source:
     for used in _UsedFiles(faults).sources(source, (os.path.realpath(source.file),)):
         for name, model in mapping(used.data, "models").items():
             if name in models:
-                other = marks["models", name].file
-                message = f"there are two models '{name}'; the other is in {other}"
+                first_file = marks["models", name].file
+                message = f"there are two models '{name}'; the other is in {first_file}"
                 faults.append(used.fault(("models", name), message, key=True))
             models[name] = model
         marks |= {
@@ -60,15 +60,15 @@ def with_models(source: Source) -> Source:
         }
     if faults:
         raise SceneError(faults)
-    library, wanted = set(library_names()), [mapping(source.data, "graph"), *models.values()]
-    while wanted:
-        for node in mapping(wanted.pop(), "nodes").values():
+    library, graphs = set(library_names()), [mapping(source.data, "graph"), *models.values()]
+    while graphs:
+        for node in mapping(graphs.pop(), "nodes").values():
             name = node["model"] if is_instance(node) else None
             if isinstance(name, str) and name in library and name not in models:
                 text = parse_source(library_text(name), f"{name}.yaml of the library")
                 models |= text.data["models"]
                 marks |= text.marks
-                wanted.append(models[name])
+                graphs.append(models[name])
     data = {key: value for key, value in source.data.items() if key != "use"}
     if models:
         data["models"] = models

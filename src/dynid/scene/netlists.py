@@ -157,9 +157,9 @@ class NetlistModel:
 class _Refusal(Exception):
     """A fault at a place of a netlist."""
 
-    def __init__(self, place: Place, message: str) -> None:
+    def __init__(self, path: Place, message: str) -> None:
         super().__init__(message)
-        self.place = place
+        self.place = path
 
 
 def expand(source: Source, types: Sequence[str]) -> NetlistModel:
@@ -202,88 +202,88 @@ class _Expansion:
 
     def model(self, name: str, path: tuple[str, ...], above: tuple[str, ...]) -> NetlistModel:
         """Expand a model; `path` is what its components' names start with."""
-        place: Place = ("models", name)
+        key_path: Place = ("models", name)
         if name in above or len(above) >= _MOST_LEVELS:
-            raise _Refusal(place, f"model '{name}' contains itself")
+            raise _Refusal(key_path, f"model '{name}' contains itself")
         written = self._models[name]
         if not isinstance(written, dict):
-            raise _Refusal(place, f"model '{name}' has the keys 'components' and 'netlist'")
-        whole = NetlistModel()
+            raise _Refusal(key_path, f"model '{name}' has the keys 'components' and 'netlist'")
+        netlist = NetlistModel()
         inner: dict[str, NetlistModel] = {}
-        for k, text in enumerate(_texts(written, "components", place)):
-            self._add(whole, inner, text, (*place, "components", k), path, (*above, name))
-        for k, text in enumerate(_texts(written, "netlist", place)):
+        for k, text in enumerate(_texts(written, "components", key_path)):
+            self._add(netlist, inner, text, (*key_path, "components", k), path, (*above, name))
+        for k, text in enumerate(_texts(written, "netlist", key_path)):
             ends = text.split()
             if len(ends) != 2:
-                raise _Refusal((*place, "netlist", k), f"'{text}' is no wire; write 'a b', or 'a.port b'")
-            first, second = (_end(end, (*place, "netlist", k), whole, inner, path) for end in ends)
-            whole.wires.append((first, second))
-        for k, text in enumerate(_texts(written, "ports", place)):
+                raise _Refusal((*key_path, "netlist", k), f"'{text}' is no wire; write 'a b', or 'a.port b'")
+            first, second = (_end(end, (*key_path, "netlist", k), netlist, inner, path) for end in ends)
+            netlist.wires.append((first, second))
+        for k, text in enumerate(_texts(written, "ports", key_path)):
             label, *names = text.split()
             full = "_".join((*path, label))
-            if len(names) != 1 or full not in whole.components or whole.components[full].type != "SS":
+            if len(names) != 1 or full not in netlist.components or netlist.components[full].type != "SS":
                 message = f"'{text}' is no port; write 'a B', where a is a component base/SS"
-                raise _Refusal((*place, "ports", k), message)
-            whole.ports[names[0]] = full
-        return whole
+                raise _Refusal((*key_path, "ports", k), message)
+            netlist.ports[names[0]] = full
+        return netlist
 
     def _add(
         self,
-        whole: NetlistModel,
+        netlist: NetlistModel,
         inner: dict[str, NetlistModel],
         text: str,
-        place: Place,
+        key_path: Place,
         path: tuple[str, ...],
         above: tuple[str, ...],
     ) -> None:
         label, template, *values = text.split() if len(text.split()) > 1 else ("", "")
         if not _NAME.fullmatch(label):
-            raise _Refusal(place, f"'{text}' is no component; write 'name base/R 10'")
+            raise _Refusal(key_path, f"'{text}' is no component; write 'name base/R 10'")
         full = "_".join((*path, label))
-        if full in whole.components or label in inner:
-            raise _Refusal(place, f"two components are called '{label}'")
+        if full in netlist.components or label in inner:
+            raise _Refusal(key_path, f"two components are called '{label}'")
         self._count += 1
         if self._count > _MOST_COMPONENTS:
-            raise _Refusal(place, f"more than {_MOST_COMPONENTS:,} components")
+            raise _Refusal(key_path, f"more than {_MOST_COMPONENTS:,} components")
         if template in self._models:
             inner[label] = self.model(template, (*path, label), above)
-            whole.components |= inner[label].components
-            whole.wires += inner[label].wires
+            netlist.components |= inner[label].components
+            netlist.wires += inner[label].wires
         else:
-            whole.components[full] = self._component(template, values, place)
+            netlist.components[full] = self._component(template, values, key_path)
 
-    def _component(self, template: str, values: Sequence[str], place: Place) -> Component:
+    def _component(self, template: str, values: Sequence[str], path: Place) -> Component:
         library, _, kind = template.rpartition("/")
         if library != "base" or kind not in (*self._types, "SS"):
-            known = [*(f"base/{name}" for name in self._types), *self._models]
+            types = [*(f"base/{name}" for name in self._types), *self._models]
             message = (
-                f"no component '{template}'{did_you_mean(template, known)}; linear ones of 'base' are read"
+                f"no component '{template}'{did_you_mean(template, types)}; linear ones of 'base' are read"
             )
-            raise _Refusal(place, message)
+            raise _Refusal(path, message)
         if len(values) > 1:
-            raise _Refusal(place, f"a component of type {kind} takes one value, not {len(values)}")
+            raise _Refusal(path, f"a component of type {kind} takes one value, not {len(values)}")
         value: int | float | None = None
         if values:
             written = values[0].rpartition("=")[2]  # 10 or r=10
             try:
                 value = int(written) if written.lstrip("+-").isdecimal() else float(written)
             except ValueError:
-                raise _Refusal(place, f"'{written}' is no number; components need numbers") from None
-        return Component(kind, template, value, place)
+                raise _Refusal(path, f"'{written}' is no number; components need numbers") from None
+        return Component(kind, template, value, path)
 
 
-def _texts(model: dict[str, Any], key: str, place: Place) -> list[str]:
+def _texts(model: dict[str, Any], key: str, path: Place) -> list[str]:
     listed = model.get(key) or []
     if not isinstance(listed, list):
-        raise _Refusal((*place, key), f"'{key}' is a list")
+        raise _Refusal((*path, key), f"'{key}' is a list")
     for k, item in enumerate(listed):
         if not isinstance(item, str):
-            raise _Refusal((*place, key, k), f"an entry of '{key}' is a text")
+            raise _Refusal((*path, key, k), f"an entry of '{key}' is a text")
     return listed
 
 
 def _end(
-    text: str, place: Place, whole: NetlistModel, inner: dict[str, NetlistModel], path: tuple[str, ...]
+    text: str, key_path: Place, netlist: NetlistModel, inner: dict[str, NetlistModel], path: tuple[str, ...]
 ) -> WireEnd:
     label, _, port = text.partition(".")
     full = "_".join((*path, label))
@@ -292,10 +292,10 @@ def _end(
         if not port and len(ports) == 1:
             (port,) = ports
         if port not in ports:
-            raise _Refusal(place, f"model '{label}' has no port '{port}'{did_you_mean(port, list(ports))}")
+            raise _Refusal(key_path, f"model '{label}' has no port '{port}'{did_you_mean(port, list(ports))}")
         return WireEnd(ports[port])
-    if full not in whole.components:
-        raise _Refusal(place, f"no component '{label}'")
+    if full not in netlist.components:
+        raise _Refusal(key_path, f"no component '{label}'")
     return WireEnd(full, port)
 
 

@@ -50,8 +50,8 @@ def _add_origin(result: Result, scene: Scene) -> None:
     simulate = measurement.get("simulate") or (measurement.get("frf") or {}).get("simulate")
     noisy = [] if simulate is None else [simulate]
     for signals in (data.get("excitation"), time.get("input")):
-        given = [signals] if isinstance(signals, dict) else signals or []
-        noisy += [signal for signal in given if signal["kind"] == "random"]
+        listed = [signals] if isinstance(signals, dict) else signals or []
+        noisy += [signal for signal in listed if signal["kind"] == "random"]
     # The seed of the noise of the measurement, else that of the first random signal; 0 without both.
     result.attrs["seed"] = noisy[0].get("seed", 0) if noisy else 0
 
@@ -64,10 +64,10 @@ def preparation_errors(scene: Scene) -> list[DynidError]:
     of its own; see those of the scene that it varies.
     """
     steps = KINDS[scene.kind].load("prepare")
-    found: list[DynidError] = []
+    errors: list[DynidError] = []
     for step in steps(scene) if steps else ():
         try:
             step()
         except DynidError as error:
-            found.append(error)
-    return found
+            errors.append(error)
+    return errors

@@ -42,7 +42,7 @@ def explain(scene: Scene) -> Explanation:
             undetermined = hold(JunctionStructure(graph), ())
         except NumericalError as unsolvable:
             return Explanation(result, facts, obstacle=unsolvable)
-        facts += [Fact("warning", part.error.problem) for part in undetermined]
+        facts += [Fact("warning", variable.error.problem) for variable in undetermined]
         return Explanation(result, facts)
     unneeded = set.intersection(*(set(reduced.dropped(port)) for port in reduced.outputs))
     names = [name for name in reduced.graph.nodes if name in unneeded]
@@ -97,9 +97,10 @@ def explain_synthesis(scene: Scene[SynthesisScene]) -> Explanation:
     what = "admittance" if function.admittance else "impedance"
     degree = max(function.numerator.degree(), function.denominator.degree())
     facts = [Fact("function", f"a positive real {what} of degree {degree}: {kind_of(*function.impedance)}")]
-    found, missing = realisations(function, None if model.forms is None else tuple(model.forms))
-    for place, one in enumerate(found):
-        text = f"{one.form}: {counted(len(one.graph.nodes), 'node')}, {counted(len(one.graph.bonds), 'bond')}"
-        facts.append(Fact("forms" if place == 0 else "", text))
+    circuits, missing = realisations(function, None if model.forms is None else tuple(model.forms))
+    for index, circuit in enumerate(circuits):
+        graph = circuit.graph
+        size = f"{counted(len(graph.nodes), 'node')}, {counted(len(graph.bonds), 'bond')}"
+        facts.append(Fact("forms" if index == 0 else "", f"{circuit.form}: {size}"))
     facts += [Fact("", f"no {form}: {why}") for form, why in missing.items()]
     return Explanation(Result("synthesis", scene.title), facts)

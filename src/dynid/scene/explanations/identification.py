@@ -47,11 +47,11 @@ def explain(scene: Scene[IdentificationScene]) -> Explanation:
     result = Result("identification", scene.title)
     facts: list[Fact] = []
     try:
-        method, made = reductor_of(scene), None
+        method, reduction = reductor_of(scene), None
         if method is not None:
             report_progress("making the basis")
-            made = method.at(expected_values(structure)).reduce(structure)
-        facts += _of_model(structure, made, model.reduction_method)
+            reduction = method.at(expected_values(structure)).reduce(structure)
+        facts += _of_model(structure, reduction, model.reduction_method)
         facts += node_facts(structure)
         if model.measurement is not None:
             _add_record(scene, result, facts, [unknown.name for unknown in structure.unknowns])
@@ -73,11 +73,11 @@ def _explain_graph(scene: Scene[IdentificationScene]) -> Explanation:
         valued = [node for node in nodes if node.value is not None]
         size = f"{counted(len(graph.graph.nodes), 'node')}, {counted(len(graph.graph.bonds), 'bond')}"
         free = sum(node.dependent is not None for node in valued)
-        known = (
+        dependence = (
             f"{free} of {counted(len(valued), 'value')} depend on {counted(len(graph.unknowns), 'unknown')}"
         )
-        facts.append(Fact("graph", f"{size}; {known}"))
-        facts += [Fact("", part.why) for part in built.approximations]
+        facts.append(Fact("graph", f"{size}; {dependence}"))
+        facts += [Fact("", approximation.why) for approximation in built.approximations]
         if model.measurement is not None:
             likelihood = _add_record(scene, result, facts, [unknown.name for unknown in graph.unknowns])
             if model.measurement.frf is None:
@@ -128,24 +128,28 @@ def _add_record(
     return likelihood
 
 
-def _of_model(structure: StructuralModel, made: StructuralReduction | None, method: str) -> Iterator[Fact]:
+def _of_model(
+    structure: StructuralModel, reduction: StructuralReduction | None, method: str
+) -> Iterator[Fact]:
     """Yield the number of states, and the basis."""
     n = structure.size
-    r = n if made is None else made.model.size
+    r = n if reduction is None else reduction.model.size
     parameters = f"{len(structure.unknowns)} unknown"
     if structure.parameters:
         parameters = counted(len(structure.unknowns), "unknown parameter")
     else:
         parameters += f" of {sum(len(joint.terms) for joint in structure.joints)} joint parameters"
-    if made is None:
+    if reduction is None:
         yield Fact("model", f"{n:,} DOFs: {2 * n:,} physical states; {parameters}")
         return
     yield Fact("model", f"{n:,} DOFs reduced by {method} to {r}: {2 * r} states; {parameters}")
-    basis = [counted(len(made.masters), "master")] if made.masters else []
-    if made.modes:
-        basis.append(counted(len(made.modes), "mode") + (f" ({made.rule})" if made.rule else ""))
-    if made.condition is not None:
-        basis.append(f"condition of {made.inverted} {made.condition:.2g}")
+    basis = [counted(len(reduction.masters), "master")] if reduction.masters else []
+    if reduction.modes:
+        basis.append(
+            counted(len(reduction.modes), "mode") + (f" ({reduction.rule})" if reduction.rule else "")
+        )
+    if reduction.condition is not None:
+        basis.append(f"condition of {reduction.inverted} {reduction.condition:.2g}")
     yield Fact("basis", "; ".join(basis))
 
 
@@ -210,24 +214,24 @@ def _of_record(scene: Scene[IdentificationScene], likelihood: Likelihood) -> Ite
         )
 
 
-def _of_estimator(given: EstimatorModel, *, frf: bool) -> Iterator[Fact]:
+def _of_estimator(estimator: EstimatorModel, *, frf: bool) -> Iterator[Fact]:
     """Yield the estimator and its options."""
-    passes = given.passes or FILTER_PASSES.value
+    passes = estimator.passes or FILTER_PASSES.value
     said = {
         "auto": f"{ESTIMATOR.sentence.format(value=ESTIMATOR.value)}; more passes and other starts only "
         "where the residuals ask for them",
         "filter": f"filter: {passes} pass{'es' if passes > 1 else ''} over the record",
         "output-error": "output-error: maximum likelihood from the starts, at most "
-        f"{given.iterations or 50} steps",
+        f"{estimator.iterations or 50} steps",
         "invariant-imbedding": "invariant-imbedding: one integration of eqs 19 and 20 over the record",
     }
     loss = ""
-    if given.loss == "huber":
+    if estimator.loss == "huber":
         loss = f"; {HUBER.sentence.format(value=HUBER.value)}"
     if frf:
-        yield Fact("estimator", f"{given.method}: maximum likelihood of the responses{loss}")
+        yield Fact("estimator", f"{estimator.method}: maximum likelihood of the responses{loss}")
         return
-    yield Fact("estimator", f"{said[given.method]}{loss}")
+    yield Fact("estimator", f"{said[estimator.method]}{loss}")
 
 
 def _responses(analysis: ResponseModel) -> str:

@@ -33,30 +33,30 @@ def explain(scene: Scene[ReductionScene]) -> Explanation:
     n = structure.size
     facts = [Fact("model", f"{counted(n, 'DOF')}, {counted(len(structure.joints), 'joint')}")]
     facts += node_facts(structure)
-    made: dict[str, StructuralReduction] = {}
+    bases: dict[str, StructuralReduction] = {}
     try:
         methods = methods_of(model)
         if n <= _MADE:
             for name in progress.tracked(list(methods), "reduction"):
-                made[name] = methods[name].reduce(structure)
-        for place, name in enumerate(methods):
-            said = [] if name in made else _wanted(model.reduction[place])
-            if basis := made.get(name):
+                bases[name] = methods[name].reduce(structure)
+        for index, name in enumerate(methods):
+            said = [] if name in bases else _wanted(model.reduction[index])
+            if basis := bases.get(name):
                 said.append(counted(basis.model.size, "coordinate"))
                 said += [f"masters {_listed(basis.masters)}"] if basis.masters else []
                 if basis.modes:
                     rule = f" ({basis.rule})" if basis.rule else ""
                     said.append(counted(len(basis.modes), "mode") + rule)
                 said += [f"condition {basis.condition:.2g}"] if basis.condition is not None else []
-            facts.append(Fact("bases" if place == 0 else "", f"{name}: {'; '.join(said)}"))
-        most = _most_modes(model, made)
-        solver = solver_for(n, most, None)
+            facts.append(Fact("bases" if index == 0 else "", f"{name}: {'; '.join(said)}"))
+        mode_count = _most_modes(model, bases)
+        solver = solver_for(n, mode_count, None)
     except (NumericalError, UsageError) as error:
         return Explanation(result, facts, obstacle=error)
     if solver == "dense":
-        solved = f"{f'the lowest {most}' if n <= DENSE_MODES.value else 'all'}, by dense matrices"
+        solved = f"{f'the lowest {mode_count}' if n <= DENSE_MODES.value else 'all'}, by dense matrices"
     else:
-        solved = f"the lowest {most}, {FEW_MODES.sentence.format(value=FEW_MODES.value)} ({solver})"
+        solved = f"the lowest {mode_count}, {FEW_MODES.sentence.format(value=FEW_MODES.value)} ({solver})"
     facts.append(Fact("modes", solved))
     if model.frequency is not None:
         lines = len(angular_frequencies(model.frequency))
@@ -68,15 +68,19 @@ def explain(scene: Scene[ReductionScene]) -> Explanation:
     return Explanation(result, facts)
 
 
-def _wanted(part: Section) -> list[str]:
+def _wanted(reduction: Section) -> list[str]:
     """Return the masters and modes of a method, in the terms of the scene."""
-    given = {key: getattr(part, key) for key in ("masters", "modes") if getattr(part, key, None) is not None}
+    choices = {
+        key: getattr(reduction, key)
+        for key in ("masters", "modes")
+        if getattr(reduction, key, None) is not None
+    }
     said = []
-    for key, value in given.items():
+    for key, value in choices.items():
         parts = (
             value.model_dump(exclude_none=True, exclude_unset=True) if isinstance(value, Section) else None
         )
-        asked = ", ".join(f"{name} {each}" for name, each in parts.items()) if parts else _listed(value)
+        asked = ", ".join(f"{name} {entry}" for name, entry in parts.items()) if parts else _listed(value)
         said.append(f"{key} {asked}")
     return said or ["chosen from joints and responses"]
 
@@ -85,11 +89,11 @@ def _listed(names: Sequence[object]) -> str:
     return f"{', '.join(map(str, names[:8]))}{', …' * (len(names) > 8)}"
 
 
-def _most_modes(model: ReductionScene, made: Mapping[str, StructuralReduction]) -> int:
+def _most_modes(model: ReductionScene, bases: Mapping[str, StructuralReduction]) -> int:
     """Return the number of modes of the full structure in the comparison."""
-    found = [max(each.modes, default=each.model.size) for each in made.values()]
-    for part in [] if made else model.reduction:
-        modes, masters = (getattr(part, key, None) for key in ("modes", "masters"))
-        found += [max(modes)] if isinstance(modes, list) else [getattr(modes, "count", None) or 0]
-        found += [len(masters)] if isinstance(masters, list) else [getattr(masters, "count", None) or 0]
-    return max(found, default=0) or _UNKNOWN
+    counts = [max(basis.modes, default=basis.model.size) for basis in bases.values()]
+    for reduction in [] if bases else model.reduction:
+        modes, masters = (getattr(reduction, key, None) for key in ("modes", "masters"))
+        counts += [max(modes)] if isinstance(modes, list) else [getattr(modes, "count", None) or 0]
+        counts += [len(masters)] if isinstance(masters, list) else [getattr(masters, "count", None) or 0]
+    return max(counts, default=0) or _UNKNOWN

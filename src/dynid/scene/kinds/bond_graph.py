@@ -156,12 +156,12 @@ def _check_sources(scene: Scene[BondGraphScene]) -> None:
     from dynid.bondgraph.reduction.junctions import JunctionStructure
     from dynid.bondgraph.reduction.solvability import hold
 
-    built, wanted = built_graph(scene), scene.model.analysis
+    built, analysis = built_graph(scene), scene.model.analysis
     graph = built.graph
     if built.opened is not None:
         _check_loops(built.opened, built.loops)
-    outputs = () if wanted.asked() == {"causality"} else built.outputs  # causality needs no output's value
-    hold(JunctionStructure(graph.rounded() if wanted.reading == "binary" else graph), outputs)
+    outputs = () if analysis.asked() == {"causality"} else built.outputs  # causality needs no output's value
+    hold(JunctionStructure(graph.rounded() if analysis.reading == "binary" else graph), outputs)
 
 
 def _check_loops(opened: BondGraph, loops: Sequence[Loop]) -> None:
@@ -180,19 +180,19 @@ _AT_FREQUENCIES = frozenset({"frequency_response", "source_performance", "energy
 _AT_INSTANTS = frozenset({"time_response"})
 
 
-def unused_grids(model: BondGraphScene | IdentificationScene, wanted: AnalysisModel) -> list[str]:
+def unused_grids(model: BondGraphScene | IdentificationScene, analysis: AnalysisModel) -> list[str]:
     """Return the blocks of an analysis of a graph, frequency and time, with which nothing is computed."""
-    asked, graph = wanted.asked(), cast("GraphModel", model.graph)
+    asked, graph = analysis.asked(), cast("GraphModel", model.graph)
     banded = any(node.structure is not None for node in graph.nodes.values())  # reduced for the band
-    other = getattr(model, "design", None) is not None or "frequency_response" in (
+    needs_frequencies = getattr(model, "design", None) is not None or "frequency_response" in (
         getattr(model, "derived", None) or ()
     )
     margins = model.control is not None and "properties" in asked
     used = {
-        "frequency": bool(asked & _AT_FREQUENCIES) or banded or margins or other,
+        "frequency": bool(asked & _AT_FREQUENCIES) or banded or margins or needs_frequencies,
         "time": bool(asked & _AT_INSTANTS),
     }
-    return [name for name, by in used.items() if getattr(wanted, name) is not None and not by]
+    return [name for name, by in used.items() if getattr(analysis, name) is not None and not by]
 
 
 def doubts(scene: Scene) -> Iterator[Fault]:
@@ -233,15 +233,15 @@ def question(scene: Scene[BondGraphScene]) -> tuple[BondGraph, Analysis]:
         return built.graph, graph_analysis(scene, model.analysis, built)
     from dynid.arithmetic.dependent import independent_parameters
 
-    known = independent_parameters(
+    duals = independent_parameters(
         {
-            name: given.reference.value if isinstance(given, DefinedParameter) else given
-            for name, given in model.parameters.items()
+            name: entry.reference.value if isinstance(entry, DefinedParameter) else entry
+            for name, entry in model.parameters.items()
         }
     )
-    values = {name: dual.value for name, dual in known.items()}
+    values = {name: dual.value for name, dual in duals.items()}
     built = built_graph(scene, with_gains(model.control, values) if model.control else None)
-    variables = _parameters(model, built.graph, known)
+    variables = _parameters(model, built.graph, duals)
     graph = BondGraph(
         [replace(node, dependent=None) for node in built.graph.nodes.values()], built.graph.bonds
     )
@@ -250,7 +250,7 @@ def question(scene: Scene[BondGraphScene]) -> tuple[BondGraph, Analysis]:
 
 def graph_analysis(
     scene: Scene,
-    wanted: AnalysisModel,
+    requested: AnalysisModel,
     built: BuiltGraph,
     variables: tuple[SensitivityParameter, ...] | None = None,
 ) -> Analysis:
@@ -260,7 +260,7 @@ def graph_analysis(
     ----------
     scene
         The scene, whose stored energy is that at t = 0.
-    wanted
+    requested
         The analysis.
     built
         The graph, and the requested variables as it has them.
@@ -276,46 +276,63 @@ def graph_analysis(
                 remedy="Leave its stored energy out, or choose another operating point.",
                 names=(f"initial.{name}", name),
             )
-    inputs = tuple(wanted.inputs or (name for name, node in graph.nodes.items() if node.type in ("Se", "Sf")))
-    asked = wanted.asked()
-    if wanted.results is None and sum(bool(node.part) for node in graph.nodes.values()) > TRACED_PARTS.value:
+    inputs = tuple(
+        requested.inputs or (name for name, node in graph.nodes.items() if node.type in ("Se", "Sf"))
+    )
+    asked = requested.asked()
+    if (
+        requested.results is None
+        and sum(bool(node.part) for node in graph.nodes.values()) > TRACED_PARTS.value
+    ):
         asked -= {"reduction"}  # formulas of that many nodes are long, and nobody reads them
     signals: list[tuple[str, Signal]] = []
     apart = False
     if "time_response" in asked:
-        assert wanted.time is not None
+        assert requested.time is not None
         # Without any signal: the free response where there is stored energy, else those to a unit step of
         # each source; several are apart, as of sources in different units a sum has no meaning.
-        apart = not (wanted.time.input or model.initial) and len(inputs) > 1
-        parts = list(wanted.time.input) or ([] if model.initial else [StepSignal(kind="step")])
+        apart = not (requested.time.input or model.initial) and len(inputs) > 1
+        parts = list(requested.time.input) or ([] if model.initial else [StepSignal(kind="step")])
         units = GraphUnits(graph)
 
-        def driven(part: SignalPart) -> DrivenSource:
-            found = {units.of_input(name) for name in ([part.source] if part.source is not None else inputs)}
-            return DrivenSource(part.source or "the input", found.pop() if len(found) == 1 else "")
+        def driven(signal_model: SignalPart) -> DrivenSource:
+            input_units = {
+                units.of_input(name)
+                for name in ([signal_model.source] if signal_model.source is not None else inputs)
+            }
+            return DrivenSource(
+                signal_model.source or "the input", input_units.pop() if len(input_units) == 1 else ""
+            )
 
-        record = record_of(wanted.time)
-        for part, signal in build_signals(scene, "analysis.time.input", parts, record, driven):
-            signals += [(name, signal) for name in ([part.source] if part.source is not None else inputs)]
+        record = record_of(requested.time)
+        for signal_model, signal in build_signals(scene, "analysis.time.input", parts, record, driven):
+            signals += [
+                (name, signal)
+                for name in ([signal_model.source] if signal_model.source is not None else inputs)
+            ]
     if variables is None and "sensitivities" in asked:
-        own = ((name, node.value) for name, node in graph.nodes.items() if node.part != "control")
+        values = ((name, node.value) for name, node in graph.nodes.items() if node.part != "control")
         variables = tuple(
-            SensitivityParameter(name, value, {name: Fraction(1)}) for name, value in own if value is not None
+            SensitivityParameter(name, value, {name: Fraction(1)})
+            for name, value in values
+            if value is not None
         )
     return Analysis(
         inputs=inputs,
         outputs=built.outputs,
         results=asked,
-        omega=angular_frequencies(wanted.frequency) if wanted.frequency else None,
-        times=record_of(wanted.time).times if wanted.time else None,
+        omega=angular_frequencies(requested.frequency) if requested.frequency else None,
+        times=record_of(requested.time).times if requested.time else None,
         signals=tuple(signals),
         apart=apart,
-        initial={name: (given.f or given.e or Quantity(0)).exact for name, given in model.initial.items()},
-        port=wanted.port,
+        initial={name: (energy.f or energy.e or Quantity(0)).exact for name, energy in model.initial.items()},
+        port=requested.port,
         parameters=variables,
-        engine=wanted.engine,
-        reading=wanted.reading,
-        formulas=FormulaRequest(wanted.symbolic.form, wanted.symbolic.terms) if wanted.symbolic else None,
+        engine=requested.engine,
+        reading=requested.reading,
+        formulas=FormulaRequest(requested.symbolic.form, requested.symbolic.terms)
+        if requested.symbolic
+        else None,
         approximations=built.approximations,
         opened=built.opened,
         loops=built.loops,
@@ -330,11 +347,11 @@ def built_graph(scene: Scene[BondGraphScene], control: ControlModel | None = Non
     `control` is its feedback where it is not taken as written.
     """
     model = scene.model
-    wanted = model.analysis
-    band = float(angular_frequencies(wanted.frequency)[-1]) if wanted.frequency else None
+    analysis = model.analysis
+    band = float(angular_frequencies(analysis.frequency)[-1]) if analysis.frequency else None
     feedback = control or model.control
     return build_graph(
-        scene, model.graph, wanted.outputs, wanted.reading, band, feedback, model.operating_point
+        scene, model.graph, analysis.outputs, analysis.reading, band, feedback, model.operating_point
     )
 
 
@@ -385,14 +402,16 @@ def _parameters(
     return (*named, *numbers)
 
 
-def named_in(part: Any) -> set[str]:
+def named_in(section: Any) -> set[str]:
     """Return the names in the quantities of a part of a scene at any depth."""
     from pydantic import BaseModel
 
-    if isinstance(part, Quantity):
-        return set(part.expression.names) if part.expression is not None else set()
-    if isinstance(part, dict):
-        part = list(part.values())
-    if isinstance(part, list | tuple):
-        return set().union(*map(named_in, part))
-    return set().union(*(named_in(value) for _, value in part)) if isinstance(part, BaseModel) else set()
+    if isinstance(section, Quantity):
+        return set(section.expression.names) if section.expression is not None else set()
+    if isinstance(section, dict):
+        section = list(section.values())
+    if isinstance(section, list | tuple):
+        return set().union(*map(named_in, section))
+    return (
+        set().union(*(named_in(value) for _, value in section)) if isinstance(section, BaseModel) else set()
+    )

@@ -47,16 +47,18 @@ def design_of(scene: Scene[BondGraphScene]) -> Design:
         If a number of a parameter does not fit its scale, or a part of the graph cannot depend on parameters.
     """
     model = scene.model
-    wanted = cast("DesignModel", model.design)
+    design_model = cast("DesignModel", model.design)
     parts = _dependent_parts(scene)
     asked = list(
-        dict.fromkeys([*model.analysis.outputs, *(one.output for one in wanted.targets if one.output)])
+        dict.fromkeys(
+            [*model.analysis.outputs, *(item.output for item in design_model.targets if item.output)]
+        )
     )
     built = build_graph(scene, parts.graph, asked, model.analysis.reading, control=parts.control)
     variables = dict(zip(asked, built.outputs, strict=True))
     sources = (name for name, node in built.graph.nodes.items() if node.type in ("Se", "Sf"))
     inputs = list(model.analysis.inputs or sources)
-    outputs = [variables[one] for one in model.analysis.outputs]
+    outputs = [variables[item] for item in model.analysis.outputs]
 
     def channel(target: DesignTarget) -> tuple[Port, str]:
         return (variables[target.output] if target.output else outputs[0]), target.input or inputs[0]
@@ -66,14 +68,14 @@ def design_of(scene: Scene[BondGraphScene]) -> Design:
     band = (0.0, math.inf) if omega is None or len(omega) < 2 else (float(omega[0]), float(omega[-1]))
     compared = {
         title: {name: float(value) for name, value in values.items()}
-        for title, values in wanted.compare.items()
+        for title, values in design_model.compare.items()
     }
     return Design(
         built.graph,
-        tuple(_free_parameter(model, wanted, name) for name in wanted.free),
-        tuple(_target(one, *channel(one), band) for one in wanted.targets),
-        wanted.starts,
-        wanted.seed,
+        tuple(_free_parameter(model, design_model, name) for name in design_model.free),
+        tuple(_target(item, *channel(item), band) for item in design_model.targets),
+        design_model.starts,
+        design_model.seed,
         compared,
     )
 
@@ -137,30 +139,30 @@ def _start(model: BondGraphScene, name: str) -> float:
     from dynid.arithmetic.expression import resolve_parameters
 
     assert model.design is not None
-    own = model.design.free[name].start
-    if own is not None:
-        return float(own)
-    given = model.parameters[name]
-    if isinstance(given, DefinedParameter):
-        return float(given.reference)
-    return float(resolve_parameters({name: given})[0][name])
+    free_start = model.design.free[name].start
+    if free_start is not None:
+        return float(free_start)
+    entry = model.parameters[name]
+    if isinstance(entry, DefinedParameter):
+        return float(entry.reference)
+    return float(resolve_parameters({name: entry})[0][name])
 
 
-def _free_parameter(model: BondGraphScene, wanted: DesignModel, name: str) -> Parameter:
+def _free_parameter(model: BondGraphScene, design: DesignModel, name: str) -> Parameter:
     """Return a free parameter: by its logarithm if it is positive, and a limit is not negative or zero."""
     from dynid.parameters import Parameter
 
-    own, given = wanted.free[name], model.parameters[name]
-    least, most, scale = own.min, own.max, own.scale
-    if isinstance(given, DefinedParameter):
-        least, most, scale = least or given.min, most or given.max, scale or given.scale
-    start, low, high = _start(model, name), _number(least), _number(most)
+    free, entry = design.free[name], model.parameters[name]
+    lowest, highest, scale = free.min, free.max, free.scale
+    if isinstance(entry, DefinedParameter):
+        lowest, highest, scale = lowest or entry.min, highest or entry.max, scale or entry.scale
+    start, low, high = _start(model, name), _number(lowest), _number(highest)
     scale = scale or ("log" if start > 0 and (low is None or low > 0) else "linear")
     return Parameter(name, start, None, low, high, scale=scale)
 
 
-def _number(given: Quantity | None) -> float | None:
-    return None if given is None else float(given)
+def _number(quantity: Quantity | None) -> float | None:
+    return None if quantity is None else float(quantity)
 
 
 def _target(target: DesignTarget, output: Port, source: str, band: tuple[float, float]) -> Target:

@@ -178,13 +178,13 @@ def _words(data: Any) -> set[str]:
     for key in data.keys() - {"expect"}:
         words.add(str(key))
     while waiting:
-        part = waiting.pop()
-        if isinstance(part, dict):
-            waiting += [*part, *part.values()]
-        elif isinstance(part, list):
-            waiting += part
-        elif isinstance(part, str):
-            words.update(_WORD.split(part))
+        entry = waiting.pop()
+        if isinstance(entry, dict):
+            waiting += [*entry, *entry.values()]
+        elif isinstance(entry, list):
+            waiting += entry
+        elif isinstance(entry, str):
+            words.update(_WORD.split(entry))
     return words
 
 
@@ -194,12 +194,12 @@ def _method_names(scene: Scene, parts: tuple[str, ...]) -> list[str]:
 
     if parts[:2] != ("reduction", "frf"):
         return []
-    return result_names([part.method for part in scene.model.reduction])
+    return result_names([reduction.method for reduction in scene.model.reduction])
 
 
 def _problem_of_method(scene: Scene, name: str) -> str:
-    known = [*_method_names(scene, ("reduction", "frf")), "frf", "need"]
-    return "" if name in known else f"no reduction is called '{name}'{_similar_or_all(name, known)}"
+    names = [*_method_names(scene, ("reduction", "frf")), "frf", "need"]
+    return "" if name in names else f"no reduction is called '{name}'{_similar_or_all(name, names)}"
 
 
 def _problem_of_layout(parts: tuple[str, ...], further: Sequence[str], *, groups: bool) -> str:
@@ -225,15 +225,15 @@ def _problem_of_layout(parts: tuple[str, ...], further: Sequence[str], *, groups
         return "" if groups else f"'{name}' is a group of arrays; name one of them"
     # the deepest group that results have, and what of it there is not
     above, missing, last = parts[: depth - 1], parts[depth - 1], depth == len(parts)
-    known = names_in(above) or frozenset()
+    names = names_in(above) or frozenset()
     of_parameters = above == ("identification", "parameters") and depth + 1 == len(parts)
-    if of_parameters and (missing in known or name in known):
-        array, label = (missing, name) if missing in known else (name, missing)
+    if of_parameters and (missing in names or name in names):
+        array, label = (missing, name) if missing in names else (name, missing)
         path = f"{'/'.join(above)}/{array}"
         return f"'{path}' is an array of all parameters; write path: {path}, at: {{parameter: {label}}}"
-    if missing in known and not last:
+    if missing in names and not last:
         return f"'{missing}' is no group, it has no '{'/'.join(parts[depth:])}'"
-    candidates = sorted({*groups_in(above), *(known if last else ())}) or sorted(known)
+    candidates = sorted({*groups_in(above), *(names if last else ())}) or sorted(names)
     return f"there is no '{missing}' in {'/'.join(above)}{_similar_or_all(missing, candidates)}"
 
 
@@ -299,12 +299,16 @@ def _labels(scene: Scene, parts: tuple[str, ...]) -> dict[str, list[str]]:
     """Return the labels of axes of the arrays in a group, as far as the scene alone says them."""
     if scene.kind == "bond-graph" and parts[0] == "bond_graph":
         labels = _labels_of_graph(scene)
-        own = {"margins": ("loop",), "sensitivity_functions": ("loop",), "reduction": ("output",)} | {
+        axes_of_groups = {
+            "margins": ("loop",),
+            "sensitivity_functions": ("loop",),
+            "reduction": ("output",),
+        } | {
             "frequency_response": ("output", "input"),
             "frequency_peaks": ("output", "input"),
             "time_response": ("output", "source"),
         }
-        axes = own.get(parts[1], ()) if len(parts) == 3 else ()
+        axes = axes_of_groups.get(parts[1], ()) if len(parts) == 3 else ()
         return {axis: labels[axis] for axis in axes if axis in labels}
     if scene.kind == "identification" and parts[:2] in _OF_PARAMETERS:
         return dict.fromkeys(("parameter", "other"), _unknown_names(scene))
@@ -339,10 +343,10 @@ def _labels_of_graph(scene: Scene[BondGraphScene]) -> dict[str, list[str]]:
 
 
 def _problem_of_property(name: str, asked: frozenset[ResultName], certain: bool) -> str:
-    known = {name: None for names in (*PROPERTIES.values(), _NOTES) for name in names}
-    if name not in known:
-        return f"no channel has the property '{name}'{_similar_or_all(name, list(known))}"
-    holders: list[ResultName] = [one for one, names in PROPERTIES.items() if name in names]
+    properties = {name: None for names in (*PROPERTIES.values(), _NOTES) for name in names}
+    if name not in properties:
+        return f"no channel has the property '{name}'{_similar_or_all(name, list(properties))}"
+    holders: list[ResultName] = [result for result, names in PROPERTIES.items() if name in names]
     if certain and holders and asked.isdisjoint(holders):
         return f"'{name}' comes with the result '{holders[0]}', which 'results' does not list; add it"
     return ""
@@ -355,8 +359,8 @@ def _unrequested(group: str, result: ResultName, model: BondGraphScene) -> str:
     return f"'{group}' comes with the result '{result}', which 'results' does not list; add it"
 
 
-def _similar_or_all(name: str, known: Sequence[str]) -> str:
-    return did_you_mean(name, known) or f"; there are: {shortened(sorted(known))}"
+def _similar_or_all(name: str, candidates: Sequence[str]) -> str:
+    return did_you_mean(name, candidates) or f"; there are: {shortened(sorted(candidates))}"
 
 
 def _bounds_of_complex_numbers(scene: Scene) -> Iterator[Fault]:
@@ -398,5 +402,6 @@ def _varies_values(study: Scene[StudyScene] | None) -> bool:
     return all(path.startswith("parameters.") or path.endswith(".value") or "." not in path for path in paths)
 
 
-def _not_among(what: str, name: str, known: list[str]) -> str:
-    return f"'{name}' is not an {what}{did_you_mean(name, known) or f'; there are: {shortened(known)}'}"
+def _not_among(what: str, name: str, candidates: list[str]) -> str:
+    hint = did_you_mean(name, candidates) or f"; there are: {shortened(candidates)}"
+    return f"'{name}' is not an {what}{hint}"

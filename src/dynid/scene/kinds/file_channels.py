@@ -49,7 +49,7 @@ def completed(scene: Scene[IdentificationScene]) -> Source:
     measurement = model.measurement
     if measurement is None:
         return scene.source
-    channels = any(isinstance(one.channels, AllOfFile) for one in measurement.each)
+    channels = any(isinstance(record.channels, AllOfFile) for record in measurement.each)
     shaped = _names_nodes(scene, measurement.modes)
     if not (channels or shaped):
         return scene.source
@@ -85,7 +85,7 @@ class _Model(NamedTuple):
         (label, weight), *others = motion.items()
         if others:
             weight, along = (-1.0, end[1][1:]) if end[1].startswith("-") else (1.0, end[1])
-            parts = {dof: weight * one for dof, one in motion.items()}
+            parts = {dof: weight * factor for dof, factor in motion.items()}
             names = (f"test{k or ''} {end[0]}:{along}" for k in count())
             label = next(name for name in names if self.motions.get(name, parts) == parts)
             self.motions[label] = parts
@@ -96,20 +96,24 @@ def _with_channels(
     scene: Scene, measurement: MeasurementModel, data: Mapping[str, Any], model: _Model
 ) -> dict[str, Any]:
     """Return the measurement with its channels, and the excitation where the file gives it."""
-    given = data["measurement"]
+    measured = data["measurement"]
     if not measurement.records:
-        listed, forces = _written_out(scene, measurement, given, "measurement", model)
+        listed, forces = _written_out(scene, measurement, measured, "measurement", model)
         driven = {"excitation": forces} if forces and "excitation" not in data else {}
         return {"measurement": listed, **driven}
     records = []
-    for number, (one, own) in enumerate(zip(measurement.each, given["records"], strict=True)):
-        if isinstance(one.channels, AllOfFile):
-            listed, forces = _written_out(scene, one, own, f"measurement.records.{number}", model)
-            stated = any("excitation" in part for part in (data, given, own))
+    for number, (record, written_record) in enumerate(
+        zip(measurement.each, measured["records"], strict=True)
+    ):
+        if isinstance(record.channels, AllOfFile):
+            listed, forces = _written_out(
+                scene, record, written_record, f"measurement.records.{number}", model
+            )
+            stated = any("excitation" in holder for holder in (data, measured, written_record))
             records.append(listed if stated else {**listed, "excitation": forces})
         else:
-            records.append(own)
-    shared = {key: value for key, value in given.items() if key != "match" and value != "all"}
+            records.append(written_record)
+    shared = {key: value for key, value in measured.items() if key != "match" and value != "all"}
     return {"measurement": {**shared, "records": records}}
 
 
@@ -123,7 +127,7 @@ def _names_nodes(scene: Scene, modes: MeasuredModesModel | None) -> bool:
 
 
 def _shapes(
-    scene: Scene, given: MeasuredModesModel, written: Mapping[str, Any], model: _Model
+    scene: Scene, modes: MeasuredModesModel, written: Mapping[str, Any], model: _Model
 ) -> dict[str, Any]:
     """Return the keys of measured modes with the DOFs of their shapes; `written` are those in the scene."""
     from dynid.files.read_measured import read_modes
@@ -132,44 +136,44 @@ def _shapes(
     from dynid.scene.schema.modes import MatchModel
     from dynid.structure.labels import node_direction
 
-    assert given.file is not None
-    place, path = "measurement.modes", scene.folder / given.file.path
-    table = read_modes(path, given.file.names, f"{place}.file")
-    source = UniversalFile(DataFile(path, f"{place}.file"))
-    test = _Test(scene, given.match or MatchModel(), place, source, model, "file")
+    assert modes.file is not None
+    path_of_modes, path = "measurement.modes", scene.folder / modes.file.path
+    table = read_modes(path, modes.file.names, f"{path_of_modes}.file")
+    source = UniversalFile(DataFile(path, f"{path_of_modes}.file"))
+    test = _Test(scene, modes.match or MatchModel(), path_of_modes, source, model, "file")
     ends = [node_direction(dof) for dof in table.dofs]
     kept = {key: value for key, value in written.items() if key != "match"}
     return {**kept, "sensors": test.signed([(int(end[0]), end[1]) for end in ends if end])}
 
 
 def _written_out(
-    scene: Scene, given: RecordModel, written: Mapping[str, Any], place: str, model: _Model
+    scene: Scene, record: RecordModel, written: Mapping[str, Any], record_path: str, model: _Model
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Return the keys of a record, or of frequency responses, with those that its file gives; and the forces.
 
-    `given` is the record with what it shares with others, `written` its own keys in the scene.
+    `record` is the record with what it shares with others, `written` its own keys in the scene.
     """
     from dynid.files.table import DataFile
     from dynid.files.universal_file import UniversalFile, is_universal
     from dynid.scene.schema.modes import MatchModel
 
-    part = given.file if given.frf is None else given.frf.file
-    assert part is not None
-    assert part.path is not None
-    where = f"{place}.file" if given.frf is None else f"{place}.frf.file"
-    file = DataFile(scene.folder / part.path, where)
+    file_model = record.file if record.frf is None else record.frf.file
+    assert file_model is not None
+    assert file_model.path is not None
+    where = f"{record_path}.file" if record.frf is None else f"{record_path}.frf.file"
+    file = DataFile(scene.folder / file_model.path, where)
     if not is_universal(file.path):
         file.check()
         file.refuse(
             "names no nodes and directions",
             "List the channels; 'all' are those of a Universal File (.uff, .unv).",
         )
-    test = _Test(scene, given.match or MatchModel(), place, UniversalFile(file), model)
+    test = _Test(scene, record.match or MatchModel(), record_path, UniversalFile(file), model)
     kept = {key: value for key, value in written.items() if key != "match"}
-    if given.frf is None:
-        listed, columns, forces = _record(given, test)
+    if record.frf is None:
+        listed, columns, forces = _record(record, test)
         return {**kept, **listed, "file": {**kept.get("file", {}), **columns}}, forces
-    channels, columns = _responses(given, test)
+    channels, columns = _responses(record, test)
     frf = {**kept["frf"], "file": {**kept["frf"]["file"], **columns}}
     return {**kept, "channels": channels, "frf": frf}, []
 
@@ -181,13 +185,13 @@ class _Test:
         self,
         scene: Scene,
         match: MatchModel,
-        place: str,
+        path: str,
         source: UniversalFile,
         model: _Model,
         key: str = "channels",
     ) -> None:
-        self.match, self.place, self.source, self.model = match, place, source, model
-        self.key = f"{place}.{key}"
+        self.match, self.place, self.source, self.model = match, path, source, model
+        self.key = f"{path}.{key}"
         self.nodes = self._nodes(scene.folder)
         self.how = self._located(lambda: _matching(match))
 
@@ -203,10 +207,10 @@ class _Test:
             names = (f"{self.place}.match.geometry",)
             raise FileError(error.problem, remedy=error.remedy, names=names) from None
 
-    def _located(self, made: Any) -> Any:
+    def _located(self, motions: Any) -> Any:
         """Return what a function makes, its errors located in this part of the scene."""
         try:
-            return made()
+            return motions()
         except UsageError as error:
             names = [f"{self.place}.{name}" for name in error.names if self.match.model_fields_set]
             raise UsageError(error.problem, remedy=error.remedy, names=[*names, self.key]) from None
@@ -234,20 +238,20 @@ class _Test:
         """Return for ends of functions `dof`, and `gain` where these have the opposite direction."""
         from dynid.structure.matching import matched_dofs
 
-        found: list[Motion] = self._located(
+        motions: list[Motion] = self._located(
             lambda: matched_dofs(self.model.structure, ends, self.how, self.nodes),
         )
-        return [self.model.named(end, motion) for end, motion in zip(ends, found, strict=True)]
+        return [self.model.named(end, motion) for end, motion in zip(ends, motions, strict=True)]
 
     def signed(self, ends: Sequence[tuple[int, str]]) -> list[Label]:
         """Return DOFs for ends, with a sign where these have the opposite direction."""
         from dynid.structure.labels import node_direction
 
-        found: list[Label] = []
-        for one in self.dofs(ends):
-            node = node_direction(one["dof"]) if "gain" in one else None
-            found.append(one["dof"] if node is None else f"{node[0]}:-{node[1]}")
-        return found
+        labels: list[Label] = []
+        for motion in self.dofs(ends):
+            node = node_direction(motion["dof"]) if "gain" in motion else None
+            labels.append(motion["dof"] if node is None else f"{node[0]}:-{node[1]}")
+        return labels
 
     def refuse(self, functions: Sequence[tuple[int, UniversalFunction]], said: str, remedy: str) -> None:
         """Raise the fault of functions, by their numbers; none of them: no fault."""
@@ -262,32 +266,32 @@ def _matching(match: MatchModel) -> Matching:
 
     from dynid.structure.matching import Matching
 
-    given: dict[str, Any] = {"by": match.by, "pairs": match.nodes}
+    options: dict[str, Any] = {"by": match.by, "pairs": match.nodes}
     if match.tolerance is not None:
-        given["tolerance"] = float(match.tolerance)
+        options["tolerance"] = float(match.tolerance)
     if match.origin is not None:
-        given["origin"] = np.array([float(x) for x in match.origin])
+        options["origin"] = np.array([float(x) for x in match.origin])
     if match.axes is not None:
-        given["axes"] = np.array([[float(x) for x in row] for row in match.axes])
-    return Matching(**given)
+        options["axes"] = np.array([[float(x) for x in row] for row in match.axes])
+    return Matching(**options)
 
 
 def _chosen(
     test: _Test, kinds: Sequence[int], columns: Sequence[Any] | None, what: str
 ) -> list[tuple[int, UniversalFunction]]:
     """Return functions of some types with their numbers among these: the named ones, else all."""
-    known = [function for function in test.source.functions(header=True) if function.kind in kinds]
-    if not known:
+    candidates = [function for function in test.source.functions(header=True) if function.kind in kinds]
+    if not candidates:
         test.source.file.refuse(f"holds no {what}", f"Data sets 58 of function type {kinds[-1]} are read.")
-    numbered = list(enumerate(known, 1))
+    numbered = list(enumerate(candidates, 1))
     if columns is None:
         return numbered
     chosen = []
     for name in columns:
-        named = [one for one in numbered if name in (one[0], one[1].name)]
+        named = [candidate for candidate in numbered if name in (candidate[0], candidate[1].name)]
         if len(named) != 1:
             test.source.file.refuse(
-                f"has {counted(len(named), what) if named else 'no ' + what} '{name}', of {len(known)}",
+                f"has {counted(len(named), what) if named else 'no ' + what} '{name}', of {len(candidates)}",
                 "Give its number among them.",
                 key="columns",
             )
@@ -295,13 +299,13 @@ def _chosen(
     return chosen
 
 
-def _record(given: RecordModel, test: _Test) -> tuple[dict[str, Any], dict[str, Any], list[dict[str, Any]]]:
+def _record(record: RecordModel, test: _Test) -> tuple[dict[str, Any], dict[str, Any], list[dict[str, Any]]]:
     """Return the keys of a record, those of its file, and the forces that drive it."""
-    assert given.file is not None
-    functions = _chosen(test, (0, 1), given.file.columns, "time history")
+    assert record.file is not None
+    functions = _chosen(test, (0, 1), record.file.columns, "time history")
     _check_known(test, functions)
-    forces = [one for one in functions if test.quantity(one[1]) == "force"]
-    sensors = [one for one in functions if test.quantity(one[1]) != "force"]
+    forces = [numbered for numbered in functions if test.quantity(numbered[1]) == "force"]
+    sensors = [numbered for numbered in functions if test.quantity(numbered[1]) != "force"]
     if not sensors:
         test.source.file.refuse("holds no motion", "Data sets 58 say so by their specific data types.")
     driven = test.dofs([function.response for _, function in forces])
@@ -312,14 +316,14 @@ def _record(given: RecordModel, test: _Test) -> tuple[dict[str, Any], dict[str, 
     ]
     _check_different(test, sensors, channels)
     excitation = [
-        {**dof, "kind": "file", "path": given.file.path, "column": number, **test.unit(function)}
+        {**dof, "kind": "file", "path": record.file.path, "column": number, **test.unit(function)}
         for dof, (number, function) in zip(driven, forces, strict=True)
     ]
     listed: dict[str, Any] = {"channels": channels}
     at, first = sensors[0]
-    if given.step is None:
+    if record.step is None:
         listed["step"] = first.step if first.even else _stored_step(test, at)
-    if given.samples is None:
+    if record.samples is None:
         listed["samples"] = first.points
     return listed, {"columns": [number for number, _ in sensors]}, excitation
 
@@ -338,12 +342,12 @@ def _stored_step(test: _Test, number: int) -> float:
 def _check_known(test: _Test, functions: Sequence[tuple[int, UniversalFunction]]) -> None:
     """Refuse functions of unknown quantities or places."""
     test.refuse(
-        [one for one in functions if test.quantity(one[1]) not in (*_MOTIONS, "force")],
+        [function for function in functions if test.quantity(function[1]) not in (*_MOTIONS, "force")],
         "does not say that these are motions or forces",
         "Give the quantity (match: {quantity: acceleration}), or name the functions to use: columns: […].",
     )
     test.refuse(
-        [one for one in functions if not one[1].response[1]],
+        [function for function in functions if not function[1].response[1]],
         "gives no node and direction of these",
         "List the channels, or name the functions to use: columns: […].",
     )
@@ -362,19 +366,23 @@ def _check_different(
         )
 
 
-def _responses(given: RecordModel, test: _Test) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+def _responses(record: RecordModel, test: _Test) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Return the channels of frequency responses with their references, and the columns of the file."""
-    assert given.frf is not None
-    assert given.frf.file is not None
-    functions = _chosen(test, (4,), given.frf.file.columns, "frequency response")
+    assert record.frf is not None
+    assert record.frf.file is not None
+    functions = _chosen(test, (4,), record.frf.file.columns, "frequency response")
     _check_known(test, functions)
     test.refuse(
-        [one for one in functions if test.quantity(one[1]) == "force" or one[1].over not in ("", "force")],
+        [
+            numbered
+            for numbered in functions
+            if test.quantity(numbered[1]) == "force" or numbered[1].over not in ("", "force")
+        ],
         "holds what is no motion over a force",
         "Name the functions to use: columns: […].",
     )
     test.refuse(
-        [one for one in functions if not one[1].reference[1]],
+        [numbered for numbered in functions if not numbered[1].reference[1]],
         "gives no reference node and direction of these",
         "List the channels, or name the functions to use: columns: […].",
     )
@@ -392,13 +400,17 @@ def _responses(given: RecordModel, test: _Test) -> tuple[list[dict[str, Any]], d
         channels.append(channel if gain > 0 else {**channel, "gain": -1})
     _check_different(test, functions, channels)
     file = {"columns": [number for number, _ in functions]}
-    if isinstance(given.frf.file.coherence, AllOfFile):
-        known = _chosen(test, (6,), None, "coherence")
-        by_ends = {(one.response, one.reference): number for number, one in known}
+    if isinstance(record.frf.file.coherence, AllOfFile):
+        coherences = _chosen(test, (6,), None, "coherence")
+        by_ends = {(numbered.response, numbered.reference): number for number, numbered in coherences}
         test.refuse(
-            [one for one in functions if (one[1].response, one[1].reference) not in by_ends],
+            [
+                numbered
+                for numbered in functions
+                if (numbered[1].response, numbered[1].reference) not in by_ends
+            ],
             "holds no coherence of these",
             "Name the coherences, or leave them out.",
         )
-        file["coherence"] = [by_ends[one.response, one.reference] for _, one in functions]
+        file["coherence"] = [by_ends[numbered.response, numbered.reference] for _, numbered in functions]
     return channels, file

@@ -103,7 +103,7 @@ def build_graph(
     NumericalError
         If there is no equilibrium, or a law has no slope there.
     """
-    wanted: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
+    requested: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
     outputs = list(outputs)
     measured = [loop.measured for loop in control.loops] if control else []
     nonlinear = point is not None or any(has_law(node) for node in graph.nodes.values())
@@ -115,8 +115,8 @@ def build_graph(
         measured += law_variables(scene, graph, point)
     for output in dict.fromkeys([*outputs, *measured]):
         holder, _, port = output.node.rpartition(".")
-        wanted[holder][port].append(output.quantity)
-    taken = set(graph.nodes)
+        requested[holder][port].append(output.quantity)
+    names = set(graph.nodes)
     nodes: list[Node] = []
     bonds = [bond for chain in graph.bonds for bond in chain]
     outward = _outward_ports(bonds)
@@ -124,11 +124,13 @@ def build_graph(
     approximations: list[ScopePart] = []
     for name, node in graph.nodes.items():
         if node.type == STRUCTURE:
-            made = Expansion(name, taken)
-            left_out = _expand_structure(scene, made, node, wanted[name], reading, outward[name], band)
+            expansion = Expansion(name, names)
+            left_out = _expand_structure(
+                scene, expansion, node, requested[name], reading, outward[name], band
+            )
             approximations += [left_out] if left_out is not None else []
         elif node.matrix is not None:
-            made = _expand_field(name, node, taken, wanted[name], reading, outward[name])
+            expansion = _expand_field(name, node, names, requested[name], reading, outward[name])
         else:
             value = node.value
             exact, formula = (None, None) if value is None else (value.exact, value.expression)
@@ -138,9 +140,9 @@ def build_graph(
             kind = cast("NodeType", node.type)
             nodes.append(Node(name, kind, exact, formula, node.domain or "", dependent))
             continue
-        nodes += made.nodes
-        bonds += made.bonds
-        variables |= made.variables
+        nodes += expansion.nodes
+        bonds += expansion.bonds
+        variables |= expansion.variables
     asked = tuple(variables.get(str(output), output) for output in outputs)
     built = BuiltGraph(BondGraph(nodes, bonds), asked, tuple(approximations))
     if nonlinear:
@@ -148,7 +150,7 @@ def build_graph(
 
         linear = linear_graph(built.graph, laws, point, variables)
         asked = tuple(linear.variables.get(output, output) for output in asked)
-        variables |= {str(port): other for port, other in linear.variables.items()}
+        variables |= {str(port): variable for port, variable in linear.variables.items()}
         built = built._replace(
             graph=linear.graph, outputs=asked, linearisation=linear, law_outputs=built.outputs
         )
@@ -158,8 +160,8 @@ def build_graph(
     from dynid.scene.kinds.graph_parts import loop_of
 
     loops = [
-        loop_of(loop, variables.get(str(loop.measured), loop.measured), place)
-        for place, loop in enumerate(control.loops)
+        loop_of(loop, variables.get(str(loop.measured), loop.measured), index)
+        for index, loop in enumerate(control.loops)
     ]
     closed = close_loops(built.graph, loops)
     asked = tuple(closed.variables.get(output, output) for output in asked)
@@ -184,30 +186,30 @@ def has_law(node: NodeModel) -> bool:
 def _expand_field(
     name: str,
     node: NodeModel,
-    taken: set[str],
-    wanted: Mapping[str, Iterable[str]],
+    names: set[str],
+    requested: Mapping[str, Iterable[str]],
     reading: Reading,
     outward: Container[str],
 ) -> Expansion:
     assert node.matrix is not None
 
     def number(entry: Quantity) -> Real:
-        known = Fraction(float(entry)) if reading == "binary" else entry.exact
-        return known if entry.dependent is None else entry.dependent
+        value = Fraction(float(entry)) if reading == "binary" else entry.exact
+        return value if entry.dependent is None else entry.dependent
 
     matrix = [[number(entry) for entry in row] for row in node.matrix]
     ports = cast("list[str]", node.ports)
     if node.type in TWO_PORTS:
-        return expand_coupling(name, cast("Literal['TF', 'GY']", node.type), ports, matrix, taken, wanted)
+        return expand_coupling(name, cast("Literal['TF', 'GY']", node.type), ports, matrix, names, requested)
     kind, domain = cast("FieldType", node.type), node.domain or ""
-    return expand_field(name, kind, ports, matrix, taken, wanted, domain, outward)
+    return expand_field(name, kind, ports, matrix, names, requested, domain, outward)
 
 
 def _expand_structure(
     scene: Scene,
-    made: Expansion,
+    expansion: Expansion,
     node: NodeModel,
-    wanted: Mapping[str, Iterable[str]],
+    requested: Mapping[str, Iterable[str]],
     reading: Reading,
     outward: Container[str],
     band: float | None,
@@ -219,40 +221,40 @@ def _expand_structure(
     from dynid.structure.reduction.mode_selection import Interest
 
     ports = cast("dict[str, Any]", node.ports)
-    place = f"graph.nodes.{made.name}"
+    path = f"graph.nodes.{expansion.name}"
     assert node.structure is not None
     try:
-        model = build_structure(scene, node.structure, node.joints, node, ("graph", "nodes", made.name))
+        model = build_structure(scene, node.structure, node.joints, node, ("graph", "nodes", expansion.name))
         if node.reduction is None:
-            expand_structure(made, model, ports, wanted, reading, node.domain or "", outward)
+            expand_structure(expansion, model, ports, requested, reading, node.domain or "", outward)
             return None
         dofs = tuple(dict.fromkeys(model.label(dof) for dof in ports.values()))
         reductor = build_reductor(node.reduction, Interest(dofs, band), "reduction")
         reduced = reductor.reduce(model)
-        expand_modes(made, reduced, ports, wanted, node.domain or "", outward)
+        expand_modes(expansion, reduced, ports, requested, node.domain or "", outward)
     except DynidError as error:
         first = [
             name for name in error.names if name.partition(".")[0] in ("structure", "reduction", "joints")
         ]
-        error.names = (*(f"{place}.{name}" for name in first), made.name, *error.names)
+        error.names = (*(f"{path}.{name}" for name in first), expansion.name, *error.names)
         raise
     kept = reduced.model.size
     how = f"{node.reduction.method} reduction of {model.size} DOFs"
-    text = f"'{made.name}' is a float model of {kept} modes: {how}"
-    text = "; ".join(part for part in (text, reduced.rule, reduced.doubt) if part)
-    return ScopePart(f"coordinates of {made.name}", kept, model.size - kept, text)
+    text = f"'{expansion.name}' is a float model of {kept} modes: {how}"
+    text = "; ".join(note for note in (text, reduced.rule, reduced.doubt) if note)
+    return ScopePart(f"coordinates of {expansion.name}", kept, model.size - kept, text)
 
 
-def loop_of(loop: LoopModel, measured: Port, place: int) -> Loop:
+def loop_of(loop: LoopModel, measured: Port, index: int) -> Loop:
     """Return the loop at a place in the scene, which measures a variable of the graph."""
-    given = loop.controller
-    path = f"control.loops.{place}"
+    controller = loop.controller
+    path = f"control.loops.{index}"
     return Loop(
         measured,
         loop.source,
-        *_controller(given),
+        *_controller(controller),
         loop.reference,
-        _number(given.delay),
+        _number(controller.delay),
         path,
         loop.setpoint,
     )
@@ -276,37 +278,39 @@ def _pid(pid: PidModel) -> tuple[list[Real], list[Real]]:
     return [kp * tf + kd, kp + ki * tf, ki], [tf, Fraction(1), Fraction(0)]
 
 
-def _number(given: Quantity | None) -> Real:
-    if given is None:
+def _number(quantity: Quantity | None) -> Real:
+    if quantity is None:
         return Fraction(0)
-    return given.exact if given.dependent is None else given.dependent
+    return quantity.exact if quantity.dependent is None else quantity.dependent
 
 
 def with_gains(control: ControlModel, parameters: Mapping[str, Number]) -> ControlModel:
     """Return feedback whose numbers depend on the scene's parameters, or on themselves by their paths."""
-    known = {name: Dependent.parameter(name, value) for name, value in parameters.items()}
+    dependents = {name: Dependent.parameter(name, value) for name, value in parameters.items()}
     loops = []
-    for place, loop in enumerate(control.loops):
-        path = f"control.loops.{place}.controller"
-        made = _dependent(loop.controller, path, known)
-        loops.append(loop.model_copy(update={"controller": made}))
+    for index, loop in enumerate(control.loops):
+        path = f"control.loops.{index}.controller"
+        controller = _dependent(loop.controller, path, dependents)
+        loops.append(loop.model_copy(update={"controller": controller}))
     return control.model_copy(update={"loops": loops})
 
 
-def _dependent(part: Any, path: str, known: Mapping[str, Dependent]) -> Any:
+def _dependent(section: Any, path: str, dependents: Mapping[str, Dependent]) -> Any:
     """Return a part of a controller with numbers that depend on parameters."""
     from pydantic import BaseModel
 
-    if isinstance(part, Quantity):
-        if part.expression is not None and part.expression.names:
-            return replace(part, dependent=substituted(part.expression, known))
-        return replace(part, dependent=Dependent.parameter(path, part.exact)) if part.value else part
-    if isinstance(part, list):
-        return [_dependent(entry, f"{path}.{k}", known) for k, entry in enumerate(part)]
-    if isinstance(part, BaseModel):
-        found = {name: _dependent(value, f"{path}.{name}", known) for name, value in part}
-        return part.model_copy(update=found)
-    return part
+    if isinstance(section, Quantity):
+        if section.expression is not None and section.expression.names:
+            return replace(section, dependent=substituted(section.expression, dependents))
+        return (
+            replace(section, dependent=Dependent.parameter(path, section.exact)) if section.value else section
+        )
+    if isinstance(section, list):
+        return [_dependent(entry, f"{path}.{k}", dependents) for k, entry in enumerate(section)]
+    if isinstance(section, BaseModel):
+        values = {name: _dependent(value, f"{path}.{name}", dependents) for name, value in section}
+        return section.model_copy(update=values)
+    return section
 
 
 _Gives = Literal["e", "f", "value"]
@@ -316,28 +320,30 @@ def law_variables(scene: Scene, graph: GraphModel, point: OperatingPointModel | 
     """Return the variables in laws and in the operating point."""
     ports = [port for law in laws_of(scene, graph).values() for port in law.ports]
     if point is not None:
-        ports += [_port(name) for part in (point.values, point.start, point.search.ranges) for name in part]
+        ports += [
+            _port(name) for values in (point.values, point.start, point.search.ranges) for name in values
+        ]
     return ports
 
 
 def laws_of(scene: Scene, graph: GraphModel) -> dict[str, Law]:
     """Return the laws of the nodes of a graph."""
-    found: dict[str, Law] = {}
+    laws: dict[str, Law] = {}
     names = scene.names
     for name, node in graph.nodes.items():
-        if given := _given(node):
-            gives, text = given
+        if law := _given(node):
+            gives, text = law
             expression = parse(text)
-            own = own_variable(node.type, gives)
-            variables = {own: Port(name, own)} if own in expression.names else {}  # type: ignore[arg-type]
+            variable = own_variable(node.type, gives)
+            variables = {variable: Port(name, variable)} if variable in expression.names else {}  # type: ignore[arg-type]
             variables |= {
-                key: port for key, port in variables_of(expression, names.nodes).items() if key != own
+                key: port for key, port in variables_of(expression, names.nodes).items() if key != variable
             }
             constants = {
                 key: names.parameters[key] for key in expression.names - variables.keys() if key != "pi"
             }
-            found[name] = Law(gives, expression, constants, variables)
-    return found
+            laws[name] = Law(gives, expression, constants, variables)
+    return laws
 
 
 def _given(node: NodeModel) -> tuple[_Gives, str] | None:
@@ -375,8 +381,8 @@ def linear_graph(
         Where there is no equilibrium, or a law has no slope there.
     """
 
-    def ports(given: Mapping[str, Quantity]) -> dict[Port, Quantity]:
-        return {variables.get(name, _port(name)): value for name, value in given.items()}
+    def ports(values: Mapping[str, Quantity]) -> dict[Port, Quantity]:
+        return {variables.get(name, _port(name)): value for name, value in values.items()}
 
     own = {
         name: Law(

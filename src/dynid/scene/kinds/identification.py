@@ -84,13 +84,13 @@ def run(scene: Scene[IdentificationScene], sample: Result | None = None) -> Resu
             result.merge(identifiability(*expected))
         names = result["identification/parameters/name"].data
         values = dict(zip(names, result["identification/parameters/estimate"].data.tolist(), strict=True))
-    made = None if method is None else method.at(values).reduce(started(scene, structure))
-    if made is not None and made.doubt:
-        result.annotate("structure" if model.measurement is None else "identification", doubt=made.doubt)
+    reduction = None if method is None else method.at(values).reduce(started(scene, structure))
+    if reduction is not None and reduction.doubt:
+        result.annotate("structure" if model.measurement is None else "identification", doubt=reduction.doubt)
     if model.responses is not None:
-        result.merge(responses(scene, model, structure if made is None else made.model, values))
-    add_geometry(result, model, structure, None if made is None else made.model)
-    add_identification_scope(result, model, structure, made)
+        result.merge(responses(scene, model, structure if reduction is None else reduction.model, values))
+    add_geometry(result, model, structure, None if reduction is None else reduction.model)
+    add_identification_scope(result, model, structure, reduction)
     return result
 
 
@@ -154,7 +154,12 @@ def setting(
     measurements = measurements_of(scene, structure)
     rebuild = rebuilder(scene, structure)
     if not (model.is_reduced or model.measurement.frf is not None or model.measurement.modes_alone):
-        dofs = [dof for one in measurements if isinstance(one, Experiment) for dof in one.dofs]
+        dofs = [
+            dof
+            for measurement in measurements
+            if isinstance(measurement, Experiment)
+            for dof in measurement.dofs
+        ]
         structure = without_massless(structure, dofs)
     reduced, truth = models_of(scene, structure, values)
     return Setting(reduced, measurements, truth, rebuild)
@@ -169,12 +174,12 @@ def models_of(
     if method is None:
         return structure, structure
     assert model.measurement is not None
-    truth, every = structure, model.measurement.each
-    simulate = (every[0].frf.simulate if every[0].frf else every[0].simulate) if every else None
+    truth, records = structure, model.measurement.each
+    simulate = (records[0].frf.simulate if records[0].frf else records[0].simulate) if records else None
     if simulate is not None and simulate.model == "reduced":
         truth = method.at(structure.true_values()).reduce(structure).model
-    made = method if values is None else method.at(values)
-    return made.reduce(started(scene, structure)).model, truth
+    reductor = method if values is None else method.at(values)
+    return reductor.reduce(started(scene, structure)).model, truth
 
 
 def expected_values(structure: StructuralModel) -> dict[str, float]:
@@ -187,7 +192,7 @@ def expected_values(structure: StructuralModel) -> dict[str, float]:
 
 def identified(
     scene: Scene[IdentificationScene],
-    made: Setting,
+    prepared: Setting,
     *,
     common: SharedRecords | None = None,
     into: Result | None = None,
@@ -196,7 +201,7 @@ def identified(
 
     Parameters
     ----------
-    scene, made
+    scene, prepared
         The scene, and the input of its estimator.
     common
         The precomputed part that its records share with others; absent: it is computed.
@@ -207,11 +212,11 @@ def identified(
 
     model = scene.model
     return identify(
-        made.model,
-        made.measurements,
+        prepared.model,
+        prepared.measurements,
         estimator_of(model),
-        truth=made.truth,
-        rebuild=made.rebuild,
+        truth=prepared.truth,
+        rebuild=prepared.rebuild,
         common=common,
         into=into,
         further=further_of(model),
@@ -259,10 +264,10 @@ def unread_files(scene: Scene[IdentificationScene]) -> Iterator[KeyPath]:
         yield ("measurement", "file")
     if records and all(record.excitation is not None for record in records):
         yield ("measurement", "excitation")
-    every = model.measurement.each if model.measurement else []
+    model_records = model.measurement.each if model.measurement else []
     time = model.responses and model.responses.time
     drives = time and not (time.input or model.initial)
-    if not drives and all(record.excitation is not None for record in every):
+    if not drives and all(record.excitation is not None for record in model_records):
         yield ("excitation",)
 
 
@@ -273,9 +278,9 @@ def reductor_of(scene: Scene[IdentificationScene]) -> LocatedReductor | None:
         return None
     from dynid.scene.kinds.reduction import build_reductor, reductor_by_parts
 
-    part, interest, parts = reduction_of(scene), interest_of(scene), model.part_reductions
+    method, interest, parts = reduction_of(scene), interest_of(scene), model.part_reductions
     first = reductor_by_parts(parts, interest) if any(parts.values()) else None
-    return first if part is None else build_reductor(part, interest, "reduction", first)
+    return first if method is None else build_reductor(method, interest, "reduction", first)
 
 
 def reduction_of(scene: Scene[IdentificationScene]) -> ReductionModel | None:
@@ -301,7 +306,7 @@ def interest_of(scene: Scene[IdentificationScene]) -> Interest:
     model = scene.model
     from dynid.structure.reduction.mode_selection import Interest
 
-    dofs = [part.dof for part in model.excitation]
+    dofs = [signal.dof for signal in model.excitation]
     band = None
     if model.measurement is not None and model.measurement.frf is not None:
         graph = None
@@ -320,15 +325,15 @@ def interest_of(scene: Scene[IdentificationScene]) -> Interest:
         band = float(modal.omega.max())
     elif model.measurement is not None:
         records = model.measurement.each
-        signals = [*model.excitation, *(part for record in records for part in record.excitation or ())]
-        dofs += [part.dof for part in signals]
+        signals = [*model.excitation, *(signal for record in records for signal in record.excitation or ())]
+        dofs += [signal.dof for signal in signals]
         dofs += [dof for channel in model.measurement.sensors for dof in channel.ends]
         band = highest_frequency(signals, min(float(record.step or math.inf) for record in records))
     if model.responses is not None:
         dofs += [
             *(model.responses.inputs or ()),
             *(dof for output in model.responses.outputs or () for dof in output.ends),
-            *(part.dof for part in (model.responses.time.input if model.responses.time else ())),
+            *(signal.dof for signal in (model.responses.time.input if model.responses.time else ())),
         ]
         if band is None and model.responses.frequency is not None:
             band = float(angular_frequencies(model.responses.frequency)[-1])
@@ -358,26 +363,28 @@ def responses(
 
     With an initial motion and no input of its own the time response is the free one.
     """
-    wanted = model.responses
-    assert wanted is not None
+    requested = model.responses
+    assert requested is not None
     result = Result("identification", scene.title)
-    if wanted.modes is not None:
+    if requested.modes is not None:
         from dynid.structure.modal_analysis import modal_analysis
 
         report_progress("modes")
-        result.merge(modal_analysis(structure, *which_modes(wanted.modes), values))
-    if wanted.frequency is not None:
-        driven = [part.dof for part in model.excitation if part.dof is not None and part.motion is None]
+        result.merge(modal_analysis(structure, *which_modes(requested.modes), values))
+    if requested.frequency is not None:
+        driven = [
+            signal.dof for signal in model.excitation if signal.dof is not None and signal.motion is None
+        ]
         sensors = model.measurement.sensors if model.measurement else []
         driven += [channel.reference.place for channel in sensors if channel.reference]
-        inputs = list(dict.fromkeys(shown(structure, dof) for dof in wanted.inputs or driven))
-        omega = angular_frequencies(wanted.frequency)
+        inputs = list(dict.fromkeys(shown(structure, dof) for dof in requested.inputs or driven))
+        omega = angular_frequencies(requested.frequency)
         report_progress("frequency response")
         result.merge(frequency_response(structure, inputs, _outputs(model, structure), omega, values))
-    if wanted.time is not None:
+    if requested.time is not None:
         report_progress("time response")
         result.merge(time_response(structure, values=values, **time_question(scene, structure)))
-        if model.initial and model.excitation and not wanted.time.input:
+        if model.initial and model.excitation and not requested.time.input:
             result.annotate("structure/time_response", note=_FREE)
     return result
 
@@ -390,12 +397,12 @@ def time_question(
     Without an input of its own it is driven by the excitation, or by nothing with an initial motion.
     """
     model = scene.model
-    wanted = model.responses
-    assert wanted is not None
-    assert wanted.time is not None
-    record, own = record_of(wanted.time), wanted.time.input
-    if own or model.initial:
-        loads = loads_of(scene, "analysis.time.input", own, record, structure)
+    requested = model.responses
+    assert requested is not None
+    assert requested.time is not None
+    record, signals = record_of(requested.time), requested.time.input
+    if signals or model.initial:
+        loads = loads_of(scene, "analysis.time.input", signals, record, structure)
     else:
         loads = loads_of(scene, "excitation", model.excitation, record, structure)
     return {

@@ -37,19 +37,24 @@ def identified_graph(scene: Scene[IdentificationScene]) -> tuple[IdentifiedGraph
     """
     model = scene.model
     assert model.graph is not None
-    wanted = model.graph_analysis
+    analysis = model.graph_analysis
     records = model.measurement.each if model.measurement else []
-    measured = [one.output for record in records for one in record.channels or () if one.output is not None]
-    asked = list(dict.fromkeys([*measured, *(wanted.outputs if wanted else ())]))
-    reading = wanted.reading if wanted else "decimal"
+    measured = [
+        channel.output
+        for record in records
+        for channel in record.channels or ()
+        if channel.output is not None
+    ]
+    asked = list(dict.fromkeys([*measured, *(analysis.outputs if analysis else ())]))
+    reading = analysis.reading if analysis else "decimal"
     built = build_graph(scene, model.graph, asked, reading, control=model.control)
     variables = dict(zip(asked, built.outputs, strict=True))
     initial = {
-        str(name): float(given.f if given.f is not None else given.e or 0)
-        for name, given in model.initial.items()
+        str(name): float(energy.f if energy.f is not None else energy.e or 0)
+        for name, energy in model.initial.items()
     }
     graph = IdentifiedGraph(built.graph, all_parameters(model), initial, variables)
-    outputs = tuple(variables[output] for output in (wanted.outputs if wanted else ()))
+    outputs = tuple(variables[output] for output in (analysis.outputs if analysis else ()))
     return graph, built._replace(outputs=outputs)
 
 
@@ -81,7 +86,7 @@ def run_graph(scene: Scene[IdentificationScene]) -> Result:
     model = scene.model
     result, parts = Result("identification", scene.title), list[ScopePart]()
     graph, built = (identified_graph if model.measurement is None else started_graph)(scene)
-    values: dict[str, float] = {one.name: one.expected for one in graph.unknowns}
+    values: dict[str, float] = {unknown.name: unknown.expected for unknown in graph.unknowns}
     if model.measurement is not None:
         result.merge(_identified(scene, graph))
         names = result["identification/parameters/name"].data
@@ -89,11 +94,11 @@ def run_graph(scene: Scene[IdentificationScene]) -> Result:
     if model.graph_analysis is not None:
         from dynid.bondgraph.analysis import analyse
 
-        made = with_values(built.graph, values)
-        request = graph_analysis(scene, model.graph_analysis, built._replace(graph=made))
-        found = analyse(made, request, scene.title)
-        parts = scope_parts(found, "bond_graph")
-        result.merge(found.without("bond_graph/need/"))
+        estimated_graph = with_values(built.graph, values)
+        request = graph_analysis(scene, model.graph_analysis, built._replace(graph=estimated_graph))
+        analysed = analyse(estimated_graph, request, scene.title)
+        parts = scope_parts(analysed, "bond_graph")
+        result.merge(analysed.without("bond_graph/need/"))
     _add_scope(result, model, graph, built, parts)
     return result
 
@@ -120,8 +125,8 @@ def graph_preparation_steps(scene: Scene[IdentificationScene]) -> Iterator[Prepa
         yield lambda: frf_measurement(scene, measurement, identified_graph(scene)[0])
     elif measurement is not None:
         yield lambda: experiments(scene, model.excitation, measurement, identified_graph(scene)[0])
-    if (wanted := model.graph_analysis) is not None:
-        yield lambda: graph_analysis(scene, wanted, identified_graph(scene)[1])
+    if (analysis := model.graph_analysis) is not None:
+        yield lambda: graph_analysis(scene, analysis, identified_graph(scene)[1])
 
 
 def _identified(scene: Scene[IdentificationScene], graph: IdentifiedGraph) -> Result:
@@ -153,6 +158,9 @@ def _add_scope(
         divided("values", valued, free if measured else [], "known: fixed at their values"),
         engines_part(result, model),
         *built.approximations,
-        *(part._replace(name=_ANALYSIS.get(part.name, part.name)) for part in analysis),
+        *(
+            scope_part._replace(name=_ANALYSIS.get(scope_part.name, scope_part.name))
+            for scope_part in analysis
+        ),
     ]
     add_model_scope(result, "identification", parts)

@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 def experiments(
     scene: Scene,
     excitation: Sequence[SignalPart],
-    given: MeasurementModel,
+    model_of_records: MeasurementModel,
     model: IdentifiedGraph | StructuralModel | None = None,
 ) -> list[Experiment]:
     """Return the records of a scene, prepared, with the loads of each.
@@ -66,12 +66,12 @@ def experiments(
     from dynid.identification.records.measurement import Experiment
     from dynid.identification.records.preparation import BandPass, Decimate, Detrend, prepare
 
-    found = []
-    for k, record in enumerate(given.each):
-        place = f"measurement.records.{k}" if given.records else "measurement"
-        measurement = _measurement(scene, record, place, model)
-        own = bool(given.records) and given.records[k].excitation is not None
-        shared = f"{place}.excitation" if own else "measurement.excitation"
+    measured = []
+    for k, record in enumerate(model_of_records.each):
+        record_path = f"measurement.records.{k}" if model_of_records.records else "measurement"
+        measurement = _measurement(scene, record, record_path, model)
+        excited_itself = bool(model_of_records.records) and model_of_records.records[k].excitation is not None
+        shared = f"{record_path}.excitation" if excited_itself else "measurement.excitation"
         where, parts = (
             ("excitation", excitation) if record.excitation is None else (shared, record.excitation)
         )
@@ -87,18 +87,18 @@ def experiments(
                     steps.append(Decimate(step.decimate))
                 else:
                     steps.append(Detrend(1 if step.detrend == "linear" else 0))
-            found.append(prepare(experiment, steps))
+            measured.append(prepare(experiment, steps))
         except UsageError as error:
-            where = _own_or_shared(scene, place, "prepare").rpartition(".")[0]
+            where = _own_or_shared(scene, record_path, "prepare").rpartition(".")[0]
             names = [f"{where}.{name}" for name in error.names]
             raise UsageError(error.problem, remedy=error.remedy, names=names) from error
-    return found
+    return measured
 
 
 def _measurement(
     scene: Scene[IdentificationScene],
-    given: RecordModel,
-    place: str,
+    record: RecordModel,
+    record_path: str,
     model: IdentifiedGraph | StructuralModel | None,
 ) -> Measurement:
     """Return the channels and the samples of a record, or the noise of a simulated one."""
@@ -106,19 +106,19 @@ def _measurement(
     from dynid.identification.records.noise import ColouredNoise
     from dynid.identification.records.simulation import Simulation
 
-    every, step, samples = given.channels or (), number(given.step), given.samples or 0
-    channels = tuple(channel_of(channel, model) for channel in every)
-    _check_different(channels, f"{place}.channels", model)
-    at = _own_or_shared(scene, place, "channels")
+    channel_models, step, samples = record.channels or (), number(record.step), record.samples or 0
+    channels = tuple(channel_of(channel, model) for channel in channel_models)
+    _check_different(channels, f"{record_path}.channels", model)
+    at = _own_or_shared(scene, record_path, "channels")
     headings: list[Heading | None] = [None] * len(channels)
-    if given.file is not None:
-        table = _samples(scene, given, _own_or_shared(scene, place, "file"))
+    if record.file is not None:
+        table = _samples(scene, record, _own_or_shared(scene, record_path, "file"))
         headings = list(table.headings)
-    channels = tuple(map(of_stated_kind, channels, every, headings))
-    each = zip(every, headings, channels, strict=True)
+    channels = tuple(map(of_stated_kind, channels, channel_models, headings))
+    columns = zip(channel_models, headings, channels, strict=True)
     factors = [
         recorded_factor(channel, heading, ideal, f"{at}.{k}")
-        for k, (channel, heading, ideal) in enumerate(each)
+        for k, (channel, heading, ideal) in enumerate(columns)
     ]
     channels = tuple(
         channel._replace(offset=factor * channel.offset) if factor != 1 else channel
@@ -126,16 +126,16 @@ def _measurement(
     )
     source: Simulation | NDArray[np.float64]
     read: dict[str, Any] = {}
-    if given.simulate is not None:
-        simulate = given.simulate
+    if record.simulate is not None:
+        simulate = record.simulate
         source = Simulation(
             levels(simulate.noise_ratio) or 0.0,
             simulate.seed,
             number(simulate.settle),
             products(factors, levels(simulate.noise)),
-            noise_colour=tuple(float(one) for one in simulate.noise_colour),
+            noise_colour=tuple(float(coefficient) for coefficient in simulate.noise_colour),
         )
-        if not any(channel.output for channel in given.channels or ()):
+        if not any(channel.output for channel in record.channels or ()):
             structure = cast("StructuralModel | None", model)
             source = replace(source, **initial_motion(scene.model, structure))  # type: ignore[arg-type]
     else:
@@ -143,19 +143,23 @@ def _measurement(
         read = {"notes": (table.note,) if table.note else ()}
         if table.clock is not None:
             read = {"clock": table.clock.summary, "notes": (*read["notes"], *table.clock.warnings())}
-    noise = noise_of(given)
+    noise = noise_of(record)
     if not isinstance(noise, ColouredNoise):
         noise = products(factors, noise)
     return Measurement(step, samples, channels, source, noise, **read)
 
 
-def _samples(scene: Scene, given: RecordModel, where: str) -> MeasuredColumns:
+def _samples(scene: Scene, record: RecordModel, where: str) -> MeasuredColumns:
     """Return the columns of a record's file, one for each channel."""
     from dynid.files.read_measured import read_columns
 
-    assert given.file is not None
-    path, samples, channels = scene.folder / (given.file.path or ""), given.samples or 0, given.channels or ()
-    layout, columns, step = layout_of(given.file), given.file.columns, number(given.step)
+    assert record.file is not None
+    path, samples, channels = (
+        scene.folder / (record.file.path or ""),
+        record.samples or 0,
+        record.channels or (),
+    )
+    layout, columns, step = layout_of(record.file), record.file.columns, number(record.step)
     table = read_columns(path, columns, step=step, place=where, layout=layout, rows=samples or None)
     if table.values.shape[1] != len(channels):
         raise FileError(
@@ -176,32 +180,33 @@ def initial_motion(
     model: IdentificationScene, structure: StructuralModel | None = None
 ) -> dict[str, dict[Dof, float]]:
     """Return the displacements and velocities at t = 0, by DOF."""
-    given = [(shown(structure, dof), motion) for dof, motion in model.initial.items()]
-    if len({_own_label(structure, dof)[1] for dof, _ in given}) < len(given):
+    motions = [(shown(structure, dof), motion) for dof, motion in model.initial.items()]
+    if len({_own_label(structure, dof)[1] for dof, _ in motions}) < len(motions):
         raise UsageError(
             "the initial motion of a DOF is given twice, by two of its names", names=("initial",)
         )
     return {
-        "displacement": {dof: number(motion.x) for dof, motion in given},
-        "velocity": {dof: number(motion.v) for dof, motion in given},
+        "displacement": {dof: number(motion.x) for dof, motion in motions},
+        "velocity": {dof: number(motion.v) for dof, motion in motions},
     }
 
 
-def channel_of(given: ChannelModel, model: IdentifiedGraph | StructuralModel | None = None) -> Any:
+def channel_of(channel_model: ChannelModel, model: IdentifiedGraph | StructuralModel | None = None) -> Any:
     """Return a sensor of a structure, named by its DOFs' own labels where it is known; or of a graph."""
-    if given.output is not None:
-        return cast("IdentifiedGraph", model).channel(given.output, *instrument_of(given))
-    assert given.quantity is not None
+    if channel_model.output is not None:
+        return cast("IdentifiedGraph", model).channel(channel_model.output, *instrument_of(channel_model))
+    assert channel_model.quantity is not None
     structure = cast("StructuralModel | None", model)
-    dof, *others = (shown(structure, dof) for dof in given.ends)
+    dof, *others = (shown(structure, dof) for dof in channel_model.ends)
     reference = others[0] if others else None
     if reference is not None and _own_label(structure, reference) == _own_label(structure, dof):
+        ends = " and ".join(map(str, channel_model.ends))
         raise UsageError(
-            f"a sensor between {' and '.join(map(str, given.ends))} measures nothing: they are one DOF",
+            f"a sensor between {ends} measures nothing: they are one DOF",
             names=("measurement.channels",),
         )
-    absolute, kind = given.frame == "absolute", kind_of(structure, dof)
-    return Channel(dof, given.quantity, reference, absolute, *instrument_of(given), kind)
+    absolute, kind = channel_model.frame == "absolute", kind_of(structure, dof)
+    return Channel(dof, channel_model.quantity, reference, absolute, *instrument_of(channel_model), kind)
 
 
 def kind_of(structure: StructuralModel | None, dof: Dof | None) -> str:
@@ -219,31 +224,33 @@ def _own_label(structure: StructuralModel | None, dof: Dof) -> tuple[float, Dof]
     return (1.0, dof) if structure is None else structure.dof_names.find_signed(dof)
 
 
-def _with_own_labels(one: Any, model: IdentifiedGraph | StructuralModel | None) -> Any:
+def _with_own_labels(sensor: Any, model: IdentifiedGraph | StructuralModel | None) -> Any:
     """Return a channel or response function with the own labels of its DOFs."""
     structure = cast("StructuralModel | None", model)
-    if isinstance(one, Channel):
-        reference = None if one.reference is None else _own_label(structure, one.reference)
-        return one._replace(dof=_own_label(structure, one.dof), reference=reference)  # type: ignore[arg-type]
-    channel = getattr(one, "channel", None)
+    if isinstance(sensor, Channel):
+        reference = None if sensor.reference is None else _own_label(structure, sensor.reference)
+        return sensor._replace(dof=_own_label(structure, sensor.dof), reference=reference)  # type: ignore[arg-type]
+    channel = getattr(sensor, "channel", None)
     if isinstance(channel, Channel):
-        return one._replace(channel=_with_own_labels(channel, model), force=_own_label(structure, one.force))
-    return one
+        return sensor._replace(
+            channel=_with_own_labels(channel, model), force=_own_label(structure, sensor.force)
+        )
+    return sensor
 
 
 def _check_different(
-    channels: Sequence[Any], place: str, model: IdentifiedGraph | StructuralModel | None
+    channels: Sequence[Any], path: str, model: IdentifiedGraph | StructuralModel | None
 ) -> None:
     """Refuse a channel that stands twice, by two names of its DOF."""
-    plain = [_with_own_labels(one, model) for one in channels]
-    twice = next((one for at, one in enumerate(channels) if plain[at] in plain[:at]), None)
+    plain = [_with_own_labels(channel, model) for channel in channels]
+    twice = next((channel for at, channel in enumerate(channels) if plain[at] in plain[:at]), None)
     if twice is not None:
-        raise UsageError(f"the channel {twice.name} is listed twice", names=(place, "measurement"))
+        raise UsageError(f"the channel {twice.name} is listed twice", names=(path, "measurement"))
 
 
-def instrument_of(given: ChannelModel) -> tuple[Real, Real, Real]:
+def instrument_of(channel: ChannelModel) -> tuple[Real, Real, Real]:
     """Return gain, offset and delay of a sensor."""
-    gain, offset, delay = (getattr(given, key, None) for key in ("gain", "offset", "delay"))
+    gain, offset, delay = (getattr(channel, key, None) for key in ("gain", "offset", "delay"))
     return (
         1.0 if gain is None else gain.real,
         0.0 if offset is None else offset.real,
@@ -251,30 +258,30 @@ def instrument_of(given: ChannelModel) -> tuple[Real, Real, Real]:
     )
 
 
-def noise_of(given: RecordModel) -> float | list[float] | ColouredNoise | None:
+def noise_of(record: RecordModel) -> float | list[float] | ColouredNoise | None:
     """Return the deviation of white noise, or coloured noise."""
     from dynid.identification.records.noise import ColouredNoise
     from dynid.scene.schema.measurement import NoiseModel
 
-    if not isinstance(given.noise, NoiseModel):
-        return levels(given.noise)
-    order = given.noise.order
-    return ColouredNoise(order if isinstance(order, int) else None, given.noise.correlated)
+    if not isinstance(record.noise, NoiseModel):
+        return levels(record.noise)
+    order = record.noise.order
+    return ColouredNoise(order if isinstance(order, int) else None, record.noise.correlated)
 
 
-def levels(given: Quantity | list[Quantity] | None) -> float | list[float] | None:
+def levels(quantities: Quantity | list[Quantity] | None) -> float | list[float] | None:
     """Return one number, or one a channel."""
-    if given is None:
+    if quantities is None:
         return None
-    return [float(level) for level in given] if isinstance(given, list) else float(given)
+    return [float(level) for level in quantities] if isinstance(quantities, list) else float(quantities)
 
 
-def _own_or_shared(scene: Scene, place: str, key: str) -> str:
+def _own_or_shared(scene: Scene, path: str, key: str) -> str:
     """Return the dotted path of a key of a record: its own, or that of all records."""
-    found: Any = scene.source.data
-    for part in place.split("."):
-        found = found[int(part) if isinstance(found, list) else part]
-    return f"{place}.{key}" if key in found else f"measurement.{key}"
+    value: Any = scene.source.data
+    for key_in_path in path.split("."):
+        value = value[int(key_in_path) if isinstance(value, list) else key_in_path]
+    return f"{path}.{key}" if key in value else f"measurement.{key}"
 
 
 def loads_of(
@@ -286,35 +293,43 @@ def loads_of(
 ) -> list[Any]:
     """Return the loads at a place of a scene."""
 
-    def acting(part: SignalPart, signal: Any) -> Any:
-        if part.source is not None:
-            return cast("IdentifiedGraph", model).load(part.source, signal, *actuator_of(part))
+    def acting(signal_model: SignalPart, signal: Any) -> Any:
+        if signal_model.source is not None:
+            return cast("IdentifiedGraph", model).load(
+                signal_model.source, signal, *actuator_of(signal_model)
+            )
         structure = cast("StructuralModel | None", model)
-        dof = None if part.dof is None else shown(structure, part.dof)
-        return Load(dof, signal, part.base or part.motion, *actuator_of(part), kind_of(structure, dof))
+        dof = None if signal_model.dof is None else shown(structure, signal_model.dof)
+        return Load(
+            dof,
+            signal,
+            signal_model.base or signal_model.motion,
+            *actuator_of(signal_model),
+            kind_of(structure, dof),
+        )
 
-    built = build_signals(scene, where, parts, record, lambda part: acting(part, None))
-    return [acting(part, signal) for part, signal in built]
+    built = build_signals(scene, where, parts, record, lambda signal_model: acting(signal_model, None))
+    return [acting(signal_model, signal) for signal_model, signal in built]
 
 
-def actuator_of(part: SignalPart) -> tuple[Real, Real]:
+def actuator_of(signal: SignalPart) -> tuple[Real, Real]:
     """Return gain and delay with which a signal acts.
 
     A signal in a file was recorded: it is gain times what acts, delay later.
     """
-    gain = 1.0 if part.gain is None else part.gain.real
-    delay = 0.0 if part.delay is None else part.delay.real
-    return (1.0 / gain, -delay) if isinstance(part, FileSignal) else (gain, delay)
+    gain = 1.0 if signal.gain is None else signal.gain.real
+    delay = 0.0 if signal.delay is None else signal.delay.real
+    return (1.0 / gain, -delay) if isinstance(signal, FileSignal) else (gain, delay)
 
 
 def _referred(
-    model: IdentifiedGraph | StructuralModel | None, given: ReferenceModel
+    model: IdentifiedGraph | StructuralModel | None, reference: ReferenceModel
 ) -> tuple[Dof] | tuple[Dof, str]:
     """Return the DOF, by its name in results, and its kind, or the source of a frequency response."""
-    if given.source is not None:
-        return (given.place,)
+    if reference.source is not None:
+        return (reference.place,)
     structure = cast("StructuralModel | None", model)
-    dof = shown(structure, given.place)
+    dof = shown(structure, reference.place)
     return dof, kind_of(structure, dof)
 
 
@@ -322,7 +337,7 @@ _PLACE = "measurement.frf.file"
 
 
 def frf_measurement(
-    scene: Scene, given: MeasurementModel, model: IdentifiedGraph | StructuralModel | None = None
+    scene: Scene, measurement: MeasurementModel, model: IdentifiedGraph | StructuralModel | None = None
 ) -> FrfMeasurement:
     """Return the frequency response functions of a scene; `model`: its graph or structure, if known.
 
@@ -337,24 +352,26 @@ def frf_measurement(
     from dynid.identification.records.simulation import Simulation
     from dynid.scene.schema.measurement import NoiseModel
 
-    assert given.frf is not None
+    assert measurement.frf is not None
     channels = tuple(
         Frf(channel_of(channel, model), *_referred(model, channel.reference))
-        for channel in given.channels or ()
+        for channel in measurement.channels or ()
         if channel.reference
     )
     _check_different(channels, "measurement.channels", model)
-    proportional = isinstance(given.noise, NoiseModel)
-    noise = levels(given.noise.ratio if isinstance(given.noise, NoiseModel) else given.noise)
-    simulate = given.frf.simulate
-    found = None if simulate is not None else _read(scene, given.frf, channels)
-    headings: Sequence[Heading | None] = found.headings if found is not None else ()
-    each = zip(given.channels or (), headings or [None] * len(channels), channels, strict=True)
+    proportional = isinstance(measurement.noise, NoiseModel)
+    noise = levels(
+        measurement.noise.ratio if isinstance(measurement.noise, NoiseModel) else measurement.noise
+    )
+    simulate = measurement.frf.simulate
+    responses = None if simulate is not None else _read(scene, measurement.frf, channels)
+    headings: Sequence[Heading | None] = responses.headings if responses is not None else ()
+    columns = zip(measurement.channels or (), headings or [None] * len(channels), channels, strict=True)
     factors = [
         recorded_factor(channel, heading, function, f"measurement.channels.{k}")
-        for k, (channel, heading, function) in enumerate(each)
+        for k, (channel, heading, function) in enumerate(columns)
     ]
-    coherence = given.frf.file is not None and given.frf.file.coherence is not None
+    coherence = measurement.frf.file is not None and measurement.frf.file.coherence is not None
     if not proportional and not coherence:  # else it is a ratio
         noise = products(factors, noise)
     if simulate is not None:
@@ -367,33 +384,33 @@ def frf_measurement(
         source = Simulation(*added, noise_by_line=simulate.noise_by_line)
         omega = angular_frequencies(simulate.lines)
         return FrfMeasurement(omega, channels, source, noise, proportional=proportional)
-    assert found is not None
-    found = found._replace(values=found.values * factors)
-    deviation = None if found.deviation is None else found.deviation * np.abs(factors)
+    assert responses is not None
+    responses = responses._replace(values=responses.values * factors)
+    deviation = None if responses.deviation is None else responses.deviation * np.abs(factors)
     relative = False
-    if found.coherence is not None:
+    if responses.coherence is not None:
         # Of the estimate H1 from n averages: J. S. Bendat, A. G. Piersol, Random Data, 4th ed. 2010, eq 9.57.
-        averages = given.frf.file.averages if given.frf.file else None
+        averages = measurement.frf.file.averages if measurement.frf.file else None
         relative = averages is None
-        spread = np.sqrt((1 - found.coherence) / found.coherence / (averages or 1))
-        deviation = np.abs(found.values) * spread
-    notes = (found.note,) if found.note else ()
+        spread = np.sqrt((1 - responses.coherence) / responses.coherence / (averages or 1))
+        deviation = np.abs(responses.values) * spread
+    notes = (responses.note,) if responses.note else ()
     return FrfMeasurement(
-        found.omega, channels, found.values, noise, deviation, relative, proportional, notes
+        responses.omega, channels, responses.values, noise, deviation, relative, proportional, notes
     )
 
 
-def _read(scene: Scene, given: FrfModel, channels: tuple[Frf, ...]) -> MeasuredResponses:
+def _read(scene: Scene, frf: FrfModel, channels: tuple[Frf, ...]) -> MeasuredResponses:
     """Return the responses in the file of a scene: lines of the band in rad/s, one column a channel."""
     from dynid.files.frequency_responses import ResponseLayout
     from dynid.files.read_measured import read_responses
 
-    file = given.file
+    file = frf.file
     assert file is not None
     path = scene.folder / file.path
     layout = ResponseLayout(file.columns, file.frequency, file.deviation, file.coherence)
-    found = read_responses(path, layout, _PLACE)
-    for name, columns in found.columns.items():
+    responses = read_responses(path, layout, _PLACE)
+    for name, columns in responses.columns.items():
         if columns.shape[1] != len(channels):
             key = name if name != "values" else "columns"
             raise FileError(
@@ -403,31 +420,31 @@ def _read(scene: Scene, given: FrfModel, channels: tuple[Frf, ...]) -> MeasuredR
                 remedy="Name one for each channel: frf: {file: {path: …, columns: […]}}.",
                 names=(f"{_PLACE}.{key}", f"{_PLACE}.path"),
             )
-    for place, (quantity, channel) in enumerate(zip(found.quantities, channels, strict=False), 1):
+    for column, (quantity, channel) in enumerate(zip(responses.quantities, channels, strict=False), 1):
         if quantity and quantity != channel.channel.quantity:
             raise FileError(
-                f"{path}: function {place} is {quantity} over force, but the channel {channel.name} is not",
+                f"{path}: function {column} is {quantity} over force, but the channel {channel.name} is not",
                 remedy=f"Write quantity: {quantity}.",
                 names=("measurement.channels", f"{_PLACE}.path"),
             )
-    found = found._replace(omega=found.omega * _in_radians(found, given))
-    if given.band is None:
-        _check_coherence(path, found, given, np.ones(len(found.omega), dtype=bool))
-        return found
-    factor = angular_factor(given.unit)
-    low, high = (factor * float(edge) for edge in given.band)
-    here = (found.omega >= low) & (found.omega <= high)
+    responses = responses._replace(omega=responses.omega * _in_radians(responses, frf))
+    if frf.band is None:
+        _check_coherence(path, responses, frf, np.ones(len(responses.omega), dtype=bool))
+        return responses
+    factor = angular_factor(frf.unit)
+    low, high = (factor * float(edge) for edge in frf.band)
+    here = (responses.omega >= low) & (responses.omega <= high)
     if not here.any():
         raise FileError(
-            f"no line lies in the band; they go from {found.omega[0] / factor:.6g} to "
-            f"{found.omega[-1] / factor:.6g} {given.unit or 'rad/s'}",
+            f"no line lies in the band; they go from {responses.omega[0] / factor:.6g} to "
+            f"{responses.omega[-1] / factor:.6g} {frf.unit or 'rad/s'}",
             names=("measurement.frf.band",),
         )
-    note = _check_coherence(path, found, given, here)
-    return found.at(here)._replace(note=note)
+    note = _check_coherence(path, responses, frf, here)
+    return responses.at(here)._replace(note=note)
 
 
-def _check_coherence(path: Path, found: MeasuredResponses, given: FrfModel, used: NDArray[np.bool_]) -> str:
+def _check_coherence(path: Path, responses: MeasuredResponses, frf: FrfModel, used: NDArray[np.bool_]) -> str:
     """Return a warning of impossible coherences at lines that are not used.
 
     Raises
@@ -435,14 +452,14 @@ def _check_coherence(path: Path, found: MeasuredResponses, given: FrfModel, used
     FileError
         If a coherence at a line that is used is not above 0 and at most 1.
     """
-    if found.coherence is None:
+    if responses.coherence is None:
         return ""
-    wrong = (found.coherence <= 0) | (found.coherence > 1)
+    wrong = (responses.coherence <= 0) | (responses.coherence > 1)
     at = np.flatnonzero(wrong.any(axis=1))
-    unit = given.unit or ("Hz" if found.in_hertz else "rad/s")
+    unit = frf.unit or ("Hz" if responses.in_hertz else "rad/s")
     factor = angular_factor(unit)
     shown = [
-        f"{found.coherence[line][wrong[line]][0]:.6g} at {found.omega[line] / factor:.6g} {unit}"
+        f"{responses.coherence[line][wrong[line]][0]:.6g} at {responses.omega[line] / factor:.6g} {unit}"
         for line in (at[used[at]] if used[at].any() else at)
     ]
     listed = f"a coherence that is not above 0 and at most 1: {shortened(shown, 6)}"
@@ -455,16 +472,16 @@ def _check_coherence(path: Path, found: MeasuredResponses, given: FrfModel, used
     return f"outside the band {path.name} has {listed}; these lines are not used" if shown else ""
 
 
-def _in_radians(found: MeasuredResponses, given: FrfModel) -> float:
+def _in_radians(responses: MeasuredResponses, frf: FrfModel) -> float:
     """Return the factor that converts the lines of a file into rad/s: by its heading, the scene, or rad/s."""
     from dynid.units import unit_fits
 
-    name, stated, _ = found.of_lines
+    name, stated, _ = responses.of_lines
     if not stated:
-        return angular_factor("Hz" if given.unit is None and found.in_hertz else given.unit)
-    if given.unit is not None and not unit_fits(stated, [given.unit]):
+        return angular_factor("Hz" if frf.unit is None and responses.in_hertz else frf.unit)
+    if frf.unit is not None and not unit_fits(stated, [frf.unit]):
         raise FileError(
-            f"'unit' is {given.unit}, but the file has '{name}' in {stated}",
+            f"'unit' is {frf.unit}, but the file has '{name}' in {stated}",
             remedy="Leave 'unit' out, or correct the heading.",
             names=("measurement.frf.unit", "measurement.frf"),
         )
@@ -474,14 +491,14 @@ def _in_radians(found: MeasuredResponses, given: FrfModel) -> float:
 def measurements_of(scene: Scene[IdentificationScene], model: StructuralModel | IdentifiedGraph) -> list[Any]:
     """Return the records of time or the frequency responses of a scene, and its modal survey."""
     identification = scene.model
-    given, measurements = identification.measurement, list[Any]()
-    assert given is not None
-    if given.frf is not None:
-        measurements.append(frf_measurement(scene, given, model))
-    elif not given.modes_alone:
-        measurements += experiments(scene, identification.excitation, given, model)
-    if given.modes is not None:
+    measurement_model, measurements = identification.measurement, list[Any]()
+    assert measurement_model is not None
+    if measurement_model.frf is not None:
+        measurements.append(frf_measurement(scene, measurement_model, model))
+    elif not measurement_model.modes_alone:
+        measurements += experiments(scene, identification.excitation, measurement_model, model)
+    if measurement_model.modes is not None:
         from dynid.scene.kinds.modes import modal_measurement
 
-        measurements.append(modal_measurement(scene, given.modes))
+        measurements.append(modal_measurement(scene, measurement_model.modes))
     return measurements

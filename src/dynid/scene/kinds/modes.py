@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _PLACE = "measurement.modes"
 
 
-def modal_measurement(scene: Scene, given: MeasuredModesModel) -> ModalMeasurement:
+def modal_measurement(scene: Scene, modes: MeasuredModesModel) -> ModalMeasurement:
     """Return the measured modes of a scene, in SI units.
 
     Raises
@@ -27,31 +27,33 @@ def modal_measurement(scene: Scene, given: MeasuredModesModel) -> ModalMeasureme
     FileError
         Where a file cannot be read, or does not say what its values are.
     """
-    return _from_file(scene, given) if given.file is not None else _listed(given)
+    return _from_file(scene, modes) if modes.file is not None else _listed(modes)
 
 
-def _listed(given: MeasuredModesModel) -> ModalMeasurement:
+def _listed(modes_model: MeasuredModesModel) -> ModalMeasurement:
     """Return modes that the scene lists."""
     import numpy as np
 
-    factor, modes = angular_factor(given.unit), given.values
+    factor, modes = angular_factor(modes_model.unit), modes_model.values
     dofs: list[Label] = list(dict.fromkeys(dof for mode in modes for dof in mode.shape))
-    wide = any(isinstance(part, list) for mode in modes for part in mode.shape.values())
+    wide = any(isinstance(component, list) for mode in modes for component in mode.shape.values())
     shape = np.full((len(dofs), len(modes)), np.nan, dtype=complex if wide else float)
     std = np.full(shape.shape, np.nan)
     for k, mode in enumerate(modes):
-        for dof, part in mode.shape.items():
+        for dof, component in mode.shape.items():
             row = dofs.index(dof)
-            shape[row, k] = complex(*map(float, part)) if isinstance(part, list) else float(part)
+            shape[row, k] = (
+                complex(*map(float, component)) if isinstance(component, list) else float(component)
+            )
             deviation = mode.shape_std.get(dof) if isinstance(mode.shape_std, dict) else mode.shape_std
             std[row, k] = math.nan if deviation is None else float(deviation)
 
     def each(key: str, scale: float = 1.0) -> Any:
         values = [getattr(mode, key) for mode in modes]
-        return np.array([math.nan if one is None else scale * float(one) for one in values])
+        return np.array([math.nan if value is None else scale * float(value) for value in values])
 
     return _measured(
-        given,
+        modes_model,
         each("frequency", factor),
         dofs,
         shape if dofs else None,
@@ -59,77 +61,80 @@ def _listed(given: MeasuredModesModel) -> ModalMeasurement:
         each("frequency_std", factor),
         each("damping_std"),
         std if dofs else None,
-        given.unit or "rad/s",
+        modes_model.unit or "rad/s",
     )
 
 
-def _from_file(scene: Scene, given: MeasuredModesModel) -> ModalMeasurement:
+def _from_file(scene: Scene, modes: MeasuredModesModel) -> ModalMeasurement:
     """Return the modes in a file."""
     import numpy as np
 
     from dynid.files.read_measured import read_modes
 
-    assert given.file is not None
-    place = f"{_PLACE}.file"
-    path = scene.folder / given.file.path
-    found = read_modes(path, given.file.names, place)
-    dofs = list(found.dofs) or _sensors(scene, given)
-    rows = 0 if found.shape is None else len(found.shape)
-    if given.sensors is not None and not isinstance(given.sensors, list):
-        dofs = _sensors(scene, given)
-    elif given.sensors is not None:
-        dofs = list(given.sensors)
+    assert modes.file is not None
+    path_of_file = f"{_PLACE}.file"
+    path = scene.folder / modes.file.path
+    survey = read_modes(path, modes.file.names, path_of_file)
+    dofs = list(survey.dofs) or _sensors(scene, modes)
+    rows = 0 if survey.shape is None else len(survey.shape)
+    if modes.sensors is not None and not isinstance(modes.sensors, list):
+        dofs = _sensors(scene, modes)
+    elif modes.sensors is not None:
+        dofs = list(modes.sensors)
     if len(dofs) != rows:
         raise FileError(
             f"{path} has shapes at {rows} sensors, and {len(dofs)} DOFs are named"
             if dofs
             else f"{path} does not name the DOFs of its {rows} sensors",
             remedy="Name one DOF for each row: modes: {sensors: […]}.",
-            names=(f"{_PLACE}.sensors" if given.sensors is not None else f"{place}.path", place),
+            names=(
+                f"{_PLACE}.sensors" if modes.sensors is not None else f"{path_of_file}.path",
+                path_of_file,
+            ),
         )
-    keep = np.arange(len(found.frequency))
-    if given.file.modes is not None:
-        keep = np.array(given.file.modes) - 1
-        if keep.max() >= len(found.frequency):
+    keep = np.arange(len(survey.frequency))
+    if modes.file.modes is not None:
+        keep = np.array(modes.file.modes) - 1
+        if keep.max() >= len(survey.frequency):
             raise FileError(
-                f"{path} has {len(found.frequency)} modes, but mode {keep.max() + 1} is asked for",
-                names=(f"{place}.modes",),
+                f"{path} has {len(survey.frequency)} modes, but mode {keep.max() + 1} is asked for",
+                names=(f"{path_of_file}.modes",),
             )
-    unit = given.unit or found.unit or "rad/s"
-    stated = found.unit or unit  # of the values in the file
+    unit = modes.unit or survey.unit or "rad/s"
+    stated = survey.unit or unit  # of the values in the file
     factor = angular_factor(stated)
 
     def own(values: Any, scale: float = 1.0) -> Any:
         return None if values is None else scale * np.asarray(values)[..., keep]
 
     return _measured(
-        given,
-        own(found.frequency, factor),
+        modes,
+        own(survey.frequency, factor),
         dofs,
-        own(found.shape),
-        own(found.damping),
-        own(found.frequency_std, factor),
-        own(found.damping_std),
-        own(found.shape_std),
+        own(survey.shape),
+        own(survey.damping),
+        own(survey.frequency_std, factor),
+        own(survey.damping_std),
+        own(survey.shape_std),
         unit,
     )
 
 
-def _sensors(scene: Scene, given: MeasuredModesModel) -> list[Label]:
+def _sensors(scene: Scene, modes: MeasuredModesModel) -> list[Label]:
     """Return the DOFs of the sensors in a file of their own."""
     from dynid.scene.schema.modes import SensorFileModel
 
-    if not isinstance(given.sensors, SensorFileModel):
+    if not isinstance(modes.sensors, SensorFileModel):
         return []
     from dynid.files.matlab import whole_numbers
     from dynid.files.table import DataFile
 
-    file = DataFile(scene.folder / given.sensors.path, f"{_PLACE}.sensors")
+    file = DataFile(scene.folder / modes.sensors.path, f"{_PLACE}.sensors")
     file.check()
-    return list(whole_numbers(file, given.sensors.name, "name"))
+    return list(whole_numbers(file, modes.sensors.name, "name"))
 
 
-def _measured(given: MeasuredModesModel, omega: Any, dofs: Sequence[Label], *rest: Any) -> ModalMeasurement:
+def _measured(modes: MeasuredModesModel, omega: Any, dofs: Sequence[Label], *rest: Any) -> ModalMeasurement:
     """Return measured modes with the floors and model errors of the scene."""
     from dynid.identification.records.modal_measurement import FLOORS, NO_ERROR, ModalMeasurement
 
@@ -143,16 +148,18 @@ def _measured(given: MeasuredModesModel, omega: Any, dofs: Sequence[Label], *res
             omega_std,
             damping_std,
             shape_std,
-            floors=_scatter(given.floor, FLOORS),
-            model_error=_scatter(given.model_error, NO_ERROR),
+            floors=_scatter(modes.floor, FLOORS),
+            model_error=_scatter(modes.model_error, NO_ERROR),
             unit=unit,
         )
     except UsageError as error:
         raise UsageError(error.problem, remedy=error.remedy, names=(_PLACE,)) from error
 
 
-def _scatter(given: ScatterModel, usual: Scatter) -> Scatter:
-    own = {
-        key: float(getattr(given, key)) for key in given.model_fields_set if getattr(given, key) is not None
+def _scatter(scatter: ScatterModel, usual: Scatter) -> Scatter:
+    stated = {
+        key: float(getattr(scatter, key))
+        for key in scatter.model_fields_set
+        if getattr(scatter, key) is not None
     }
-    return usual._replace(**own)
+    return usual._replace(**stated)

@@ -46,35 +46,39 @@ def unknown_parameters(model: SceneModel) -> tuple[Parameter, ...]:
     from dynid.parameters import Parameter  # loads NumPy
 
     unknown = {
-        name: given
-        for name, given in model.parameters.items()
-        if isinstance(given, DefinedParameter) and given.start is not None
+        name: entry
+        for name, entry in model.parameters.items()
+        if isinstance(entry, DefinedParameter) and entry.start is not None
     }
     linear: frozenset[str] = frozenset()
-    if any(given.scale is None for given in unknown.values()):
+    if any(entry.scale is None for entry in unknown.values()):
         linear = linear.union(
-            *(one.dependent.names for key, one in quantities(model) if key in _SIGNED and one.dependent)
+            *(
+                quantity.dependent.names
+                for key, quantity in quantities(model)
+                if key in _SIGNED and quantity.dependent
+            )
         )
     return tuple(
         Parameter(
             name,
-            float(given.start or 0),
-            _number(given.true),
-            _number(given.min),
-            _number(given.max),
-            _prior(given),
-            given.scale or ("linear" if name in linear else "log"),
+            float(entry.start or 0),
+            _number(entry.true),
+            _number(entry.min),
+            _number(entry.max),
+            _prior(entry),
+            entry.scale or ("linear" if name in linear else "log"),
         )
-        for name, given in unknown.items()
+        for name, entry in unknown.items()
     )
 
 
 def considered_parameters(model: SceneModel) -> tuple[ConsideredParameter, ...]:
     """Return the parameters of a scene that are known with uncertainty, in its order."""
     return tuple(
-        ConsideredParameter(name, float(given.value), float(given.std))
-        for name, given in model.parameters.items()
-        if isinstance(given, DefinedParameter) and given.value is not None and given.std is not None
+        ConsideredParameter(name, float(entry.value), float(entry.std))
+        for name, entry in model.parameters.items()
+        if isinstance(entry, DefinedParameter) and entry.value is not None and entry.std is not None
     )
 
 
@@ -87,7 +91,7 @@ def check_parameters(scene: Scene[IdentificationScene]) -> None:
         If a number does not fit the scale of its parameter, or nothing depends on an unknown one.
     """
     model = scene.model
-    if not any(isinstance(given, DefinedParameter) for given in model.parameters.values()):
+    if not any(isinstance(parameter, DefinedParameter) for parameter in model.parameters.values()):
         return
     used: set[str] = set()
     for _, quantity in quantities(model):
@@ -110,35 +114,35 @@ def all_parameters(model: SceneModel) -> tuple[Parameter, ...]:
     """Return the unknown parameters of a scene, and those that are known with uncertainty after them."""
     from dynid.parameters import Parameter
 
-    known = (
+    considered = (
         Parameter(
-            one.name,
-            one.value,
-            one.value,
-            scale="log" if one.value > 0 else "linear",
-            std=one.std,
+            parameter.name,
+            parameter.value,
+            parameter.value,
+            scale="log" if parameter.value > 0 else "linear",
+            std=parameter.std,
         )
-        for one in considered_parameters(model)
+        for parameter in considered_parameters(model)
     )
-    return (*unknown_parameters(model), *known)
+    return (*unknown_parameters(model), *considered)
 
 
 #: Keys of quantities that may have any sign, and so have no logarithm.
 _SIGNED = ("offset", "delay")
 
 
-def quantities(part: Any, key: str = "") -> Iterator[tuple[str, Quantity]]:
+def quantities(section: Any, key: str = "") -> Iterator[tuple[str, Quantity]]:
     """Yield the quantities in a part of a scene at any depth, each with the key that it stands under."""
-    if isinstance(part, Quantity):
-        yield key, part
-    elif isinstance(part, BaseModel):
-        for name, value in part:
+    if isinstance(section, Quantity):
+        yield key, section
+    elif isinstance(section, BaseModel):
+        for name, value in section:
             yield from quantities(value, name)
-    elif isinstance(part, Mapping):
-        for value in part.values():
+    elif isinstance(section, Mapping):
+        for value in section.values():
             yield from quantities(value, key)
-    elif isinstance(part, list | tuple):
-        for value in part:
+    elif isinstance(section, list | tuple):
+        for value in section:
             yield from quantities(value, key)
 
 
@@ -148,49 +152,49 @@ def at_starts(model: M) -> M:
     What an estimator computes at reference values, such as a basis, must not know the true ones.
     """
     starts = {
-        name: given.start.value
-        for name, given in model.parameters.items()
-        if isinstance(given, DefinedParameter) and given.start is not None and given.true is not None
+        name: entry.start.value
+        for name, entry in model.parameters.items()
+        if isinstance(entry, DefinedParameter) and entry.start is not None and entry.true is not None
     }
     return cast("M", _referred(model, starts)) if starts else model
 
 
-def _referred(part: Any, values: Mapping[str, Number]) -> Any:
+def _referred(section: Any, values: Mapping[str, Number]) -> Any:
     """Return a part of a scene with other reference values of parameters."""
 
     def changed(quantity: Quantity) -> Quantity:
         if quantity.dependent is None or quantity.dependent.names.isdisjoint(values):
             return quantity
-        found = quantity.dependent.referred(values)
-        return Quantity(found.reference, quantity.expression, found)
+        dependent = quantity.dependent.referred(values)
+        return Quantity(dependent.reference, quantity.expression, dependent)
 
-    return with_quantities(part, changed)
+    return with_quantities(section, changed)
 
 
-def with_quantities(part: Any, change: Callable[[Quantity], Quantity]) -> Any:
+def with_quantities(section: Any, change: Callable[[Quantity], Quantity]) -> Any:
     """Return a part of a scene with changed quantities at any depth; itself where none is."""
-    if isinstance(part, Quantity):
-        return change(part)
-    if isinstance(part, BaseModel):
-        own = {name: (value, with_quantities(value, change)) for name, value in part}
-        changed = {name: new for name, (old, new) in own.items() if new is not old}
-        return part.model_copy(update=changed) if changed else part
-    if isinstance(part, Mapping):
-        return {name: with_quantities(value, change) for name, value in part.items()}
-    if isinstance(part, list | tuple):
-        parts = [with_quantities(value, change) for value in part]
-        return part if all(map(operator.is_, parts, part)) else type(part)(parts)
-    return part
+    if isinstance(section, Quantity):
+        return change(section)
+    if isinstance(section, BaseModel):
+        fields = {name: (value, with_quantities(value, change)) for name, value in section}
+        changed = {name: new for name, (old, new) in fields.items() if new is not old}
+        return section.model_copy(update=changed) if changed else section
+    if isinstance(section, Mapping):
+        return {name: with_quantities(value, change) for name, value in section.items()}
+    if isinstance(section, list | tuple):
+        parts = [with_quantities(value, change) for value in section]
+        return section if all(map(operator.is_, parts, section)) else type(section)(parts)
+    return section
 
 
-def _number(given: Quantity | None) -> float | None:
-    return None if given is None else float(given)
+def _number(quantity: Quantity | None) -> float | None:
+    return None if quantity is None else float(quantity)
 
 
-def _prior(given: DefinedParameter) -> ParameterPrior | None:
+def _prior(entry: DefinedParameter) -> ParameterPrior | None:
     from dynid.parameters import ParameterPrior
 
-    prior = given.prior
+    prior = entry.prior
     if prior is None:
         return None
     if prior.relative_deviation is not None:
@@ -210,15 +214,15 @@ _ESTIMATORS = {
 
 def estimator_of(model: IdentificationScene) -> Any:
     """Return the estimator of an identification."""
-    given, measurement = model.estimator, model.measurement
-    module, name = _ESTIMATORS[given.method]
-    if given.method == "auto" and measurement is not None and measurement.modes is not None:
+    options, measurement = model.estimator, model.measurement
+    module, name = _ESTIMATORS[options.method]
+    if options.method == "auto" and measurement is not None and measurement.modes is not None:
         module, name = "modal_search", "ModalSearch"
-    elif given.method == "auto" and measurement is not None and measurement.frf is not None:
+    elif options.method == "auto" and measurement is not None and measurement.frf is not None:
         name = "FrfAuto"
     kind = getattr(import_module(f"dynid.identification.estimators.{module}"), name)
-    estimator = kind(**given.options())
-    if given.loss == "huber":
+    estimator = kind(**options.options())
+    if options.loss == "huber":
         from dynid.identification.estimators.maximum_likelihood import Huber
 
         estimator = Huber(estimator)

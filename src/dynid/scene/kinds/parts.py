@@ -45,11 +45,11 @@ def build_assembly(scene: Scene, model: IdentificationScene) -> StructuralModel:
     """
     if model.structure is not None and not (model.points or model.motions):
         return build_structure(scene, model.structure, model.joints)
-    whole = _bare(scene, model)
+    assembly = _bare(scene, model)
     from dynid.structure.points import with_points
 
-    points = [_point(name, point, model, whole.nodes) for name, point in model.points.items()]
-    whole, placed = with_points(whole, points)
+    points = [_point(name, point, model, assembly.nodes) for name, point in model.points.items()]
+    assembly, placed = with_points(assembly, points)
     joints: list[Joint] = []
     motions: dict[str, Motion] = {}
     for name, joint in model.joints.items():
@@ -58,37 +58,37 @@ def build_assembly(scene: Scene, model: IdentificationScene) -> StructuralModel:
             continue
         from dynid.structure.point_joints import components
 
-        xyz = np.zeros((1, 3)) if whole.nodes is None else whole.nodes.xyz
+        xyz = np.zeros((1, 3)) if assembly.nodes is None else assembly.nodes.xyz
         size = float(np.linalg.norm(np.ptp(xyz, axis=0)))
-        own, made = components(_joint(name, joint), placed, size)
-        joints += made
-        motions |= own
-    whole = whole.with_motions(motions)
+        own_motions, joints_of_points = components(_joint(name, joint), placed, size)
+        joints += joints_of_points
+        motions |= own_motions
+    assembly = assembly.with_motions(motions)
     for name, sum_of in model.motions.items():
         try:
-            whole = whole.with_motions({name: _weights(name, sum_of, whole)})
+            assembly = assembly.with_motions({name: _weights(name, sum_of, assembly)})
         except UsageError as error:
             raise UsageError(error.problem, remedy=error.remedy, names=(f"motions.{name}",)) from error
-    scene.raise_faults(dof_faults(model, whole.dof_names))
-    return whole.joined(joints)
+    scene.raise_faults(dof_faults(model, assembly.dof_names))
+    return assembly.joined(joints)
 
 
-def _weights(name: str, sum_of: Mapping[Any, Any], whole: StructuralModel) -> Motion:
+def _weights(name: str, sum_of: Mapping[Any, Any], structure: StructuralModel) -> Motion:
     """Return the weights of a motion by the DOFs' own labels."""
-    if whole.dof_names.has(name, signed=True):
+    if structure.dof_names.has(name, signed=True):
         raise UsageError(f"'{name}' is a DOF or motion already", remedy="Give the motion another name.")
-    found: dict[Label, float] = {}
+    weights: dict[Label, float] = {}
     for dof, weight in sum_of.items():
-        label = whole.label(dof)
-        if label in found:
+        label = structure.label(dof)
+        if label in weights:
             raise UsageError(
                 f"the motion '{name}' names the DOF {label} twice",
                 remedy="Write it once, with the sum of its weights.",
             )
-        found[label] = float(weight)
-    if not any(found.values()):
+        weights[label] = float(weight)
+    if not any(weights.values()):
         raise UsageError(f"the motion '{name}' has no weight but zero", remedy="Give weights.")
-    return found
+    return weights
 
 
 def _bare(scene: Scene, model: IdentificationScene) -> StructuralModel:
@@ -101,8 +101,8 @@ def _bare(scene: Scene, model: IdentificationScene) -> StructuralModel:
 
     parameters = with_units(all_parameters(scene.model), [*model.structures.values()], model.joints)
     parts = {
-        name: bare_structure(scene.folder, part, parameters, f"structures.{name}")
-        for name, part in model.structures.items()
+        name: bare_structure(scene.folder, structure, parameters, f"structures.{name}")
+        for name, structure in model.structures.items()
     }
     return assembled_parts(parts, parameters)
 
@@ -112,12 +112,12 @@ def _point(name: str, point: PointModel, model: IdentificationScene, nodes: Node
     from dynid.structure.assembly import part_name
     from dynid.structure.points import Point
 
-    place = f"points.{name}"
+    path = f"points.{name}"
     if model.structures is None and point.part is not None:
         raise UsageError(
             f"the point '{name}' is of the part '{point.part}', but the scene has a single structure",
             remedy="Leave 'part' out.",
-            names=(f"{place}.part",),
+            names=(f"{path}.part",),
         )
     if model.structures is not None and point.part not in model.structures:
         said = "needs the 'part' that it is of"
@@ -126,26 +126,32 @@ def _point(name: str, point: PointModel, model: IdentificationScene, nodes: Node
             said = f"is of a part '{point.part}' that does not exist{hint}"
         listed = ", ".join(model.structures)
         raise UsageError(
-            f"the point '{name}' {said}", remedy=f"Parts: {listed}.", names=(f"{place}.part", place)
+            f"the point '{name}' {said}", remedy=f"Parts: {listed}.", names=(f"{path}.part", path)
         )
 
-    def named(one: Any) -> Any:
-        return one if point.part is None else part_name(point.part, one)
+    def named(node: Any) -> Any:
+        return node if point.part is None else part_name(point.part, node)
 
     if point.set is not None:
         sets = {} if nodes is None else nodes.sets
         if named(point.set) not in sets:
-            known = [one.removeprefix(named("")) for one in sets if one.startswith(named(""))]
+            set_names = [
+                name_of_set.removeprefix(named(""))
+                for name_of_set in sets
+                if name_of_set.startswith(named(""))
+            ]
             raise UsageError(
                 f"the point '{name}' names a set '{point.set}' that does not exist"
-                f"{did_you_mean(point.set, known)}",
-                remedy=f"There are {', '.join(known)}." if known else "There are none; name `nodes: [...]`.",
-                names=(f"{place}.set",),
+                f"{did_you_mean(point.set, set_names)}",
+                remedy=f"There are {', '.join(set_names)}."
+                if set_names
+                else "There are none; name `nodes: [...]`.",
+                names=(f"{path}.set",),
             )
         members = sets[named(point.set)]
     else:
-        given: list[Any] = point.nodes or [point.node]
-        members = tuple(named(node) for node in given)
+        numbers: list[Any] = point.nodes or [point.node]
+        members = tuple(named(node) for node in numbers)
     at = None if point.at is None else _vector(point.at)
     weights = tuple(float(weight) for weight in point.weights or ())
     return Point(name, members, point.spread, at, weights)
@@ -155,7 +161,7 @@ def _joint(name: str, joint: JointModel) -> Any:
     from dynid.structure.point_joints import PointJoint
 
     try:
-        k, c, m = (joint_parameter(part) for part in (joint.k, joint.c, joint.m))
+        k, c, m = (joint_parameter(value) for value in (joint.k, joint.c, joint.m))
     except UsageError as error:
         raise UsageError(error.problem, remedy=error.remedy, names=(f"joints.{name}",)) from None
     axes = None if joint.axes is None else _axes(name, joint.axes)
@@ -163,11 +169,11 @@ def _joint(name: str, joint: JointModel) -> Any:
     return PointJoint(name, tuple(joint.points or ()), k, c, m, axes, at)
 
 
-def _axes(name: str, given: Axes | AxesModel) -> Array:
+def _axes(name: str, axes: Axes | AxesModel) -> Array:
     """Return the directions of a frame as rows; of named ones y is made orthogonal to x."""
-    if isinstance(given, list):
-        return np.array([_vector(row) for row in given])
-    x, y = np.array(_vector(given.x)), np.array(_vector(given.y))
+    if isinstance(axes, list):
+        return np.array([_vector(row) for row in axes])
+    x, y = np.array(_vector(axes.x)), np.array(_vector(axes.y))
     z = np.cross(x, y)
     if not np.linalg.norm(z) > 1e-9 * np.linalg.norm(x) * np.linalg.norm(y):
         raise UsageError(
@@ -176,9 +182,9 @@ def _axes(name: str, given: Axes | AxesModel) -> Array:
             names=(f"joints.{name}.axes",),
         )
     rows = np.array([x, np.cross(z, x), z])
-    if given.z is not None:
-        own = np.array(_vector(given.z))
-        if not own @ z > (1 - 1e-6) * np.linalg.norm(own) * np.linalg.norm(z):
+    if axes.z is not None:
+        third = np.array(_vector(axes.z))
+        if not third @ z > (1 - 1e-6) * np.linalg.norm(third) * np.linalg.norm(z):
             raise UsageError(
                 f"the axis z of joint {name} is not orthogonal to x and y, or points the other way",
                 remedy="Leave it out: it is their cross product.",
@@ -187,6 +193,6 @@ def _axes(name: str, given: Axes | AxesModel) -> Array:
     return np.asarray(rows / np.linalg.norm(rows, axis=1)[:, None])
 
 
-def _vector(given: Any) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in given)
+def _vector(components: Any) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in components)
     return x, y, z

@@ -71,16 +71,16 @@ def run_plan(
             names=("measurement.frf",),
         )
     reduced, records, truth, _ = prospect(scene)
-    known = reduced if isinstance(reduced, IdentifiedGraph | StructuralModel) else None
-    structure = known if isinstance(known, StructuralModel) else None
-    given, force = model.plan, model.plan.excitation
+    labelled = reduced if isinstance(reduced, IdentifiedGraph | StructuralModel) else None
+    structure = labelled if isinstance(labelled, StructuralModel) else None
+    options, force = model.plan, model.plan.excitation
     factor = angular_factor(force.unit)
     request = PlanRequest(
-        sensors=sensors or given.sensors,
-        lines=lines or given.lines,
-        candidates=[channel_of(channel, known) for channel in given.candidates or ()],
-        quantities=given.quantities or tuple(UNITS),
-        noise={quantity: float(level) for quantity, level in given.noise.items()},
+        sensors=sensors or options.sensors,
+        lines=lines or options.lines,
+        candidates=[channel_of(channel, labelled) for channel in options.candidates or ()],
+        quantities=options.quantities or tuple(UNITS),
+        noise={quantity: float(level) for quantity, level in options.noise.items()},
         dofs=[shown(structure, dof) for dof in force.dofs or ()] or force.sources or (),
         band=(factor * float(force.band[0]), factor * float(force.band[1])) if force.band else None,
     )

@@ -57,9 +57,9 @@ class LocatedReductor:
         The reduction of the parts of the structure, which is made once and then reduced further.
     """
 
-    def __init__(self, method: Reductor, place: str, first: LocatedReductor | None = None) -> None:
+    def __init__(self, method: Reductor, path: str, first: LocatedReductor | None = None) -> None:
         self.method = method
-        self.place = place
+        self.place = path
         self.first = first
         self._parts: tuple[StructuralModel, StructuralModel] | None = None
 
@@ -91,39 +91,41 @@ class LocatedReductor:
 
 
 def build_reductor(
-    part: ReductionModel, interest: Interest, place: str, first: LocatedReductor | None = None
+    reduction: ReductionModel, interest: Interest, path: str, first: LocatedReductor | None = None
 ) -> LocatedReductor:
     """Build a reduction method from its part of a scene.
 
     Parameters
     ----------
-    part
+    reduction
         The part.
     interest
         The DOFs and the band for which the reduced model is made.
-    place
+    path
         The dotted path of the part in the scene.
     first
         The reduction of the parts of an assembly, which comes before.
     """
-    with _placed(place):
-        return LocatedReductor(METHODS[part.method](**_options(part), interest=interest), place, first)
+    with _placed(path):
+        return LocatedReductor(
+            METHODS[reduction.method](**_options(reduction), interest=interest), path, first
+        )
 
 
 def reductor_by_parts(parts: Mapping[str, ReductionModel | None], interest: Interest) -> LocatedReductor:
     """Return the reduction of an assembly part by part; a full part has none."""
-    each = {
-        name: None if part is None else PartReduction(part.method, _options(part))
-        for name, part in parts.items()
+    reductors = {
+        name: None if reduction is None else PartReduction(reduction.method, _options(reduction))
+        for name, reduction in parts.items()
     }
-    return LocatedReductor(ReductionByParts(each, interest), "structures")
+    return LocatedReductor(ReductionByParts(reductors, interest), "structures")
 
 
-def _options(part: ReductionModel) -> dict[str, Any]:
+def _options(reduction: ReductionModel) -> dict[str, Any]:
     """Return the options of the class of a method."""
     skipped = {"method", "unit"}
-    given = {name: getattr(part, name) for name in type(part).model_fields if name not in skipped}
-    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    chosen = {name: getattr(reduction, name) for name in type(reduction).model_fields if name not in skipped}
+    options: dict[str, Any] = {name: value for name, value in chosen.items() if value is not None}
     for name, value in options.items():
         if value == "none":
             options[name] = ()
@@ -132,16 +134,16 @@ def _options(part: ReductionModel) -> dict[str, Any]:
         elif isinstance(value, ModesModel):
             below = None if value.below is None else angular_factor(value.unit) * float(value.below)
             options[name] = ModeRange(value.count, below)
-    if isinstance(part, DynamicModel) and part.frequency is not None:
-        options["frequency"] = angular_factor(part.unit) * float(part.frequency)
+    if isinstance(reduction, DynamicModel) and reduction.frequency is not None:
+        options["frequency"] = angular_factor(reduction.unit) * float(reduction.frequency)
     return options
 
 
-def with_residuals(part: ReductionModel) -> ReductionModel:
+def with_residuals(reduction: ReductionModel) -> ReductionModel:
     """Return a reduction with residual vectors at the joints, where their choice is open."""
-    if isinstance(part, JointAwareModel) and part.masters is None and part.residuals is None:
-        return part.model_copy(update={"residuals": RESIDUALS.value})
-    return part
+    if isinstance(reduction, JointAwareModel) and reduction.masters is None and reduction.residuals is None:
+        return reduction.model_copy(update={"residuals": RESIDUALS.value})
+    return reduction
 
 
 def read_reduction(data: Mapping[str, Any]) -> ReductionModel:
@@ -150,18 +152,18 @@ def read_reduction(data: Mapping[str, Any]) -> ReductionModel:
 
     from dynid.scene.schema import reduction
 
-    part: ReductionModel = TypeAdapter(reduction.ReductionModel).validate_python(data)
-    return part
+    reduction_model: ReductionModel = TypeAdapter(reduction.ReductionModel).validate_python(data)
+    return reduction_model
 
 
 @contextmanager
-def _placed(place: str) -> Iterator[None]:
+def _placed(path: str) -> Iterator[None]:
     """Name the place of the key that an error is about, else that of the reduction."""
     try:
         yield
     except (UsageError, NumericalError) as error:
-        names = [f"{place}.{name}" for name in error.names]
-        raise type(error)(error.problem, remedy=error.remedy, names=(*names, f"{place}.method")) from error
+        names = [f"{path}.{name}" for name in error.names]
+        raise type(error)(error.problem, remedy=error.remedy, names=(*names, f"{path}.method")) from error
 
 
 def run(scene: Scene[ReductionScene], sample: Result | None = None) -> Result:
@@ -191,9 +193,11 @@ def run(scene: Scene[ReductionScene], sample: Result | None = None) -> Result:
     if narrow:
         return result
     add_geometry(result, model, structure)
-    names = result_names([part.method for part in model.reduction])
+    names = result_names([reduction.method for reduction in model.reduction])
     add_reduction_scope(
-        result, model, {name: part.method for name, part in zip(names, model.reduction, strict=True)}
+        result,
+        model,
+        {name: reduction.method for name, reduction in zip(names, model.reduction, strict=True)},
     )
     return result
 
@@ -208,10 +212,10 @@ def preparation_steps(scene: Scene[ReductionScene]) -> Iterator[PreparationStep]
 def methods_of(model: ReductionScene) -> dict[str, LocatedReductor]:
     """Return the methods of a scene by their names in its result."""
     interest = interest_of(model)
-    names = result_names([part.method for part in model.reduction])
+    names = result_names([reduction.method for reduction in model.reduction])
     return {
-        name: build_reductor(part, interest, f"reduction.{place}")
-        for place, (name, part) in enumerate(zip(names, model.reduction, strict=True))
+        name: build_reductor(reduction, interest, f"reduction.{index}")
+        for index, (name, reduction) in enumerate(zip(names, model.reduction, strict=True))
     }
 
 
@@ -231,9 +235,9 @@ def responses_of(model: ReductionScene, structure: StructuralModel) -> Requested
     if model.frequency is None:
         return None
     ends = [dof for joint in model.joints.values() for dof in joint.dofs]
-    masters = [getattr(part, "masters", None) for part in model.reduction]
-    given = [dof for listed in masters if isinstance(listed, list) for dof in listed]
-    dofs = list(dict.fromkeys([*ends, *given])) or [1]
+    masters = [getattr(reduction, "masters", None) for reduction in model.reduction]
+    named = [dof for listed in masters if isinstance(listed, list) for dof in listed]
+    dofs = list(dict.fromkeys([*ends, *named])) or [1]
     dofs = [shown(structure, dof) for dof in dofs]
     outputs = [channel_of(item, structure) for item in model.outputs or ()]
     inputs = [shown(structure, dof) for dof in model.inputs or ()] or dofs[:1]

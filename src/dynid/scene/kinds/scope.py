@@ -39,7 +39,10 @@ _ENGINES = {
 
 
 def add_identification_scope(
-    result: Result, model: IdentificationScene, structure: StructuralModel, made: StructuralReduction | None
+    result: Result,
+    model: IdentificationScene,
+    structure: StructuralModel,
+    reduction: StructuralReduction | None,
 ) -> None:
     """Add the model scope of an identification: coordinates, modes, states, parameters, engines, results.
 
@@ -51,17 +54,19 @@ def add_identification_scope(
         The scene.
     structure
         The full structure.
-    made
+    reduction
         Its reduction; None where there is none.
     """
     n = structure.size
-    r = n if made is None else made.model.size
+    r = n if reduction is None else reduction.model.size
     parts: list[ScopePart] = []
-    if made is not None:
-        parts += _of_reduction("", model.reduction_method, made.model.size, n, len(made.modes), made.rule)
+    if reduction is not None:
+        parts += _of_reduction(
+            "", model.reduction_method, reduction.model.size, n, len(reduction.modes), reduction.rule
+        )
     parts.append(ScopePart("states", 2 * r, 2 * (n - r), "the structure is reduced"))
     measured = model.measurement is not None
-    unknown = [each.name for each in structure.unknowns]
+    unknown = [unknown_parameter.name for unknown_parameter in structure.unknowns]
     # The terms of joints that depend on parameters are not fixed.
     terms = [
         term.name
@@ -96,8 +101,8 @@ def engines_part(result: Result, model: IdentificationScene) -> ScopePart:
         # Frequency responses are fitted by maximum likelihood, whatever the estimator is called.
         used = _ENGINES["output-error" if model.measurement.frf or model.measurement.modes else estimator]
     why = "not used by the estimator" if used else "there is no record"
-    every = dict.fromkeys(engine for engines in _ENGINES.values() for engine in engines)
-    return divided("engines", every, used, why)
+    engines_of_all = dict.fromkeys(engine for engines in _ENGINES.values() for engine in engines)
+    return divided("engines", engines_of_all, used, why)
 
 
 _FIXED = "nothing is identified: fixed at their values, true values or starts"
@@ -120,16 +125,16 @@ def add_reduction_scope(result: Result, model: ReductionScene, methods: Mapping[
     for name, method in methods.items():
         group = f"reduction/{name}"
         rule = str(result.group_attrs[group]["rule"])
-        coordinates, modes = (result[f"{group}/{part}"].data.size for part in ("coordinate", "modes"))
+        coordinates, modes = (result[f"{group}/{array}"].data.size for array in ("coordinate", "modes"))
         parts += _of_reduction(f" of {name}", method, coordinates, n, modes, rule)
-    known = [name for name in ASPECTS["reduction"]["basis"] if name != "full"]
-    parts.append(divided("methods", known, methods.values(), _NOT_REQUESTED))
+    other_methods = [name for name in ASPECTS["reduction"]["basis"] if name != "full"]
+    parts.append(divided("methods", other_methods, methods.values(), _NOT_REQUESTED))
     dense = str(result.group_attrs["reduction"]["solver"]).startswith(_SOLVERS[0])
     solver = _SOLVERS[0 if dense else 1]
     parts.append(divided("engines", _SOLVERS, [solver], "the solver of the modes is chosen by size"))
     responses = ["frequency_response"] if model.frequency is not None else []
-    every = ["modes", "frequency_response"]
-    parts.append(divided("results", every, ["modes", *responses], _NOT_REQUESTED))
+    others = ["modes", "frequency_response"]
+    parts.append(divided("results", others, ["modes", *responses], _NOT_REQUESTED))
     add_model_scope(result, "reduction", parts)
 
 
@@ -173,21 +178,28 @@ def add_geometry(
         sensors += model.outputs or ()
         loads = [*(model.inputs or ())]
     else:
-        loads = [part.dof for part in model.excitation if part.dof is not None]
+        loads = [signal.dof for signal in model.excitation if signal.dof is not None]
         if model.measurement is not None:
             sensors += model.measurement.sensors
             records = model.measurement.each
-            loads += [part.dof for one in records for part in one.excitation or () if part.dof is not None]
-            loads += [one.reference.place for one in model.measurement.sensors if one.reference]
+            loads += [
+                signal.dof
+                for record in records
+                for signal in record.excitation or ()
+                if signal.dof is not None
+            ]
+            loads += [record.reference.place for record in model.measurement.sensors if record.reference]
         if model.responses is not None:
             sensors += model.responses.outputs or ()
             loads += model.responses.inputs or ()
     named = {
-        (channel_of(one, structure).name, shown(structure, end)): None for one in sensors for end in one.ends
+        (channel_of(record, structure).name, shown(structure, end)): None
+        for record in sensors
+        for end in record.ends
     }
     acting = dict.fromkeys(shown(structure, dof) for dof in loads)
     parts = [model.structure, *(getattr(model, "structures", None) or {}).values()]
-    imported = any(part is not None and part.matrices is not None for part in parts)
+    imported = any(signal is not None and signal.matrices is not None for signal in parts)
     result.merge(geometry(structure, named, acting, supports=not imported))
     if f"{_SHAPES}/sensor" in result:
         names = [str(name) for name in result[f"{_SHAPES}/sensor"].data]

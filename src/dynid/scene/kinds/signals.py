@@ -80,60 +80,72 @@ def build_signals(
         Where a signal does not suit this record, or its unit what it drives; it names the place.
     """
     built = []
-    found = scene.source.data
+    written = scene.source.data
     for key in where.split("."):
-        if isinstance(found, list):
-            found = found[int(key)]
+        if isinstance(written, list):
+            written = written[int(key)]
         else:
-            found = found.get(key) if isinstance(found, dict) else None
-    single = isinstance(found, dict)
-    for index, part in enumerate(parts):
-        place = where if single else f"{where}.{index}"
-        if where.startswith("analysis") and isinstance(part, RandomSignal) and part.hold is not None:
+            written = written.get(key) if isinstance(written, dict) else None
+    single = isinstance(written, dict)
+    for index, signal_model in enumerate(parts):
+        signal_path = where if single else f"{where}.{index}"
+        if (
+            where.startswith("analysis")
+            and isinstance(signal_model, RandomSignal)
+            and signal_model.hold is not None
+        ):
             raise UsageError(
                 "the 'hold' of a random signal is for an estimator, which knows its samples only",
                 remedy="Leave it out: a response is computed for the continuous signal.",
-                names=(f"{place}.hold",),
+                names=(f"{signal_path}.hold",),
             )
         factor = 1.0
-        if isinstance(part, AmplitudePart) and part.amplitude_unit is not None:
-            impulse = isinstance(part, ImpulseSignal)
-            factor = amplitude_factor(part.amplitude_unit, load_of(part), place, impulse=impulse)
+        if isinstance(signal_model, AmplitudePart) and signal_model.amplitude_unit is not None:
+            impulse = isinstance(signal_model, ImpulseSignal)
+            factor = amplitude_factor(
+                signal_model.amplitude_unit, load_of(signal_model), signal_path, impulse=impulse
+            )
         try:
-            parameters = part.parameters()
+            parameters = signal_model.parameters()
             if factor != 1:
-                given = parameters["amplitude"]
-                scaled = tuple(factor * one for one in given) if isinstance(given, tuple) else factor * given
+                amplitude = parameters["amplitude"]
+                scaled = (
+                    tuple(factor * value for value in amplitude)
+                    if isinstance(amplitude, tuple)
+                    else factor * amplitude
+                )
                 parameters["amplitude"] = scaled
-            if isinstance(part, FileSignal):
+            if isinstance(signal_model, FileSignal):
                 from dynid.files.read_measured import read_signal
 
-                path, layout = scene.folder / part.path, layout_of(part)
-                values, heading = read_signal(path, part.column, step=record.step, place=place, layout=layout)
-                factor = recorded_factor(part, heading, load_of(part), place)
-                values = factor * (values - float(part.offset or 0))
+                path, layout = scene.folder / signal_model.path, layout_of(signal_model)
+                values, heading = read_signal(
+                    path, signal_model.column, step=record.step, place=signal_path, layout=layout
+                )
+                factor = recorded_factor(signal_model, heading, load_of(signal_model), signal_path)
+                values = factor * (values - float(signal_model.offset or 0))
                 if len(values) < record.samples:
                     raise FileError(
                         f"{path} has {len(values)} samples, but the signal lasts {record.samples}",
                         remedy="Give samples for the whole record, or end it earlier.",
-                        names=(f"{place}.path",),
+                        names=(f"{signal_path}.path",),
                     )
-                parameters = {"values": values, "hold": part.hold}
+                parameters = {"values": values, "hold": signal_model.hold}
             from dynid.lti.signals import signal
 
-            kind = str(getattr(part, "kind"))  # noqa: B009 - every member has a kind
-            built.append((part, signal(kind, parameters, record)))
+            kind = str(getattr(signal_model, "kind"))  # noqa: B009 - every member has a kind
+            built.append((signal_model, signal(kind, parameters, record)))
         except UsageError as error:
-            names = [name for name in error.names if name.startswith(place)]
-            raise UsageError(error.problem, remedy=error.remedy, names=(*names, place)) from error
+            names = [name for name in error.names if name.startswith(signal_path)]
+            raise UsageError(error.problem, remedy=error.remedy, names=(*names, signal_path)) from error
     return built
 
 
-def layout_of(part: TablePlace) -> TableLayout:
+def layout_of(table: TablePlace) -> TableLayout:
     """Return the place of a table in its file."""
     from dynid.files.table import TableLayout
 
-    return TableLayout(part.variable, part.row, part.time, part.first, part.resample)
+    return TableLayout(table.variable, table.row, table.time, table.first, table.resample)
 
 
 def highest_frequency(signals: Sequence[SignalPart], step: float) -> float:
@@ -147,14 +159,14 @@ def highest_frequency(signals: Sequence[SignalPart], step: float) -> float:
         Sampling step, s.
     """
     highest = []
-    for part in signals:
-        given = part.parameters()
-        if isinstance(part, ChirpSignal):
-            highest.append(float(max(given["start"], given["stop"])))
-        elif isinstance(part, RandomSignal) and part.band:
-            highest.append(float(given["band"][1]))
-        elif isinstance(part, SineSignal | MultisineSignal):
-            highest.append(float(np.max(given["frequency"])))
+    for signal in signals:
+        parameters = signal.parameters()
+        if isinstance(signal, ChirpSignal):
+            highest.append(float(max(parameters["start"], parameters["stop"])))
+        elif isinstance(signal, RandomSignal) and signal.band:
+            highest.append(float(parameters["band"][1]))
+        elif isinstance(signal, SineSignal | MultisineSignal):
+            highest.append(float(np.max(parameters["frequency"])))
         else:
             highest.append(math.inf)
     return min(math.pi / step, max(highest, default=math.inf))
@@ -197,18 +209,18 @@ def units_of(measured: Any) -> tuple[str, ...]:
     return (measured.unit,) if measured.unit else ()
 
 
-def recorded_factor(given: Sensor, heading: Heading | None, measured: Any, place: str) -> float:
+def recorded_factor(sensor: Sensor, heading: Heading | None, measured: Any, path: str) -> float:
     """Return the factor by which recorded values are multiplied to be SI.
 
     Parameters
     ----------
-    given
+    sensor
         The channel or the signal in a file.
     heading
         The heading of its column; absent: the record is simulated.
     measured
         The channel, load or function that it records.
-    place
+    path
         Its dotted path in the scene, for errors.
 
     Raises
@@ -219,39 +231,39 @@ def recorded_factor(given: Sensor, heading: Heading | None, measured: Any, place
     from dynid.units import si_factor
 
     expected, stated = units_of(measured), "" if heading is None else heading.unit
-    if not (given.unit or stated or given.sensitivity or (heading and heading.doubt)):
+    if not (sensor.unit or stated or sensor.sensitivity or (heading and heading.doubt)):
         return 1.0
-    sensitivity = given.sensitivity
-    if heading is not None and heading.doubt and not (given.unit or sensitivity):
+    sensitivity = sensor.sensitivity
+    if heading is not None and heading.doubt and not (sensor.unit or sensitivity):
         raise UsageError(
             f"the unit of the column '{heading.name}' is in doubt: {heading.doubt}",
             remedy="State the 'unit' of the channel.",
-            names=(place,),
+            names=(path,),
         )
-    unit = given.unit or stated or (sensitivity.recorded if sensitivity else "")
-    key = f"{place}.{'unit' if given.unit else 'sensitivity' if sensitivity else ''}".rstrip(".")
+    unit = sensor.unit or stated or (sensitivity.recorded if sensitivity else "")
+    key = f"{path}.{'unit' if sensor.unit else 'sensitivity' if sensitivity else ''}".rstrip(".")
     try:
         factor = si_factor(
             unit, expected, over=sensitivity.unit if sensitivity else "", what=_named(measured)
         )
-        if heading is not None and given.unit and stated and not _same(given.unit, stated):
+        if heading is not None and sensor.unit and stated and not _same(sensor.unit, stated):
             raise UsageError(
-                f"'unit' is {given.unit}, but the file has '{heading.name}' in {stated}",
+                f"'unit' is {sensor.unit}, but the file has '{heading.name}' in {stated}",
                 remedy="Leave 'unit' out, or correct the heading.",
             )
     except UsageError as error:
-        source = f"the column '{heading.name}' [{stated}]: " if heading and not given.unit and stated else ""
-        raise UsageError(f"{source}{error.problem}", remedy=error.remedy, names=(key, place)) from error
+        source = f"the column '{heading.name}' [{stated}]: " if heading and not sensor.unit and stated else ""
+        raise UsageError(f"{source}{error.problem}", remedy=error.remedy, names=(key, path)) from error
     return factor / float(sensitivity.value) if sensitivity else factor
 
 
-def of_stated_kind(measured: Any, given: Sensor, heading: Heading | None) -> Any:
+def of_stated_kind(measured: Any, sensor: Sensor, heading: Heading | None) -> Any:
     """Return a channel, its DOF of the kind that its unit says where its label says none."""
     from dynid.structure.ports import Channel
     from dynid.units import si_factor
 
-    sensitivity = given.sensitivity
-    unit = given.unit or (heading.unit if heading else "") or (sensitivity.recorded if sensitivity else "")
+    sensitivity = sensor.sensitivity
+    unit = sensor.unit or (heading.unit if heading else "") or (sensitivity.recorded if sensitivity else "")
     if not unit or not isinstance(measured, Channel) or len(measured.units) == 1:
         return measured
     for kind, fitting in zip(("translation", "rotation"), measured.units, strict=True):
@@ -261,7 +273,7 @@ def of_stated_kind(measured: Any, given: Sensor, heading: Heading | None) -> Any
     return measured
 
 
-def amplitude_factor(unit: str, measured: Any, place: str, *, impulse: bool) -> float:
+def amplitude_factor(unit: str, measured: Any, path: str, *, impulse: bool) -> float:
     """Return the factor by which an amplitude is multiplied to be SI; that of an impulse is an area.
 
     Raises
@@ -271,22 +283,22 @@ def amplitude_factor(unit: str, measured: Any, place: str, *, impulse: bool) -> 
     """
     from dynid.units import as_factor, si_factor
 
-    expected = [f"{as_factor(one)}.s" if impulse else one for one in units_of(measured)]
+    expected = [f"{as_factor(name)}.s" if impulse else name for name in units_of(measured)]
     try:
         return si_factor(
             unit, expected, what=f"the area of {_named(measured)}" if impulse else _named(measured)
         )
     except UsageError as error:
         raise UsageError(
-            error.problem, remedy=error.remedy, names=(f"{place}.amplitude_unit", place)
+            error.problem, remedy=error.remedy, names=(f"{path}.amplitude_unit", path)
         ) from error
 
 
-def _same(one: str, other: str) -> bool:
+def _same(first: str, second: str) -> bool:
     """Return True if two units are the same: of one dimension, with one factor."""
     from dynid.units import readings
 
-    pairs = ((a, b) for a in readings(one) for b in readings(other))
+    pairs = ((a, b) for a in readings(first) for b in readings(second))
     return any(a.dimension == b.dimension and abs(a.factor / b.factor - 1) < 1e-9 for a, b in pairs)
 
 
@@ -306,5 +318,5 @@ def products(factors: Sequence[float], levels: float | Sequence[float] | None) -
     """Return numbers, one or one a channel, each times its channel's factor."""
     if levels is None or all(factor == 1 for factor in factors):
         return levels
-    each = [levels] * len(factors) if isinstance(levels, int | float) else levels
-    return [abs(factor) * level for factor, level in zip(factors, each, strict=True)]
+    levels_of_channels = [levels] * len(factors) if isinstance(levels, int | float) else levels
+    return [abs(factor) * level for factor, level in zip(factors, levels_of_channels, strict=True)]

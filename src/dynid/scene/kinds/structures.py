@@ -66,12 +66,12 @@ def build_structure(
     """
     parameters = with_units(all_parameters(scene.model), [structure], joints)
     built = [dof_joint(name, joint) for name, joint in joints.items()]
-    place = ".".join((*at, "structure"))
-    bare = bare_structure(scene.folder, structure, parameters, place)
+    dotted_path = ".".join((*at, "structure"))
+    bare = bare_structure(scene.folder, structure, parameters, dotted_path)
     if structure.labels() is None:  # found only now: the DOFs are those of a file, or depend on releases
         faults = dof_faults(holder or scene.model, bare.dof_names)
         scene.raise_faults(((*at, *path), message) for path, message in faults)
-    with located(place, structure):
+    with located(dotted_path, structure):
         return bare.joined(built)
 
 
@@ -88,7 +88,7 @@ def dof_joint(name: str, joint: JointModel) -> Joint:
         raise UsageError(said, remedy="Name DOFs.", names=(f"joints.{name}",))
     try:
         return Joint(
-            name, tuple(joint.dofs), *(joint_parameter(part) for part in (joint.k, joint.c, joint.m))
+            name, tuple(joint.dofs), *(joint_parameter(value) for value in (joint.k, joint.c, joint.m))
         )
     except UsageError as error:
         raise UsageError(error.problem, remedy=error.remedy, names=(f"joints.{name}",)) from None
@@ -100,18 +100,20 @@ def idle_masses(scene: Scene) -> Iterator[Fault]:
     if structure is None or structure.lumped is None:
         return
     model = scene.model
-    named = {str(found.value) for to in (DOF, SIGNED_DOF) for found in references(type(model), model, to)}
+    named = {
+        str(occurrence.value) for to in (DOF, SIGNED_DOF) for occurrence in references(type(model), model, to)
+    }
     idle = [number for number in structure.lumped.labels() if str(number) not in named]
     if idle and len(structure.lumped.masses) > 1:
         which = f"masses {shortened(list(map(str, idle)))}" if len(idle) > 1 else f"mass {idle[0]}"
         message = f"{which} of {len(structure.lumped.masses)}: no link, joint, load or channel names "
         message += "a DOF of this number, so nothing connects it; add a link, or leave the mass out"
-        place = ("structure", "lumped", "masses", int(idle[0]) - 1)
-        yield scene.source.fault(place, message)
+        path = ("structure", "lumped", "masses", int(idle[0]) - 1)
+        yield scene.source.fault(path, message)
 
 
 def bare_structure(
-    folder: Path, structure: StructureModel, parameters: Sequence[Parameter], place: str
+    folder: Path, structure: StructureModel, parameters: Sequence[Parameter], path: str
 ) -> StructuralModel:
     """Return a structure without joints; errors name the place of its part in the scene.
 
@@ -123,10 +125,10 @@ def bare_structure(
         The structure.
     parameters
         The unknown parameters.
-    place
+    path
         The dotted path of the structure in the scene.
     """
-    with located(place, structure):
+    with located(path, structure):
         if structure.lumped is not None:
             return _lumped(structure.lumped, parameters)
         if structure.beam is not None:
@@ -142,15 +144,15 @@ def bare_structure(
 
 
 @contextmanager
-def located(place: str, structure: StructureModel) -> Iterator[None]:
+def located(path: str, structure: StructureModel) -> Iterator[None]:
     """Add the place of the structure, or of the file, to the names of an error."""
     try:
         yield
     except DynidError as error:
         kind = next(kind for kind in StructureModel.model_fields if getattr(structure, kind) is not None)
         keys = type(getattr(structure, kind)).model_fields
-        inside = [f"{place}.{kind}.{name}" for name in error.names if name.split(".")[0] in keys]
-        error.names = (*inside[:1], *error.names, f"{place}.{kind}")
+        inside = [f"{path}.{kind}.{name}" for name in error.names if name.split(".")[0] in keys]
+        error.names = (*inside[:1], *error.names, f"{path}.{kind}")
         raise
 
 
@@ -183,8 +185,10 @@ def with_units(
         if quantity is not None and quantity.dependent is not None and not quantity.dependent.operation:
             units.setdefault(quantity.dependent.operands[0], set()).add(unit)
     return tuple(
-        replace(one, unit=next(iter(found))) if len(found := units.get(one.name, set())) == 1 else one
-        for one in parameters
+        replace(parameter, unit=next(iter(unit_names)))
+        if len(unit_names := units.get(parameter.name, set())) == 1
+        else parameter
+        for parameter in parameters
     )
 
 
@@ -211,12 +215,12 @@ def _of_joints(
         ]
         kinds = ["translation"] * len(ends) if point_masses else [kind(end) for end in ends]
         for letter in "kcm":
-            own: ParameterModel | MassModel | dict[str, ParameterModel] | None = getattr(joint, letter)
-            if isinstance(own, dict):
-                for along, one in own.items():
-                    yield one.value, unit_of(letter, [kind(f"1:{along}")])
-            elif own is not None and own.matrix is None:
-                yield own.value, unit_of(letter, kinds)
+            values: ParameterModel | MassModel | dict[str, ParameterModel] | None = getattr(joint, letter)
+            if isinstance(values, dict):
+                for along, value in values.items():
+                    yield value.value, unit_of(letter, [kind(f"1:{along}")])
+            elif values is not None and values.matrix is None:
+                yield values.value, unit_of(letter, kinds)
 
 
 def _known_labels(structure: StructureModel) -> Sequence[int | str]:
@@ -227,33 +231,33 @@ def _known_labels(structure: StructureModel) -> Sequence[int | str]:
 
 def _springs(structure: StructureModel) -> Iterator[tuple[Any, list[str]]]:
     """Yield the springs to ground and links of a structure, with the kinds of their DOFs."""
-    part = structure.beam or structure.frame or structure.space_frame
-    yield from ((item, [kind(item.direction + "_1")]) for item in (part.springs if part else ()))
+    model = structure.beam or structure.frame or structure.space_frame
+    yield from ((item, [kind(item.direction + "_1")]) for item in (model.springs if model else ()))
     yield from ((link, []) for link in (structure.lumped.links if structure.lumped else ()))
 
 
-def _lumped(part: LumpedModel, parameters: Sequence[Parameter]) -> StructuralModel:
+def _lumped(model: LumpedModel, parameters: Sequence[Parameter]) -> StructuralModel:
     from dynid.structure.lumped import Link, lumped
 
-    links = [Link(tuple(int(dof) for dof in link.dofs), _real(link.k), _real(link.c)) for link in part.links]
-    return lumped([mass.real for mass in part.masses], links, parameters=parameters)
+    links = [Link(tuple(int(dof) for dof in link.dofs), _real(link.k), _real(link.c)) for link in model.links]
+    return lumped([mass.real for mass in model.masses], links, parameters=parameters)
 
 
-def _beam(part: BeamModel, parameters: Sequence[Parameter]) -> StructuralModel:
+def _beam(model: BeamModel, parameters: Sequence[Parameter]) -> StructuralModel:
     from dynid.structure.frame import beam
 
     return beam(
-        part.elements,
-        _each(part.length),
-        _each(part.EI),
-        _each(part.rhoA),
-        **_attached(part),
-        damping=_damping(part.damping),
+        model.elements,
+        _each(model.length),
+        _each(model.EI),
+        _each(model.rhoA),
+        **_attached(model),
+        damping=_damping(model.damping),
         parameters=parameters,
     )
 
 
-def _frame(part: FrameModel, parameters: Sequence[Parameter]) -> StructuralModel:
+def _frame(model: FrameModel, parameters: Sequence[Parameter]) -> StructuralModel:
     from dynid.structure.frame import Member, frame
 
     members = [
@@ -265,65 +269,68 @@ def _frame(part: FrameModel, parameters: Sequence[Parameter]) -> StructuralModel
             member.elements,
             tuple(member.hinges),
         )
-        for member in part.members
+        for member in model.members
     ]
-    points = [(x.real, y.real) for x, y in part.nodes]
+    points = [(x.real, y.real) for x, y in model.nodes]
     return frame(
         points,
         members,
-        **_attached(part),
-        damping=_damping(part.damping),
+        **_attached(model),
+        damping=_damping(model.damping),
         parameters=parameters,
     )
 
 
-def _space_frame(part: SpaceFrameModel, parameters: Sequence[Parameter]) -> StructuralModel:
+def _space_frame(model: SpaceFrameModel, parameters: Sequence[Parameter]) -> StructuralModel:
     from dynid.structure.assembly import Spring, Support
     from dynid.structure.space_frame import RigidMass, SpaceMember, space_frame
 
     members = [
         SpaceMember(
-            (one.nodes[0], one.nodes[1]),
-            *(one.EA.real, one.EIy.real, one.EIz.real, one.GJ.real, one.rhoA.real),
-            None if one.rhoJ is None else one.rhoJ.real,
-            None if one.orientation is None else _vector(one.orientation),
-            (_vector(one.offsets[0]), _vector(one.offsets[1])) if one.offsets else (_NOWHERE, _NOWHERE),
-            (tuple(one.releases[0]), tuple(one.releases[1])) if one.releases else ((), ()),
-            one.elements,
+            (entry.nodes[0], entry.nodes[1]),
+            *(entry.EA.real, entry.EIy.real, entry.EIz.real, entry.GJ.real, entry.rhoA.real),
+            None if entry.rhoJ is None else entry.rhoJ.real,
+            None if entry.orientation is None else _vector(entry.orientation),
+            (_vector(entry.offsets[0]), _vector(entry.offsets[1])) if entry.offsets else (_NOWHERE, _NOWHERE),
+            (tuple(entry.releases[0]), tuple(entry.releases[1])) if entry.releases else ((), ()),
+            entry.elements,
         )
-        for one in part.members
+        for entry in model.members
     ]
     return space_frame(
-        [_vector(point) for point in part.nodes],
+        [_vector(point) for point in model.nodes],
         members,
-        supports=[Support(item.node, tuple(item.fix)) for item in part.supports],
+        supports=[Support(item.node, tuple(item.fix)) for item in model.supports],
         masses=[
-            RigidMass(one.node, _real(one.m), _vector(one.J), _vector(one.offset)) for one in part.masses
+            RigidMass(entry.node, _real(entry.m), _vector(entry.J), _vector(entry.offset))
+            for entry in model.masses
         ],
-        springs=[Spring(one.node, one.direction, _real(one.k), _real(one.c)) for one in part.springs],
-        damping=_damping(part.damping),
+        springs=[
+            Spring(entry.node, entry.direction, _real(entry.k), _real(entry.c)) for entry in model.springs
+        ],
+        damping=_damping(model.damping),
         parameters=parameters,
     )
 
 
-def _solid(folder: Path, part: SolidModel, parameters: Sequence[Parameter]) -> StructuralModel:
+def _solid(folder: Path, model: SolidModel, parameters: Sequence[Parameter]) -> StructuralModel:
     from dynid.files.read_mesh import read_mesh
     from dynid.structure.solid import Material, SetSupport, solid
     from dynid.units import si_factor
 
-    def material(given: MaterialModel) -> Material:
-        return Material(given.E.real, float(given.nu), given.rho.real)
+    def material(material_model: MaterialModel) -> Material:
+        return Material(material_model.E.real, float(material_model.nu), material_model.rho.real)
 
-    materials = part.materials
+    materials = model.materials
     return solid(
         read_mesh(
-            folder / part.mesh, si_factor(part.unit, ("m",)), [folder / path for path in part.includes]
+            folder / model.mesh, si_factor(model.unit, ("m",)), [folder / path for path in model.includes]
         ),
-        {name: material(one) for name, one in materials.items()}
+        {name: material(item) for name, item in materials.items()}
         if isinstance(materials, dict)
         else material(materials),
-        supports=[SetSupport(one.place, tuple(one.fix)) for one in part.supports],
-        damping=_damping(part.damping),
+        supports=[SetSupport(item.place, tuple(item.fix)) for item in model.supports],
+        damping=_damping(model.damping),
         parameters=parameters,
     )
 
@@ -331,35 +338,37 @@ def _solid(folder: Path, part: SolidModel, parameters: Sequence[Parameter]) -> S
 _NOWHERE = (0.0, 0.0, 0.0)
 
 
-def _vector(given: Sequence[Quantity] | None) -> tuple[Real, Real, Real]:
-    if given is None:
+def _vector(components: Sequence[Quantity] | None) -> tuple[Real, Real, Real]:
+    if components is None:
         return _NOWHERE
-    x, y, z = given
+    x, y, z = components
     return x.real, y.real, z.real
 
 
-def _attached(part: BeamModel | FrameModel) -> dict[str, Any]:
+def _attached(model: BeamModel | FrameModel) -> dict[str, Any]:
     from dynid.structure.assembly import PointMass, Spring, Support
 
     return {
-        "supports": [Support(item.node, tuple(item.fix)) for item in part.supports],
-        "masses": [PointMass(item.node, _real(item.m), _real(item.J)) for item in part.masses],
-        "springs": [Spring(item.node, item.direction, _real(item.k), _real(item.c)) for item in part.springs],
+        "supports": [Support(item.node, tuple(item.fix)) for item in model.supports],
+        "masses": [PointMass(item.node, _real(item.m), _real(item.J)) for item in model.masses],
+        "springs": [
+            Spring(item.node, item.direction, _real(item.k), _real(item.c)) for item in model.springs
+        ],
     }
 
 
-def _matrices(folder: Path, part: MatricesModel, parameters: Sequence[Parameter]) -> StructuralModel:
+def _matrices(folder: Path, model: MatricesModel, parameters: Sequence[Parameter]) -> StructuralModel:
     from dynid.files.read_matrix import matrix_file, read_labels
     from dynid.files.read_structure import MatrixPart, from_state_space, imported, model_files
 
     try:
-        labels = read_labels(folder / part.labels) if isinstance(part.labels, str) else part.labels or ()
+        labels = read_labels(folder / model.labels) if isinstance(model.labels, str) else model.labels or ()
     except FileError as error:
         raise FileError(error.problem, remedy=error.remedy, names=("labels",)) from None
-    if part.state_space is not None:
-        given = part.state_space
-        names = {role: name for role in "ABC" if (name := getattr(given, role)) is not None}
-        return from_state_space(folder / given.path, names, labels=labels)
+    if model.state_space is not None:
+        state_space = model.state_space
+        names = {role: name for role in "ABC" if (name := getattr(state_space, role)) is not None}
+        return from_state_space(folder / state_space.path, names, labels=labels)
 
     def files(items: list[FileModel]) -> list[MatrixPart]:
         return [
@@ -369,28 +378,28 @@ def _matrices(folder: Path, part: MatricesModel, parameters: Sequence[Parameter]
             for item in items
         ]
 
-    nodes = None if part.nodes is None else folder / part.nodes
-    damping = files(part.damping) if isinstance(part.damping, list) else _damping(part.damping)
-    if part.model is not None:
+    nodes = None if model.nodes is None else folder / model.nodes
+    damping = files(model.damping) if isinstance(model.damping, list) else _damping(model.damping)
+    if model.model is not None:
         try:
-            whole = model_files(folder / part.model)
+            complete_model = model_files(folder / model.model)
             return imported(
-                whole.mass,
-                whole.stiffness,
-                damping or whole.damping,
+                complete_model.mass,
+                complete_model.stiffness,
+                damping or complete_model.damping,
                 labels=labels,
                 parameters=parameters,
-                nodes=nodes or whole.nodes,
+                nodes=nodes or complete_model.nodes,
             )
         except (FileError, UsageError) as error:
-            own = {key for key in ("labels", "damping", "nodes") if getattr(part, key) is not None}
-            if not own & {*error.names}:
+            further_keys = {key for key in ("labels", "damping", "nodes") if getattr(model, key) is not None}
+            if not further_keys & {*error.names}:
                 error.names = ("model", *error.names)
             raise
-    assert part.mass is not None
-    assert part.stiffness is not None
+    assert model.mass is not None
+    assert model.stiffness is not None
     return imported(
-        files(part.mass), files(part.stiffness), damping, labels=labels, parameters=parameters, nodes=nodes
+        files(model.mass), files(model.stiffness), damping, labels=labels, parameters=parameters, nodes=nodes
     )
 
 
@@ -400,38 +409,39 @@ def add_doubts(result: Result, structure: StructuralModel) -> None:
         result.annotate("structure/nodes", doubt="; ".join(structure.nodes.doubts))
 
 
-def _damping(given: DampingModel | None) -> ProportionalDamping | ModalDamping | None:
+def _damping(damping: DampingModel | None) -> ProportionalDamping | ModalDamping | None:
     from dynid.structure.damping import ModalDamping, ProportionalDamping
 
-    if given is None:
+    if damping is None:
         return None
-    if given.ratio is not None:
-        return ModalDamping(_each(given.ratio))
-    return ProportionalDamping(_real(given.alpha), _real(given.beta))
+    if damping.ratio is not None:
+        return ModalDamping(_each(damping.ratio))
+    return ProportionalDamping(_real(damping.alpha), _real(damping.beta))
 
 
-def _each(given: Quantity | list[Quantity]) -> Real | list[Real]:
-    return [value.real for value in given] if isinstance(given, list) else given.real
+def _each(quantity: Quantity | list[Quantity]) -> Real | list[Real]:
+    return [value.real for value in quantity] if isinstance(quantity, list) else quantity.real
 
 
-def joint_parameter(given: Any) -> Any:
+def joint_parameter(parameter: Any) -> Any:
     """Return k, c or m of a joint; of one between points by direction."""
-    if isinstance(given, dict):
-        return {along: _parameter(part) for along, part in given.items()}
-    return _parameter(given)
+    if isinstance(parameter, dict):
+        return {along: _parameter(value) for along, value in parameter.items()}
+    return _parameter(parameter)
 
 
-def _parameter(given: ParameterModel | MassModel | None) -> JointParameter | None:
-    if given is None:
+def _parameter(parameter: ParameterModel | MassModel | None) -> JointParameter | None:
+    if parameter is None:
         return None
-    matrix = [[value.real for value in row] for row in given.matrix] if given.matrix else None
-    value = None if given.value is None else given.value.real
-    if not isinstance(given, ParameterModel):
+    matrix = [[value.real for value in row] for row in parameter.matrix] if parameter.matrix else None
+    value = None if parameter.value is None else parameter.value.real
+    if not isinstance(parameter, ParameterModel):
         return JointParameter(value, matrix=matrix)
     start, true, low, high = (
-        (None if part is None else float(part)) for part in (given.start, given.true, given.min, given.max)
+        (None if quantity is None else float(quantity))
+        for quantity in (parameter.start, parameter.true, parameter.min, parameter.max)
     )
     prior = None
-    if given.prior is not None:
-        prior = ParameterPrior(float(given.prior.value), float(given.prior.relative_deviation))
+    if parameter.prior is not None:
+        prior = ParameterPrior(float(parameter.prior.value), float(parameter.prior.relative_deviation))
     return JointParameter(value, start, true, matrix, low, high, prior)

@@ -122,14 +122,14 @@ def _path_faults(model: StudyScene) -> Iterator[Located]:
                 yield ("vary", key), f"'{path}' is no dotted path into the scene, such as parameters.b"
             elif counts[path] > 1 or path in model.derive:
                 yield ("vary", key), f"{path} is set twice"
-            elif above := next((other for other in targets if path.startswith(f"{other}.")), None):
+            elif above := next((target for target in targets if path.startswith(f"{target}.")), None):
                 yield ("vary", key), f"{path} is a part of {above}, which is set as well"
         if len(paths) > 1 and not isinstance(factor, Listed):
             yield ("vary", key), "several paths together take 'values' only: a list of values for each"
         elif len(paths) > 1:
-            for place, value in enumerate(cast("Listed", factor).values):
+            for index, value in enumerate(cast("Listed", factor).values):
                 if not isinstance(value, list) or len(value) != len(paths):
-                    yield ("vary", key, "values", place), f"this entry takes a list of {len(paths)} values"
+                    yield ("vary", key, "values", index), f"this entry takes a list of {len(paths)} values"
         if len(names_of_factor(key, factor)) != len(paths):
             yield ("vary", key, "name"), f"'name' has not the {len(paths)} names of {key}"
 
@@ -139,14 +139,14 @@ def _group_faults(model: StudyScene) -> Iterator[Located]:  # noqa: C901 - one c
     seen: set[str] = set()
     lengths = {key: grid_length(factor) for key, factor in model.vary.items()}
     for number, group in enumerate(model.zip):
-        for place, key in enumerate(group):
+        for index, key in enumerate(group):
             if key not in model.vary:
-                yield ("zip", number, place), _not_varied(key, model)
+                yield ("zip", number, index), _not_varied(key, model)
             elif key in seen:
-                yield ("zip", number, place), f"'{key}' is in 'zip' twice"
+                yield ("zip", number, index), f"'{key}' is in 'zip' twice"
             seen.add(key)
-        found = {lengths[key] for key in group if lengths.get(key) is not None}
-        if len(found) > 1:
+        counts = {lengths[key] for key in group if lengths.get(key) is not None}
+        if len(counts) > 1:
             said = ", ".join(f"{key} has {lengths[key]}" for key in group if key in lengths)
             yield ("zip", number), f"what goes together has the same number of values: {said}"
     method = model.sampling.method
@@ -156,8 +156,8 @@ def _group_faults(model: StudyScene) -> Iterator[Located]:  # noqa: C901 - one c
         for key, length in lengths.items():
             if length is None:
                 yield ("vary", key), f"'{key}' needs 'points' for the method '{method}'"
-    found = {length for length in lengths.values() if length is not None}
-    if method == "list" and len(found) > 1:
+    counts = {length for length in lengths.values() if length is not None}
+    if method == "list" and len(counts) > 1:
         said = ", ".join(f"{key} has {length}" for key, length in lengths.items())
         yield ("vary",), f"a list takes the same number of values of each: {said}"
     if method == "grid" and not any(length is None for length in lengths.values()):
@@ -168,8 +168,8 @@ def _group_faults(model: StudyScene) -> Iterator[Located]:  # noqa: C901 - one c
 
 def _not_varied(key: str, model: StudyScene) -> str:
     """Return the message for a key that `vary` lacks, also for the end of one: b of parameters.b."""
-    whole = next((other for other in model.vary if other.endswith(f".{key}")), "")
-    hint = f"; did you mean '{whole}'?" if whole else did_you_mean(key, model.vary)
+    path = next((varied for varied in model.vary if varied.endswith(f".{key}")), "")
+    hint = f"; did you mean '{path}'?" if path else did_you_mean(key, model.vary)
     return f"'{key}' is not in 'vary'{hint}"
 
 
@@ -188,14 +188,14 @@ def _sampling_faults(model: StudyScene) -> Iterator[Located]:
         yield ("sampling", "samples"), f"indices of {len(model.vary)} values take too many samples"
     if sampling.correlation and not drawn:
         yield ("sampling", "correlation"), f"the values of a {sampling.method} are not drawn"
-    for number, one in enumerate(sampling.correlation):
-        for place, key in enumerate(one.between):
-            where = ("sampling", "correlation", number, "between", place)
+    for number, pair in enumerate(sampling.correlation):
+        for index, key in enumerate(pair.between):
+            where = ("sampling", "correlation", number, "between", index)
             if key not in model.vary:
                 yield where, _not_varied(key, model)
             elif isinstance(model.vary[key], Listed):
                 yield where, f"'{key}' is a choice of values, which has no correlation"
-        if one.between[0] == one.between[1]:
+        if pair.between[0] == pair.between[1]:
             yield ("sampling", "correlation", number), "a value is not correlated with itself"
 
 
@@ -251,7 +251,7 @@ def _cycles(needs: Mapping[str, Sequence[str]]) -> Iterator[list[str]]:
                 sorted_out |= set(chain)
             elif target in needs and target not in sorted_out:
                 chain.append(target)
-                stack += [(other, depth + 1) for other in needs[target]]
+                stack += [(needed, depth + 1) for needed in needs[target]]
         sorted_out.add(start)
 
 
@@ -259,7 +259,7 @@ def _examples(key: str, factor: StudyFactor) -> Iterator[Mapping[str, Any]]:
     """Yield example values of a factor: ends and middle."""
     paths = paths_of(key)
     if isinstance(factor, Listed):
-        some = [factor.values[place] for place in (0, len(factor.values) // 2, -1)]
+        some = [factor.values[index] for index in (0, len(factor.values) // 2, -1)]
         yield from (dict(zip(paths, value if len(paths) > 1 else [value], strict=True)) for value in some)
         return
     if isinstance(factor, Spread):

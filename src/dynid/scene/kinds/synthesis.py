@@ -44,10 +44,10 @@ def run(scene: Scene[SynthesisScene], _: Result | None = None) -> Result:
     model = scene.model
     function = wanted(scene)
     forms = tuple(model.forms) if model.forms is not None else None
-    found, missing = realisations(function, forms, model.domain or "")
+    circuits, missing = realisations(function, forms, model.domain or "")
     result = Result("synthesis", scene.title)
-    scenes = {one.form: scene_of_realisation(one, function, scene.title) for one in found}
-    add_synthesis(result, function, found, missing, scenes, model.domain or "")
+    scenes = {circuit.form: scene_of_realisation(circuit, function, scene.title) for circuit in circuits}
+    add_synthesis(result, function, circuits, missing, scenes, model.domain or "")
     return result
 
 
@@ -69,11 +69,11 @@ def wanted(scene: Scene[SynthesisScene]) -> Driving:
 
     def exact(coefficients: list[Quantity]) -> list[Fraction]:
         binary = model.reading == "binary"
-        return [Fraction(float(one)) if binary else one.exact for one in coefficients]
+        return [Fraction(float(coefficient)) if binary else coefficient.exact for coefficient in coefficients]
 
-    given = model.function
+    function_model = model.function
     function = Driving.of(
-        exact(given.numerator), exact(given.denominator), admittance=model.impedance is None
+        exact(function_model.numerator), exact(function_model.denominator), admittance=model.impedance is None
     )
     violation = find_violation(function.numerator, function.denominator)
     if violation is not None:
@@ -85,12 +85,12 @@ def wanted(scene: Scene[SynthesisScene]) -> Driving:
     return function
 
 
-def scene_of_realisation(one: Realisation, function: Driving, title: str) -> str:
+def scene_of_realisation(circuit: Realisation, function: Driving, title: str) -> str:
     """Return a realisation as a scene of kind `bond-graph`, which expects the wanted function.
 
     Parameters
     ----------
-    one
+    circuit
         The realisation.
     function
         The wanted function.
@@ -99,7 +99,7 @@ def scene_of_realisation(one: Realisation, function: Driving, title: str) -> str
     """
     parameters: dict[str, str] = {}
     nodes = []
-    for node in one.graph.nodes.values():
+    for node in circuit.graph.nodes.values():
         keys: dict[str, Any] = {"type": node.type}
         if node.value is not None:
             keys["value"] = _value_text(node.value, node.name, parameters)
@@ -115,19 +115,19 @@ def scene_of_realisation(one: Realisation, function: Driving, title: str) -> str
     lines = [
         "dynid: 1",
         "kind: bond-graph",
-        f"title: {flow(f'{title}, {one.form}')}",
+        f"title: {flow(f'{title}, {circuit.form}')}",
         *(["parameters:"] if parameters else []),
         *(f"  {name}: {number}" for name, number in parameters.items()),
         "graph:",
         "  nodes:",
         *nodes,
         "  bonds:",
-        *(f"    - {bond}" for bond in one.graph.bonds),
+        *(f"    - {bond}" for bond in circuit.graph.bonds),
         "analysis:",
         f"  inputs: [{SOURCE}]",
         f"  outputs: [{function.port}]",
         "expect:",
-        *(f"  - {flow(one)}" for one in expected),
+        *(f"  - {flow(circuit)}" for circuit in expected),
     ]
     return "\n".join(lines) + "\n"
 

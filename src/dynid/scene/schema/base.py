@@ -42,8 +42,8 @@ def once(what: str = "") -> AfterValidator:
     """Return the check that a list has no entry twice; `what` is the noun for one, absent: it is quoted."""
 
     def check(listed: list[Any]) -> list[Any]:
-        for place, item in enumerate(listed):
-            if item in listed[:place]:
+        for index, item in enumerate(listed):
+            if item in listed[:index]:
                 named = f"{what} {item}" if isinstance(item, int | str) else what
                 named = named if what else f"'{item}'"
                 raise fault(f"{named} is listed twice")
@@ -270,7 +270,7 @@ class SensitivityModel(Section):
         `V` of `V.s/m` and `mV` of `mV/g`; all that stands there if nothing is a voltage or charge.
         """
         above = self.unit.partition("/")[0].strip("() ")
-        electric = (one for one in re.split(r"[.·*\s-]+", above) if unit_fits(one, ("V", "C")))
+        electric = (unit for unit in re.split(r"[.·*\s-]+", above) if unit_fits(unit, ("V", "C")))
         return next(electric, above)
 
 
@@ -324,8 +324,8 @@ def accuracy_faults(scene: SceneModel) -> Iterator[Located]:
         if aspect not in scene.aspects:
             yield (*path, AT_KEY), f"nothing in this scene is {_MISSING[aspect]}"
         for index, name in enumerate(names if isinstance(names, list) else []):
-            if name not in (known := ASPECTS[kind][aspect]):
-                options = f"it is one of {', '.join(known)}{did_you_mean(name, known)}"
+            if name not in (choices := ASPECTS[kind][aspect]):
+                options = f"it is one of {', '.join(choices)}{did_you_mean(name, choices)}"
                 yield (*path, index), f"there is no alternative '{name}'; {options}"
 
 

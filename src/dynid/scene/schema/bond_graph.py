@@ -128,11 +128,11 @@ def _port_name(raw: str) -> str:
 
 def _matrix(rows: list[list[Quantity]], info: ValidationInfo) -> list[list[Quantity]]:
     coupling = info.data.get("type") in TWO_PORTS
-    for place, row in enumerate(rows):
+    for index, row in enumerate(rows):
         if len(row) != len(rows[0] if coupling else rows):
             if coupling:
-                raise fault(f"row {place + 1} of the matrix has {len(row)} entries, row 1 has {len(rows[0])}")
-            sizes = f"it has {len(rows)} rows, and row {place + 1} has {len(row)} entries"
+                raise fault(f"row {index + 1} of the matrix has {len(row)} entries, row 1 has {len(rows[0])}")
+            sizes = f"it has {len(rows)} rows, and row {index + 1} has {len(row)} entries"
             raise fault(f"the matrix is not square: {sizes}")
     if coupling:
         return rows
@@ -194,16 +194,16 @@ class NodeModel(Section):
                 )
             if self.type not in FIELDS:
                 raise fault(f"only R, I and C have a law, not {self.type}")
-            given = [
+            keys = [
                 name for name in ("value", "matrix", "ports", "structure", "joints") if getattr(self, name)
             ]
-            if given:
-                raise fault(f"{self.type} has a 'law' or a '{given[0]}', not both")
+            if keys:
+                raise fault(f"{self.type} has a 'law' or a '{keys[0]}', not both")
             raise_faults(law_faults(self.type, self.law, names_of(info)))
             return self
-        given = [name for name in ("structure", "reduction", "joints") if getattr(self, name)]
-        if given:
-            raise fault(f"'{given[0]}' belongs to a node of type structure, not {self.type}")
+        keys = [name for name in ("structure", "reduction", "joints") if getattr(self, name)]
+        if keys:
+            raise fault(f"'{keys[0]}' belongs to a node of type structure, not {self.type}")
         if self.matrix is not None or self.ports is not None:
             return self._is_a_multiport()
         if self.type in VALUED and self.value is None:
@@ -243,13 +243,13 @@ class NodeModel(Section):
             if joint.points is not None:
                 raise fault(f"joint '{name}' is between points, which a structure in a bond graph has not")
             if any(
-                isinstance(part, ParameterModel) and part.start is not None for part in (joint.k, joint.c)
+                isinstance(value, ParameterModel) and value.start is not None for value in (joint.k, joint.c)
             ):
                 raise fault(
                     f"joint '{name}' in a bond graph has values, no 'start'; name an unknown of 'parameters'"
                 )
         twice = [
-            dof for place, dof in enumerate(self.ports.values()) if dof in [*self.ports.values()][:place]
+            dof for index, dof in enumerate(self.ports.values()) if dof in [*self.ports.values()][:index]
         ]
         if twice:
             raise fault(f"two ports are at DOF {twice[0]}; bond several elements to one port instead")
@@ -290,14 +290,14 @@ def _bond_faults(
     indices = [index for index, chain in enumerate(chains) for _ in chain]
     bonds = [bond for chain in chains for bond in chain]
     ins, outs = (Counter(bond[end] for bond in bonds) for end in (1, 0))
-    for found in graph_faults({name: kind for name, kind in types.items() if kind in NODE_TYPES}, bonds):
-        if found.bond is not None:
-            yield (indices[found.bond],), found.message
-        elif (node := found.node) is not None:
+    for problem in graph_faults({name: kind for name, kind in types.items() if kind in NODE_TYPES}, bonds):
+        if problem.bond is not None:
+            yield (indices[problem.bond],), problem.message
+        elif (node := problem.node) is not None:
             count, side = ins[node] + outs[node], max(ins[node], outs[node])
             crowded = count > 1 if types[node] in ONE_PORTS else side > 1
             if complete or crowded:
-                yield (AROUND, "nodes", node, AT_KEY), found.message
+                yield (AROUND, "nodes", node, AT_KEY), problem.message
     for port in (name for name, kind in types.items() if kind == PORT):
         count, holder = ins[port] + outs[port], port.rpartition(".")[0]
         # Elements at a port of a structure share its velocity; at a port of a field they need a junction.
@@ -395,7 +395,7 @@ class GraphModel(Section):
                     message = f"'{first}' is {domain} and '{name}' {domains[name]}"
                     holder = name if name in self.nodes else name.rpartition(".")[0]
                     yield ("nodes", holder, "domain"), f"{message}, but no TF or GY stands between them"
-                following = [other for other in dict.fromkeys(near[name]) if other not in seen]
+                following = [neighbour for neighbour in dict.fromkeys(near[name]) if neighbour not in seen]
                 seen.update(following)
                 reached += following
 

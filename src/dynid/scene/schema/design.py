@@ -32,10 +32,10 @@ class FreeModel(Section):
         if self.start is not None and not low <= float(self.start) <= high:
             raise fault("'start' does not lie between 'min' and 'max'")
         for key in ("start", "min", "max"):
-            given = getattr(self, key)
-            if self.scale == "log" and given is not None and float(given) <= 0:
+            number = getattr(self, key)
+            if self.scale == "log" and number is not None and float(number) <= 0:
                 raise fault(
-                    f"'{key}' is {float(given):g}; with 'scale: log' the parameter is positive: "
+                    f"'{key}' is {float(number):g}; with 'scale: log' the parameter is positive: "
                     "write 'scale: linear' where zero or negative values are possible"
                 )
         return self

@@ -60,16 +60,18 @@ def located_faults(source: Source, model: type[BaseModel], error: ValidationErro
     for item in errors:
         *holder, key = item["loc"] or ("",)
         # A missing key that is there under a similar name is reported as unknown already.
-        similar = (other for other in unknown.get(tuple(holder), ()) if did_you_mean(other, [key]))
+        similar = (
+            similar_key for similar_key in unknown.get(tuple(holder), ()) if did_you_mean(similar_key, [key])
+        )
         if item["type"] != "missing" or not any(similar):
             places[data_path(source.data, item["loc"])].append(item)
     faults = []
     for items in places.values():
         # The errors of the members of a union become one: the value must be one type or another.
-        wanted = dict.fromkeys(_WANTED[item["type"]] for item in items if item["type"] in _WANTED)
+        types = dict.fromkeys(_WANTED[item["type"]] for item in items if item["type"] in _WANTED)
         others = [item for item in items if item["type"] not in _WANTED]
         faults += [
-            _fault(source, model, item) for item in others or [{**items[0], "wanted": " or ".join(wanted)}]
+            _fault(source, model, item) for item in others or [{**items[0], "wanted": " or ".join(types)}]
         ]
     return faults
 
@@ -90,11 +92,11 @@ def _fault(source: Source, model: type[BaseModel], error: dict[str, Any]) -> Fau
         name = _dotted(path[:-1]) or "a scene"
         holder = _model_at(model, loc[:-1])
         fields = holder.model_fields if holder else {}
-        known = [field.alias or key for key, field in fields.items()]
-        hint = _misplaced(model, path) or did_you_mean(str(loc[-1]), known) or _elsewhere(source, path)
+        keys = [field.alias or key for key, field in fields.items()]
+        hint = _misplaced(model, path) or did_you_mean(str(loc[-1]), keys) or _elsewhere(source, path)
         hint = hint or _one_level_below(holder, str(loc[-1]))
-        if not hint and 0 < len(known) <= _FEW_KEYS:
-            hint = f"; its keys are {', '.join(known)}"
+        if not hint and 0 < len(keys) <= _FEW_KEYS:
+            hint = f"; its keys are {', '.join(keys)}"
         message = f"'{loc[-1]}' is not a key of {name}{hint}"
         return source.fault(path, message, key=True)
     if kind == "missing":
@@ -105,29 +107,31 @@ def _fault(source: Source, model: type[BaseModel], error: dict[str, Any]) -> Fau
         return source.fault((*path, loc[-1]), message, key=True)
     if kind == "union_tag_not_found":
         tag = _tag(error)
-        for key in (other for other in error["input"] if did_you_mean(str(other), [tag])):
+        for key in (present for present in error["input"] if did_you_mean(str(present), [tag])):
             message = f"'{key}' is not a key of {_dotted(path)}; did you mean '{tag}'?"
             return source.fault((*path, key), message, key=True)
         return source.fault((*path, tag), f"{_dotted(path)} needs the key '{tag}'", key=True)
     number = kind in ("expression", "float_type", "float_parsing", "int_type", "int_parsing")
     message = (value_with_unit(source, path) if number else "") or _message(kind, error, path)
-    place = (*path, _tag(error)) if kind == "union_tag_invalid" else path
-    return source.fault(place, message, key=loc[-1:] == (AT_KEY,))
+    tag_path = (*path, _tag(error)) if kind == "union_tag_invalid" else path
+    return source.fault(tag_path, message, key=loc[-1:] == (AT_KEY,))
 
 
 def _elsewhere(source: Source, path: Sequence[Any]) -> str:
     """Return the whole path that `--set` or a study may mean by a wrong one; '' for keys of the file."""
     origin = source.fault(path, "").file
-    given = origin.removeprefix("--set ")
+    dotted = origin.removeprefix("--set ")
     if origin == source.file:
         return ""
     value: Any = (source.written or source).data
-    whole = nearest_values(given, value)
-    for key in path_of(source, given):
+    nearest = nearest_values(dotted, value)
+    for key in path_of(source, dotted):
         value = value[key]
     shown = "…" if isinstance(value, dict | list) else value
-    written = [f"--set {one}={shown}" if given != origin else f"'{one}'" for one in whole]
-    return f"; did you mean {shortened(written, 3, ' or ')}?" if whole else _AS_PATH
+    written = [
+        f"--set {candidate}={shown}" if dotted != origin else f"'{candidate}'" for candidate in nearest
+    ]
+    return f"; did you mean {shortened(written, 3, ' or ')}?" if nearest else _AS_PATH
 
 
 def _misplaced(model: type[BaseModel], path: Sequence[Any]) -> str:
@@ -160,7 +164,7 @@ def _one_level_below(holder: type[BaseModel] | None, key: str) -> str:
 
 
 def _message(kind: str, error: dict[str, Any], path: Sequence[Any]) -> str:
-    given: Any = error.get("input")
+    value: Any = error.get("input")
     context: dict[str, Any] = error.get("ctx", {})
     if kind in ("dynid", "expression"):
         return str(error["msg"])
@@ -169,23 +173,23 @@ def _message(kind: str, error: dict[str, Any], path: Sequence[Any]) -> str:
         expected = str(context.get("expected") or context.get("expected_tags"))
         options = [option.strip(" '\"") for option in expected.replace(" or ", ", ").split(",")]
         if kind == "union_tag_invalid":
-            key, given = f"'{_tag(error)}'", given[_tag(error)]
+            key, value = f"'{_tag(error)}'", value[_tag(error)]
         choice = f"is one of {', '.join(options)}" if len(options) > 1 else f"can only be {options[0]}"
-        return f"{key} cannot be {_shown(given)}; it {choice}{did_you_mean(str(given), options)}"
+        return f"{key} cannot be {_shown(value)}; it {choice}{did_you_mean(str(value), options)}"
     if kind in _WANTED:
-        hint = without_decimal_comma(given) if isinstance(given, str) and "number" in error["wanted"] else ""
-        return f"{key} must be {error['wanted']}, not {_shown(given)}{f'; {hint}' if hint else ''}"
+        hint = without_decimal_comma(value) if isinstance(value, str) and "number" in error["wanted"] else ""
+        return f"{key} must be {error['wanted']}, not {_shown(value)}{f'; {hint}' if hint else ''}"
     if kind in _BOUNDS:
-        return f"{key} must be {_BOUNDS[kind].format(**context)}, not {_shown(given)}"
+        return f"{key} must be {_BOUNDS[kind].format(**context)}, not {_shown(value)}"
     if kind == "too_short" and context.get("min_length") == 1:
         return f"{key} is empty"
     if kind in ("too_short", "too_long"):
         bound = context.get("min_length") or context.get("max_length")
         count = context["actual_length"]
-        count = len(given) if count is None and isinstance(given, list | dict) else count
+        count = len(value) if count is None and isinstance(value, list | dict) else count
         return f"{key} has {count} entries; it takes at {_ENDS[kind]} {bound}"
     message = str(error["msg"])
-    return f"{key} is {_shown(given)}: {message[:1].lower()}{message[1:]}"
+    return f"{key} is {_shown(value)}: {message[:1].lower()}{message[1:]}"
 
 
 def _tag(error: dict[str, Any]) -> str:
@@ -193,14 +197,14 @@ def _tag(error: dict[str, Any]) -> str:
     return str(error["ctx"]["discriminator"]).strip("'")
 
 
-def _shown(given: Any) -> str:
+def _shown(value: Any) -> str:
     kinds: dict[type, str] = {
         dict: "a mapping",
         list: "a list",
         type(None): "nothing",
-        bool: str(given).lower(),
+        bool: str(value).lower(),
     }
-    text = next((word for kind, word in kinds.items() if isinstance(given, kind)), repr(given))
+    text = next((word for kind, word in kinds.items() if isinstance(value, kind)), repr(value))
     return text if len(text) < 60 else f"{text[:57]}…"
 
 
@@ -208,18 +212,18 @@ def data_path(data: Any, loc: Iterable[Any]) -> tuple[Any, ...]:
     """Return the part of the location of an error that exists in the data (it names union members too)."""
     path: list[Any] = []
     holders = [data]
-    for part in loc:
-        holder, key = holders[-1], part
-        if part == AROUND:
+    for step in loc:
+        holder, key = holders[-1], step
+        if step == AROUND:
             path.pop()
             holders.pop()
             continue
         if isinstance(holder, dict):
-            if part not in holder and isinstance(part, str) and part.isdecimal():
-                key = int(part)
+            if step not in holder and isinstance(step, str) and step.isdecimal():
+                key = int(step)
             exists = key in holder
         else:
-            exists = isinstance(holder, list) and isinstance(part, int) and part < len(holder)
+            exists = isinstance(holder, list) and isinstance(step, int) and step < len(holder)
         if exists:
             path.append(key)
             holders.append(holder[key])
@@ -228,36 +232,41 @@ def data_path(data: Any, loc: Iterable[Any]) -> tuple[Any, ...]:
 
 def _unknown_key(data: Any, loc: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return the path of an unknown key; a union member in its location may have the name of another key."""
-    without = (loc[:place] + loc[place + 1 :] for place in range(len(loc) - 1))
+    without = (loc[:index] + loc[index + 1 :] for index in range(len(loc) - 1))
     paths = [data_path(data, some) for some in (loc, *without)]
     return next((path for path in paths if path[-1:] == loc[-1:]), paths[0])
 
 
 def _dotted(path: Iterable[Any]) -> str:
-    return ".".join(str(part) for part in path)
+    return ".".join(str(key) for key in path)
 
 
 def _model_at(model: Any, loc: Sequence[Any]) -> type[BaseModel] | None:
     """Return the model at the location of an error, whose key it names."""
     current: Any = model
-    for part in loc:
+    for step in loc:
         options = list(_unwrapped(current))
         models = [option for option in options if _is_model(option)]
         chosen = None  # the member of a discriminated union whose tag is in the location
         for option in models:
             fields = (option.model_fields.get(key) for key in ("kind", "method", "distribution"))
             tags = (get_args(field.annotation) for field in fields if field is not None)
-            if chosen is None and any(part in tag for tag in tags):
+            if chosen is None and any(step in tag for tag in tags):
                 chosen = option
-        if len(models) == 1 and part in models[0].model_fields:
-            field = models[0].model_fields[part]
+        if len(models) == 1 and step in models[0].model_fields:
+            field = models[0].model_fields[step]
             later = next(
-                (one.model() for one in field.metadata if isinstance(one, Later) and one.reference), None
+                (
+                    annotation.model()
+                    for annotation in field.metadata
+                    if isinstance(annotation, Later) and annotation.reference
+                ),
+                None,
             )
             current = later or field.annotation
         elif chosen is not None:
             current = chosen
-        elif part in _FORMS:
+        elif step in _FORMS:
             continue
         else:  # of a mapping or list, its entries
             current = Union[tuple(get_args(option)[-1] for option in options if get_args(option)) or (None,)]  # noqa: UP007
@@ -271,7 +280,7 @@ def _unwrapped(annotation: Any) -> Iterable[Any]:
         for member in get_args(annotation):
             yield from _unwrapped(member)
     elif hasattr(annotation, "__metadata__"):
-        later = next((one for one in annotation.__metadata__ if isinstance(one, Later)), None)
+        later = next((mark for mark in annotation.__metadata__ if isinstance(mark, Later)), None)
         plain = get_args(annotation)[0]
         yield from _unwrapped(plain if later is None else later.model(plain))
     else:

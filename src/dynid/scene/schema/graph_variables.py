@@ -33,14 +33,14 @@ def stored_energy_faults(initial: Mapping[Any, Any], types: Mapping[str, str]) -
     """Yield the faults of the energy that a scene gives to nodes of its graph."""
     for name, energy in initial.items():
         kind, path = types.get(str(name)), ("initial", name)
-        key, other, quantity = ("f", "e", "flow f") if kind == "I" else ("e", "f", "effort e")
+        key, foreign, quantity = ("f", "e", "flow f") if kind == "I" else ("e", "f", "effort e")
         if kind is None:
             yield (*path, AT_KEY), f"no node '{name}'{did_you_mean(str(name), types)}"
         elif kind in (*MULTIPORTS, PORT):
             yield (*path, AT_KEY), f"stored energy is given to single I and C, not to a {kind}"
         elif kind not in ("I", "C"):
             yield (*path, AT_KEY), f"'{name}' is {kind} and stores no energy; only I and C do"
-        elif getattr(energy, other) is not None or getattr(energy, key) is None:
+        elif getattr(energy, foreign) is not None or getattr(energy, key) is None:
             yield path, f"the energy of {kind} '{name}' is given by its {quantity}"
 
 

@@ -84,8 +84,8 @@ class EstimatorModel(Section):
 
     def options(self) -> dict[str, int | float]:
         """Return the options that were given."""
-        given = {name: getattr(self, name) for name in _OPTIONS}
-        return {n: v if isinstance(v, int) else float(v) for n, v in given.items() if v is not None}
+        options = {name: getattr(self, name) for name in _OPTIONS}
+        return {n: v if isinstance(v, int) else float(v) for n, v in options.items() if v is not None}
 
 
 class ResponseModes(Section):
@@ -114,11 +114,11 @@ class ResponseModel(Section):
 
 def _analysis_of(raw: Any) -> str:
     """Return what an analysis is of: a graph, which has outputs such as J.f, or a structure."""
-    given = mapping_of(raw)
-    outputs = listing(given, "outputs")
+    analysis = mapping_of(raw)
+    outputs = listing(analysis, "outputs")
     named = any(isinstance(output, str) for output in outputs)
-    own = {"results", "engine", "reading", "symbolic", "port"} & given.keys()
-    return "graph" if named or own else "structure"
+    graph_keys = {"results", "engine", "reading", "symbolic", "port"} & analysis.keys()
+    return "graph" if named or graph_keys else "structure"
 
 
 IdentifiedAnalysis = Annotated[
@@ -199,13 +199,17 @@ class IdentificationScene(ComposedScene):
     @property
     def part_reductions(self) -> dict[str, ReductionModel | None]:
         """The reduction of each part by itself; None of a full part."""
-        return {name: part.reduction for name, part in (self.structures or {}).items()}
+        return {name: structure.reduction for name, structure in (self.structures or {}).items()}
 
     @property
     def reduction_method(self) -> str:
         """The method that reduces the structure, or those that reduce its parts."""
-        each = [f"{part.method} ({name})" for name, part in self.part_reductions.items() if part is not None]
-        return ", ".join([*each, *([self.reduction.method] if self.reduction is not None else [])])
+        methods = [
+            f"{reduction.method} ({name})"
+            for name, reduction in self.part_reductions.items()
+            if reduction is not None
+        ]
+        return ", ".join([*methods, *([self.reduction.method] if self.reduction is not None else [])])
 
     @property
     def responses(self) -> ResponseModel | None:
@@ -228,7 +232,7 @@ class IdentificationScene(ComposedScene):
 
     @model_validator(mode="after")
     def _asks_something(self) -> Self:
-        if sum(one is not None for one in (self.structure, self.structures, self.graph)) != 1:
+        if sum(model is not None for model in (self.structure, self.structures, self.graph)) != 1:
             raise fault("a scene of this kind has either a 'structure', or 'structures', or a 'graph'")
         if self.measurement is None and self.analysis is None:
             raise fault("a scene needs a 'measurement' to identify from, or an 'analysis'")
@@ -248,11 +252,11 @@ class IdentificationScene(ComposedScene):
             raise fault(f"the method '{self.estimator.method}' is for records of time, not for 'frf'")
         if self.analysis is not None and (self.graph is None) != (self.responses is not None):
             raise fault("this analysis is that of a structure; of a graph it has 'outputs' such as J.f")
-        wanted = self.responses
-        responds = wanted and (wanted.frequency or wanted.time)
-        if wanted and responds and not wanted.outputs and not self.measurement:
+        responses = self.responses
+        responds = responses and (responses.frequency or responses.time)
+        if responses and responds and not responses.outputs and not self.measurement:
             raise fault("the analysis needs its 'outputs'; there are no channels to take them from")
-        if wanted and wanted.frequency and not (wanted.inputs or self.excitation or frf):
+        if responses and responses.frequency and not (responses.inputs or self.excitation or frf):
             raise fault("the analysis needs its 'inputs'; there is no excitation to take them from")
         return self
 
@@ -388,9 +392,9 @@ class IdentificationScene(ComposedScene):
         if self.measurement is None:
             return
         unknowns: dict[Path, DefinedParameter | ParameterModel] = {
-            path: part
-            for path, part in sections(self.joints, ParameterModel, ("joints",))
-            if part.start is not None
+            path: parameter
+            for path, parameter in sections(self.joints, ParameterModel, ("joints",))
+            if parameter.start is not None
         }
         unknowns |= {
             ("parameters", name): entry

@@ -28,11 +28,11 @@ def _symmetric(rows: list[list[Quantity]]) -> list[list[Quantity]]:
             raise fault(f"a joint's matrix is square; row {i + 1} has {len(row)} entries")
     for i, row in enumerate(rows):
         for j in range(i):
-            one, other = float(row[j]), float(rows[j][i])
-            if abs(one - other) > 1e-9 * max(abs(one), abs(other)):
+            above, below = float(row[j]), float(rows[j][i])
+            if abs(above - below) > 1e-9 * max(abs(above), abs(below)):
                 raise fault(
-                    f"a joint's matrix is symmetric; entry ({i + 1}, {j + 1}) is {one:g}, "
-                    f"({j + 1}, {i + 1}) is {other:g}"
+                    f"a joint's matrix is symmetric; entry ({i + 1}, {j + 1}) is {above:g}, "
+                    f"({j + 1}, {i + 1}) is {below:g}"
                 )
             if not _slopes(rows[i][j]) == _slopes(rows[j][i]):
                 raise fault(
@@ -169,41 +169,41 @@ class JointModel(LinkModel):
     @model_validator(mode="after")
     def _fits(self) -> Self:
         parts = {"k": self.k, "c": self.c, "m": self.m}
-        given = {letter: part for letter, part in parts.items() if part is not None}
-        if not given:
+        values = {letter: value for letter, value in parts.items() if value is not None}
+        if not values:
             raise fault("a joint has a stiffness 'k', a damping 'c', or both")
         if bool(self.dofs) == (self.points is not None):
             raise fault("a joint is between 'dofs', or between 'points'")
         if self.points is not None:
-            self._check_points(given)
+            self._check_points(values)
             return self
         if self.axes is not None or self.at is not None:
             raise fault("'axes' and 'at' are of joints between 'points'")
-        for letter, part in given.items():
-            if isinstance(part, dict):
+        for letter, value in values.items():
+            if isinstance(value, dict):
                 raise fault(f"'{letter}' has directions, which a joint between 'points' has")
-            if part.matrix is None and len(self.dofs) > 2:
+            if value.matrix is None and len(self.dofs) > 2:
                 raise fault(f"'{letter}' is a number, and 'dofs' names {len(self.dofs)}; it takes one or two")
-            if part.matrix is not None and len(part.matrix) != len(self.dofs):
-                size = f"{len(part.matrix)} x {len(part.matrix)}"
+            if value.matrix is not None and len(value.matrix) != len(self.dofs):
+                size = f"{len(value.matrix)} x {len(value.matrix)}"
                 raise fault(f"'{letter}' is {size}, but 'dofs' names {len(self.dofs)}")
         return self
 
-    def _check_points(self, given: Mapping[str, Any]) -> None:
+    def _check_points(self, values: Mapping[str, Any]) -> None:
         """Refuse a joint between points whose values are of other kinds."""
         assert self.points is not None
         if len(set(self.points)) < len(self.points):
             raise fault(f"both ends are the point '{self.points[0]}'")
-        for letter, part in given.items():
-            if letter == "m" or isinstance(part, dict):
+        for letter, value in values.items():
+            if letter == "m" or isinstance(value, dict):
                 continue
-            if part.matrix is None:
+            if value.matrix is None:
                 raise fault(
                     f"a joint between points has its '{letter}' by direction: {letter}: {{x: …, rz: …}}"
                 )
             sizes = sorted({3, 6, 6 * len(self.points)})
-            if len(part.matrix) not in sizes:
+            if len(value.matrix) not in sizes:
                 listed = " or ".join(f"{n} x {n}" for n in sizes)
                 raise fault(
-                    f"'{letter}' is {len(part.matrix)} x {len(part.matrix)}; between points it is {listed}"
+                    f"'{letter}' is {len(value.matrix)} x {len(value.matrix)}; between points it is {listed}"
                 )

@@ -39,24 +39,24 @@ def scene_schema(model: type[Section]) -> dict[str, Any]:
         The class of the kind's scenes.
     """
     schema = model.model_json_schema(schema_generator=_OfScenes)
-    quantity = {part.name for part in fields(Quantity)}
-    classes = {part.__name__: part for part in _parts(Section)}
-    for name, part in {**schema.get("$defs", {}), model.__name__: schema}.items():
-        for whole in (part, *part.get("anyOf", ())):
-            for key, wanted in whole.get("properties", {}).items():
+    quantity = {definition.name for definition in fields(Quantity)}
+    classes = {definition.__name__: definition for definition in _parts(Section)}
+    for name, definition in {**schema.get("$defs", {}), model.__name__: schema}.items():
+        for variant in (definition, *definition.get("anyOf", ())):
+            for key, entry in variant.get("properties", {}).items():
                 text = sentence(classes[name], key)
-                form, default = wanted.get("description", ""), wanted.get("default")
+                form, default = entry.get("description", ""), entry.get("default")
                 if isinstance(default, dict) and default.keys() == quantity:
-                    wanted["default"] = default["value"]  # a quantity, as a scene writes it
-                if "$ref" in wanted:  # draft 7 ignores all keys beside a reference
-                    wanted["allOf"] = [{"$ref": wanted.pop("$ref")}]
-                wanted["description"] = f"{text.removesuffix('.')} ({form})." if form else text
+                    entry["default"] = default["value"]  # a quantity, as a scene writes it
+                if "$ref" in entry:  # draft 7 ignores all keys beside a reference
+                    entry["allOf"] = [{"$ref": entry.pop("$ref")}]
+                entry["description"] = f"{text.removesuffix('.')} ({form})." if form else text
     return schema
 
 
-def sentence(part: type[Section], key: str) -> str:
+def sentence(section: type[Section], key: str) -> str:
     """Return the description of a key of a section, which a base class may hold."""
-    return next(texts[key] for base in part.__mro__ if key in (texts := _texts().get(base.__name__, {})))
+    return next(texts[key] for base in section.__mro__ if key in (texts := _texts().get(base.__name__, {})))
 
 
 @cache
@@ -64,11 +64,11 @@ def _texts() -> dict[str, dict[str, str]]:
     import yaml
 
     text = resources.files(__package__).joinpath("descriptions.yaml").read_text(encoding="utf-8")
-    found: dict[str, dict[str, str]] = yaml.safe_load(text)
-    return found
+    texts: dict[str, dict[str, str]] = yaml.safe_load(text)
+    return texts
 
 
-def _parts(part: type[Section]) -> Iterator[type[Section]]:
-    for derived in part.__subclasses__():
+def _parts(section: type[Section]) -> Iterator[type[Section]]:
+    for derived in section.__subclasses__():
         yield derived
         yield from _parts(derived)

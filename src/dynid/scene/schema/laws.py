@@ -52,16 +52,18 @@ def _modulated(raw: Any, info: ValidationInfo) -> Quantity:
             expression = parse(raw)
         except ExpressionError:
             return resolve(raw, info, exact=True)
-        known = names_of(info)
-        unread = (name for name in expression.names if name not in known.parameters and known.complete)
+        scene_names = names_of(info)
+        unread = (
+            name for name in expression.names if name not in scene_names.parameters and scene_names.complete
+        )
         meant = any("." in name and name.rpartition(".")[2] in QUANTITIES for name in unread)
         if meant or variables_of(expression, nodes):
             if kind not in MODULATED:
                 remedy = "write a law" if kind in _GIVEN else "it has no value"
                 raise fault(f"the value of {kind} cannot depend on variables; {remedy}")
-            if known.linear:
+            if scene_names.linear:
                 raise_faults([((AT_KEY,), _LINEAR)])
-            problems = [*_unknown(expression, known, "")]
+            problems = [*_unknown(expression, scene_names, "")]
             if problems:
                 raise fault("; ".join(problems))
             return Quantity(1, expression, variable=True)
@@ -78,32 +80,34 @@ NodeValue = Annotated[
 
 def variables_of(expression: Expression, nodes: Mapping[str, str]) -> dict[str, Port]:
     """Return the names in an expression that are variables of nodes: a node before .e .f .q .p."""
-    found = {}
+    variables = {}
     for name in sorted(expression.names):
         holder, _, quantity = name.rpartition(".")
         if quantity in QUANTITIES and holder in nodes:
-            found[name] = Port(holder, quantity)
-    return found
+            variables[name] = Port(holder, quantity)
+    return variables
 
 
-def _unknown(expression: Expression, names: SceneNames, own: str) -> Iterator[str]:
+def _unknown(expression: Expression, names: SceneNames, variable: str) -> Iterator[str]:
     """Yield what is wrong with the names in a law."""
     variables = variables_of(expression, names.nodes)
     for port in variables.values():
         problem = variable_fault(names.nodes, port)
         if problem:
             yield problem
-    known = [*names.parameters, *names.faulty]
-    for name in sorted(expression.names - variables.keys() - {own}):
-        if name in known or not names.complete:
+    parameters = [*names.parameters, *names.faulty]
+    for name in sorted(expression.names - variables.keys() - {variable}):
+        if name in parameters or not names.complete:
             continue
         holder, _, quantity = name.rpartition(".")
         if quantity in QUANTITIES and holder:
             yield f"'{name}': {unknown_node(names.nodes, holder)}"
-        elif name in QUANTITIES and own:
-            yield f"'{name}' is not the variable of this law, which is {own}; others are NODE.{name}"
+        elif name in QUANTITIES and variable:
+            yield f"'{name}' is not the variable of this law, which is {variable}; others are NODE.{name}"
         else:
-            close = did_you_mean(name, [*known, *(f"{node}.{own}" for node in names.nodes if own)])
+            close = did_you_mean(
+                name, [*parameters, *(f"{node}.{variable}" for node in names.nodes if variable)]
+            )
             yield f"no parameter or variable '{name}'{close}"
 
 
@@ -190,7 +194,7 @@ class OperatingPointModel(Section):
 def _variable_problem(types: Mapping[str, str], name: str) -> str:
     holder, _, quantity = name.rpartition(".")
     if not holder or quantity not in QUANTITIES:
-        variables = [f"{node}.{one}" for node in types for one in QUANTITIES]
+        variables = [f"{node}.{letter}" for node in types for letter in QUANTITIES]
         return f"'{name}' is no variable: NODE.e, NODE.f, NODE.q or NODE.p{did_you_mean(name, variables)}"
     if holder not in types:
         variables = [f"{node}.{quantity}" for node in types]

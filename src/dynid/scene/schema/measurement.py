@@ -236,7 +236,10 @@ class SimulateModel(NoisyModel):
                     "noise with these coefficients is not stationary: all roots of 1 = a_1 z + a_2 z^2 + … "
                     "must lie outside the unit circle"
                 )
-            a = [(one + last * other) / (1 - last**2) for one, other in zip(a, reversed(a), strict=True)]
+            a = [
+                (first + last * mirrored) / (1 - last**2)
+                for first, mirrored in zip(a, reversed(a), strict=True)
+            ]
         return colour
 
 
@@ -367,22 +370,24 @@ class RecordModel(Section):
 
     def completed(self, shared: RecordModel, number: int) -> RecordModel:
         """Return this record with what it shares; a shared seed counts up from record to record."""
-        given = {name: getattr(self, name) for name in RecordModel.model_fields}
-        for name, value in given.items():
+        values = {name: getattr(self, name) for name in RecordModel.model_fields}
+        for name, value in values.items():
             if value is None:
-                given[name] = getattr(shared, name)
+                values[name] = getattr(shared, name)
         if self.channels is not None and not isinstance(self.channels, AllOfFile):  # they name their DOFs
-            given["match"] = self.match
+            values["match"] = self.match
         if self.file and shared.file:
-            own = {name: getattr(self.file, name) for name in self.file.model_fields_set}
-            given["file"] = shared.file.model_copy(update=own)
+            file_keys = {name: getattr(self.file, name) for name in self.file.model_fields_set}
+            values["file"] = shared.file.model_copy(update=file_keys)
         if self.simulate is not None and self.file is None:
-            given["file"] = None
+            values["file"] = None
         if self.file is not None and self.simulate is None:
-            given["simulate"] = None
-        if self.simulate is None and given["simulate"] is not None:
-            given["simulate"] = given["simulate"].model_copy(update={"seed": given["simulate"].seed + number})
-        return RecordModel.model_construct(**given)
+            values["simulate"] = None
+        if self.simulate is None and values["simulate"] is not None:
+            values["simulate"] = values["simulate"].model_copy(
+                update={"seed": values["simulate"].seed + number}
+            )
+        return RecordModel.model_construct(**values)
 
     def check(self, of: str) -> None:
         """Refuse a record that is not whole."""
@@ -434,15 +439,15 @@ class RecordModel(Section):
                 "'decimate' out: it weights frequencies by itself"
             )
         order, samples = self.noise.order, self.samples or 0
-        least = (NOISE_VALUES.value + 1) * (order if isinstance(order, int) else 0)
-        if samples < least:
-            raise fault(f"coloured noise of order {order} needs {least} samples, and there are {samples}")
+        needed = (NOISE_VALUES.value + 1) * (order if isinstance(order, int) else 0)
+        if samples < needed:
+            raise fault(f"coloured noise of order {order} needs {needed} samples, and there are {samples}")
 
     def _check_levels(self, simulate: NoisyModel | None) -> None:
         """Refuse noise of more or fewer channels than there are."""
         channels = len(self.channels or ())
-        given = self.noise.ratio if isinstance(self.noise, NoiseModel) else self.noise
-        levels = {"noise": given}
+        noise = self.noise.ratio if isinstance(self.noise, NoiseModel) else self.noise
+        levels = {"noise": noise}
         if simulate is not None:
             levels |= {"simulate.noise": simulate.noise, "simulate.noise_ratio": simulate.noise_ratio}
         for name, level in levels.items():
@@ -489,7 +494,9 @@ class MeasurementModel(RecordModel):
             raise fault("frequency responses stand alone: 'frf' goes with no 'records'")
         if self.modes_alone:
             return self
-        if self.match is not None and not any(isinstance(one.channels, AllOfFile) for one in self.each):
+        if self.match is not None and not any(
+            isinstance(single_record.channels, AllOfFile) for single_record in self.each
+        ):
             if self.modes is not None:
                 raise fault(
                     "'match' goes with 'channels: all'; write that of modes under 'measurement.modes'"
@@ -519,5 +526,5 @@ class MeasurementModel(RecordModel):
     @property
     def sensors(self) -> list[MeasuredChannelModel]:
         """All different channels of the records."""
-        every = [channel for record in self.each for channel in record.channels or ()]
-        return [channel for k, channel in enumerate(every) if channel not in every[:k]]
+        channels = [channel for record in self.each for channel in record.channels or ()]
+        return [channel for k, channel in enumerate(channels) if channel not in channels[:k]]

@@ -61,7 +61,7 @@ class PointModel(Section):
 
     @model_validator(mode="after")
     def _one_place(self) -> Self:
-        if sum(one is not None for one in (self.node, self.nodes, self.set)) != 1:
+        if sum(key is not None for key in (self.node, self.nodes, self.set)) != 1:
             raise fault("a point is one 'node', several 'nodes', or a 'set' of them")
         if self.weights is not None and (self.nodes is None or self.spread == "rigid"):
             raise fault("'weights' are of the 'nodes' of a distributed point, one for each")

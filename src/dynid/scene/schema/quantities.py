@@ -127,8 +127,8 @@ def resolve(raw: Any, info: ValidationInfo, *, exact: bool = False) -> Quantity:
     """
     if isinstance(raw, bool) or not isinstance(raw, int | float | str):
         kinds = {bool: "true or false", dict: "a mapping", list: "a list", type(None): "nothing"}
-        found = next((word for kind, word in kinds.items() if isinstance(raw, kind)), repr(raw))
-        raise fault(f"{found} where a number, a parameter or an expression belongs")
+        kind_of_value = next((word for kind, word in kinds.items() if isinstance(raw, kind)), repr(raw))
+        raise fault(f"{kind_of_value} where a number, a parameter or an expression belongs")
     if isinstance(raw, int | float):
         if isinstance(raw, float) and not math.isfinite(raw):
             raise fault(f"{raw} is not a finite number")
@@ -140,8 +140,10 @@ def resolve(raw: Any, info: ValidationInfo, *, exact: bool = False) -> Quantity:
             name for name in expression.names if name not in names.parameters and name not in names.faulty
         )
         if unknown and names.complete:
-            known = [*names.parameters, *names.faulty]
-            raise fault("; ".join(f"no parameter '{name}'{did_you_mean(name, known)}" for name in unknown))
+            parameters = [*names.parameters, *names.faulty]
+            raise fault(
+                "; ".join(f"no parameter '{name}'{did_you_mean(name, parameters)}" for name in unknown)
+            )
         if unknown or expression.names & names.faulty:
             return Quantity(Fraction(1))  # reported where it is defined; with any value the other checks run
         value = expression.evaluate(names.parameters)

@@ -65,19 +65,19 @@ def written_key(mapping: dict[Any, Any], name: str) -> Any:
 
 def chain_ends(text: str) -> list[str]:
     """Return the nodes along `a -> b -> c`; none where the text is no chain."""
-    ends = [part.strip() for part in text.split("->")]
+    ends = [end.strip() for end in text.split("->")]
     return ends if len(ends) > 1 and all(ends) else []
 
 
 def chain_fault(text: str) -> str:
     """Return why a text is no chain of bonds, or an empty text; several chains in it are shown as entries."""
-    first, *others = (part.strip() for part in re.split("[,;\n]", text))
+    first, *others = (entry.strip() for entry in re.split("[,;\n]", text))
     if "->" not in first or not (others or chain_ends(text)):
         return f"'{text}' is not a bond; write 'a -> b', or a chain 'a -> b -> c'"
     if not others:
         return ""
     tail = first.rpartition("->")[0].rpartition("->")[2].strip()  # of what is short for a -> b, a -> c
-    chains = [first, *(part if "->" in part else f"{tail} -> {part}" for part in others if part)]
+    chains = [first, *(entry if "->" in entry else f"{tail} -> {entry}" for entry in others if entry)]
     entries = " and ".join(f"- {chain}" for chain in chains)
     return f"bond '{text}': an entry holds one chain; write an entry for each: {entries}"
 
@@ -109,13 +109,13 @@ def references(data: Any) -> dict[str, str]:
 
     A reference has the type of the driven source, a setpoint is an effort.
     """
-    types, found = node_types(data), {}
+    types, signals = node_types(data), {}
     for loop in listing(mapping(data, "control"), "loops"):
         for key in ("reference", "setpoint"):
             name = mapping_of(loop).get(key)
             if isinstance(name, str) and name:
-                found[name] = types.get(str(loop.get("to")), "") if key == "reference" else "Se"
-    return found
+                signals[name] = types.get(str(loop.get("to")), "") if key == "reference" else "Se"
+    return signals
 
 
 def ports_of(types: Mapping[str, str], name: str) -> list[str]:
@@ -146,9 +146,9 @@ def read_names(source: Source, free: Mapping[str, float] | None = None) -> tuple
     """
     from dynid.scene.schema.quantities import SceneNames
 
-    given = mapping(source.data, "parameters")
-    raw = {str(name): entry for name, entry in given.items()}
-    written = reference_values(given) | dict(free or {})
+    parameters = mapping(source.data, "parameters")
+    raw = {str(name): entry for name, entry in parameters.items()}
+    written = reference_values(parameters) | dict(free or {})
     values, problems = resolve_parameters(written)
     sought = {name for name, entry in raw.items() if isinstance(entry, dict)} if free is None else free.keys()
     dependent = _dependent(sought, written, values)
@@ -162,12 +162,14 @@ def read_names(source: Source, free: Mapping[str, float] | None = None) -> tuple
     located |= dict(_circular(raw, dependent))
     faults = []
     for (name, *keys), text in located.items():
-        path = ("parameters", written_key(given, name), *keys)
+        path = ("parameters", written_key(parameters, name), *keys)
         faults.append(source.fault(path, value_with_unit(source, path) or text))
     names = SceneNames(
         values,
         dependent,
-        signed=frozenset(name for name, one in raw.items() if mapping_of(one).get("scale") == "linear"),
+        signed=frozenset(
+            name for name, definition in raw.items() if mapping_of(definition).get("scale") == "linear"
+        ),
         linear=source.data.get("kind") == "identification",
         identifying=free is not None or source.data.get("kind") == "identification",
         faulty=frozenset(raw.keys() - values.keys()),
@@ -188,19 +190,19 @@ def value_with_unit(source: Source, path: Iterable[Any]) -> str:
     path
         The place of the value.
     """
-    value, beside = source.data, []
+    value, units = source.data, []
     for key in path:
         if isinstance(value, dict):
-            beside += [str(unit) for name, unit in value.items() if re.fullmatch("(.*_)?unit", str(name))]
+            units += [str(unit) for name, unit in value.items() if re.fullmatch("(.*_)?unit", str(name))]
         value = value[key]
-    found = split_value(value) if isinstance(value, str) else None
-    if found is None or found[1] in mapping(source.data, "parameters"):  # a product of a parameter
+    split = split_value(value) if isinstance(value, str) else None
+    if split is None or split[1] in mapping(source.data, "parameters"):  # a product of a parameter
         return ""
-    number, unit, meaning = found
-    frequency = any(unit_fits(unit, [one]) for one in ("Hz", "rad/s"))
-    if unit in beside:
+    number, unit, meaning = split
+    frequency = any(unit_fits(unit, [candidate]) for candidate in ("Hz", "rad/s"))
+    if unit in units:
         write = f"write {number:.12g}, its unit stands beside it"
-    elif any(unit_fits(one, [unit]) for one in beside) or (frequency and beside):
+    elif any(unit_fits(candidate, [unit]) for candidate in units) or (frequency and units):
         return ""
     elif unit_fits(unit, ["Hz"]):
         write = "a frequency is in rad/s, or in Hz where 'unit: Hz' stands beside it"
@@ -222,18 +224,18 @@ def _dependent(
     """Return the parameters that are sought or considered, and those that depend on them."""
     from dynid.arithmetic.dependent import Dependent, substituted
 
-    found: dict[str, Dependent] = {}
+    dependents: dict[str, Dependent] = {}
     if not sought:
-        return found
+        return dependents
     for name, value in values.items():  # in an order in which each needs only earlier ones
         if name in sought:
-            found[name] = Dependent.parameter(name, value)
+            dependents[name] = Dependent.parameter(name, value)
         elif isinstance(written[name], str):
             expression = parse(written[name])
-            if not expression.names.isdisjoint(found):
-                known = {used: found.get(used, values[used]) for used in expression.names}
-                found[name] = substituted(expression, known)
-    return found
+            if not expression.names.isdisjoint(dependents):
+                operands = {used: dependents.get(used, values[used]) for used in expression.names}
+                dependents[name] = substituted(expression, operands)
+    return dependents
 
 
 def _circular(
@@ -263,8 +265,8 @@ def _texts(entry: Any) -> Iterator[tuple[tuple[str, ...], str]]:
             yield (str(key),), value
         if key == "prior":
             yield from (
-                ((str(key), str(own)), text)
-                for own, text in mapping_of(value).items()
+                ((str(key), str(prior_key)), text)
+                for prior_key, text in mapping_of(value).items()
                 if isinstance(text, str)
             )
 
@@ -281,8 +283,8 @@ def unit_of_frequencies(data: Any) -> FrequencyUnit:
     data
         The scene as plain data.
     """
-    found = list(_units(data, ""))
-    axes = [unit for block, unit in found if block in _AXES] or [unit for _, unit in found]
+    units = list(_units(data, ""))
+    axes = [unit for block, unit in units if block in _AXES] or [unit for _, unit in units]
     return HERTZ if "Hz" in axes else RADIANS
 
 

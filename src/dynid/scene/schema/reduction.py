@@ -105,8 +105,8 @@ class _OnModes(_Mastered, _Modal):
         return self
 
 
-def _count(given: list[int] | list[Dof] | MastersModel | ModesModel | None) -> int | None:
-    return len(given) if isinstance(given, list) else given.count if given is not None else None
+def _count(choice: list[int] | list[Dof] | MastersModel | ModesModel | None) -> int | None:
+    return len(choice) if isinstance(choice, list) else choice.count if choice is not None else None
 
 
 class SerepModel(_OnModes):

@@ -77,20 +77,20 @@ class _Shape:
     @cached_property
     def models(self) -> frozenset[type[BaseModel]]:
         """The models of a mapping, loaded: asked for where a scene has one."""
-        return frozenset(one.model() if isinstance(one, Later) else one for one in self.unloaded)
+        return frozenset(model.model() if isinstance(model, Later) else model for model in self.unloaded)
 
     @cached_property
     def fields(self) -> Mapping[str, _Shape]:
         """The shapes of their keys."""
         fields: dict[str, _Shape] = {}
         for model in self.models:
-            for name, one in _fields(model).items():
-                fields[name] = fields[name] | one if name in fields else one
+            for name, shape in _fields(model).items():
+                fields[name] = fields[name] | shape if name in fields else shape
         return fields
 
 
-def _joined(one: _Shape | None, other: _Shape | None) -> _Shape | None:
-    return one | other if one and other else one or other
+def _joined(first: _Shape | None, second: _Shape | None) -> _Shape | None:
+    return first | second if first and second else first or second
 
 
 def _shape(annotation: Any, metadata: Iterable[Any] = ()) -> _Shape:
@@ -98,8 +98,8 @@ def _shape(annotation: Any, metadata: Iterable[Any] = ()) -> _Shape:
     origin, arguments = get_origin(annotation), get_args(annotation)
     metadata = tuple(metadata)
     shape = _Shape(
-        frozenset(one for one in metadata if isinstance(one, Reference)),
-        frozenset(one for one in metadata if isinstance(one, Later) and one.reference),
+        frozenset(mark for mark in metadata if isinstance(mark, Reference)),
+        frozenset(mark for mark in metadata if isinstance(mark, Later) and mark.reference),
     )
     if origin is Annotated:
         return shape | _shape(arguments[0], arguments[1:])
@@ -118,8 +118,11 @@ def _shape(annotation: Any, metadata: Iterable[Any] = ()) -> _Shape:
 @cache
 def _fields(model: type[BaseModel]) -> dict[str, _Shape]:
     """Return the shapes of the keys of a model that hold references or models."""
-    fields = {name: _shape(one.annotation, one.metadata) for name, one in model.model_fields.items()}
-    return {name: one for name, one in fields.items() if one}
+    fields = {
+        name: _shape(field_shape.annotation, field_shape.metadata)
+        for name, field_shape in model.model_fields.items()
+    }
+    return {name: field_shape for name, field_shape in fields.items() if field_shape}
 
 
 def _walk(shape: _Shape, value: Any, path: Path) -> Iterator[tuple[_Shape, Occurrence]]:
@@ -128,8 +131,8 @@ def _walk(shape: _Shape, value: Any, path: Path) -> Iterator[tuple[_Shape, Occur
     if isinstance(value, BaseModel):
         value = entries(value)
     if isinstance(value, list) and shape.item:
-        for place, entry in enumerate(value):
-            yield from _walk(shape.item, entry, (*path, place))
+        for index, entry in enumerate(value):
+            yield from _walk(shape.item, entry, (*path, index))
     elif isinstance(value, dict):
         # A single entry may stand without the list.
         if shape.item and (not shape.unloaded or shape.fields.keys().isdisjoint(value)):

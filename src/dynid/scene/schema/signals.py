@@ -60,11 +60,11 @@ class SignalPart(Section):
 
     def parameters(self) -> dict[str, Any]:
         """Return the signal's own parameters as floats, frequencies in rad/s."""
-        given = {name: getattr(self, name) for name in type(self).model_fields if name not in _NO_PARAMETERS}
+        values = {name: getattr(self, name) for name in type(self).model_fields if name not in _NO_PARAMETERS}
         factor = self.factor
         return {
             name: _as_float(value, factor if name in _FREQUENCIES else 1.0)
-            for name, value in given.items()
+            for name, value in values.items()
             if value is not None
         }
 
@@ -155,8 +155,12 @@ class ChirpSignal(PeriodicPart):
 
     def parameters(self) -> dict[str, Any]:
         """Return the parameters; here start and stop are frequencies."""
-        own = super().parameters()
-        return {**own, "start": own["start"] * self.factor, "stop": own["stop"] * self.factor}
+        parameters = super().parameters()
+        return {
+            **parameters,
+            "start": parameters["start"] * self.factor,
+            "stop": parameters["stop"] * self.factor,
+        }
 
 
 class RandomSignal(PeriodicPart):

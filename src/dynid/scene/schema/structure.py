@@ -150,12 +150,12 @@ class BeamModel(Section):
 
     @field_validator("length", "EI", "rhoA")
     @classmethod
-    def _one_each(cls, given: Any, info: ValidationInfo) -> Any:
+    def _one_each(cls, values: Any, info: ValidationInfo) -> Any:
         count = info.data.get("elements")
-        if isinstance(given, list) and count is not None and len(given) != count:
-            entries = counted(len(given), "entry")
+        if isinstance(values, list) and count is not None and len(values) != count:
+            entries = counted(len(values), "entry")
             raise fault(f"'{info.field_name}' has {entries} for {counted(count, 'element')}")
-        return given
+        return values
 
     def labels(self) -> list[int | str]:
         """Return the labels of the free degrees of freedom."""
@@ -200,9 +200,9 @@ class FrameModel(Section):
 
     def member_faults(self) -> Iterator[Located]:
         """Yield the faults of members, each with its place in the frame."""
-        for place, member in enumerate(self.members):
+        for index, member in enumerate(self.members):
             if member.nodes[0] == member.nodes[1]:
-                yield ("members", place, "nodes"), f"both ends are node {member.nodes[0]}"
+                yield ("members", index, "nodes"), f"both ends are node {member.nodes[0]}"
         reached = {node for member in self.members for node in member.nodes}
         for node in range(1, len(self.nodes) + 1):
             if node not in reached:
@@ -288,7 +288,7 @@ class LinkModel(Section):
     @field_validator("dofs")
     @classmethod
     def _differ(cls, dofs: list[int | str]) -> list[int | str]:
-        twice = next((dof for place, dof in enumerate(dofs) if dof in dofs[:place]), None)
+        twice = next((dof for index, dof in enumerate(dofs) if dof in dofs[:index]), None)
         if twice is not None:
             raise fault(f"both ends are DOF {twice}" if len(dofs) == 2 else f"DOF {twice} is named twice")
         return dofs
@@ -358,8 +358,8 @@ def _is_length(unit: str) -> str:
 
 
 def _one_material_or_groups(raw: Any) -> str:
-    one = not isinstance(raw, dict) or any(not isinstance(value, dict) for value in raw.values())
-    return "one" if one else "groups"
+    single = not isinstance(raw, dict) or any(not isinstance(value, dict) for value in raw.values())
+    return "one" if single else "groups"
 
 
 class SolidModel(Section):
@@ -402,7 +402,7 @@ class StateSpaceModel(Section):
 
 
 def _parts(raw: Any) -> Any:
-    return [path_alone(part) for part in raw] if isinstance(raw, list) else [path_alone(raw)]
+    return [path_alone(file) for file in raw] if isinstance(raw, list) else [path_alone(raw)]
 
 
 def _file_or_law(raw: Any) -> str:
@@ -439,8 +439,8 @@ class MatricesModel(Section):
     def _one_origin(self) -> Self:
         if self.model is not None and (self.mass or self.stiffness or self.state_space):
             raise fault("a 'model' holds mass and stiffness; name no other file of these")
-        whole = self.model is not None or self.state_space is not None
-        if not whole and (self.mass is None or self.stiffness is None):
+        complete = self.model is not None or self.state_space is not None
+        if not complete and (self.mass is None or self.stiffness is None):
             raise fault(
                 "the matrices are 'mass' and 'stiffness' (and 'damping'), a 'model' or a 'state_space'"
             )
@@ -471,8 +471,8 @@ class StructureModel(Section):
 
     def labels(self) -> list[int | str] | None:
         """Return the labels of the degrees of freedom, where the scene alone determines them."""
-        part = self.lumped or self.beam or self.frame
-        return part.labels() if part else None
+        model = self.lumped or self.beam or self.frame
+        return model.labels() if model else None
 
     @property
     def nodes(self) -> int:
@@ -484,6 +484,6 @@ class StructureModel(Section):
         """Yield the faults of members and supports, each with its place in the structure."""
         if self.frame is not None:
             yield from ((("frame", *path), message) for path, message in self.frame.member_faults())
-        part = self.beam or self.frame
-        if part is not None and not part.labels():
+        model = self.beam or self.frame
+        if model is not None and not model.labels():
             yield ("beam" if self.beam else "frame", "supports"), "the supports leave nothing to move"

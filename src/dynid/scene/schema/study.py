@@ -36,9 +36,9 @@ Plain = Annotated[Any, PlainValidator(_is_plain), WithJsonSchema({"description":
 
 def _or_bare(schema: dict[str, Any]) -> None:
     """Allow a list without the key `values` in a JSON Schema."""
-    whole = dict(schema)
+    mapping_schema = dict(schema)
     schema.clear()
-    schema["anyOf"] = [whole, {"type": "array", "minItems": 1}]
+    schema["anyOf"] = [mapping_schema, {"type": "array", "minItems": 1}]
 
 
 class Listed(Section):
@@ -164,9 +164,13 @@ def _as_mapping(raw: Any) -> Any:
     if "distribution" in raw:
         fields = _MODELS[_FORMS[name]].model_fields
         needed = [key for key, field in fields.items() if field.is_required() and key != "distribution"]
-        renamed = [(key, own) for key, own in _OTHER_NAMES.items() if key in raw and own in fields]
+        renamed = [
+            (key, field_name)
+            for key, field_name in _OTHER_NAMES.items()
+            if key in raw and field_name in fields
+        ]
         if renamed or not all(key in raw for key in needed):
-            hint = "".join(f"; write '{own}' for '{key}'" for key, own in renamed)
+            hint = "".join(f"; write '{field_name}' for '{key}'" for key, field_name in renamed)
             raise fault(f"distribution '{name}' needs the keys {', '.join(needed)}{hint}")
     return raw
 

@@ -49,6 +49,6 @@ class SynthesisScene(SceneModel):
     @property
     def function(self) -> RationalModel:
         """The wanted function."""
-        given = self.impedance or self.admittance
-        assert given is not None
-        return given
+        function = self.impedance or self.admittance
+        assert function is not None
+        return function

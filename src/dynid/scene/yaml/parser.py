@@ -128,8 +128,8 @@ def in_plain_words(error: yaml.YAMLError, text: str, file: str) -> Fault:
     elif "maximum nesting depth" in problem:  # where the parser looks ahead, it counts levels itself
         message = f"nested more than {MAX_DEPTH} deep"
     else:
-        known = (words for part, words in _PLAIN_WORDS.items() if part in problem)
-        message = next(known, f"this is not valid YAML: {problem}")
+        messages = (words for pattern, words in _PLAIN_WORDS.items() if pattern in problem)
+        message = next(messages, f"this is not valid YAML: {problem}")
     if mark and context and context.line != mark.line:
         message += f" (it begins at line {context.line + 1}, column {context.column + 1})"
     return Fault(file, line, column, message)
@@ -239,29 +239,29 @@ class _TreeBuilder:
             self._stop(
                 (1, 1), f"the text is longer than {MAX_CHARACTERS // 2**20} MiB; put large data in files"
             )
-        found = list(islice(_UNTYPABLE.finditer(text), 10))
-        for match in found:
+        matches = list(islice(_UNTYPABLE.finditer(text), 10))
+        for match in matches:
             character = f"the character U+{ord(match.group()):04X} does not belong in a scene"
             self._fault(place_of(text, match.start()), character)
-        if found:
+        if matches:
             raise _StopError
 
     def read(self, events: Iterator[yaml.Event]) -> None:
         documents = 0
         for event in events:
             mark: Any = event.start_mark
-            place = (mark.line + 1, mark.column + 1)
+            position = (mark.line + 1, mark.column + 1)
             if isinstance(event, yaml.DocumentStartEvent):
                 documents += 1
                 if documents > 1:
-                    self._stop(place, "a second document begins here; a scene is one document")
+                    self._stop(position, "a second document begins here; a scene is one document")
             elif isinstance(event, yaml.ScalarEvent):
-                self._count(1, place)
-                self._attach(self._scalar(event, place), place, event)
+                self._count(1, position)
+                self._attach(self._scalar(event, position), position, event)
             elif isinstance(event, yaml.AliasEvent):
-                self._alias(event, place)
+                self._alias(event, position)
             elif isinstance(event, yaml.CollectionStartEvent):
-                self._open(event, place)
+                self._open(event, position)
             elif isinstance(event, yaml.CollectionEndEvent):
                 frame = self._stack.pop()
                 if frame.anchor is not None:
@@ -273,24 +273,24 @@ class _TreeBuilder:
                     self._put(frame.container, frame.height)
             self._last = event
 
-    def _fault(self, place: Place, message: str) -> None:
-        self.faults.append(Fault(self.file, *place, message))
+    def _fault(self, position: Place, message: str) -> None:
+        self.faults.append(Fault(self.file, *position, message))
         if len(self.faults) >= MAX_FAULTS:
             raise _StopError
 
-    def _stop(self, place: Place, message: str) -> NoReturn:
-        self.faults.append(Fault(self.file, *place, message))
+    def _stop(self, position: Place, message: str) -> NoReturn:
+        self.faults.append(Fault(self.file, *position, message))
         raise _StopError
 
-    def _count(self, nodes: int, place: Place) -> None:
+    def _count(self, nodes: int, position: Place) -> None:
         self._nodes += nodes
         if self._nodes > MAX_NODES:
-            self._stop(place, f"more than {MAX_NODES:,} values, aliases counted; put large data in files")
+            self._stop(position, f"more than {MAX_NODES:,} values, aliases counted; put large data in files")
 
-    def _scalar(self, event: yaml.ScalarEvent, place: Place) -> Any:
+    def _scalar(self, event: yaml.ScalarEvent, position: Place) -> Any:
         text, tag = event.value, event.tag
         if UNSTORABLE.search(text):
-            self._fault(place, "a text cannot hold the character NUL or half of a surrogate pair")
+            self._fault(position, "a text cannot hold the character NUL or half of a surrogate pair")
         try:
             if tag is None:
                 return resolve_plain(text) if event.implicit[0] else text
@@ -298,38 +298,39 @@ class _TreeBuilder:
                 return text
             return resolve_tagged(text, tag)
         except ValueError as error:
-            self._fault(place, str(error))
+            self._fault(position, str(error))
             return None
 
-    def _alias(self, event: yaml.AliasEvent, place: Place) -> None:
+    def _alias(self, event: yaml.AliasEvent, position: Place) -> None:
         name = event.anchor
         if any(frame.anchor == name for frame in self._stack):
-            self._stop(place, f"the alias *{name} stands inside the value it repeats")
+            self._stop(position, f"the alias *{name} stands inside the value it repeats")
         if name not in self._anchors:
             self._stop(
-                place, f"no anchor &{name} stands before this alias; put a text that begins with * in quotes"
+                position,
+                f"no anchor &{name} stands before this alias; put a text that begins with * in quotes",
             )
         value, nodes, height = self._anchors[name]
-        self._count(nodes, place)
+        self._count(nodes, position)
         if len(self._stack) + height > MAX_DEPTH:
-            self._stop(place, f"nested more than {MAX_DEPTH} deep, aliases counted")
-        self._attach(value, place, None, height)
+            self._stop(position, f"nested more than {MAX_DEPTH} deep, aliases counted")
+        self._attach(value, position, None, height)
 
-    def _open(self, event: yaml.CollectionStartEvent, place: Place) -> None:
+    def _open(self, event: yaml.CollectionStartEvent, position: Place) -> None:
         sequence = isinstance(event, yaml.SequenceStartEvent)
         if len(self._stack) >= MAX_DEPTH:
-            self._stop(place, f"nested more than {MAX_DEPTH} deep")
+            self._stop(position, f"nested more than {MAX_DEPTH} deep")
         if event.tag not in (None, "!", f"{CORE}{'seq' if sequence else 'map'}"):
-            self._fault(place, tag_message(event.tag))
+            self._fault(position, tag_message(event.tag))
         parent = self._stack[-1] if self._stack else None
         as_key = parent is not None and parent.awaits_key()
         if as_key:
-            self._fault(place, "a key is one word or whole number, not a list or mapping")
-        path = None if as_key else self._locate(place)
-        self._count(1, place)
+            self._fault(position, "a key is one word or whole number, not a list or mapping")
+        path = None if as_key else self._locate(position)
+        self._count(1, position)
         self._stack.append(_OpenCollection([] if sequence else {}, path, event.anchor, self._nodes - 1))
 
-    def _attach(self, value: Any, place: Place, event: yaml.ScalarEvent | None, height: int = 0) -> None:
+    def _attach(self, value: Any, position: Place, event: yaml.ScalarEvent | None, height: int = 0) -> None:
         if event is not None and event.anchor is not None:
             self._anchors[event.anchor] = (value, 1, 0)
         if self._stack and self._stack[-1].awaits_key():
@@ -337,11 +338,11 @@ class _TreeBuilder:
             # A key is a word: `true` beside `start` names a value, as it would in quotes.
             word = event.value if event is not None and isinstance(value, bool) else value
             self._stack[-1].halves = self._halves(event) if plain else None
-            self._take_key(word, place, plain)
+            self._take_key(word, position, plain)
         else:
             if event is not None and self._stack:
                 self._rejoin(event)
-            self._locate(place)
+            self._locate(position)
             self._put(value, height)
 
     def _halves(self, key: yaml.ScalarEvent | None) -> _Halves | None:
@@ -370,24 +371,24 @@ class _TreeBuilder:
         message = f"the comma in '{first},{second}' ends the value; decimals stand behind a point: "
         self._fault(halves.place, f"{message}{first}.{second}")
 
-    def _take_key(self, key: Any, place: Place, plain: bool) -> None:
+    def _take_key(self, key: Any, position: Place, plain: bool) -> None:
         frame = self._stack[-1]
-        frame.key, frame.key_place = _DROPPED, place
+        frame.key, frame.key_place = _DROPPED, position
         if key == "<<" and plain:
-            self._fault(place, "merge keys (<<) are not part of YAML 1.2; write the keys out")
+            self._fault(position, "merge keys (<<) are not part of YAML 1.2; write the keys out")
         elif isinstance(key, bool) or not isinstance(key, str | int):
-            self._fault(place, "a key is a text or a whole number; put any other word in quotes")
+            self._fault(position, "a key is a text or a whole number; put any other word in quotes")
         elif str(key) in frame.seen:  # 1 and '1' name the same thing
             first = frame.seen[str(key)]
-            self._fault(place, f"the key '{shorten(str(key))}' is given twice, first on line {first}")
+            self._fault(position, f"the key '{shorten(str(key))}' is given twice, first on line {first}")
         else:
-            frame.seen[str(key)] = place[0]
+            frame.seen[str(key)] = position[0]
             frame.key = key
 
-    def _locate(self, place: Place) -> Path | None:
+    def _locate(self, position: Place) -> Path | None:
         """Return the path of the value that begins here, and record its place."""
         path: Path | None = ()
-        key_place = place
+        key_place = position
         if self._stack:
             frame = self._stack[-1]
             key = len(frame.container) if isinstance(frame.container, list) else frame.key
@@ -395,7 +396,7 @@ class _TreeBuilder:
                 key_place = frame.key_place
             path = None if frame.path is None or key is _DROPPED else (*frame.path, key)
         if path is not None:
-            self.marks[path] = Positions(place, key_place, self.file)
+            self.marks[path] = Positions(position, key_place, self.file)
         return path
 
     def _put(self, value: Any, height: int) -> None:

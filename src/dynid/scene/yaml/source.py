@@ -67,8 +67,8 @@ class Source:
             parts = parts[:-1]
         marks = self.marks.get(parts, Positions(_START, _START, self.file))
         # What a mapping lacks is reported at its name rather than at its first entry.
-        place = marks.key if key or len(parts) < full else marks.value
-        return Fault(marks.file, *place, message)
+        position = marks.key if key or len(parts) < full else marks.value
+        return Fault(marks.file, *position, message)
 
     def resolved_text(self) -> str:
         """Return the text as run: as written, or serialized again where values were overridden."""
@@ -141,8 +141,8 @@ def apply_overrides(source: Source, assignments: Iterable[str]) -> Source:
         if not equals:
             faults.append(Fault(origin, 1, 1, "a value is missing; write --set PATH=VALUE"))
             continue
-        value, marks, found = parse_yaml(text, origin)
-        faults += found
+        value, marks, value_faults = parse_yaml(text, origin)
+        faults += value_faults
         try:
             source = _set(source, path, value, marks, origin)
         except SceneError as error:
@@ -197,7 +197,7 @@ def _read_regular_file(name: str) -> bytes:
         hint = ""
         with suppress(OSError):
             there = sorted(p.name for p in FilePath(name).parent.iterdir())
-            scenes = [other for other in there if other.lower().endswith((".yaml", ".yml"))]
+            scenes = [scene for scene in there if scene.lower().endswith((".yaml", ".yml"))]
             bare = FilePath(name).name
             hint = next(filter(None, (did_you_mean(bare, some) for some in (scenes, there))), "")
         remedy = "" if hint else "To begin with a template: dynid new"
@@ -231,7 +231,9 @@ def _set(source: Source, dotted: str, value: Any, marks: dict[Path, Positions], 
             name = ".".join(map(str, path)) or "the scene"
             message = f"{name} is {kind}, not a mapping; it has no '{parts[0]}'"
             if path and isinstance(holder, dict):
-                others = [str(other) for other, value in holder.items() if isinstance(value, dict)]
+                others = [
+                    str(key_of_mapping) for key_of_mapping, value in holder.items() if isinstance(value, dict)
+                ]
                 message += did_you_mean(str(key), others)
             raise SceneError([Fault(origin, 1, 1, message)])
         holder[key] = holder = child.copy()
@@ -240,7 +242,7 @@ def _set(source: Source, dotted: str, value: Any, marks: dict[Path, Positions], 
     if len(path) + _height(value) > MAX_DEPTH:
         raise SceneError([Fault(origin, 1, 1, f"nested more than {MAX_DEPTH} deep")])
     holder[key] = value
-    kept = {place: mark for place, mark in source.marks.items() if place[: len(path)] != path}
+    kept = {marked: mark for marked, mark in source.marks.items() if marked[: len(path)] != path}
     for length in range(len(path)):
         kept.setdefault(path[:length], Positions(_START, _START, origin))
     kept.update({path + below: mark for below, mark in marks.items()})

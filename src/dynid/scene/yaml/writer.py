@@ -127,8 +127,8 @@ def edited(text: str, data: Any, values: Mapping[Path, Any], notes: Mapping[Path
         if edit.note:
             line = f"{line.rstrip()}{' ' * _NOTE_COLUMN}# {edit.note}"
         text = f"{text[: edit.start]}{edit.text}{line}{newline}{rest}"
-    found, _, faults = parse_yaml(text, "")
-    return text if not faults and dump(found) == dump(data) else dump(data)
+    reread, _, faults = parse_yaml(text, "")
+    return text if not faults and dump(reread) == dump(data) else dump(data)
 
 
 def _with_one_note_a_line(text: str, edits: Mapping[Path, _Edit]) -> list[_Edit]:
@@ -138,11 +138,13 @@ def _with_one_note_a_line(text: str, edits: Mapping[Path, _Edit]) -> list[_Edit]
         if edit.note:
             lines.setdefault(text.find("\n", edit.stop), []).append((edit, path))
     kept = {edit: edit.note for edit in edits.values()}
-    for found in lines.values():
-        found.sort(key=lambda pair: pair[0].start)
-        names = short_paths([".".join(map(str, path)) for _, path in found])
-        kept |= dict.fromkeys((edit for edit, _ in found), "")
-        kept[found[-1][0]] = _joined(dict(zip(names, (edit.note for edit, _ in found), strict=True)))
+    for edits_of_line in lines.values():
+        edits_of_line.sort(key=lambda pair: pair[0].start)
+        names = short_paths([".".join(map(str, path)) for _, path in edits_of_line])
+        kept |= dict.fromkeys((edit for edit, _ in edits_of_line), "")
+        kept[edits_of_line[-1][0]] = _joined(
+            dict(zip(names, (edit.note for edit, _ in edits_of_line), strict=True))
+        )
     return [edit._replace(note=note) for edit, note in kept.items()]
 
 
@@ -151,16 +153,16 @@ def _joined(notes: Mapping[str, str]) -> str:
     if len(notes) == 1:
         return next(iter(notes.values()))
     parts = {name: re.match(r"([^;,]*)(?:[;,] )?(.*)", note, re.DOTALL) for name, note in notes.items()}
-    heads = {found[1] for found in parts.values() if found}
+    heads = {parsed[1] for parsed in parts.values() if parsed}
     if len(heads) > 1:
         return "; ".join(f"{name}: {note}" for name, note in notes.items())
-    rests = ", ".join(f"{name} {found[2]}".rstrip() for name, found in parts.items() if found)
+    rests = ", ".join(f"{name} {parsed[2]}".rstrip() for name, parsed in parts.items() if parsed)
     return f"{heads.pop()}: {rests}"
 
 
 def _edit(text: str, root: Any, path: Path, value: Any, note: str, shared: set[int]) -> _Edit:
     node = root
-    for place, key in enumerate(path):
+    for depth, key in enumerate(path):
         if id(node) in shared:
             raise _BeyondEditing
         if isinstance(node, yaml.SequenceNode):
@@ -170,7 +172,7 @@ def _edit(text: str, root: Any, path: Path, value: Any, note: str, shared: set[i
             raise _BeyondEditing
         below = next((below for name, below in node.value if name.value == str(key)), None)
         if below is None:
-            return _insertion(text, node, path[place:], value, note)
+            return _insertion(text, node, path[depth:], value, note)
         node = below
     if id(node) in shared or not _is_inline(node):
         raise _BeyondEditing
@@ -189,17 +191,17 @@ def _insertion(text: str, node: Any, path: Sequence[Key], value: Any, note: str)
         value = {key: value}
     entry = f"{flow(path[0])}: {flow(value)}"
     if node.flow_style:
-        place = node.end_mark.index - 1
-        return _Edit(place, place, f", {entry}" if node.value else entry, note)
+        index = node.end_mark.index - 1
+        return _Edit(index, index, f", {entry}" if node.value else entry, note)
     last = node  # what the block ends with
     while isinstance(last, yaml.CollectionNode) and not last.flow_style and last.value:
         last = last.value[-1][1] if isinstance(last, yaml.MappingNode) else last.value[-1]
     if not _is_inline(last):
         raise _BeyondEditing
     end = text.find("\n", last.end_mark.index)
-    place = len(text) if end < 0 else end
+    index = len(text) if end < 0 else end
     note = f"{' ' * _NOTE_COLUMN}# {note}" if note else ""
-    return _Edit(place, place, f"\n{' ' * node.start_mark.column}{entry}{note}", "")
+    return _Edit(index, index, f"\n{' ' * node.start_mark.column}{entry}{note}", "")
 
 
 def _shared(root: Any) -> set[int]:
@@ -214,7 +216,7 @@ def _shared(root: Any) -> set[int]:
             continue
         seen.add(id(node))
         if isinstance(node, yaml.MappingNode):
-            stack += [part for pair in node.value for part in pair]
+            stack += [child for pair in node.value for child in pair]
         elif isinstance(node, yaml.SequenceNode):
             stack += node.value
     return shared
