@@ -62,14 +62,10 @@ def test_a_limit_says_what_it_is(name):
 CHOOSING = re.compile(r"_?(DENSE|SPARSE|LARGE|SMALL|FEW|MANY|SHORT|LONG|BIG)")
 #: Those that choose none, or hardly one.
 OTHERS = {
-    "bondgraph.graph": "the same faults are found, by arrays",
-    "identification.least_squares": "the same solution, by dynid's library or LAPACK",
     "identification.estimators.filter": "the range of squares in double precision",
     "lti.pencil.eigenvalues": "a share of rounding",
     "lti.time_response": "steps whose rounding adds up to digits: of accuracy alone",
-    "lti.recurrence": "a loop of a few steps, written out",
     "structure.modes.sparse": "beyond it an answer is refused",
-    "identification.diagnosis.instrument_mistakes": "beyond it a suggestion is left out",
 }
 
 
