@@ -176,6 +176,10 @@ SEARCH_WORK = Limit(
     500_000_000_000,
     "a search of frequency responses takes at most {value:,} multiplications, or 64 evaluations",
 )
+RECORD_SEARCH_WORK = Limit(
+    60_000_000_000,
+    "a search of records of time takes at most {value:,} multiplications, or 256 evaluations",
+)
 AGREEING_STARTS = Limit(5, "starts are drawn until {value} of them, and half of all, end at the best optimum")
 
 SATURATED = Limit(128, "a saturated model has at most {value} regressors a channel besides the scene's own")

@@ -187,4 +187,7 @@ def test_rejected_frequency_responses_leave_a_file_too(dynid, tmp_path, monkeypa
     }
     (tmp_path / "joint.yaml").write_text(yaml.safe_dump(text))
     assert dynid("run", "joint.yaml", *WRONG, "-q", "--report", "page.html")[0] == 3
-    checked("joint.h5")
+    result = checked("joint.h5")
+    said = " ".join(result.value("identification/diagnostics/warnings"))
+    assert "the model does not explain the record there; correct it first" in said
+    assert "leave" not in said  # the lines are right

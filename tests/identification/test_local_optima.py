@@ -2,16 +2,19 @@
 
 import os
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from dynid.errors import Diverged
+from dynid import defaults, load_scene, run
+from dynid.errors import Diverged, DynidError
 from dynid.identification.estimators.auto import Search, drawn_starts
 from dynid.identification.estimators.segments import in_segments
 from dynid.identification.identify import identify
+from dynid.identification.likelihood import time_record
 from dynid.identification.likelihood.priors import Priors
 from dynid.identification.records.measurement import Experiment, Measurement
 from dynid.lti.signals import Multisine
@@ -196,3 +199,21 @@ def test_of_ends_that_round_off_does_not_tell_apart_the_first_is_the_best(misfit
     search = Search(SimpleNamespace(evaluations=0))
     search.tried = [SimpleNamespace(stage=SimpleNamespace(misfit=misfit)) for misfit in misfits]
     assert search.best_tried is search.tried[best]
+
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+def test_a_search_beyond_its_budget_says_so(monkeypatch):
+    """A start from which nothing is explained; with few evaluations the search ends with that status."""
+    monkeypatch.setattr(time_record, "RECORD_SEARCH_WORK", defaults.Limit(0, ""))
+    monkeypatch.setattr(time_record, "_LEAST_EVALUATIONS", 60)
+    scene = load_scene(CONFIGS / "suspension_noisy.yaml", ["joints.upper.k.start=3.5e-9"])
+    try:
+        result = run(scene)
+    except DynidError as error:
+        result = error.result
+    said = " ".join(result.value("identification/diagnostics/warnings"))
+    assert "cut off after" in said
+    assert "so many samples" in said
+    assert not result.value("identification/diagnostics/converged")

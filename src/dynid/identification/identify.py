@@ -47,6 +47,8 @@ if TYPE_CHECKING:
 # Starts around an estimate from which other optima are looked for where a parameter is not identifiable, and
 # the factor within which they lie.
 _SEARCHED, _REACH = 8, 6.0
+# Most searches from several starts that end at different optima, before what is left is refined alone.
+_MAX_SEARCHES = 2
 # A basis that follows the parameters is rebuilt until the estimates change by less than this many standard
 # errors, or this part of themselves; and so often at the most.
 _SETTLED, _LEAST = 0.01, 1e-6
@@ -169,6 +171,7 @@ def posterior_of(problem: Problem, estimator: Any, *, suggest: bool = False) -> 
     eta = origin.eta
     fixed = {unknown.name: _guess(unknown) for unknown in unknowns if unknown.name in origin.undetermined}
     astray: Posterior | None = None
+    searches = 0
     for _ in range(1 + len(unknowns)):
         if fixed:
             model = with_fixed(model, fixed)
@@ -183,7 +186,9 @@ def posterior_of(problem: Problem, estimator: Any, *, suggest: bool = False) -> 
             if not lost:
                 break
         fixed |= lost
-        if posterior.estimate.disputed:  # the search begins again, without what may have led it astray
+        searches += posterior.estimate.disputed
+        # The search begins again, without what may have led it astray.
+        if posterior.estimate.disputed and searches <= _MAX_SEARCHES:
             astray = astray or posterior
         else:
             eta, estimator = posterior.fit.eta, _with(estimator, multi_start=False)

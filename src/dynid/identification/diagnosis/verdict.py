@@ -152,10 +152,12 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
     compared = posterior.comparison
     yield from posterior.mistakes
     if posterior.estimate.cut_off:
+        rows = "samples" if posterior.likelihood.records[0].sampling_step is not None else "lines"
         yield (
             f"the search for the optimum was cut off after {posterior.estimate.cut_off} evaluations, its "
-            "limit for so many lines and DOFs: start nearer to the true values, reduce the structure, give "
-            "fewer lines, or correct the noise model (measurement.noise) if residuals grow with the response"
+            f"limit for so many {rows} and DOFs: start nearer to the true values, reduce the structure, "
+            f"give fewer {rows}, or correct the noise model (measurement.noise) if residuals grow with the "
+            "response"
         )
     if compared.lacks_fit and compared.explained:
         growing = posterior.growing
@@ -455,6 +457,13 @@ def _shape_warnings(posterior: Posterior, place: ChannelOfRecord, shape: Residua
         others = f" and at {count - _NAMED} more" if count > _NAMED else ""
         remedy = f", or use {record.outlier_remedy}" if record.outlier_remedy else ""
         many, it = ("an outlier", "it") if count == 1 else (f"{count} outliers", "them")
+        if _model_fails(posterior, shape):
+            yield (
+                f"the residual of {place.name} is largest at {labels}{others}, up to "
+                f"{_number(shape.largest)} of its standard deviations: the model does not explain the record "
+                "there; correct it first"
+            )
+            return
         yield (
             f"{place.name} has {many} at {labels}{others}: up to {_number(shape.largest)} standard "
             f"deviations of its residual.{_weight_lost(place, shape.share)} Correct {it} or leave {it} out "
@@ -466,6 +475,17 @@ def _shape_warnings(posterior: Posterior, place: ChannelOfRecord, shape: Residua
             f"noise 3; largest at {record.row_label(shape.at)}): estimator: {{loss: huber}} bounds "
             "the influence of large residuals"
         )
+
+
+def _model_fails(posterior: Posterior, shape: ResidualShape) -> bool:
+    """Return True if outliers are a consequence of a model that explains too little rather than of the data.
+
+    Errors of the data are single values, without which little of the residual is left.
+    """
+    if posterior.rejection is None and posterior.comparison.explained:
+        return False
+    neighbours = len(shape.outliers) > 1 and np.min(np.diff(np.sort(shape.outliers))) == 1
+    return bool(neighbours) or shape.share < _DOMINANT
 
 
 def _weight_lost(place: ChannelOfRecord, part: float) -> str:

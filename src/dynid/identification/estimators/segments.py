@@ -86,6 +86,7 @@ class Segments(RecordLikelihood):
     def fit(self, eta: Array, values: Array, noise: Array | None = None) -> RecordFit:  # noqa: ARG002
         """Fit the initial states of all segments at coordinates of the parameters."""
         model = self.record.model
+        self.record.system_model.evaluations += 1
         free, steps = free_prediction(model, eta)
         predicted_whole = prediction(model, eta, model.initial, free, steps)
         left = self._cut(self.record.data.values - predicted_whole.outputs)[..., None]

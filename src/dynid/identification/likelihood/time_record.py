@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arrays import Array
+from dynid.defaults import RECORD_SEARCH_WORK
 from dynid.identification.information import Information, information
 from dynid.identification.least_squares import (
     STATE_RANK,
@@ -57,6 +58,8 @@ from dynid.structure.response import Channel
 _PRIOR_WIDTH = 10.0
 # Numbers of the largest sensitivities that are kept from a fit for the tests of it.
 _MAX_KEPT_NUMBERS = 1_000_000
+# Fewest evaluations that a search may take: those that rank one round of starts.
+_LEAST_EVALUATIONS = 256
 #: Rows of a history, at the most.
 MOST_ROWS = 100_000
 
@@ -228,6 +231,7 @@ class TimeRecord(RecordLikelihood):
         Channels are weighted by `noise`, their standard deviations (channels); absent: by their RMS.
         """
         model = self.model
+        self.system_model.evaluations += 1
         moving = model.sampling is not None or model.instruments.unknown_delays
         if self.colour is None and not moving and kernels_used(model):
             from dynid.identification.systems import kernels
@@ -367,6 +371,7 @@ class TimeRecord(RecordLikelihood):
 
     def residual(self, eta: Array) -> Array:
         """Return the residual of the fit at coordinates `eta` (times x channels), NaN where missing."""
+        self.system_model.evaluations += 1
         free, _ = free_prediction(self.model, eta)
         x0 = self._start(self._rows(free, self.data.values), None)
         return np.asarray(self.data.values - free.forced - free.by_state @ x0)
@@ -504,6 +509,13 @@ class TimeLikelihood(Likelihood):
     """
 
     records: tuple[TimeRecord, ...]
+
+    @property
+    def most_evaluations(self) -> float:
+        """Most evaluations that a search may take, from the work of one."""
+        own = ((len(one.times), len(one.system_model.states)) for one in self.records)
+        work = sum(rows * states**2 for rows, states in own) * (1 + len(self.unknowns))
+        return max(_LEAST_EVALUATIONS, RECORD_SEARCH_WORK.value // max(1, work))
 
 
 def stored_rows(samples: int) -> slice:
