@@ -143,7 +143,7 @@ class Analysis:
     initial
         Stored energy at t = 0: the flow of an I, the effort of a C.
     parameters
-        What sensitivities are taken by; absent: the value of every node.
+        What sensitivities are taken by; default: the value of every node.
     engine
         exact (roots with certified bounds, everything decided), float (eigenvalues with error estimates, for
         large graphs), symbolic (formulas alone), or auto: chosen by size.
@@ -152,7 +152,7 @@ class Analysis:
     formulas
         Formulas to write beside the transfer function; None: its formula where it is short.
     port
-        A bond at which the graph is decomposed, written from the source to the load; absent: nowhere.
+        A bond at which the graph is decomposed, written from the source to the load; default: nowhere.
     approximations
         Structures that enter by a reduced model: how many coordinates were kept and left out, and how.
     opened, loops

@@ -130,7 +130,7 @@ class Node:
     value
         Inertia, compliance, resistance or modulus in SI units (exact); None for sources and junctions.
     formula
-        The expression behind the value, where formulas are to be written in its names; absent: the node's
+        The expression behind the value, where formulas are to be written in its names; default: the node's
         own name stands for its value.
     domain
         Its physical domain, where it is given: one of `UNITS`.
@@ -178,7 +178,7 @@ class Bond(NamedTuple):
 class Port:
     """A variable of the graph: effort, flow, displacement or momentum at a node.
 
-    `name` is what it is called; absent: ``<node>.<quantity>``.
+    `name` is what it is called; default: ``<node>.<quantity>``.
     """
 
     node: str

@@ -135,7 +135,7 @@ def on_axis(
 ) -> NDArray[np.complex128]:
     """Return registers at s = j omega, shape (omega, register); a pole on the axis gives inf.
 
-    `again` finds the same registers where the graph is planned anew; absent: it is not.
+    `again` finds the same registers where the graph is planned anew; default: it is not.
     """
     if not registers:
         return np.zeros((len(omega), 0), dtype=np.complex128)

@@ -102,9 +102,9 @@ def natural_order(
     graph
         The graph.
     junctions
-        The junctions of its `JunctionStructure` to model; absent: all.
+        The junctions of its `JunctionStructure` to model; default: all.
     structure
-        That structure, where what no output depends on is held; absent: it is made of the graph.
+        That structure, where what no output depends on is held; default: it is made of the graph.
 
     Raises
     ------

@@ -247,7 +247,7 @@ class Tape:
         leaves
             What the program reads, of `ParametricProgram.leaves`.
         omega
-            Angular frequency, rad/s; absent: nothing depends on s.
+            Angular frequency, rad/s; default: nothing depends on s.
 
         Raises
         ------

@@ -58,7 +58,7 @@ def expand_structure(
     reading
         What a float means.
     domain
-        The domain of its ports; absent: from the labels of the DOFs.
+        The domain of its ports; default: from the labels of the DOFs.
     outward
         Names of the ports whose effort is that out of the structure.
 

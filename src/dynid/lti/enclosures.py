@@ -55,7 +55,7 @@ def enclosures(
     polynomial
         Flint `fmpz_poly` without multiple roots and with a constant term.
     starts
-        Approximate roots, perhaps some of other polynomials; absent: found here.
+        Approximate roots, perhaps some of other polynomials; default: found here.
     sides
         True if the real part too is needed to a relative 64 bits; then no root may lie on the imaginary axis.
     work

@@ -49,7 +49,7 @@ def poles(
 ) -> Roots:
     """Return the eigenvalues of A (n x n), and their derivatives where those of A (p x n x n) are given.
 
-    `scale` (n) balances it, as that of a matrix nearby does; absent: its own. With the errors of the
+    `scale` (n) balances it, as that of a matrix nearby does; default: its own. With the errors of the
     parameters (p) in `spread`, eigenvalues that are one within these and round-off are merged.
     """
     d = balance(A) if scale is None else scale
@@ -85,7 +85,7 @@ def zeros(
     """Return the finite zeros of a system, with their derivatives unless `slopes` is False.
 
     None where the input does not affect the output. `scale` (n) balances A, as that of a system nearby does;
-    absent: its own. `spread` merges zeros as it does `poles`.
+    default: its own. `spread` merges zeros as it does `poles`.
     """
     n, p = len(system.A), len(system.A_slopes)
     if scale is None:

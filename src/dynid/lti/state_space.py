@@ -23,9 +23,9 @@ class StateSpace:
     higher
         The further feedthrough matrices D1, D2, … of an improper system, D-shaped, on u', u'', ….
     inputs, outputs, states
-        Names; absent: ``u1``, ``y1``, ``x1``, ….
+        Names; default: ``u1``, ``y1``, ``x1``, ….
     input_units, output_units
-        SI units by name's order; absent: none.
+        SI units by name's order; default: none.
 
     Raises
     ------

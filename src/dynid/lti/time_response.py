@@ -78,9 +78,9 @@ def propagate(
     times
         Strictly increasing times, s.
     x0
-        State at `start`, before a jump there; absent: zero.
+        State at `start`, before a jump there; default: zero.
     start
-        Time at which propagation starts, s; absent: 0, or the first time if that is negative.
+        Time at which propagation starts, s; default: 0, or the first time if that is negative.
 
     Raises
     ------

@@ -245,7 +245,7 @@ class Multisine(SmoothSignal):
     frequency
         Angular frequencies, rad/s (0 makes a constant of the phase).
     phase
-        Phases at t = 0, rad; absent: 0.
+        Phases at t = 0, rad; default: 0.
     """
 
     kind: ClassVar[str] = "multisine"

@@ -139,7 +139,7 @@ class GraphBisection:
         Parameters
         ----------
         probes
-            The type of the probe at an end; absent: one that fixes nothing.
+            The type of the probe at an end; default: one that fixes nothing.
         """
         ends = (self.port.tail, self.port.head)
         nodes = list(self.graph.nodes.values())

@@ -125,7 +125,7 @@ class TraceRecorder(NoTrace):
     watch
         Called whenever the network is whole: after every step, and after a change that needs none.
     names
-        The names that are taken, which no step may define again; absent: those of the graph.
+        The names that are taken, which no step may define again; default: those of the graph.
     suffix
         What stands behind the names of the prototype's systems, which are reserved with it
         (`reserve_system_names`).

@@ -63,7 +63,7 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
     cut
         The loops.
     omega
-        Frequencies of the sensitivity functions, rad/s; absent: around the crossings.
+        Frequencies of the sensitivity functions, rad/s; default: around the crossings.
     """
     names = [f"{loop.measured} -> {loop.source}" for loop in cut.loops]
     functions = [cut.loop(index) for index in range(len(names))]

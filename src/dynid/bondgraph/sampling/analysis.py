@@ -177,7 +177,7 @@ class SampledAnalysis:
         count
             How many samples there are.
         initial
-            Stored energy of every sample at t = 0; absent: as the analysis says.
+            Stored energy of every sample at t = 0; default: as the analysis says.
         """
         with no_collection():
             kept = np.flatnonzero(self._family.holds(values, count)).tolist()

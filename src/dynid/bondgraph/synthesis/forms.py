@@ -154,7 +154,7 @@ def realise(request: Driving, form: Form, domain: str = "") -> Realisation:
     form
         The form.
     domain
-        The physical domain of the elements; absent: none.
+        The physical domain of the elements; default: none.
 
     Raises
     ------
@@ -225,9 +225,9 @@ def realisations(
     request
         A positive real function that is not zero.
     forms
-        The forms, all of which must exist; absent: all that do.
+        The forms, all of which must exist; default: all that do.
     domain
-        The physical domain of the elements; absent: none.
+        The physical domain of the elements; default: none.
 
     Raises
     ------
@@ -272,7 +272,7 @@ def add_synthesis(
     scenes
         The text of the scene of each realisation.
     domain
-        The physical domain; absent: no units.
+        The physical domain; default: no units.
 
     Notes
     -----

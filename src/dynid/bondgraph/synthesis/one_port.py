@@ -117,7 +117,7 @@ def bond_graph(port: OnePort, driven_by: Literal["Se", "Sf"] = "Sf", domain: str
     driven_by
         The type of the source: Sf, whose effort over flow is the impedance; Se, for the admittance.
     domain
-        The physical domain of source and elements; absent: none.
+        The physical domain of source and elements; default: none.
     """
     return _ElementGraph(driven_by, domain).drawn(port)
 

@@ -141,7 +141,7 @@ def without_axis_poles(
     bits
         The precision of irrational values.
     factor
-        The polynomial in w = s² of the poles ±jω; absent: found exactly.
+        The polynomial in w = s² of the poles ±jω; default: found exactly.
     """
     from flint import fmpq_poly
 

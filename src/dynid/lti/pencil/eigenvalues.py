@@ -72,7 +72,7 @@ def finite_eigenvalues(
     origin
         Number of eigenvalues at 0, where known exactly.
     sparse
-        True to refine by sparse factors; absent: in blocks that are large and sparse. It changes the time
+        True to refine by sparse factors; default: in blocks that are large and sparse. It changes the time
         alone: each bound comes from the residual of the eigenvalue.
 
     Raises
