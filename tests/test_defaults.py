@@ -63,8 +63,6 @@ CHOOSING = re.compile(r"_?(DENSE|SPARSE|LARGE|SMALL|FEW|MANY|SHORT|LONG|BIG)")
 #: Those that choose none, or hardly one.
 OTHERS = {
     "identification.estimators.filter": "the range of squares in double precision",
-    "lti.pencil.eigenvalues": "a share of rounding",
-    "lti.time_response": "steps whose rounding adds up to digits: of accuracy alone",
     "structure.modes.sparse": "beyond it an answer is refused",
 }
 

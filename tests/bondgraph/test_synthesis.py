@@ -223,7 +223,7 @@ def test_values_have_more_digits_where_doubles_do_not_give_the_coefficients(monk
 
 
 def test_values_of_more_bits_than_a_scene_holds_are_rounded(monkeypatch):
-    monkeypatch.setattr(forms, "_EXACT", ((40, 30),))
+    monkeypatch.setattr(forms, "_EXACT_PRECISIONS", ((40, 30),))
     one = realise(Driving(*random_impedance(1)[:2]), "cauer")
     assert 0 < one.residual < 1e-25
 

@@ -56,7 +56,7 @@ def test_accurate_responses_are_not_refined():
 
 
 def test_a_response_that_cannot_be_refined_is_reported_or_refused(monkeypatch):
-    monkeypatch.setattr("dynid.lti.refined_response._MOST_PRODUCTS", 0)
+    monkeypatch.setattr("dynid.lti.refined_response._MAX_PRODUCTS", 0)
     system, exact = near_rates(20)
     _, error = refined_response(system, [Step(1.0)], TIMES, lambda: exact)
     assert 1e-10 < error < 1e-8

@@ -266,7 +266,7 @@ def test_double_pairs_whose_residues_vanish_at_one_pair_only():
 
 
 def test_what_takes_too_many_spans_is_left_out_with_the_reason(monkeypatch):
-    monkeypatch.setattr("dynid.lti.exponential_sums._SPANS", 0)
+    monkeypatch.setattr("dynid.lti.exponential_sums._MAX_SPANS", 0)
     assert of([1], [1, 1, 1]).status.startswith(
         "not computed: the step response has millions of oscillations"
     )

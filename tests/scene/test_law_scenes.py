@@ -573,7 +573,7 @@ def test_a_nonlinear_response_is_of_graphs_up_to_a_size(monkeypatch):
 
 
 def test_an_iteration_that_does_not_end_finds_nothing(monkeypatch):
-    monkeypatch.setattr("dynid.bondgraph.operating_point.newton._MOST_STEPS", 1)
+    monkeypatch.setattr("dynid.bondgraph.operating_point.newton._MAX_STEPS", 1)
     with pytest.raises(Diverged, match="no equilibrium was found from any start"):
         run(duffing("{start: {k.q: 0.4}, search: {starts: 0}, inputs: {F: 1}}"))
 

@@ -5,7 +5,7 @@ import pytest
 
 import dynid
 from dynid.bondgraph.controller_circuits import PADE_ORDER
-from dynid.bondgraph.results import margins
+from dynid.bondgraph.results import margin_results as margins
 from dynid.cli.screen import summary
 from dynid.progress import progress_to
 from dynid.scene.load import check_source

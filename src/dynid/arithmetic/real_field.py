@@ -45,7 +45,7 @@ _DOUBLE_BITS = 64
 #: What more of it a system has for each order: common factors lose some 7 bits a degree.
 _BITS_PER_ORDER = 24
 #: First and last precision at which a sum that is not zero is told from zero, bits.
-_PRECISION, _MAX_PRECISION = 256, 1 << 14
+_FIRST_PRECISION, _MAX_PRECISION = 256, 1 << 14
 #: Bits of numerator and denominator together up to which a residue is recognised as rational: with the
 #: prime's 256 bits, one in 2^56 others looks like one.
 _RATIONAL_BITS = 200
@@ -60,7 +60,7 @@ _FACTORED_BITS, _SMOOTH_BITS = 80, 20
 #: Circles have points of this order from the start: angles in whole degrees, halved twice.
 _CIRCLE_ORDER = 1440
 #: Multiples of an angle by fractions with such a denominator are its multiples.
-_DIVISOR = 5040
+_ANGLE_DIVISOR = 5040
 
 
 class _Extend(Exception):
@@ -85,7 +85,7 @@ class _Exponential:
 
 @dataclass(frozen=True)
 class _Angle:
-    """A point on the circle whose `_DIVISOR`-th multiple belongs to an angle: residues, and enclosure."""
+    """A point on the circle whose `_ANGLE_DIVISOR`-th multiple belongs to an angle, with its enclosure."""
 
     point: tuple[int, int]
     angle: int
@@ -408,16 +408,16 @@ class RealField:
             parts = zip(relation, residues, strict=True)
             if (
                 image - sum(self.residue(multiple) * residue for multiple, residue in parts)
-            ) % p == 0 and all(_DIVISOR % multiple.denominator == 0 for multiple in relation[1:]):
+            ) % p == 0 and all(_ANGLE_DIVISOR % multiple.denominator == 0 for multiple in relation[1:]):
                 point = self._part_of_pi(relation[0])
                 for multiple, entry in zip(relation[1:], entries, strict=True):
-                    point = self._turned(point, self._times(entry.point, int(multiple * _DIVISOR)))
+                    point = self._turned(point, self._times(entry.point, int(multiple * _ANGLE_DIVISOR)))
                 return point
         t = self._random.randrange(2, p)
         scale = pow(1 + t * t, -1, p)
         entry = _Angle(((1 - t * t) * scale % p, 2 * t * scale % p), image, real)
         entries.append(entry)
-        point = self._times(entry.point, _DIVISOR)
+        point = self._times(entry.point, _ANGLE_DIVISOR)
         self._generate(point[0], lambda: real().cos())
         self._generate(point[1], lambda: real().sin())
         return point
@@ -529,7 +529,7 @@ class RealField:
         image = self._images[id(term)]
         if image == 0:
             return Fraction(0)
-        precision = _PRECISION
+        precision = _FIRST_PRECISION
         while True:
             with ctx.workprec(precision):
                 ball = self.enclosure(term)
@@ -558,7 +558,7 @@ class RealField:
 
     def coded(self, term: Term) -> Fraction:
         """Return a term of the field as a coded number: a fraction close to it that has its residue."""
-        precision = self.bits + _PRECISION
+        precision = self.bits + _FIRST_PRECISION
         while True:
             with ctx.workprec(precision):
                 ball = self.enclosure(term)

@@ -25,11 +25,11 @@ from dynid.number_format import frequency_text
 
 # --- complex numbers with error bounds -------------------------------------------------------------
 
-_UNIT = 2.0**-53
+_UNIT_ROUNDOFF = 2.0**-53
 #: Relative rounding error of one complex sum, product and quotient, in units of 2^-53 (Higham 2002, 3.6).
-_SUM, _PRODUCT, _QUOTIENT = 1 * _UNIT, 3 * _UNIT, 8 * _UNIT
+_SUM_ERROR, _PRODUCT_ERROR, _QUOTIENT_ERROR = 1 * _UNIT_ROUNDOFF, 3 * _UNIT_ROUNDOFF, 8 * _UNIT_ROUNDOFF
 #: Absolute error of a product or quotient that falls below the range of doubles.
-_UNDERFLOW = 2.0**-1070
+_UNDERFLOW_ERROR = 2.0**-1070
 
 
 class Bounded:
@@ -55,18 +55,18 @@ class Bounded:
     def rounded(cls, value: Any) -> Bounded:
         """Take a number that was rounded once to double precision."""
         value = np.complex128(value)
-        return cls(value, _UNIT * np.abs(value))
+        return cls(value, _UNIT_ROUNDOFF * np.abs(value))
 
     def __getitem__(self, key: Any) -> Bounded:
         return Bounded(self.value[key], np.asarray(self.error)[key])
 
     def __add__(self, other: Bounded) -> Bounded:
         value = self.value + other.value
-        return Bounded(value, self.error + other.error + _SUM * np.abs(value))
+        return Bounded(value, self.error + other.error + _SUM_ERROR * np.abs(value))
 
     def __sub__(self, other: Bounded) -> Bounded:
         value = self.value - other.value
-        return Bounded(value, self.error + other.error + _SUM * np.abs(value))
+        return Bounded(value, self.error + other.error + _SUM_ERROR * np.abs(value))
 
     def __neg__(self) -> Bounded:
         return Bounded(-self.value, self.error)
@@ -76,13 +76,13 @@ class Bounded:
             return Bounded(self.value * other, self.error * abs(other))
         value = self.value * other.value
         error = np.abs(self.value) * other.error + self.error * (np.abs(other.value) + other.error)
-        return Bounded(value, error + _PRODUCT * np.abs(value) + _UNDERFLOW)
+        return Bounded(value, error + _PRODUCT_ERROR * np.abs(value) + _UNDERFLOW_ERROR)
 
     def __truediv__(self, other: Bounded) -> Bounded:
         value = self.value / other.value
         size = np.abs(other.value) - other.error
         error = (self.error + np.abs(value) * other.error) / np.where(size > 0, size, 0.0)
-        return Bounded(value, error + _QUOTIENT * np.abs(value) + _UNDERFLOW)
+        return Bounded(value, error + _QUOTIENT_ERROR * np.abs(value) + _UNDERFLOW_ERROR)
 
 
 # --- responses -------------------------------------------------------------------------------------
@@ -94,12 +94,12 @@ _RESPONSE_TOL = 1e-12
 #: shorter ones translating the program into the library's instructions does not pay.
 _LONG = COMPILED_RESPONSES.value
 #: Responses smaller than this are near the end of the range of doubles: 1e-12 of this is their error bound.
-_SMALLEST = 1e-290
+_MIN_RESPONSE = 1e-290
 #: Operations in ball arithmetic, over all points, that take as long as planning a graph anew.
 _ANEW = PLANNED_ANEW.value
 #: Frequencies that are evaluated first where a graph has loops, as many as run at once.
 _SAMPLE = 64
-_PRECISIONS = (128, 256, 512)
+_RESPONSE_PRECISIONS = (128, 256, 512)
 #: How many bits beside a natural mode what is finite there is taken.
 _OFFSET_BITS = 150
 
@@ -168,7 +168,7 @@ def _doubled(
 
     response, bounds = sweep_frequencies(planned.program, registers, planned.graph.value, omega)
     with np.errstate(all="ignore"):
-        trusted = bounds <= _RESPONSE_TOL * np.maximum(np.abs(response), _SMALLEST)
+        trusted = bounds <= _RESPONSE_TOL * np.maximum(np.abs(response), _MIN_RESPONSE)
     return response, np.all(trusted & np.isfinite(response), axis=1)
 
 
@@ -203,7 +203,7 @@ def _certified(
     if values is None:
         raise NumericalError(
             f"the frequency response at {frequency_text(omega, 17)}: this graph, or a part of it, has a "
-            f"natural mode so near that {_PRECISIONS[-1]} bits do not distinguish the two",
+            f"natural mode so near that {_RESPONSE_PRECISIONS[-1]} bits do not distinguish the two",
             remedy="Leave this frequency out, or move it by a little.",
         )
     return values
@@ -211,11 +211,11 @@ def _certified(
 
 def _at_rest(planned: GraphProgram, registers: list[int], again: Again | None) -> list[complex]:
     """Return the limits of registers at rest; large graphs are planned again where they depend on loops."""
-    from dynid.bondgraph.floating.series import PRECISIONS, limits_at_rest
+    from dynid.bondgraph.floating.series import SERIES_PRECISIONS, limits_at_rest
 
     if again is not None and len(planned.program) > _LONG:
         try:
-            limits = limits_at_rest(planned, registers, PRECISIONS[:1])
+            limits = limits_at_rest(planned, registers, SERIES_PRECISIONS[:1])
         except NumericalError:
             planned = planned.balanced()
             return _at_rest(planned, again(planned), None)
@@ -246,7 +246,7 @@ def _in_balls(
     """
     from flint import acb, arb, ctx, fmpq
 
-    for precision in _PRECISIONS:
+    for precision in _RESPONSE_PRECISIONS:
         with ctx.workprec(precision):
             exact = {name: planned.graph.value(name) for name in planned.valued}
             values = {name: acb(arb(fmpq(v.numerator, v.denominator))) for name, v in exact.items()}

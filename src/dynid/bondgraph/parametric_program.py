@@ -21,8 +21,8 @@ from dynid.bondgraph.program.program import ModularPoint, Operation, Program, Re
 from dynid.errors import Singular
 
 #: Bits of the ball arithmetic, tried in this order, and those that a number must have for sure.
-PRECISIONS = (128, 512, 4096)
-_SURE = 56
+PARAMETRIC_PRECISIONS = (128, 512, 4096)
+_MIN_ACCURATE_BITS = 56
 
 #: Powers that are written as products.
 _EXACT_POWERS = range(-8, 9)
@@ -256,17 +256,18 @@ class Tape:
         """
         from flint import acb, ctx
 
-        for precision in PRECISIONS:
+        for precision in PARAMETRIC_PRECISIONS:
             with ctx.workprec(precision):
                 balls = self._balls(
                     self._numbers(leaves, None if omega is None else acb(0, omega), precision)
                 )
                 rounding = float if omega is None else _complex
-                if all(ball.rel_accuracy_bits() >= _SURE for ball in balls):
+                if all(ball.rel_accuracy_bits() >= _MIN_ACCURATE_BITS for ball in balls):
                     return [rounding(ball) for ball in balls]
                 # what still may be zero with so many bits is zero: a slope at values where it vanishes
-                if precision > PRECISIONS[0] and all(
-                    ball.rel_accuracy_bits() >= _SURE or _vanishes(ball, precision) for ball in balls
+                if precision > PARAMETRIC_PRECISIONS[0] and all(
+                    ball.rel_accuracy_bits() >= _MIN_ACCURATE_BITS or _vanishes(ball, precision)
+                    for ball in balls
                 ):
                     return [0.0 if ball.contains(0) else rounding(ball) for ball in balls]
         values, remedy = "at these values of the parameters", "Limit the parameters (`min`, `max`)"

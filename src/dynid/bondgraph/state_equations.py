@@ -16,9 +16,9 @@ from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.errors import UsageError
 
 #: Most symbols and terms with which coefficients are brought to lowest terms.
-_SYMBOLS, _TERMS = 100, 12
+_MAX_SYMBOLS, _MAX_WRITTEN_TERMS = 100, 12
 #: Else: most operations of a coefficient that is written out whole; of one that is made of named parts.
-_WHOLE, _PART = 24, 12
+_MAX_COEFFICIENT_OPERATIONS, _MAX_NAMED_OPERATIONS = 24, 12
 
 
 @dataclass(frozen=True)
@@ -118,11 +118,16 @@ class _Solved:
         nodes, coefficients = self.graph.nodes, set(self.registers)
         labels: dict[Register, str] = {}  # what coefficients share, where one of them would be long
         if not coefficients_written and any(
-            length(self.program, register, _WHOLE) >= _WHOLE for register in coefficients
+            length(self.program, register, _MAX_COEFFICIENT_OPERATIONS) >= _MAX_COEFFICIENT_OPERATIONS
+            for register in coefficients
         ):
             formulas = (node.formula.names for node in nodes.values() if node.formula)
             letter = free_letter({*nodes, *(name for names in formulas for name in names)})
-            named = [r for r in shared(self.program, coefficients, _PART) if length(self.program, r, 4) == 4]
+            named = [
+                r
+                for r in shared(self.program, coefficients, _MAX_NAMED_OPERATIONS)
+                if length(self.program, r, 4) == 4
+            ]
             labels = {register: f"{letter}{k}" for k, register in enumerate(named, 1)}
         if not coefficients_written:
             coefficients_written = {
@@ -146,15 +151,15 @@ class _Solved:
 
         try:
             names = symbol_names(self.reduced)
-            if len(names) > _SYMBOLS:
+            if len(names) > _MAX_SYMBOLS:
                 return {}
-            symbols, unity = variables(names or ["s"], _TERMS**2)
+            symbols, unity = variables(names or ["s"], _MAX_WRITTEN_TERMS**2)
             values = {name: symbol_value(self.reduced, name, symbols, unity) for name in self.reduced.valued}
             ratios = self.program.run(self.registers, values, unity, unity)
             lowest = {register: value.lowest_terms() for register, value in ratios.items()}
         except (UsageError, FormulaTooLong, KeyError, ZeroDivisionError):
             return {}
-        if any(max(len(above), len(below)) > _TERMS for above, below in lowest.values()):
+        if any(max(len(above), len(below)) > _MAX_WRITTEN_TERMS for above, below in lowest.values()):
             return {}
         return {register: quotient(above, below) for register, (above, below) in lowest.items()}
 

@@ -26,7 +26,7 @@ from dynid.structure.reduction.reduction import StructuralReduction
 Reading = Literal["decimal", "binary"]
 
 # Rounding of a sum of positive and negative terms, relative to their sizes.
-_ROUNDING = 16 * float(np.finfo(float).eps)
+_CANCELLATION_RTOL = 16 * float(np.finfo(float).eps)
 _ELEMENTS: tuple[tuple[str, FieldType], ...] = (("M", "I"), ("C", "R"), ("K", "C"))
 _DOMAINS = {"translation": "mechanical", "rotation": "rotational"}
 
@@ -127,7 +127,7 @@ def _squares(name: str, model: StructuralModel, letter: str, reading: Reading) -
             for i, j, entry in _entries(term.matrix):
                 rows[i][j] = rows[i].get(j, Fraction(0)) + change * to_fraction(entry, reading)
     try:
-        return symmetric_squares(name, rows, _ROUNDING)
+        return symmetric_squares(name, rows, _CANCELLATION_RTOL)
     except Indefinite:
         raise UsageError(
             f"the {NAMES[letter]} of '{name}' has a negative eigenvalue",
@@ -179,7 +179,7 @@ def expand_modes(
         shapes, squares = _modal(expansion.name, model)
         texts = {index: f"mode_{index + 1}" for index in range(shapes.shape[1])}
     values = rows @ shapes
-    values[np.abs(values) <= _ROUNDING * np.abs(_motion(model, shapes)).max(axis=0)] = 0.0
+    values[np.abs(values) <= _CANCELLATION_RTOL * np.abs(_motion(model, shapes)).max(axis=0)] = 0.0
     junctions = {index: expansion.add("1", f"{expansion.name}.{text}") for index, text in texts.items()}
     for letter, kind in _ELEMENTS:
         expansion.add_squares(kind, squares[letter], junctions, texts, letter)
@@ -224,14 +224,14 @@ def _modal(name: str, model: StructuralModel) -> tuple[Array, dict[str, list[Squ
     shapes = natural.shapes
     damping = shapes.T @ C @ shapes
     parts = np.sqrt(np.einsum("im,ij,jm->m", np.abs(shapes), np.abs(C), np.abs(shapes)))
-    damping[np.abs(damping) <= model.size * _ROUNDING * np.outer(parts, parts)] = 0.0
+    damping[np.abs(damping) <= model.size * _CANCELLATION_RTOL * np.outer(parts, parts)] = 0.0
     undamped = np.diag(damping) <= 0
     damping[undamped], damping[:, undamped] = 0.0, 0.0
     rows: dict[int, dict[int, Any]] = {index: {} for index in range(len(damping))}
     for i, j, entry in _entries((damping + damping.T) / 2):
         rows[i][j] = Fraction(entry)
     try:
-        dissipated = symmetric_squares(name, rows, _ROUNDING)
+        dissipated = symmetric_squares(name, rows, _CANCELLATION_RTOL)
     except Indefinite:
         raise UsageError(
             f"the damping of '{name}' has a negative eigenvalue",
@@ -255,6 +255,6 @@ def _displacements(model: StructuralModel, rows: Array) -> tuple[list[Label], Ar
     size = np.abs(motion).max(axis=0)
     weight = np.ones(len(motion))
     for row in rows:
-        weight[np.all(np.abs(motion - row) <= _ROUNDING * size, axis=1)] = 1e3
+        weight[np.all(np.abs(motion - row) <= _CANCELLATION_RTOL * size, axis=1)] = 1e3
     pivots = qr((motion / size * weight[:, None]).T, mode="economic", pivoting=True)[2][: model.size]
     return [full.dofs[index] for index in pivots], np.linalg.inv(motion[pivots])

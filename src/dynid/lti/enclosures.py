@@ -27,22 +27,22 @@ if TYPE_CHECKING:
     from dynid.lti.axis_boxes import Work
 
 #: First and largest working precision, and relative accuracy of a returned part, bits.
-_PRECISION, _MAX_PRECISION, _ACCURACY = 128, 1 << 16, 64
+_FIRST_PRECISION, _MAX_PRECISION, _ACCURATE_BITS = 128, 1 << 16, 64
 #: Most sweeps of the iteration; relative correction that ends it; relative distance of near points.
-_SWEEPS, _STILL, _NEAR = 200, 2.0**-44, 1e-8
+_MAX_SWEEPS, _CONVERGED_RTOL, _NEAR_RTOL = 200, 2.0**-44, 1e-8
 #: Accuracy of a correction during the iteration, bits.
 _MIN_CORRECTION_BITS = 10
 #: Most rounds of eigenvalues, relative correction that ends them, largest ratio of moduli.
-_ROUNDS, _NEARBY, _SPREAD = 40, 1e-6, 1e9
+_MAX_ROUNDS, _ROUND_RTOL, _MAX_SPREAD = 40, 1e-6, 1e9
 #: Largest |log2| of a root's modulus in the floating-point part of the iteration.
 _ROOT_RANGE_BITS = 900
 #: Bits to which a start close to a root agrees with it, steps from there, and the largest precision for them.
-_CLOSE, _CLOSE_STEPS, _CLOSE_PRECISION = 28, 4, 4096
+_CLOSE_BITS, _CLOSE_STEPS, _CLOSE_PRECISION = 28, 4, 4096
 #: Evaluations for every root that Arb's isolation costs, at the precision that roots of unlike sizes take.
-_ISOLATION = 600
+_ISOLATION_EVALUATIONS = 600
 #: Bits of a coefficient that an evaluation costs one unit of work for, about a microsecond; the unit.
-_UNIT_BITS = 1024
-EVALUATIONS = f"multiplications of {_UNIT_BITS} bits; their number grows with degree times digits"
+_WORK_UNIT_BITS = 1024
+EVALUATIONS = f"multiplications of {_WORK_UNIT_BITS} bits; their number grows with degree times digits"
 
 
 def enclosures(
@@ -79,16 +79,16 @@ def enclosures(
     if starts and (balls := _close_by(evaluated, starts, sides=sides)):
         return balls
     if centres := _initial_values(evaluated, radii, starts):
-        precisions = [_PRECISION] * len(centres)
+        precisions = [_FIRST_PRECISION] * len(centres)
         if not starts:
             _approach(evaluated, centres, precisions)
         _iterate(evaluated, centres, precisions)
         if discs := _isolated(evaluated, centres, precisions):
             return _with_conjugates([_polished(evaluated, *disc, sides=sides) for disc in discs])
-    precision = _PRECISION
+    precision = _FIRST_PRECISION
     spread = round(evaluated.degree * (max(radii) - min(radii)))
     while precision <= _MAX_PRECISION:  # Arb's isolation: slower, and certified too
-        evaluated.spend(max(precision, spread), _ISOLATION * evaluated.degree)
+        evaluated.spend(max(precision, spread), _ISOLATION_EVALUATIONS * evaluated.degree)
         with ctx.workprec(precision):
             balls = [ball for ball, _ in polynomial.complex_roots()]
             if not sides or all(ball.real > 0 or ball.real < 0 for ball in balls):
@@ -118,10 +118,10 @@ def _close_by(polynomial: _BallPolynomial, starts: Sequence[complex], *, sides: 
     gaps = upper[:, None] - z
     np.fill_diagonal(gaps, np.inf)
     loose = ((np.abs(upper)[:, None] + np.abs(z)) / np.abs(gaps)).sum(1) if gaps.all() else np.inf
-    if not np.max(loose) * 2.0 ** (3 - _CLOSE) < 0.01:
+    if not np.max(loose) * 2.0 ** (3 - _CLOSE_BITS) < 0.01:
         return []
     np.fill_diagonal(gaps, 1.0)
-    lead, precision, discs = acb(polynomial.exact.leading_coefficient()), _PRECISION, []
+    lead, precision, discs = acb(polynomial.exact.leading_coefficient()), _FIRST_PRECISION, []
     turned = np.where(upper.imag == 0, np.pi * (gaps.real < 0).sum(1), np.angle(gaps).sum(1))
     for start, size, angle in zip(upper.tolist(), np.log(np.abs(gaps)).sum(1), turned, strict=True):
         real, centre, steps = start.imag == 0, acb(start), 0
@@ -131,7 +131,7 @@ def _close_by(polynomial: _BallPolynomial, starts: Sequence[complex], *, sides: 
             with ctx.workprec(precision):
                 step = value / others
                 radius = abs(step).upper() * (1.05 * polynomial.degree)
-                if radius * 2**_ACCURACY <= _smallest_part(centre, sides=sides):
+                if radius * 2**_ACCURATE_BITS <= _smallest_part(centre, sides=sides):
                     break
                 if value.rel_accuracy_bits() < _MIN_CORRECTION_BITS:
                     precision *= 2
@@ -139,7 +139,7 @@ def _close_by(polynomial: _BallPolynomial, starts: Sequence[complex], *, sides: 
                         return []
                     continue
                 steps += 1
-                if steps > _CLOSE_STEPS or not abs(step) < 2.0**-_CLOSE * abs(start):
+                if steps > _CLOSE_STEPS or not abs(step) < 2.0**-_CLOSE_BITS * abs(start):
                     return []
                 centre = (centre - step).mid()
                 centre = acb(centre.real) if real else centre
@@ -169,7 +169,7 @@ class _BallPolynomial:
     def spend(self, precision: int, evaluations: int = 1) -> None:
         """Count evaluations."""
         if self._work is not None:
-            self._work.spend(evaluations * self.degree * -(-precision // _UNIT_BITS))
+            self._work.spend(evaluations * self.degree * -(-precision // _WORK_UNIT_BITS))
 
     def value(self, point: Any, precision: int) -> tuple[Any, int]:
         """Return p to a few digits, where possible, and the precision needed."""
@@ -198,7 +198,7 @@ def _initial_values(
     turns = np.exp(1j * (0.7 + 2.4 * np.arange(len(radii))))  # the golden angle: no two roots align
     values = [complex(start) for start in starts or () if 0 < abs(start) < 2.0**_ROOT_RANGE_BITS]
     if len(values) > len(radii):  # keep those nearest to roots of this polynomial
-        size = [abs(polynomial.newton(acb(start), _PRECISION)[0]) / abs(start) for start in values]
+        size = [abs(polynomial.newton(acb(start), _FIRST_PRECISION)[0]) / abs(start) for start in values]
         best = sorted(range(len(values)), key=size.__getitem__)[: polynomial.degree]
         values = [values[k] for k in sorted(best)]
     values += [2.0**r * turn for r, turn in zip(radii[len(values) :], turns[len(values) :], strict=True)]
@@ -239,9 +239,9 @@ def _approach(polynomial: _BallPolynomial, centres: list[Any], precisions: list[
     characteristic polynomial for any z. In floating point very small roots are lost beside large ones.
     """
     lead = acb(polynomial.exact.leading_coefficient())
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ROUNDS):
         z = np.array([complex(centre) for centre in centres])
-        if np.max(np.abs(z)) > _SPREAD * np.min(np.abs(z)):
+        if np.max(np.abs(z)) > _MAX_SPREAD * np.min(np.abs(z)):
             return
         gaps = z[:, None] - z[None, :]
         np.fill_diagonal(gaps, 1)
@@ -253,7 +253,7 @@ def _approach(polynomial: _BallPolynomial, centres: list[Any], precisions: list[
         ):
             value, precisions[k] = polynomial.value(centres[k], precisions[k])
             w[k] = complex((value / (lead * acb(size, angle).exp())).mid())
-        if not np.isfinite(w).all() or np.max(np.abs(w / z)) < _NEARBY:
+        if not np.isfinite(w).all() or np.max(np.abs(w / z)) < _ROUND_RTOL:
             return
         centres[:] = [acb(complex(root)) for root in np.linalg.eigvals(np.diag(z) - w)]
 
@@ -261,11 +261,11 @@ def _approach(polynomial: _BallPolynomial, centres: list[Any], precisions: list[
 def _iterate(polynomial: _BallPolynomial, centres: list[Any], precisions: list[int]) -> None:
     """Move the centres (exact balls) to the roots by the Ehrlich-Aberth iteration."""
     active = list(range(len(centres)))
-    for _ in range(_SWEEPS):
+    for _ in range(_MAX_SWEEPS):
         # Repulsion: sum 1/(z_k - z_j) over j != k; differences of near points are taken exactly.
         z = np.array([complex(c) for c in centres])
         gap = z[active, None] - z[None, :]
-        near = np.abs(gap) <= _NEAR * np.abs(z[active, None])
+        near = np.abs(gap) <= _NEAR_RTOL * np.abs(z[active, None])
         with np.errstate(all="ignore"):
             repulsion = np.where(near, 0, 1 / np.where(near, 1, gap)).sum(axis=1)
         for row, j in np.argwhere(near):
@@ -282,7 +282,7 @@ def _iterate(polynomial: _BallPolynomial, centres: list[Any], precisions: list[i
             with ctx.workprec(precisions[k]):
                 size = float(abs(centres[k]).mid())
                 moved = (centres[k] - acb(step)).mid()
-            rough = abs(step) > _STILL * size
+            rough = abs(step) > _CONVERGED_RTOL * size
             centres[k] = acb(complex(moved)) if rough else moved  # short numbers are faster
             if rough:
                 moving.append(k)
@@ -335,7 +335,7 @@ def _polished(polynomial: _BallPolynomial, centre: Any, radius: Any, precision: 
     """Shrink an isolating disc until every part that is not exactly zero is accurate."""
     while True:
         smallest = _smallest_part(centre, sides=sides)
-        if radius * 2**_ACCURACY <= smallest and smallest > 0:
+        if radius * 2**_ACCURATE_BITS <= smallest and smallest > 0:
             return _ball(centre, radius, precision)
         if precision > _MAX_PRECISION:
             raise ArithmeticError("a root could not be separated from the imaginary axis")

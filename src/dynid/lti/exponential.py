@@ -16,7 +16,7 @@ _COEFFICIENTS = np.array([1 / math.factorial(k) for k in range(_TAYLOR_DEGREE + 
 _BLOCKS = _COEFFICIENTS[:_TAYLOR_DEGREE].reshape(4, 4).copy()
 _BLOCKS[0, 0] = 0.0  # exp - 1
 # Largest exponent of the scale of a state: quotients of two scales stay in range.
-_FARTHEST = 400
+_MAX_SCALE_EXPONENT = 400
 
 
 def exponential_with_derivatives(A: Array, dA: Array, h: float) -> tuple[Array, Array]:
@@ -129,7 +129,7 @@ def balance(A: Array) -> Array:
                     continue
                 e = round((math.log2(row) - math.log2(column)) / 2)  # never a quotient: it may overflow
                 so_far = int(exponents[i])
-                e = max(-_FARTHEST - so_far, min(_FARTHEST - so_far, e))
+                e = max(-_MAX_SCALE_EXPONENT - so_far, min(_MAX_SCALE_EXPONENT - so_far, e))
                 if e == 0 or not math.ldexp(column, e) + math.ldexp(row, -e) < 0.95 * (column + row):
                     continue
                 size[:, i] = np.ldexp(size[:, i], e)

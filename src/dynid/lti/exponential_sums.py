@@ -24,15 +24,15 @@ _TAYLOR_ORDER = 10
 #: Most boxes that are examined at a time; a longer span of time is divided before.
 _MAX_TIME_BOXES = 4096
 #: Most spans of time that a search visits.
-_SPANS = 5000
+_MAX_SPANS = 5000
 #: Relative rounding of doubles that a search may lose to cancelling residues.
-_CANCELLED = 1e8
+_MAX_CANCELLATION = 1e8
 #: Where d changes by less than this over a box, relative to its terms, it is flat: rounding decides.
 _FLAT_BOX_TOL = 1e-13
 #: Shortest half width of a box, in units of the fastest time constant.
-_NARROWEST = 1e-20
+_MIN_INTERVAL_RTOL = 1e-20
 #: Working precisions, bits.
-_PRECISIONS = (160, 320, 640, 1280, 2560, 5120)
+_SUM_PRECISIONS = (160, 320, 640, 1280, 2560, 5120)
 
 
 class ExponentialSum:
@@ -58,7 +58,7 @@ class ExponentialSum:
         from flint import arb, ctx
 
         vanishing = _vanishing(numerator, denominator)
-        for self.precision in _PRECISIONS:
+        for self.precision in _SUM_PRECISIONS:
             with ctx.workprec(self.precision):
                 terms = _residues(numerator, denominator, vanishing)
                 fastest = max(float(abs(pole).mid()) for pole, _ in terms)
@@ -67,7 +67,7 @@ class ExponentialSum:
                     break
         else:
             raise NumericalError(
-                f"{_PRECISIONS[-1]} bits do not resolve the residues of the step response",
+                f"{_SUM_PRECISIONS[-1]} bits do not resolve the residues of the step response",
                 remedy="Leave the result 'step_info' out.",
             )
         self.time = 1 / fastest
@@ -118,7 +118,7 @@ class ExponentialSum:
         slowest = 10 / float(-self.poles.real.max())
         sample = np.concatenate([[0.0], np.geomspace(min(0.1, slowest / 2), slowest, 40)])
         largest = float(np.abs(self.values(sample)).max())
-        return float(self._sizes[:, 0].sum()) > _CANCELLED * largest
+        return float(self._sizes[:, 0].sum()) > _MAX_CANCELLATION * largest
 
     # Bounds
 
@@ -179,7 +179,7 @@ class ExponentialSum:
                 spans += halves if backward else halves[::-1]
                 continue
             visited += 1
-            if visited > _SPANS:
+            if visited > _MAX_SPANS:
                 raise NumericalError(
                     "the step response has millions of oscillations, of which any may be the largest",
                     remedy="Leave the result 'step_info' out.",
@@ -208,7 +208,7 @@ class ExponentialSum:
             monotone = terms[:, 1] > curving
             size = np.abs(values[:, 0]) if self.cancels else self._sum_of_bounds(low, high, 0)
             flat = 2 * half * (terms.sum(axis=1) + remainder) <= _FLAT_BOX_TOL * size
-            narrow = flat | (half <= np.maximum(8 * np.spacing(high), _NARROWEST))
+            narrow = flat | (half <= np.maximum(8 * np.spacing(high), _MIN_INTERVAL_RTOL))
             single = may_vanish & monotone & ~narrow
             if single.any():
                 signs = [self.taylor(ends[single])[:, 1] >= 0 for ends in (low, high)]

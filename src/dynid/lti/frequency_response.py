@@ -28,9 +28,9 @@ WORST_CONDITION = 1e14
 """Condition number beyond which a solution in double precision has fewer than two digits."""
 _SOLVE_RESIDUAL = 1e-12
 #: Singular values below this part of the largest belong to a pole.
-_NULL = 1e-14
+_NULL_RTOL = 1e-14
 #: Quantities below the first times the noise of a null vector are zero, above the second they are not.
-_NOTHING, _SOMETHING = 30.0, 3e3
+_ZERO_RATIO, _NONZERO_RATIO = 30.0, 3e3
 
 
 @guarded("the frequency response")
@@ -233,12 +233,12 @@ def at_a_pole(
     """
     Z0, Z1, Z2 = Z
     U, sizes, Vh = np.linalg.svd(Z0)
-    kept = sizes > _NULL * sizes[0] if sizes[0] > 0 else np.zeros(len(sizes), dtype=bool)
+    kept = sizes > _NULL_RTOL * sizes[0] if sizes[0] > 0 else np.zeros(len(sizes), dtype=bool)
     if kept.all():
         raise on_a_pole(omega)
     noise = np.finfo(float).eps * len(Z0) * (sizes[0] / sizes[kept][-1] if kept.any() else 1.0)
     V, Uh = Vh[~kept].conj().T, U[:, ~kept].conj().T
-    first_order = np.abs(Uh @ Z1 @ V).max() > _NOTHING * noise * np.abs(Z1).max()
+    first_order = np.abs(Uh @ Z1 @ V).max() > _ZERO_RATIO * noise * np.abs(Z1).max()
     Zq, order = (Z1, 1) if first_order else (Z2, 2)
     D = Uh @ Zq @ V
     if (order == 2 and omega > 0) or not np.linalg.cond(D) < 1 / noise:
@@ -247,9 +247,9 @@ def at_a_pole(
     smallest = np.linalg.svd(D, compute_uv=False)[-1]
     bound = np.linalg.norm(left, axis=1)[:, None] * np.linalg.norm(right, axis=0) / smallest
     share = np.abs(reach @ drive) / np.where(bound > 0, bound, 1.0)
-    if np.any((share > _NOTHING * noise) & (share < _SOMETHING * noise)):
+    if np.any((share > _ZERO_RATIO * noise) & (share < _NONZERO_RATIO * noise)):
         raise on_a_pole(omega)
-    driven = np.asarray(share >= _SOMETHING * noise)  # channels with a part in the modes at the pole
+    driven = np.asarray(share >= _NONZERO_RATIO * noise)  # channels with a part in the modes at the pole
     inverse = (Vh[kept].conj().T / sizes[kept]) @ U[:, kept].conj().T
     remainder = right - Zq @ (V @ drive)
     limit = (left - np.linalg.solve(D.T, reach.T).T @ (Uh @ Zq)) @ (inverse @ remainder)

@@ -20,7 +20,7 @@ from dynid.lti.stability import all_left, stability
 
 #: Imaginary parts of roots below this, relative to their size, belong to real roots: the certified radii are
 #: of the order of rounding errors.
-_REAL = 1e-9
+_REAL_ROOT_RTOL = 1e-9
 #: Relative rounding errors of a loop at its limit of stability.
 LIMIT = 1e-9
 #: Verdict on a loop with L = 0.
@@ -231,5 +231,5 @@ def _positive_roots(polynomial: Any) -> Iterator[float]:
         return
     for root in certified_roots(polynomial):
         value = root.value
-        if value.real > 0 and abs(value.imag) <= max(root.radius, _REAL * abs(value)):
+        if value.real > 0 and abs(value.imag) <= max(root.radius, _REAL_ROOT_RTOL * abs(value)):
             yield value.real

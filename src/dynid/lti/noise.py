@@ -21,7 +21,7 @@ from dynid.lti.generator import (
     require,
     require_finite,
 )
-from dynid.lti.waveforms import MOST_LINES, line_derivatives, sum_lines, time_scale
+from dynid.lti.waveforms import MAX_LINES, line_derivatives, sum_lines, time_scale
 
 HOLDS = ("spline", "linear", "zero")
 
@@ -200,8 +200,8 @@ class Random(SmoothSignal):
             ("random", "band"),
         )
         require(
-            last - first < MOST_LINES,
-            f"a random signal of {last - first + 1:.3g} lines is too much, {MOST_LINES:,} are allowed",
+            last - first < MAX_LINES,
+            f"a random signal of {last - first + 1:.3g} lines is too much, {MAX_LINES:,} are allowed",
             f"Lines lie {self._spacing:g} rad/s apart: narrow the band or shorten the record.",
             ("random", "band"),
         )

@@ -19,15 +19,15 @@ from dynid.lti.exponential import balance, rescaled
 from dynid.lti.state_space import ParametricSystem
 
 #: Real parts below this part of a pole, or of the size of A, are on the imaginary axis.
-_ON_AXIS, _ROUNDING = 1e-11, 1e-14
+_AXIS_RTOL, _NORM_ROUNDING = 1e-11, 1e-14
 #: A mode whose residue is below this part of the product of its factors is not seen in the response.
-_HIDDEN = 1e-10
+_HIDDEN_RTOL = 1e-10
 #: Points of the grid a decade, and its margin around the poles.
-_PER_DECADE, _BEYOND = 24, 1e3
+_POINTS_PER_DECADE, _RANGE_FACTOR = 24, 1e3
 #: Points near each pole, in its distances from the imaginary axis.
 _NEAR = np.array([-4.0, -2.0, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 2.0, 4.0])
 #: Steps of the search for a maximum in its bracket (bisection alone would need 60), and its last step.
-_STEPS, _SETTLED = 80, 1e-12
+_MAX_NORM_STEPS, _NORM_RTOL = 80, 1e-12
 
 
 class SystemModes(NamedTuple):
@@ -72,7 +72,7 @@ def modes(system: ParametricSystem) -> SystemModes:
 
 def on_axis(values: ComplexArray, size: float) -> NDArray[np.bool_]:
     """Return True for each pole that is on the imaginary axis to rounding; `size` is that of A."""
-    return np.asarray(np.abs(values.real) <= np.maximum(_ON_AXIS * np.abs(values), _ROUNDING * size))
+    return np.asarray(np.abs(values.real) <= np.maximum(_AXIS_RTOL * np.abs(values), _NORM_ROUNDING * size))
 
 
 def without_hidden(system: ParametricSystem) -> tuple[ParametricSystem, ComplexArray]:
@@ -162,7 +162,7 @@ def followed(system: ParametricSystem, reference: Maxima, low: float = 0.0, high
         slope, bend = _slope(system, omega[free])
         step = np.where(bend < 0, -slope / np.where(bend < 0, bend, -1.0), 0.0)
         omega[free] += np.clip(step, -0.1 * omega[free], 0.1 * omega[free])
-        if np.all(np.abs(step) <= _SETTLED * omega[free]):
+        if np.all(np.abs(step) <= _NORM_RTOL * omega[free]):
             break
     finite = np.isfinite(omega)
     magnitude, slopes = np.empty(len(omega)), np.empty((len(omega), len(system.A_slopes)))
@@ -218,7 +218,7 @@ def _refined(system: ParametricSystem, left: Array, right: Array) -> Array:
     """Return the zero of a falling derivative in each bracket, by Newton steps within bisection."""
     left, right = left.copy(), right.copy()
     omega = (left + right) / 2
-    for _ in range(_STEPS):
+    for _ in range(_MAX_NORM_STEPS):
         if not len(omega) or np.all(right - left <= 2 * np.spacing(right)):
             break
         slope, bend = _slope(system, omega)
@@ -226,7 +226,7 @@ def _refined(system: ParametricSystem, left: Array, right: Array) -> Array:
         newton = omega - slope / np.where(bend < 0, bend, -1.0)
         usable = (bend < 0) & (newton > left) & (newton < right)
         following = np.where(usable, newton, (left + right) / 2)
-        settled = np.all(np.abs(following - omega) <= _SETTLED * omega)
+        settled = np.all(np.abs(following - omega) <= _NORM_RTOL * omega)
         omega = following
         if settled:
             break
@@ -237,10 +237,12 @@ def _grid(poles: ComplexArray, low: float, high: float) -> Array:
     """Return frequencies in a band that are dense around every pole."""
     sizes = np.abs(poles[poles != 0])
     smallest, largest = (sizes.min(), sizes.max()) if len(sizes) else (1.0, 1.0)
-    begin, end = max(low, smallest / _BEYOND), min(high, largest * _BEYOND)
+    begin, end = max(low, smallest / _RANGE_FACTOR), min(high, largest * _RANGE_FACTOR)
     if end <= begin:
-        begin, end = (low, high) if math.isfinite(high) else (max(low, 1e-3), max(low, 1e-3) * _BEYOND)
-    points = max(2, math.ceil(_PER_DECADE * math.log10(end / begin)) if begin > 0 else _PER_DECADE)
+        begin, end = (low, high) if math.isfinite(high) else (max(low, 1e-3), max(low, 1e-3) * _RANGE_FACTOR)
+    points = max(
+        2, math.ceil(_POINTS_PER_DECADE * math.log10(end / begin)) if begin > 0 else _POINTS_PER_DECADE
+    )
     spread = np.geomspace(begin, end, points) if begin > 0 else np.linspace(begin, end, points)
     near = (np.abs(poles.imag)[:, None] + np.abs(poles.real)[:, None] * _NEAR).ravel()
     near = near[(near > begin) & (near < end)]
@@ -273,4 +275,4 @@ def _eigenvectors(A: Array) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
 def _is_hidden(system: ParametricSystem, right: ComplexArray, left: ComplexArray) -> NDArray[np.bool_]:
     scale = float(np.linalg.norm(system.c)) * float(np.linalg.norm(system.b))
     seen = np.abs(system.c @ right) * np.abs(system.b @ left)
-    return np.asarray(seen <= _HIDDEN * scale)
+    return np.asarray(seen <= _HIDDEN_RTOL * scale)

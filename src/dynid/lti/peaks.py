@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 ResponseFunction = Callable[[Array], ComplexArray]
 
 #: Frequencies within each bracket at a time: its width shrinks to 2/11 in a round.
-_INSIDE = 10
+_POINTS_INSIDE = 10
 #: Frequencies nearer to each other than this part of the bracket count as one.
 _MIN_FREQUENCY_SEPARATION = 0.01
 #: Most local maxima of a channel, the largest ones, that are refined.
-_BRACKETS = 4
+_MAX_BRACKETS = 4
 #: A bracket is narrow enough where the response changes by less than this within it, relative. The frequency
 #: of a maximum is then known to about the square root, times the width of the resonance.
 _FLAT_PEAK_TOL = 1e-10
@@ -93,7 +93,7 @@ def peaks(
         left = np.concatenate([[True], values[1:] > values[:-1]])
         right = np.concatenate([values[:-1] >= values[1:], [True]])
         maxima = np.flatnonzero(left & right & (values > 0))  # of equal neighbours the first
-        largest = maxima[np.argsort(-values[maxima], kind="stable")][:_BRACKETS]
+        largest = maxima[np.argsort(-values[maxima], kind="stable")][:_MAX_BRACKETS]
         brackets += [_Bracket(column, grid, values, int(at)) for at in largest]
     for _ in range(_BRACKET_ROUNDS):  # each round evaluates the response once for all brackets
         active = [bracket for bracket in brackets if bracket.open]
@@ -134,7 +134,7 @@ class _Bracket:
 
     def inside(self) -> Array:
         """Return the next frequencies, none next to a known one."""
-        spread = np.linspace(self.omega[0], self.omega[-1], _INSIDE + 2)[1:-1]
+        spread = np.linspace(self.omega[0], self.omega[-1], _POINTS_INSIDE + 2)[1:-1]
         distance = np.abs(spread[:, None] - self.omega).min(axis=1)
         return np.asarray(spread[distance > _MIN_FREQUENCY_SEPARATION * (self.omega[-1] - self.omega[0])])
 

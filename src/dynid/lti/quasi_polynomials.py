@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 #: Working precision, bits.
 PRECISION = 160
 #: Relative size of a step that ends Newton's method.
-_STEP = 2.0**-120
+_NEWTON_STEP_RTOL = 2.0**-120
 #: Bits of a value that is exact to double precision.
-_DOUBLE = 60
+_DOUBLE_ACCURACY_BITS = 60
 
 
 class Delay(NamedTuple):
@@ -255,7 +255,7 @@ def refined_root(function: QuasiPolynomial, start: complex) -> RefinedRoot | Non
                 return None
             step = (value / slope).mid()
             s = (s - step).mid()
-            if step.abs_upper() <= _STEP * s.abs_upper():
+            if step.abs_upper() <= _NEWTON_STEP_RTOL * s.abs_upper():
                 break
             if not s.abs_upper() < 1e6 * (1 + abs(start)):
                 return None
@@ -292,7 +292,7 @@ def on_axis(top: QuasiPolynomial, bottom: QuasiPolynomial, omega: Iterable[float
                     for function in (top, bottom)
                 )
                 value = above / below
-                if value.rel_accuracy_bits() > _DOUBLE or above.is_zero():
+                if value.rel_accuracy_bits() > _DOUBLE_ACCURACY_BITS or above.is_zero():
                     roots.append(complex(float(value.real.mid()), float(value.imag.mid())))
                     break
         else:

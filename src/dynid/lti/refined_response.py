@@ -24,11 +24,11 @@ from dynid.lti.time_response import TimeResponse, propagate
 from dynid.lti.timeline import Timeline, timeline
 
 #: Relative changes of an output: up to the first it is accepted, beyond the second an error is raised.
-_TRUSTED, _REFUSED = 1e-10, 1e-3
+_TRUSTED_RTOL, _REFUSED_RTOL = 1e-10, 1e-3
 #: Instants at which the response is repeated.
-_CHECKED = 100
+_CHECKED_TIMES = 100
 #: Most products in multiple precision (seconds), overhead of a step in products, most doublings of precision.
-_MOST_PRODUCTS, _STEP, _DOUBLINGS = 10_000_000, 100, 4
+_MAX_PRODUCTS, _STEP_PRODUCTS, _MAX_DOUBLINGS = 10_000_000, 100, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ def refined_response(
     t = np.asarray(times, dtype=float)
     response = propagate(system, signals, t)
     change = _rounding_sensitivity(response, system, signals, t)
-    if change.max(initial=0.0) <= _TRUSTED:
+    if change.max(initial=0.0) <= _TRUSTED_RTOL:
         return response, 0.0
     line = (
         None
@@ -84,12 +84,12 @@ def refined_response(
         else timeline(signals, t, min(0.0, float(t[0])))
     )
     size = len(system.A) + len(system.C) + (0 if line is None else len(line.G))
-    if line is not None and len(line.nodes) * (_STEP + size**2) <= _MOST_PRODUCTS:
+    if line is not None and len(line.nodes) * (_STEP_PRODUCTS + size**2) <= _MAX_PRODUCTS:
         outputs = _multiprecision_outputs(rational(), line)
         if outputs is not None:
             return response._replace(outputs=outputs), 0.0
     worst = int(change.argmax())
-    if change[worst] > _REFUSED:
+    if change[worst] > _REFUSED_RTOL:
         raise NumericalError(
             f"the time response of '{system.outputs[worst]}' is lost to rounding: it is the small difference "
             "of large states",
@@ -102,7 +102,9 @@ def _rounding_sensitivity(
     response: TimeResponse, system: StateSpace, signals: Sequence[Signal], t: Array
 ) -> Array:
     """Return the change of each output, relative to its maximum, by one rounding of every coefficient."""
-    some = slice(None, None, math.ceil(len(t) / _CHECKED))  # equidistant where the times are: one exponential
+    some = slice(
+        None, None, math.ceil(len(t) / _CHECKED_TIMES)
+    )  # equidistant where the times are: one exponential
     rng = np.random.default_rng(0)
 
     def perturbed(matrix: Array) -> Array:
@@ -133,7 +135,7 @@ def _multiprecision_outputs(exact: RationalMatrices, line: Timeline) -> Array | 
     sizes = [float(abs(entry).upper()) for entry in arb_mat(exact.A).entries()]
     bits = 128 + 4 * math.ceil(math.log2(1.0 + sum(sizes) * float(line.lengths.max(initial=0.0))))
     before = _propagated(exact, line, bits)
-    for _ in range(_DOUBLINGS):
+    for _ in range(_MAX_DOUBLINGS):
         bits *= 2
         after = _propagated(exact, line, bits)
         largest = np.abs(after).max(axis=0, initial=0.0)

@@ -136,16 +136,16 @@ class DoubledComplex:
 
 
 #: Newton steps after the eigenvalues, and further ones for rows whose discs are still too large.
-_STEPS, _MORE_STEPS = 2, 3
+_NEWTON_STEPS, _FURTHER_STEPS = 2, 3
 # Error bounds of one step of Horner's rule, relative to the sum of the moduli: in double-double arithmetic 64
 # units of 2^-106 cover four products and three sums of parts; in double precision 16 units of 2^-53.
-_DOUBLED, _DOUBLE = 2.0**-100, 2.0**-49
+_DOUBLED_RTOL, _DOUBLE_RTOL = 2.0**-100, 2.0**-49
 #: Bits that a coefficient is truncated to, and the relative truncation error.
-_BITS, _CUT = 106, 2.0**-105
+_DOUBLED_BITS, _DROPPED_RTOL = 106, 2.0**-105
 #: Widest range of the scaled coefficients, as an exponent of 2.
 _COEFFICIENT_RANGE_BITS = 400
 #: Factor by which bounds are enlarged for their own rounding.
-_SLACK = 1 + 1e-12
+_BOUND_SLACK = 1 + 1e-12
 #: Numbers in a block, which stays in the cache.
 _CACHE_NUMBERS = 8192
 
@@ -212,7 +212,7 @@ def _scaled(columns: Sequence[Sequence[int]], divisor: int) -> _Scaled:
     exponents = np.zeros(shape, dtype=np.int64)
     for power, column in enumerate(columns):
         sizes = [value.bit_length() for value in column]
-        cuts = [max(0, size - _BITS) for size in sizes]
+        cuts = [max(0, size - _DOUBLED_BITS) for size in sizes]
         kept = [value >> cut for value, cut in zip(column, cuts, strict=True)]
         heads = [float(value) for value in kept]
         high[:, power] = heads
@@ -240,7 +240,7 @@ def _roots(polynomials: _Scaled, *, even: bool) -> tuple[NDArray[Any], ...]:
         else:
             certain &= (values.real.high != 0).all(axis=1)  # a disc does not prove a root on the axis
         certain &= _known(values, radii).all(axis=1) & (np.abs(shift) < _COEFFICIENT_RANGE_BITS)
-        distance = (radii + 2 * np.hypot(values.real.low, values.imag.low)) * _SLACK
+        distance = (radii + 2 * np.hypot(values.real.low, values.imag.low)) * _BOUND_SLACK
         rounded, exponent = values.rounded, shift[:, None]
         roots = np.empty_like(rounded)
         roots.real, roots.imag = np.ldexp(rounded.real, exponent), np.ldexp(rounded.imag, exponent)
@@ -271,10 +271,10 @@ def _refined(coefficients: Doubled, usable: NDArray[np.bool_]) -> tuple[DoubledC
     companions[~np.isfinite(companions).all(axis=(1, 2))] = 0
     points = DoubledComplex.of(np.linalg.eigvals(companions).astype(np.complex128))
     with np.errstate(all="ignore"):
-        points, radii = _newton(coefficients, points, _STEPS)
+        points, radii = _newton(coefficients, points, _NEWTON_STEPS)
         loose = np.flatnonzero(usable & ~_known(points, radii).all(axis=1))
         if len(loose):
-            again, closer = _newton(coefficients[loose], points[loose], _MORE_STEPS)
+            again, closer = _newton(coefficients[loose], points[loose], _FURTHER_STEPS)
             for component, better in ((points.real, again.real), (points.imag, again.imag)):
                 component.high[loose], component.low[loose] = better.high, better.low
             radii[loose] = closer
@@ -288,12 +288,12 @@ def _newton(coefficients: Doubled, points: DoubledComplex, steps: int) -> tuple[
         points = points - DoubledComplex.of(np.where(np.isfinite(step), step, 0))
     degree = coefficients.high.shape[1] - 1
     where, sizes = points.rounded, np.abs(coefficients.high)
-    reach = np.abs(where) * _SLACK
-    error = ((2 * degree + 2) * _DOUBLED + _CUT) * _along(sizes, reach)
-    above = np.abs(_value(coefficients, points).rounded) * _SLACK + error
-    slope_error = (2 * degree + 2) * _DOUBLE * _along(sizes[:, 1:] * np.arange(1, degree + 1), reach)
-    below = np.abs(_slope(coefficients.high, where)) / _SLACK - slope_error
-    return points, np.where(below > 0, degree * above / np.where(below > 0, below, 1) * _SLACK, np.inf)
+    reach = np.abs(where) * _BOUND_SLACK
+    error = ((2 * degree + 2) * _DOUBLED_RTOL + _DROPPED_RTOL) * _along(sizes, reach)
+    above = np.abs(_value(coefficients, points).rounded) * _BOUND_SLACK + error
+    slope_error = (2 * degree + 2) * _DOUBLE_RTOL * _along(sizes[:, 1:] * np.arange(1, degree + 1), reach)
+    below = np.abs(_slope(coefficients.high, where)) / _BOUND_SLACK - slope_error
+    return points, np.where(below > 0, degree * above / np.where(below > 0, below, 1) * _BOUND_SLACK, np.inf)
 
 
 def _value(coefficients: Doubled, points: DoubledComplex) -> DoubledComplex:
@@ -336,7 +336,10 @@ def _known(values: DoubledComplex, radii: Array) -> NDArray[np.bool_]:
 def disjoint(values: NDArray[np.complex128], radii: Array) -> NDArray[np.bool_]:
     """Return a mask of rows in which no two discs meet."""
     size = values.shape[1]
-    reach = radii * _SLACK + 2.0**-52 * np.abs(values)
-    apart = np.abs(values[:, :, None] - values[:, None, :]) > (reach[:, :, None] + reach[:, None, :]) * _SLACK
+    reach = radii * _BOUND_SLACK + 2.0**-52 * np.abs(values)
+    apart = (
+        np.abs(values[:, :, None] - values[:, None, :])
+        > (reach[:, :, None] + reach[:, None, :]) * _BOUND_SLACK
+    )
     apart[:, range(size), range(size)] = True
     return np.asarray(np.all(apart, axis=(1, 2)))

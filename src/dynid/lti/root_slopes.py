@@ -25,9 +25,9 @@ _SINGULAR_VALUE_TOL = 1e-10
 # Angles of the points at which a transfer function is tested for zero, rad.
 _ANGLES = np.array([0.3, 1.1, 0.7, 0.5])
 # Backward errors of reduction and eigenvalues, over n eps and the norm of the matrix.
-_BACKWARD = 8.0
+_BACKWARD_ERROR_FACTOR = 8.0
 # Roots nearer than this part of their size are one; a root whose w^H P' v is below it has no derivative.
-_SAME, _DEFECTIVE = 1e-7, 1e-6
+_SAME_ROOT_RTOL, _DEFECTIVE_RTOL = 1e-7, 1e-6
 
 
 class Roots(NamedTuple):
@@ -219,7 +219,7 @@ def _errors(slopes: Array, spread: Array) -> float:
 
 def _resolution(A: Array, errors: float) -> Resolution:
     """Return the smallest singular value of s - A (n x n) at points over rounding and errors of A."""
-    bound = _BACKWARD * len(A) * np.finfo(float).eps * float(np.linalg.norm(A, 2)) + errors
+    bound = _BACKWARD_ERROR_FACTOR * len(A) * np.finfo(float).eps * float(np.linalg.norm(A, 2)) + errors
 
     def resolution(points: ComplexArray) -> Array:
         matrices = points[:, None, None] * np.eye(len(A)) - A
@@ -230,7 +230,7 @@ def _resolution(A: Array, errors: float) -> Resolution:
 
 def _divided(moved: ComplexArray, strength: ComplexArray) -> ComplexArray:
     """Return derivatives (m x p), infinite where the divisor (m) says that there are none."""
-    weak = np.abs(strength) <= _DEFECTIVE
+    weak = np.abs(strength) <= _DEFECTIVE_RTOL
     shifts = moved / np.where(weak, 1.0, strength)[:, None]
     shifts[weak] = np.inf
     return np.asarray(shifts)
@@ -247,7 +247,7 @@ def _ordered(
     values, slopes = values[order], slopes[order].copy()
     values[:origin], slopes[:origin] = 0.0, 0.0
     rest = values[origin:]
-    near = np.abs(rest[:, None] - rest) <= _SAME * np.abs(rest)
+    near = np.abs(rest[:, None] - rest) <= _SAME_ROOT_RTOL * np.abs(rest)
     multiple = np.count_nonzero(near, axis=1) > 1
     clusters = []
     for cluster in root_clusters(rest, resolution) if resolution is not None else ():

@@ -25,15 +25,15 @@ from dynid.number_format import root_text
 
 # A Fourier line nearer to a pole than this part of its frequency is propagated with its generator: the
 # particular and the homogeneous solution would cancel there.
-_NEAR_POLE = 1e-4
+_POLE_RTOL = 1e-4
 # Number of equal steps from which on the exponential over all of them is computed to all digits.
-_MANY = 100
+_MANY_STEPS = 100
 # Phase, rad, of which double precision keeps three digits.
 _LARGEST_PHASE = 1e-3 / float(np.finfo(float).eps)
 # Exponent of a growing mode beyond which it explains an overflow: that of doubles is 709.
-_GROWS = 300.0
+_MAX_GROWTH_EXPONENT = 300.0
 # Decay exponent beyond which the phase of an oscillation is irrelevant.
-_DECAYED = 40.0
+_DECAYED_EXPONENT = 40.0
 # Relative differences of this size are rounding: of the pieces of a spline, of sin(pi).
 _JUMP_TOL = 1e-9
 
@@ -110,7 +110,7 @@ def propagate(
 def _remedy(poles: ComplexArray, duration: float) -> str:
     """Return what to do where the response overflows, with the mode whose growth explains it."""
     fastest = poles[poles.real.argmax()] if len(poles) else 0.0
-    if not fastest.real * duration > _GROWS:
+    if not fastest.real * duration > _MAX_GROWTH_EXPONENT:
         return REMEDY
     mode = root_text(complex(fastest.real, abs(fastest.imag)))
     growth = f"e^{fastest.real * duration:.4g} in {duration:.4g} s"
@@ -158,7 +158,7 @@ def _split_lines(
         omega, c = signal.lines
         near = np.zeros(len(omega), dtype=bool)
         for pole in poles:
-            near |= np.abs(1j * omega - pole) < _NEAR_POLE * omega
+            near |= np.abs(1j * omega - pole) < _POLE_RTOL * omega
         spread.append((column, omega[~near], c[~near], signal.period))
         generated[column] = Impulse(0.0)
         if near.any():  # c = -i a exp(i phase)
@@ -184,7 +184,7 @@ def check_phase(poles: ComplexArray, duration: float, names: Sequence[str] = ())
     NumericalError
         If an oscillation that has not decayed turns by more than about 4e12 rad.
     """
-    lasting = duration * np.maximum(-poles.real, 0.0) < _DECAYED
+    lasting = duration * np.maximum(-poles.real, 0.0) < _DECAYED_EXPONENT
     phase = float(np.abs(poles.imag[lasting]).max(initial=0.0)) * duration
     if phase > _LARGEST_PHASE:
         raise NumericalError(
@@ -232,7 +232,7 @@ def _propagated(system: StateSpace, line: Timeline, initial: Array) -> Array:
             k = line.which[first]
 
             def power(count: int, h: float = line.lengths[k]) -> Array | None:
-                accurate = count >= _MANY and n <= LONG_STEPS.value
+                accurate = count >= _MANY_STEPS and n <= LONG_STEPS.value
                 return accurate_exponential(A, count * h) if accurate else None
 
             inside = recurrence(steps[k][0], forcing[first:last, None], states[first, None], power)

@@ -16,7 +16,7 @@ from dynid.lti.generator import Signal
 Indices = NDArray[np.int64]
 
 # Most substeps of a signal: seconds for a response, minutes for a filter.
-_MOST_SUBSTEPS = 1_000_000
+_MAX_SUBSTEPS = 1_000_000
 # Most numbers in the table of generator states (800 MB with temporaries).
 _MAX_GENERATOR_NUMBERS = 50_000_000
 
@@ -148,10 +148,10 @@ def _subdivided(nodes: Array, fastest: Signal) -> Array:
         return nodes
     with np.errstate(over="ignore", divide="ignore"):
         parts = np.maximum(1.0, np.ceil(gaps / longest * (1 - 1e-12)))
-    if not parts.sum() - len(parts) <= _MOST_SUBSTEPS:
+    if not parts.sum() - len(parts) <= _MAX_SUBSTEPS:
         raise UsageError(
             f"the {fastest.kind} is too fast for its duration: it takes {parts.sum():.2g} substeps of "
-            f"{longest:.2g} s; at most {_MOST_SUBSTEPS:,} are allowed",
+            f"{longest:.2g} s; at most {_MAX_SUBSTEPS:,} are allowed",
             remedy="Shorten the time, or lower the frequencies.",
             names=(fastest.kind, fastest.pace),
         )

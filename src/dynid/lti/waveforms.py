@@ -22,12 +22,12 @@ from dynid.lti.generator import (
     require_finite,
 )
 
-MOST_LINES = 1_000_000
+MAX_LINES = 1_000_000
 """Most Fourier lines of a signal."""
 # Most products of line, time and column that are summed directly: about half a minute.
-_MOST_TERMS = 2e10
+_MAX_DIRECT_PRODUCTS = 2e10
 # Complex numbers in the table of a block (32 MB).
-_TABLE = 2_000_000
+_MAX_TABLE_ENTRIES = 2_000_000
 
 
 def sum_lines(omega: Array, weights: ComplexArray, times: Array, period: float | None = None) -> Array:
@@ -67,7 +67,7 @@ def sum_lines(omega: Array, weights: ComplexArray, times: Array, period: float |
             out[:, column] = (np.fft.ifft(spectrum).real * count)[again]
         return out
     terms = float(len(times)) * len(omega) * weights.shape[1]
-    if terms > _MOST_TERMS:
+    if terms > _MAX_DIRECT_PRODUCTS:
         raise UsageError(
             f"a sum of {len(omega)} Fourier lines at {len(times)} times takes too long",
             remedy="Ask for times a step of the signal's record apart, or for fewer; or narrow the band.",
@@ -95,7 +95,7 @@ def _by_blocks(omega: Array, weights: ComplexArray, times: Array) -> Array:
     step = float(steps.mean()) if len(steps) else 0.0
     even = np.all(np.abs(steps - step) <= 4 * np.finfo(float).eps * np.abs(times).max(initial=0.0))
     rows = 64 if even else 1024
-    width = _TABLE // rows
+    width = _MAX_TABLE_ENTRIES // rows
     for left in range(0, len(omega), width):
         w, c = omega[left : left + width], weights[left : left + width]
         table = np.exp(1j * np.outer(np.arange(min(rows, len(times))) * step, w)) if even else None

@@ -22,7 +22,7 @@ from dynid.bondgraph.reduction.junctions import unique
 End = Literal["tail", "head"]
 
 #: Most lines of power that are compared, and most steps in their search.
-_LINES, _STEPS = 32, 20_000
+_MAX_LINES, _MAX_SEARCH_STEPS = 32, 20_000
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def zero_causality(graph: BondGraph, port: Port, source: str) -> ZeroCausality |
         count += 1
         if best is None or causality.inside.order > best.inside.order:
             best = causality
-        if count == _LINES:
+        if count == _MAX_LINES:
             break
     if best is None:
         return None
@@ -135,7 +135,7 @@ def _lines(
     if start not in distance:
         return
     stack: list[tuple[str, tuple[int, ...], frozenset[str]]] = [(start, (), frozenset([start]))]
-    for _ in range(_STEPS):
+    for _ in range(_MAX_SEARCH_STEPS):
         if not stack:
             return
         node, line, seen = stack.pop()

@@ -27,7 +27,7 @@ from dynid.bondgraph.reduction.prototypes import Prototype
 from dynid.lti.certified_roots import CertifiedRoot
 
 #: Bits to refine a mode to, and Newton steps at most: each doubles the bits.
-_DIGITS, _MOST_STEPS = 192, 40
+_REFINED_BITS, _MAX_NEWTON_STEPS = 192, 40
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ class PrototypeDynamics:
         seen = simple // hidden
         simple, hidden, seen = (integers(polynomial)[0] for polynomial in (simple, hidden, seen))
         powers = []
-        with ctx.workprec(_DIGITS + 16 * int(self.natural.degree())):
+        with ctx.workprec(_REFINED_BITS + 16 * int(self.natural.degree())):
             for mode in modes:
                 s = _refined(simple, mode.value)
                 passing = abs(from_a(s)).mid() + abs(from_b(s)).mid()
@@ -165,7 +165,7 @@ def _refined(polynomial: Any, value: complex) -> Any:
     from flint import acb, ctx
 
     s, derivative = acb(value.real, value.imag), polynomial.derivative()
-    for _ in range(_MOST_STEPS):
+    for _ in range(_MAX_NEWTON_STEPS):
         slope = derivative(s)
         if slope.contains(0):
             break

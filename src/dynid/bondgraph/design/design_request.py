@@ -158,9 +158,9 @@ class Design:
 
 
 #: Imaginary parts below this part of a root are those of a real one.
-_REAL = 1e-9
+_REAL_RTOL = 1e-9
 #: Cost of a target that no root can meet.
-_MISSING = 1e12
+_MISSING_RESIDUAL = 1e12
 
 
 class Reached(NamedTuple):
@@ -207,10 +207,10 @@ def nearest(
         roots = list(options[0].values())
         return [min(roots, key=_distance) if roots else None]
     keys = list(dict.fromkeys(key for candidates in options for key in candidates))
-    costs = np.full((len(targets), len(keys) + len(targets)), _MISSING)
+    costs = np.full((len(targets), len(keys) + len(targets)), _MISSING_RESIDUAL)
     for row, candidates in enumerate(options):
         for key, reached in candidates.items():
-            costs[row, keys.index(key)] = min(_distance(reached), _MISSING)
+            costs[row, keys.index(key)] = min(_distance(reached), _MISSING_RESIDUAL)
     columns = linear_sum_assignment(costs)[1]
     return [
         candidates.get(keys[column]) if column < len(keys) else None
@@ -226,7 +226,7 @@ def _candidates(
     target: RootTarget, values: ComplexArray, slopes: ComplexArray
 ) -> dict[tuple[int, ...], Reached]:
     """Return what could meet a target, by the places of its roots."""
-    real = np.abs(values.imag) <= _REAL * np.abs(values)
+    real = np.abs(values.imag) <= _REAL_RTOL * np.abs(values)
     candidates: dict[tuple[int, ...], Reached] = {}
     if target.damping is not None and abs(target.damping) == 1:
         requested = target.value.real

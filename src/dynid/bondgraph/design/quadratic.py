@@ -10,7 +10,7 @@ import numpy as np
 
 from dynid.arrays import Array
 
-_STEPS, _GAP = 60, 1e-14
+_MAX_INTERIOR_STEPS, _GAP_RTOL = 60, 1e-14
 
 
 def quadratic_program(H: Array, c: Array, A: Array, b: Array) -> tuple[Array, Array]:
@@ -28,11 +28,11 @@ def quadratic_program(H: Array, c: Array, A: Array, b: Array) -> tuple[Array, Ar
     scale[scale == 0] = 1.0
     A, b = A / scale[:, None], b / scale
     x, slack, dual = np.zeros(n), np.maximum(b, 1.0), np.ones(m)
-    for _ in range(_STEPS):
+    for _ in range(_MAX_INTERIOR_STEPS):
         stationary = H @ x + c + A.T @ dual
         primal = A @ x + slack - b
         gap = float(slack @ dual) / m
-        if gap <= _GAP and max(np.abs(stationary).max(), np.abs(primal).max()) <= 1e-12:
+        if gap <= _GAP_RTOL and max(np.abs(stationary).max(), np.abs(primal).max()) <= 1e-12:
             break
         weight = dual / slack
         matrix = H + A.T @ (weight[:, None] * A)

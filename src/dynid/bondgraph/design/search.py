@@ -25,11 +25,11 @@ MET = 1e-9
 #: Largest first-order residual of a minimum, over the size of the gradients that balance.
 STATIONARY = 1e-8
 #: Steps of each method; width of the central differences of the exact gradients.
-_PROGRAMS, _NEWTON, _WIDTH = 60, 12, 1e-4
+_MAX_PROGRAMS, _MAX_NEWTON_STEPS, _DIFFERENCE_WIDTH = 60, 12, 1e-4
 #: A decrease of the scaled norms below this is left to Newton's method.
-_PREDICTED = 1e-10
+_PREDICTED_RTOL = 1e-10
 #: Multipliers below this part of the largest belong to pieces that are not active.
-_ACTIVE = 1e-5
+_ACTIVE_RTOL = 1e-5
 
 
 class Conditions(NamedTuple):
@@ -123,7 +123,7 @@ def _corrected(functions: DesignFunctions, here: Evaluation) -> Evaluation:
         moved = functions.at(eta)
         if np.linalg.norm(moved.residuals) <= np.linalg.norm(here.residuals) * (1 + 1e-9) + MET:
             best = moved
-    for _ in range(_NEWTON):
+    for _ in range(_MAX_NEWTON_STEPS):
         free = (best.eta > low) & (best.eta < high)
         if not free.any() or not np.linalg.norm(best.residuals) > 0:
             break
@@ -211,18 +211,18 @@ class _Search:
             gradients = []
             for side in (1, -1):
                 eta = at.eta.copy()
-                eta[k] += side * _WIDTH
+                eta[k] += side * _DIFFERENCE_WIDTH
                 jacobian, slopes = self.functions.gradients(eta, at)
                 pieces = np.concatenate([f * slope for f, slope in zip(factors, slopes, strict=True)])
                 gradients.append(multipliers.pieces @ pieces + multipliers.roots @ jacobian)
-            rows[k] = (gradients[0] - gradients[1]) / (2 * _WIDTH)
+            rows[k] = (gradients[0] - gradients[1]) / (2 * _DIFFERENCE_WIDTH)
         return np.asarray((rows + rows.T) / 2)
 
     def programs(self, here: Evaluation) -> Evaluation:
         """Return the end of sequential quadratic programs within a trust region."""
         radius, penalty = 0.5, 10.0
         multipliers: _Multipliers | None = None
-        for _ in range(_PROGRAMS):
+        for _ in range(_MAX_PROGRAMS):
             now = self.problem(here)
             guess = multipliers or self._guess(now)
             if len(guess.pieces) != len(now.values):
@@ -234,10 +234,10 @@ class _Search:
             accepted, seen = False, here
             while radius > 1e-7:
                 step, found_multipliers, predicted = self._step(now, here.eta, B, radius, penalty)
-                if predicted < -_PREDICTED:  # the program was not solved: standing still is better
+                if predicted < -_PREDICTED_RTOL:  # the program was not solved: standing still is better
                     radius *= 0.3
                     continue
-                if predicted <= _PREDICTED:
+                if predicted <= _PREDICTED_RTOL:
                     return here
                 trial = self.functions.at(np.clip(here.eta + step, self.low, self.high))
                 penalty = max(penalty, 2 * float(np.abs(found_multipliers.roots).max(initial=0.0)))
@@ -309,7 +309,7 @@ class _Search:
     def finished(self, here: Evaluation) -> Solution:
         """Return the solution after Newton steps on the first-order conditions, with these."""
         best, conditions, step = self._conditions(here)
-        for _ in range(_NEWTON):
+        for _ in range(_MAX_NEWTON_STEPS):
             if step is None or not np.abs(step).max(initial=0.0) > 0:
                 break
             eta = np.clip(best.eta + step, self.low, self.high)
@@ -334,7 +334,7 @@ class _Search:
         here = self._at_limits(here)
         now = self.problem(here)
         guess = self._step(now, here.eta, np.eye(len(here.eta)), 1e-3, 1e3)[1]
-        active = guess.pieces > _ACTIVE * guess.pieces.max()
+        active = guess.pieces > _ACTIVE_RTOL * guess.pieces.max()
         for i in range(int(now.owner.max()) + 1):  # each norm has one at least
             of_norm = np.flatnonzero(now.owner == i)
             active[of_norm[np.argmax(now.values[of_norm])]] = True

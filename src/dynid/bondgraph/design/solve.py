@@ -17,7 +17,7 @@ from dynid.number_format import counted
 from dynid.progress import tracked
 
 #: Solutions whose coordinates differ by less are one; norms that differ by less, relative, are equal.
-_SAME, _EQUAL = 1e-6, 1e-7
+_OPTIMUM_DISTANCE, _OBJECTIVE_RTOL = 1e-6, 1e-7
 #: Points at which the influence of a parameter is tested.
 _PROBES = 4
 
@@ -114,7 +114,7 @@ def _optima(start: Array, met: list[Solution]) -> list[Optimum]:
     lowest = min(solution.objective for solution in met)
 
     def rank(solution: Solution) -> tuple[int, bool, float]:
-        behind = round((solution.objective - lowest) / (_EQUAL * abs(lowest))) if lowest else 0
+        behind = round((solution.objective - lowest) / (_OBJECTIVE_RTOL * abs(lowest))) if lowest else 0
         unsure = solution.conditions is not None and not solution.conditions.verified
         return behind, unsure, float(np.linalg.norm(solution.found.eta - start))
 
@@ -130,7 +130,7 @@ def _optima(start: Array, met: list[Solution]) -> list[Optimum]:
 
 
 def _is_same(a: Solution, b: Solution) -> bool:
-    return bool(np.abs(a.found.eta - b.found.eta).max() <= _SAME)
+    return bool(np.abs(a.found.eta - b.found.eta).max() <= _OPTIMUM_DISTANCE)
 
 
 def _is_isolated(solution: Solution) -> bool:
@@ -143,9 +143,9 @@ def _is_isolated(solution: Solution) -> bool:
 #: Derivatives below this part of the largest one are those of something that does not change.
 _DERIVATIVE_TOL = 1e-10
 #: A coordinate nearer to its limit than this is at it.
-_AT_LIMIT = 1e-6
+_LIMIT_DISTANCE = 1e-6
 #: A parameter that left its start by more than this factor without a limit ran away.
-_AWAY = 1e3
+_FAR_FACTOR = 1e3
 
 
 def without_influence(functions: DesignFunctions, evaluations: Sequence[Evaluation]) -> tuple[str, ...]:
@@ -231,8 +231,10 @@ def no_minimum(functions: DesignFunctions, best: Solution) -> Unreachable | None
         factor = np.exp(abs(away)) if parameter.logarithmic else abs(away)
         limit = parameter.high if away > 0 else parameter.low
         open_end = limit is None or (parameter.logarithmic and limit <= 0)
-        at_end = min(best.found.eta[k] - functions.low[k], functions.high[k] - best.found.eta[k]) < _AT_LIMIT
-        if open_end and (at_end or (factor > _AWAY and not best.conditions.verified)):
+        at_end = (
+            min(best.found.eta[k] - functions.low[k], functions.high[k] - best.found.eta[k]) < _LIMIT_DISTANCE
+        )
+        if open_end and (at_end or (factor > _FAR_FACTOR and not best.conditions.verified)):
             way, key = ("grows", "max") if values[k] > parameter.start else ("falls", "min")
             target = design.criteria[0]
             return Unreachable(
@@ -314,7 +316,7 @@ def _limits(functions: DesignFunctions, best: Evaluation) -> Iterator[str]:
             ("min", parameter.low, functions.low[k], 1),
             ("max", parameter.high, functions.high[k], -1),
         ):
-            at = abs(best.eta[k] - edge) <= _AT_LIMIT * (1 + abs(edge))
+            at = abs(best.eta[k] - edge) <= _LIMIT_DISTANCE * (1 + abs(edge))
             if at and way * gradient[k] > _DERIVATIVE_TOL * size:
                 value = coordinates.values(best.eta)[k]
                 runs = f"{'falls' if way > 0 else 'grows'} to"

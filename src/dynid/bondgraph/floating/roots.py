@@ -175,7 +175,7 @@ class RootDiscs:
 # --- agreement of both ----------------------------------------------------------------------------
 
 #: Relative error above which repeated roots are certified: within one block eigenvalues have half the digits.
-_SHARP = 2.0**-40
+_REPEATED_ROOT_RTOL = 2.0**-40
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,7 @@ def settled(discs: RootDiscs, counts: RootCounts, *, strict: bool = False) -> tu
         Their counts.
     strict
         True: distinct roots that overlap, a side that is open, and repeated roots with a relative error above
-        `_SHARP` are undecided as well.
+        `_REPEATED_ROOT_RTOL` are undecided as well.
 
     Raises
     ------
@@ -243,7 +243,7 @@ def settled(discs: RootDiscs, counts: RootCounts, *, strict: bool = False) -> tu
     merged = [_merged(rest, group) for group in groups]
     agree = sorted(len(group) for group in groups) == expected
     blurred = not agree or any(
-        power > 1 and radius > _SHARP * abs(value) for value, power, radius, _ in merged
+        power > 1 and radius > _REPEATED_ROOT_RTOL * abs(value) for value, power, radius, _ in merged
     )
     if (strict and blurred) or not (agree or len(groups) < len(expected)):
         clustered = rest.where(np.bincount(labels, minlength=len(rest))[labels] > 1)

@@ -16,11 +16,11 @@ from dynid.bondgraph.reduced_graph import GraphProgram, ReducedGraph
 from dynid.errors import NumericalError
 
 #: First and last number of terms that are carried before giving up.
-_FIRST, _LAST = 1, 256
+_FIRST_TERMS, _LAST_TERMS = 1, 256
 #: Bits of the balls, until they say all of the first term that a double can.
-PRECISIONS = (128, 1024, 8192, 65536)
+SERIES_PRECISIONS = (128, 1024, 8192, 65536)
 _MIN_SERIES_BITS = 100
-_NEVER = 1 << 60
+_NO_END = 1 << 60
 
 
 class _TooFew(ArithmeticError):
@@ -65,7 +65,7 @@ class LaurentSeries:
     def __mul__(self, other: LaurentSeries | int) -> LaurentSeries:
         if isinstance(other, int):
             if other == 0:
-                return LaurentSeries(_NEVER, [], self.terms)
+                return LaurentSeries(_NO_END, [], self.terms)
             return LaurentSeries(self.start, [c * other for c in self.coefficients], self.terms)
         a, b = self.coefficients, other.coefficients
         size = min(len(a), len(b))
@@ -87,7 +87,7 @@ class LaurentSeries:
     @property
     def _end(self) -> int:
         """The first power that is not known."""
-        return _NEVER if self.start >= _NEVER else self.start + len(self.coefficients)
+        return _NO_END if self.start >= _NO_END else self.start + len(self.coefficients)
 
 
 class CertifiedNumber:
@@ -165,7 +165,7 @@ def _sharp(
     registers: Iterable[int],
     power: int,
     is_known: Callable[[LaurentSeries], bool],
-    precisions: Sequence[int] = PRECISIONS,
+    precisions: Sequence[int] = SERIES_PRECISIONS,
 ) -> dict[int, LaurentSeries]:
     """Return the series of registers in t, s = t^power, with as many bits as their first terms take.
 
@@ -211,7 +211,7 @@ def leading_terms(
 
 
 def limits_at_rest(
-    planned: GraphProgram, registers: Iterable[int], precisions: Sequence[int] = PRECISIONS
+    planned: GraphProgram, registers: Iterable[int], precisions: Sequence[int] = SERIES_PRECISIONS
 ) -> dict[int, float]:
     """Return the limits of registers as s goes to 0, rounded; infinite at a pole.
 
@@ -268,7 +268,7 @@ def _expanded(
     registers: Iterable[int],
     point: _Point,
     is_known: Callable[[LaurentSeries], bool],
-    terms: int = _FIRST,
+    terms: int = _FIRST_TERMS,
 ) -> tuple[dict[int, LaurentSeries], int]:
     """Return the series of registers, with as many terms as it takes to know them, and how many that is."""
     requested = list(registers)
@@ -277,7 +277,9 @@ def _expanded(
         return LaurentSeries(start, [*coefficients, *[point.field(0)] * (terms - len(coefficients))], terms)
 
     while True:
-        values = {n: series(0, v) if v else LaurentSeries(_NEVER, [], terms) for n, v in point.values.items()}
+        values = {
+            n: series(0, v) if v else LaurentSeries(_NO_END, [], terms) for n, v in point.values.items()
+        }
         start, coefficients = point.laplace
         try:
             run = planned.run(requested, values, series(start, *coefficients), series(0, point.field(1)))
@@ -285,9 +287,10 @@ def _expanded(
                 return run, terms
         except _TooFew:
             pass
-        if terms >= _LAST:
+        if terms >= _LAST_TERMS:
             raise NumericalError(
-                f"a response of this graph depends on more than the first {_LAST} terms of its expansion",
+                f"a response of this graph depends on more than the first {_LAST_TERMS} terms of "
+                "its expansion",
                 remedy="Ask for fewer stages, or for its zeros and poles instead.",
             )
         terms *= 4

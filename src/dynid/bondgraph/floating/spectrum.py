@@ -27,17 +27,17 @@ if TYPE_CHECKING:
 
 # --- eigenvalues, refined -------------------------------------------------------------------------
 
-_UNIT = 2.0**-53
+_UNIT_ROUNDOFF = 2.0**-53
 #: What the error estimate allows for: coefficients rounded once, and the rounding of a sparse solution.
-_ALLOWANCE = 8.0
+_ERROR_FACTOR = 8.0
 #: Inverse iterations on one factorisation, and factorisations before a root is left as it is.
-_ITERATIONS, _FACTORISATIONS = 2, 4
+_MAX_INVERSE_ITERATIONS, _MAX_FACTORISATIONS = 2, 4
 #: What is allowed for the correction that follows one, over its square by the room around the root.
-_NEXT = 64.0
+_NEXT_CORRECTION_FACTOR = 64.0
 #: Most states of a block whose characteristic polynomial is computed: 2 s for 60 with 53 bits an entry.
-_MOST_CERTIFIED = 60
+_MAX_CERTIFIED_STATES = 60
 #: How far beside a root its equations are factorised, if they are exactly singular at it.
-_SHIFTS = (_UNIT, 2.0**-40, 2.0**-26, 2.0**-18)
+_SINGULAR_SHIFTS = (_UNIT_ROUNDOFF, 2.0**-40, 2.0**-26, 2.0**-18)
 
 
 def spectrum(equations: Sequence[LinearForm], *, exact: bool = False) -> RootDiscs:
@@ -48,7 +48,7 @@ def spectrum(equations: Sequence[LinearForm], *, exact: bool = False) -> RootDis
     equations
         As many forms that equal zero as there are unknowns, with exact coefficients.
     exact
-        True: roots of blocks of up to `_MOST_CERTIFIED` states are certified.
+        True: roots of blocks of up to `_MAX_CERTIFIED_STATES` states are certified.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def spectrum(equations: Sequence[LinearForm], *, exact: bool = False) -> RootDis
             continue
         states = _states(block.forms)
         if len(states) == 1:  # exact, rounded once
-            value, error = states[0].astype(np.complex128), _UNIT * np.abs(states[0])
+            value, error = states[0].astype(np.complex128), _UNIT_ROUNDOFF * np.abs(states[0])
             parts.append(RootDiscs(value, error, np.zeros(1)))
         elif len(states):
             parts.append(_Pencil(block.forms).refined(_eigenvalues(states)))
@@ -77,7 +77,7 @@ def _certified(block: list[LinearForm]) -> RootDiscs | None:
     from dynid.lti.certified_roots import certified_roots
 
     rates = solve(block, [])[0] if len(block) > 1 else {}
-    if not 1 < len(rates) <= _MOST_CERTIFIED:
+    if not 1 < len(rates) <= _MAX_CERTIFIED_STATES:
         return None
     matrix = fmpq_mat(len(rates), len(rates))
     index_of, field = {name: k for k, name in enumerate(rates)}, None
@@ -189,27 +189,32 @@ class _Pencil:
         """
         value = following = start
         coarse = error = residual = 0.0
-        for _ in range(_FACTORISATIONS):
+        for _ in range(_MAX_FACTORISATIONS):
             value = following
             vectors = self._null_vectors(value)
             correction, sensitivity, residual = self._judge(value, *vectors)
-            error = abs(correction) + _ALLOWANCE * _UNIT * sensitivity
+            error = abs(correction) + _ERROR_FACTOR * _UNIT_ROUNDOFF * sensitivity
             coarse = coarse or 4 * error
             following = value + correction
             if not abs(following - start) <= room / 4:  # nan, too
                 return start, coarse if np.isfinite(coarse) else float(np.inf), residual
-            if abs(correction) <= 0.5 * _UNIT * sensitivity + _UNIT * abs(value):
+            if abs(correction) <= 0.5 * _UNIT_ROUNDOFF * sensitivity + _UNIT_ROUNDOFF * abs(value):
                 break
             if value == 0:
                 continue
-            rest = _NEXT * abs(correction) * (abs(correction) / room) * max(1.0, sensitivity / abs(value))
-            if rest <= _UNIT * abs(value):  # another factorisation would find nothing but rounding
+            rest = (
+                _NEXT_CORRECTION_FACTOR
+                * abs(correction)
+                * (abs(correction) / room)
+                * max(1.0, sensitivity / abs(value))
+            )
+            if rest <= _UNIT_ROUNDOFF * abs(value):  # another factorisation would find nothing but rounding
                 value = following
                 correction, sensitivity, residual = self._judge(value, *vectors)
-                error = abs(correction) + rest + _ALLOWANCE * _UNIT * sensitivity
+                error = abs(correction) + rest + _ERROR_FACTOR * _UNIT_ROUNDOFF * sensitivity
                 following = value + correction
                 break
-        return following, 2 * error + _UNIT * abs(value), residual
+        return following, 2 * error + _UNIT_ROUNDOFF * abs(value), residual
 
     def _judge(
         self, s: complex, x: NDArray[np.complex128], y: NDArray[np.complex128]
@@ -236,7 +241,7 @@ class _Pencil:
         Each is solved for from the other, as singular vectors: from itself a right vector that is nearly
         orthogonal to the left one would lose what it has gained (Ipsen 1997, section 5).
         """
-        reach = max(abs(s), _UNIT * self.unit)
+        reach = max(abs(s), _UNIT_ROUNDOFF * self.unit)
         sizes = np.abs(self.constant) + reach * np.abs(self.slope)
         row, column = np.ones(self.size), np.ones(self.size)  # powers of two
         for _ in range(2):
@@ -247,7 +252,7 @@ class _Pencil:
         scale = row[self.rows] * column[self.columns]
         factors = self._factors(s, reach, scale)
         x = self.seed.astype(np.complex128)
-        for _ in range(_ITERATIONS):
+        for _ in range(_MAX_INVERSE_ITERATIONS):
             y = factors.solve(x / np.max(np.abs(x)), trans="H")
             x = factors.solve(y / np.max(np.abs(y)))
         return x * column, y * row
@@ -257,7 +262,7 @@ class _Pencil:
         from scipy.sparse import csc_array
         from scipy.sparse.linalg import splu
 
-        for shift in (0.0, *(share * size for size in (reach, self.unit) for share in _SHIFTS)):
+        for shift in (0.0, *(share * size for size in (reach, self.unit) for share in _SINGULAR_SHIFTS)):
             entries = (self.constant + (s + shift) * self.slope) * scale
             matrix = csc_array((entries, self.rows, self.starts_of), shape=(self.size, self.size))
             try:

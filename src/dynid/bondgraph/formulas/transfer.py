@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 
 #: Most terms of numerator or denominator that a reader would read, and most on the way there.
-_READABLE, _LIMIT = 40, 4000
+_MAX_READABLE_TERMS, _MAX_TERMS = 40, 4000
 #: Largest node of an expression that is written inside another; what is longer gets a name.
-_NESTED = 8
+_MAX_NESTED_OPERATIONS = 8
 
 Polynomials = tuple[Any, Any]
 
@@ -36,13 +36,13 @@ def readable(reduced: ReducedGraph) -> dict[Channel, Polynomials]:
     from dynid.bondgraph.formulas.symbolic import FormulaTooLong
 
     try:
-        formulas = _polynomials(reduced, _LIMIT)
+        formulas = _polynomials(reduced, _MAX_TERMS)
     except (FormulaTooLong, UsageError):
         return {}
     return {
         channel: polynomials
         for channel, polynomials in formulas.items()
-        if max(len(polynomial) for polynomial in polynomials) <= _READABLE
+        if max(len(polynomial) for polynomial in polynomials) <= _MAX_READABLE_TERMS
     }
 
 
@@ -51,13 +51,13 @@ def readable_registers(planned: GraphProgram, registers: Iterable[Register]) -> 
     from dynid.bondgraph.formulas.symbolic import FormulaTooLong, quotient
 
     try:
-        formulas = _register_polynomials(planned, registers, _LIMIT)
+        formulas = _register_polynomials(planned, registers, _MAX_TERMS)
     except (FormulaTooLong, UsageError):
         return {}
     return {
         register: quotient(*polynomials)[0]
         for register, polynomials in formulas.items()
-        if max(len(polynomial) for polynomial in polynomials) <= _READABLE
+        if max(len(polynomial) for polynomial in polynomials) <= _MAX_READABLE_TERMS
     }
 
 
@@ -118,7 +118,7 @@ def nested(reduced: ReducedGraph, registers: Iterable[Register], hand: FormulaPr
     symbol_names(reduced)
     requested = list(dict.fromkeys(registers))
     reserved = {*reduced.graph.nodes, *_parameters(reduced)}
-    named = shared(reduced.program, requested, _NESTED)
+    named = shared(reduced.program, requested, _MAX_NESTED_OPERATIONS)
     letter = free_letter(reserved)
     inner = [register for register in named if register not in requested]
     names = {register: f"{letter}{k}" for k, register in enumerate(inner, 1)}

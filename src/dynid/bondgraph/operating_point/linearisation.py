@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from dynid.bondgraph.operating_point.equations import LawRow
     from dynid.bondgraph.operating_point.equilibrium import OperatingPoint
 
-_BITS = 256
+_SLOPE_BITS = 256
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def linearised(point: OperatingPoint) -> Linearisation:
     """
     from flint import ctx
 
-    with ctx.workprec(_BITS):
+    with ctx.workprec(_SLOPE_BITS):
         exact = law_slopes(point)
         circuit = _LinearCircuit(point, exact)
     rounded = tuple(

@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
     from dynid.bondgraph.operating_point.equations import LawSystem
 
-_MOST_STEPS, _SHORTEST = 200, 2.0**-20
+_MAX_STEPS, _MIN_STEP_FACTOR = 200, 2.0**-20
 _CORRECTION_TOL = 1e-11  # of a correction, beside the largest scaled variable
 _ROUNDING_CORRECTION = 1e-6  # of a correction that no step makes smaller
-_BITS = 256
+_RESIDUAL_BITS = 256
 _SINGULAR_TOL = 1e-12  # singular values of the scaled matrix below it count as zero
 #: Residual beside the terms of an equation above which the equations are not fulfilled.
 CONSISTENT = 1e-9
@@ -162,7 +162,7 @@ def iterate(system: LawSystem, z: NDArray[np.float64]) -> tuple[NDArray[np.float
     try:
         residual, matrix = system.residual(z)
         largest = 0.0
-        for _ in range(_MOST_STEPS):
+        for _ in range(_MAX_STEPS):
             factor = Factor(matrix, system.fixed)
             step = factor.solve(residual)
             size, damping = float(np.abs(step).max(initial=0.0)), 1.0
@@ -181,7 +181,7 @@ def iterate(system: LawSystem, z: NDArray[np.float64]) -> tuple[NDArray[np.float
                 except OutOfRangeError:
                     pass
                 damping /= 2
-                if damping < _SHORTEST:  # within rounding of a solution, else stuck
+                if damping < _MIN_STEP_FACTOR:  # within rounding of a solution, else stuck
                     return (z, factor) if size <= _ROUNDING_CORRECTION * largest else None
             z = trial
     except (OutOfRangeError, np.linalg.LinAlgError):
@@ -194,7 +194,7 @@ def refined(system: LawSystem, z: NDArray[np.float64], factor: Factor) -> Newton
     from flint import arb, ctx
 
     laws = system.equations.model.laws
-    with ctx.workprec(_BITS):
+    with ctx.workprec(_RESIDUAL_BITS):
         gradients = [laws[row.node].gradient(high=True) for row in system.equations.laws]
         exact = [arb(float(value)) for value in z]
         for _ in range(30):

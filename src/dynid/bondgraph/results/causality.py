@@ -90,7 +90,7 @@ def _compare_order(result: Result, graph: BondGraph, causality: Causality) -> st
 # --- zero dynamics --------------------------------------------------------------------------------
 
 #: Most states of which the coupled equations are written down, and most parts that a sentence names.
-_MATRIX, _PARTS = 40, 4
+_MAX_WRITTEN_STATES, _MAX_NAMED_PARTS = 40, 4
 
 
 def add_zero_dynamics(result: Result, reduced: ReducedGraph, causality: Causality) -> None:
@@ -159,7 +159,7 @@ def _add_equations(
     dtype = [(name, object) for name in ("elements", "states", "polynomial")]
     result.add_axis(f"{group}/part", np.arange(1, len(rows) + 1))
     result.add(f"{group}/parts", np.array(rows, dtype=dtype), ("part",))
-    if not 0 < count <= _MATRIX:
+    if not 0 < count <= _MAX_WRITTEN_STATES:
         return count
     try:  # x' = A x of the zero dynamics and u = C x that holds the output, as far as doubles reach
         inside = zero_dynamics(reduced, port, source)
@@ -186,9 +186,9 @@ def _meaning(reduced: ReducedGraph, port: Port, source: str, parts: tuple[ZeroPa
         return f"{held} there are no zero dynamics: the channel has no zeros"
     carried = [
         join_with_types(kinds, zero_part.elements) if zero_part.elements else join_nodes(zero_part.states)
-        for zero_part in parts[:_PARTS]
+        for zero_part in parts[:_MAX_NAMED_PARTS]
     ]
-    more = f", and {len(parts) - _PARTS} more parts" if len(parts) > _PARTS else ""
+    more = f", and {len(parts) - _MAX_NAMED_PARTS} more parts" if len(parts) > _MAX_NAMED_PARTS else ""
     return f"zero dynamics, {held}: states of {'; '.join(carried)}{more}"
 
 

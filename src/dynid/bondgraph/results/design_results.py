@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 GROUP = "bond_graph/design"
 #: Points of the responses where the scene has no frequencies, and their range beyond the poles.
-_POINTS, _BEYOND = 400, 10.0
+_RESPONSE_POINTS, _RANGE_FACTOR = 400, 10.0
 
 
 def add_design(result: Result, designed: Designed, omega: Array | None) -> None:
@@ -166,7 +166,7 @@ def _add_responses(result: Result, designed: Designed, omega: Array | None) -> N
         sizes = np.concatenate([np.abs(np.linalg.eigvals(system.A)) for system in matrices])
         sizes = sizes[sizes > 1e-9 * sizes.max(initial=0.0)]
         low, high = (sizes.min(), sizes.max()) if len(sizes) else (1.0, 1.0)
-        omega = np.geomspace(low / _BEYOND, high * _BEYOND, _POINTS)
+        omega = np.geomspace(low / _RANGE_FACTOR, high * _RANGE_FACTOR, _RESPONSE_POINTS)
     result.add_axis(f"{group}/omega", omega, "rad/s")
     result.add_axis(f"{group}/channel", list(channels))
     units = GraphUnits(design.graph)

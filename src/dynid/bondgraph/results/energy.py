@@ -25,7 +25,7 @@ CONTROL = "control"
 #: Eigenvalues nearer to each other than this, relative to the larger one, are one repeated eigenvalue.
 _REPEATED_EIGENVALUE_RTOL = 1e-7
 #: A second eigenvector nearer to the first than this is the same one: the eigenvalue is defective.
-_PARALLEL = 1e-4
+_PARALLEL_RTOL = 1e-4
 
 
 class EnergyElements:
@@ -130,7 +130,7 @@ def free_motions(reduced: ReducedGraph, elements: EnergyElements) -> FreeMotions
     for pole in values[values.imag >= 0]:
         near = np.abs(values - pole) <= _REPEATED_EIGENVALUE_RTOL * max(abs(pole), np.finfo(float).tiny)
         left, sizes, _ = np.linalg.svd(vectors[:, near], full_matrices=False)
-        null_space = left[:, sizes > _PARALLEL * sizes[0]]
+        null_space = left[:, sizes > _PARALLEL_RTOL * sizes[0]]
         poles.append(values[near].mean())
         squares.append((np.abs(C @ null_space) ** 2).mean(axis=1))
         repeated.append(near.sum() > 1)

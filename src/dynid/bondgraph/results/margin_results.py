@@ -44,13 +44,13 @@ _LEFT_OUT = "left out"
 UNDEFINED = "the closed loop is not stable"
 _UNITS = {"phase": "deg", "delay": "s"}
 #: Frequencies of the functions where the scene has none, and gains of a root locus.
-_POINTS, _GAINS = 400, 121
+_FREQUENCY_POINTS, _GAINS = 400, 121
 #: Relative distances from a gain at which branches meet, where they are fast, of further gains.
-_NEAR = (1e-3, 1e-2)
+_MEETING_OFFSETS = (1e-3, 1e-2)
 #: Largest degree of a root locus.
 _MAX_LOCUS_DEGREE = 60
 #: Poles of loops with delays that are listed, and the order of the approximants whose poles lead to them.
-_ROOTS, _STARTS = 20, 12
+_MAX_LISTED_POLES, _STARTS_ORDER = 20, 12
 
 
 def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None) -> None:
@@ -175,10 +175,10 @@ def _add_roots(result: Result, closed: QuasiPolynomial, unstable: float, work: W
         return
     others, starts = "others may lie between them", list[complex]()
     try:
-        starts = _values(root_balls(rational([closed], _STARTS)[0], work=work))
+        starts = _values(root_balls(rational([closed], _STARTS_ORDER)[0], work=work))
     except Undecided as error:
         others = error.problem
-    roots, line = rightmost_roots(closed, starts, _ROOTS)
+    roots, line = rightmost_roots(closed, starts, _MAX_LISTED_POLES)
     right = sum(root.value.real > 0 for root in roots)
     if unstable > right:
         others = f"{int(unstable)} lie in the right half-plane, of which these are {right}"
@@ -211,7 +211,7 @@ def _frequencies(
             for polynomial in function.terms.values():
                 near += [size for size in map(abs, _values(root_balls(polynomial, work=work))) if size]
     low, high = (min(near), max(near)) if near else (1.0, 1.0)
-    return np.geomspace(max(low, 1e-6 * high) / 30, high * 30, _POINTS)
+    return np.geomspace(max(low, 1e-6 * high) / 30, high * 30, _FREQUENCY_POINTS)
 
 
 def _add_functions(
@@ -272,7 +272,10 @@ def _gains(top: Any, bottom: Any, work: Work) -> NDArray[np.float64]:
             gain = -acb_poly(bottom)(root) / acb_poly(top)(root)
             if gain.imag.contains(0) and gain.real > 0 and gain.real < largest:
                 middle = float(gain.real.mid())
-                gains += [middle, *(middle * (1 + sign * step) for sign in (-1, 1) for step in _NEAR)]
+                gains += [
+                    middle,
+                    *(middle * (1 + sign * step) for sign in (-1, 1) for step in _MEETING_OFFSETS),
+                ]
     return np.unique(gains)
 
 

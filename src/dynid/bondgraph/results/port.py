@@ -133,7 +133,7 @@ def add_port_response(result: Result, parts: Decomposition, omega: NDArray[np.fl
 
 
 #: A source whose impedance has a smaller real part, relative, has none beside rounding.
-_LOSSLESS = 1e-12
+_LOSSLESS_RTOL = 1e-12
 
 
 def _add_power(result: Result, parts: Decomposition) -> None:
@@ -154,7 +154,7 @@ def _add_power(result: Result, parts: Decomposition) -> None:
     available = np.full(power.shape, np.inf)
     if f"{group}/source_Z_eq" in result:
         impedance, source_effort = (result[f"{group}/source_{name}"].data for name in ("Z_eq", "e_eq"))
-        lossy = impedance.real > _LOSSLESS * np.abs(impedance)
+        lossy = impedance.real > _LOSSLESS_RTOL * np.abs(impedance)
         available[lossy] = np.abs(source_effort[lossy]) ** 2 / (8 * impedance.real[lossy, None])
         available[source_effort == 0] = 0.0
     result.add(f"{group}/available_power", available, ("omega", "input"), watt)

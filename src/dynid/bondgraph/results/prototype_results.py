@@ -20,12 +20,12 @@ from dynid.bondgraph.results.channels import add_roots, roots_of
 from dynid.result import Result
 
 #: Bits of the denominator of a coefficient that is written as a fraction.
-_PRINTED = 64
+_MAX_FRACTION_BITS = 64
 
 # --- steps and prototypes -------------------------------------------------------------------------
 
 #: Longest nested formula of a prototype's system that is written out, in operations.
-_READABLE = 40
+_MAX_SYSTEM_OPERATIONS = 40
 
 
 def add_steps(result: Result, reduced: ReducedGraph) -> None:
@@ -77,7 +77,7 @@ def system_text(
 ) -> str:
     """Write system A or B of a prototype: nested while that is readable, else by the names of the steps."""
     name, register = prototype.systems[index]
-    nested = length(planned.program, register, _READABLE) < _READABLE
+    nested = length(planned.program, register, _MAX_SYSTEM_OPERATIONS) < _MAX_SYSTEM_OPERATIONS
     text, _ = print_register(planned.program, register, planned.graph.nodes, {} if nested else labels, hand)
     return f"{hand.name(name)[0]} = {text}"
 
@@ -199,7 +199,7 @@ def polynomial_text(polynomial: Any) -> str:
 def _coefficient_text(coefficient: Any) -> str:
     """Write a positive integer, or a number of a field, whose decimals are those of a double."""
     exact = as_fraction(coefficient)
-    return str(exact) if exact.denominator.bit_length() < _PRINTED else repr(as_float(exact))
+    return str(exact) if exact.denominator.bit_length() < _MAX_FRACTION_BITS else repr(as_float(exact))
 
 
 def _add_condition(result: Result, group: str, prefix: str, polynomial: Any) -> None:

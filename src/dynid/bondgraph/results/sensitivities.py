@@ -34,17 +34,17 @@ if TYPE_CHECKING:
 
 #: Points on a circle, and its radius over the distance to the next singularity: the trapezoidal rule is off
 #: by about their power, 3e-31, and less than by rounding where singularities are multiple.
-_POINTS, _PART = 64, 1 / 3
+_CIRCLE_POINTS, _RADIUS_FACTOR = 64, 1 / 3
 #: Largest rounding error of a moment, over the largest value on the circle, in doubles and in balls.
 _MOMENT_RTOL = 1e-10
 #: What is less than this part of a root's distance to the next one, or of a gain, counts as little.
-_NOTICED, _TINY = 1e-4, 1e-280
+_NOTICED_RTOL, _TINY_RESPONSE = 1e-4, 1e-280
 #: The points of the unit circle.
-_TURN = np.exp(2j * np.pi * (np.arange(_POINTS) + 0.5) / _POINTS)
+_TURN = np.exp(2j * np.pi * (np.arange(_CIRCLE_POINTS) + 0.5) / _CIRCLE_POINTS)
 #: A moment below this, over the largest value on the circle, is zero.
-_ZERO = 1e-6
+_ZERO_MOMENT_RTOL = 1e-6
 #: Bits of the ball arithmetic that takes over where doubles are not enough.
-_PRECISIONS = (128, 512, 2048)
+_SENSITIVITY_PRECISIONS = (128, 512, 2048)
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class _Circle:
         noise = np.mean(integrand.error, axis=1) + 4 * np.finfo(float).eps * scale
         rates.real[np.abs(rates.real) <= noise] = 0
         rates.imag[np.abs(rates.imag) <= noise] = 0
-        singular = np.max(moments, axis=0) > _ZERO * scale
+        singular = np.max(moments, axis=0) > _ZERO_MOMENT_RTOL * scale
         rates *= self.radius if self.about == "root" else 1.0
         rates[singular] = np.inf
         return rates
@@ -128,7 +128,7 @@ def sensitivity(
         if root.value.imag >= 0:
             distances = np.abs(others - root.value)
             gap = float(distances[distances > 0].min()) if (distances > 0).any() else 1.0
-            around[root.value] = _Circle(root.value, _PART * gap, "root")
+            around[root.value] = _Circle(root.value, _RADIUS_FACTOR * gap, "root")
     sizes = [abs(parameter.value) or Fraction(1) for parameter in parameters]
     scaled = [
         SensitivityParameter(p.name, p.value, {name: rate * size for name, rate in p.rates.items()})
@@ -137,14 +137,14 @@ def sensitivity(
     units = np.array([float(size) for size in sizes])
     # T(0) from a circle with no root but 0 in it, T(inf) from one around all roots
     moduli = np.abs(others[others != 0])
-    at_zero = _Circle(0j, _PART * moduli.min() if len(moduli) else 1.0, "zero")
-    at_infinity = _Circle(0j, moduli.max(initial=0.0) / _PART or 1.0, "infinity")
+    at_zero = _Circle(0j, _RADIUS_FACTOR * moduli.min() if len(moduli) else 1.0, "zero")
+    at_infinity = _Circle(0j, moduli.max(initial=0.0) / _RADIUS_FACTOR or 1.0, "infinity")
     circles = [at_zero, at_infinity, *around.values()]
     points = np.concatenate([circle.points for circle in circles])
     transfer, slopes = _in_doubles(reduced, register, scaled, points)
     rates = np.empty((len(circles), len(scaled)), dtype=complex)
     for row, circle in enumerate(circles):
-        columns = slice(row * _POINTS, (row + 1) * _POINTS)
+        columns = slice(row * _CIRCLE_POINTS, (row + 1) * _CIRCLE_POINTS)
         again = partial(_in_balls, reduced, register, scaled, circle.points)
         rates[row] = _first_settled(circle, (transfer[columns], slopes[:, columns]), again)
     dc, high, *root_rates = rates
@@ -174,20 +174,21 @@ def _first_settled(
     circle: _Circle, run: tuple[Bounded, Bounded], again: Callable[[int], tuple[Bounded, Bounded]]
 ) -> NDArray[np.complex128]:
     """Return the integrals over a circle at the first precision that is high enough."""
-    for bits in (*_PRECISIONS, 0):
+    for bits in (*_SENSITIVITY_PRECISIONS, 0):
         transfer, slopes = run
         with np.errstate(all="ignore"):  # what overflows has no finite bound
             integrand = slopes / transfer if circle.about == "root" else slopes
             scale_of_whole = (
-                1 / circle.radius if circle.about == "root" else np.abs(transfer.value).max() + _TINY
+                1 / circle.radius if circle.about == "root" else np.abs(transfer.value).max() + _TINY_RESPONSE
             )
-            scale = np.maximum(np.abs(integrand.value).max(axis=1), _NOTICED * scale_of_whole)
+            scale = np.maximum(np.abs(integrand.value).max(axis=1), _NOTICED_RTOL * scale_of_whole)
             if np.all(np.max(integrand.error, axis=1) <= _MOMENT_RTOL * scale):
                 return circle.integral(integrand, scale)
         if bits:
             run = again(bits)
     raise NumericalError(
-        f"the sensitivities near s = {circle.centre:.6g} are lost to round-off with {_PRECISIONS[-1]} bits",
+        f"the sensitivities near s = {circle.centre:.6g} are lost to round-off with "
+        f"{_SENSITIVITY_PRECISIONS[-1]} bits",
         remedy="Roots lie too close together there; leave 'sensitivities' out of the results.",
     )
 

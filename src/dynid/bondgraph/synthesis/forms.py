@@ -43,9 +43,9 @@ FORMS: tuple[Form, ...] = get_args(Form)
 
 #: Precision of irrational values, bits, and the significant decimals to which they are rounded; the first
 #: pair that meets the tolerance is taken. 0: the shortest decimal of the nearest double.
-_PRECISIONS = ((512, 0), (1024, 24), (4096, 60))
+_SYNTHESIS_PRECISIONS = ((512, 0), (1024, 24), (4096, 60))
 #: Cauer's forms are exact; values of more bits than a scene can hold are rounded to this many decimals.
-_EXACT = ((28_000, 300),)
+_EXACT_PRECISIONS = ((28_000, 300),)
 #: Range of doubles.
 _SMALLEST, _LARGEST = Fraction(1, 10**300), Fraction(10**300)
 #: Largest relative error of the coefficients of the graph's own impedance.
@@ -164,7 +164,7 @@ def realise(request: Driving, form: Form, domain: str = "") -> Realisation:
         Where no precision gives the wanted coefficients.
     """
     source: Literal["Se", "Sf"] = "Se" if request.admittance else "Sf"
-    for bits, digits in _EXACT if form in _CAUER else _PRECISIONS:
+    for bits, digits in _EXACT_PRECISIONS if form in _CAUER else _SYNTHESIS_PRECISIONS:
         port = (
             _CAUER[form](*request.impedance) if form in _CAUER else _BY_ROOTS[form](*request.impedance, bits)
         )

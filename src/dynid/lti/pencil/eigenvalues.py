@@ -29,13 +29,13 @@ Real = NDArray[np.float64]
 Indices = NDArray[np.intp]
 EPSILON = float(np.finfo(float).eps)
 #: Sweeps that scale rows and columns; steps of inverse iteration.
-_SWEEPS, _STEPS = 12, 3
+_SCALING_SWEEPS, _MAX_RAYLEIGH_STEPS = 12, 3
 #: Singular values below the first are rounding, above the second they are not.
-_NOISE, _SURE = 1e-12, 1e-7
+_ZERO_SINGULAR_RTOL, _NONZERO_SINGULAR_RTOL = 1e-12, 1e-7
 #: Largest relative error bound of an eigenvalue; eigenvalues below this share of the others may be 0.
-TOLERANCE, _SMALL = 1e-8, 1e-8
+TOLERANCE, _NEAR_ZERO_RTOL = 1e-8, 1e-8
 #: Roundings allowed for a residual.
-_ROUNDINGS = 8
+_RESIDUAL_ROUNDINGS = 8
 EXACT = 'The exact engine (engine="exact") decides.'
 
 
@@ -107,7 +107,7 @@ def finite_eigenvalues(
     order = np.lexsort((value.imag, value.real, np.abs(value)))
     value, bound = value[order], bound[order]
     settle_origin(value, bound, origin)
-    floor = _SMALL * float(np.median(np.abs(value))) if len(value) else 0.0
+    floor = _NEAR_ZERO_RTOL * float(np.median(np.abs(value))) if len(value) else 0.0
     if len(poor := np.flatnonzero(~(bound <= TOLERANCE * np.maximum(np.abs(value), floor)))):
         z, error = value[poor[0]], bound[poor[0]]
         raise Undecided(f"the error of the eigenvalue near {z:.4g} may be {error:.1g}", remedy=EXACT)
@@ -147,7 +147,7 @@ def settle_origin(value: ComplexArray, bound: Real, origin: int | None) -> None:
         return
     if not (np.abs(value[origin:]) > bound[origin:]).all() or np.max(
         np.abs(value[:origin]), initial=0.0
-    ) > _SMALL * np.min(np.abs(value[origin:]), initial=np.inf):
+    ) > _NEAR_ZERO_RTOL * np.min(np.abs(value[origin:]), initial=np.inf):
         raise Undecided(f"rounding hides which {origin} eigenvalues are 0", remedy=EXACT)
     value[:origin] = 0
     bound[:origin] = 0
@@ -180,7 +180,7 @@ def scaled(F: Any, G: Any) -> tuple[Any, Any, float]:
     """Scale rows, columns and s by powers of two until all are near 1; return the unit of s too."""
     F, G, unit = F.tocsr(copy=True), G.tocsr(copy=True), 1.0
     places = [(M, (M.indices, np.repeat(np.arange(M.shape[0]), np.diff(M.indptr)))) for M in (F, G)]
-    for _ in range(_SWEEPS):
+    for _ in range(_SCALING_SWEEPS):
         size = [float(np.exp2(np.mean(np.log2(abs(M.data[M.data != 0]))))) if M.nnz else 1.0 for M in (F, G)]
         step = float(np.exp2(np.round(np.log2(size[1] / size[0]))))
         F.data *= step
@@ -205,7 +205,7 @@ def _without_algebraic(F: Any, G: Any) -> tuple[Real, Real]:
         algebraic = G[rows][:, columns].toarray()
         with np.errstate(all="ignore"):
             condition = np.linalg.cond(algebraic)
-        if condition < 1 / _SURE:
+        if condition < 1 / _NONZERO_SINGULAR_RTOL:
             solved = np.linalg.solve(algebraic, G[rows][:, ~columns].toarray())
             reduced = G[~rows][:, ~columns].toarray() - G[~rows][:, columns] @ solved
             return F[~rows][:, ~columns].toarray(), reduced
@@ -220,12 +220,12 @@ def _deflated(F: Real, G: Real, *, regular: bool) -> tuple[Real, Real]:
     while F.size:
         U, sizes, _ = np.linalg.svd(F)
         sizes = sizes / scale
-        unclear = (sizes > _NOISE) & (sizes < _SURE)
+        unclear = (sizes > _ZERO_SINGULAR_RTOL) & (sizes < _NONZERO_SINGULAR_RTOL)
         if not unclear.any():
-            rank = int((sizes >= _SURE).sum())
+            rank = int((sizes >= _NONZERO_SINGULAR_RTOL).sum())
         elif regular:  # the widest gap, a guess that the known total checks
             ladder = np.concatenate([[1.0], np.maximum(sizes, EPSILON**2), [EPSILON]])
-            rank = int(np.argmax(np.where(ladder[1:] < _SURE, ladder[:-1] / ladder[1:], 0)))
+            rank = int(np.argmax(np.where(ladder[1:] < _NONZERO_SINGULAR_RTOL, ladder[:-1] / ladder[1:], 0)))
         else:
             raise Undecided("a rank is undecided within rounding", remedy=EXACT)
         if rank == len(F):
@@ -261,7 +261,7 @@ def _rayleigh_quotient_iteration(F: Any, G: Any, z: complex, room: float) -> tup
     generator = np.random.default_rng(0)
     u, v = generator.standard_normal((2, F.shape[0])) + 0j
     step = np.inf
-    for _ in range(_STEPS):
+    for _ in range(_MAX_RAYLEIGH_STEPS):
         # One inverse iteration for both vectors; beside z where the pencil is exactly singular there.
         shifts = [4**k * EPSILON * abs(z) for k in range(1, 8)]
         for nudge in (0.0, *shifts, EPSILON):
@@ -281,7 +281,7 @@ def _rayleigh_quotient_iteration(F: Any, G: Any, z: complex, room: float) -> tup
         if abs(step) <= 4 * EPSILON * abs(z):
             break
     rounding = np.abs(u) @ (abs(z) * (abs(F) @ np.abs(v)) + abs(G) @ np.abs(v))
-    return z, float(_ROUNDINGS * EPSILON * rounding / abs(slope) + abs(step))
+    return z, float(_RESIDUAL_ROUNDINGS * EPSILON * rounding / abs(slope) + abs(step))
 
 
 def _solved(P: Any, u: ComplexArray, v: ComplexArray) -> tuple[ComplexArray, ComplexArray]:

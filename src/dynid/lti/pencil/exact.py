@@ -28,7 +28,7 @@ from dynid.lti.pencil.eigenvalues import diagonal_blocks
 Rows = list[list[Fraction]]
 Real = NDArray[np.float64]
 #: Bits of the primes, number of primes that decide a structure, number of shifts that prove singularity.
-_BITS, AGREEING, _SHIFTS = 62, 3, 3
+_PRIME_BITS, AGREEING, _RANDOM_SHIFTS = 62, 3, 3
 
 
 class PencilStructure(NamedTuple):
@@ -242,7 +242,7 @@ def primes(seed: int = 0) -> Iterator[int]:
     """Yield different random primes below 2^62, the same for the same seed."""
     generator, seen = random.Random(seed), set()
     while True:
-        prime = generator.getrandbits(_BITS) | (1 << (_BITS - 1)) | 1
+        prime = generator.getrandbits(_PRIME_BITS) | (1 << (_PRIME_BITS - 1)) | 1
         while not fmpz(prime).is_prime():
             prime += 2
         if prime not in seen:
@@ -257,7 +257,7 @@ def _determinant(F: Any, G: Any, residues: Residues) -> Any:
         return nmod_poly([1], prime)
     if lead := F.det():
         return F.solve(G).charpoly() * lead
-    for _ in range(_SHIFTS):
+    for _ in range(_RANDOM_SHIFTS):
         s0 = residues.random.randrange(1, prime)
         P = F * s0 - G
         if level := P.det():

@@ -15,7 +15,7 @@ from dynid.suggestions import did_you_mean
 Reading = Literal["binary", "decimal"]
 Rows = list[list[Fraction]]
 #: Largest exponent of ten in text: beyond, the exact number would fill the memory.
-_EXPONENT = 5000
+_MAX_EXPONENT = 5000
 
 
 def one_of(what: str, name: object, allowed: tuple[str, ...]) -> None:
@@ -95,7 +95,7 @@ def _exact(position: str, entry: Any, reading: Reading) -> Fraction:
     try:
         if isinstance(entry, str):
             _, _, exponent = entry.lower().partition("e")
-            if len(entry) > _EXPONENT or (exponent and abs(int(exponent)) > _EXPONENT):
+            if len(entry) > _MAX_EXPONENT or (exponent and abs(int(exponent)) > _MAX_EXPONENT):
                 raise ValueError
             return Fraction(entry)
         if isinstance(entry, Rational):

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 Engine = Literal["exact", "float"]
 
 #: Relative smallest singular value: below the first where the rank drops, above the second elsewhere.
-_RANK_DROPS, _FULL_RANK = 1e-11, 1e-7
+_RANK_DROP_RTOL, _FULL_RANK_RTOL = 1e-11, 1e-7
 
 
 class SystemZerosPoles(NamedTuple):
@@ -334,7 +334,7 @@ def checked_zeros(pencil: IntegerPencil) -> tuple[FiniteEigenvalues, PencilStruc
             distance[k] = float(smallest / (abs(z) * np.linalg.norm(F) + np.linalg.norm(G)))
     order = np.argsort(distance, kind="stable")
     kept, others = order[: structure.finite], order[structure.finite :]
-    clear = (distance[kept] < _RANK_DROPS).all() and (distance[others] > _FULL_RANK).all()
+    clear = (distance[kept] < _RANK_DROP_RTOL).all() and (distance[others] > _FULL_RANK_RTOL).all()
     if len(kept) < structure.finite or not clear:
         raise Undecided(
             f"rounding hides which points are the {structure.finite} zeros of a pencil of rank {rank}",
