@@ -5,14 +5,17 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
+    Discriminator,
     Field,
     PlainValidator,
+    Tag,
     ValidationInfo,
     WithJsonSchema,
     field_validator,
@@ -50,6 +53,32 @@ def once(what: str = "") -> AfterValidator:
         return listed
 
     return AfterValidator(check)
+
+
+def by_form(*forms: Literal["one", "list", "mapping", "text"]) -> Discriminator:
+    """Return the discriminator of a union by the form of its value; any other form counts as the first."""
+
+    def form_of(raw: Any) -> str:
+        types: dict[str, Any] = {"list": list, "mapping": (dict, BaseModel), "text": str, "one": ()}
+        return next((form for form in forms if isinstance(raw, types[form])), forms[0])
+
+    return Discriminator(form_of)
+
+
+Entry = TypeVar("Entry")
+OneOrList = Annotated[
+    Annotated[Entry, Tag("one")] | Annotated[list[Entry], Tag("list")], by_form("one", "list")
+]
+"""One value, or one for each element, mode or channel."""
+
+
+def short_for(key: str, accepted: Any) -> BeforeValidator:
+    """Return the reading of a section that may be the value of a key alone; `accepted` are its types."""
+
+    def read(raw: Any) -> Any:
+        return raw if isinstance(raw, dict) else {key: raw}
+
+    return BeforeValidator(read, json_schema_input_type=accepted)
 
 
 class FrequencyGrid(Section):

@@ -10,9 +10,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     AfterValidator,
-    BeforeValidator,
     ConfigDict,
-    Discriminator,
     Field,
     PlainValidator,
     Tag,
@@ -43,7 +41,9 @@ from dynid.scene.schema.base import (
     ParameterEntry,
     Section,
     accuracy_faults,
+    by_form,
     once,
+    short_for,
 )
 from dynid.scene.schema.control import DELAY_REMEDY, ControlModel
 from dynid.scene.schema.design import DesignModel
@@ -103,10 +103,6 @@ def _node_type(raw: Any) -> str:
     return text
 
 
-def _as_mapping(raw: Any) -> Any:
-    return raw if isinstance(raw, dict) else {"type": raw}
-
-
 def _node_name(raw: str) -> str:
     if not _INNER.fullmatch(raw):
         raise fault(f"'{raw}' cannot name a node; use letters, digits, _ and -, starting with a letter")
@@ -152,10 +148,6 @@ PortMatrix = Annotated[
 ]
 
 
-def _ports_form(raw: Any) -> str:
-    return "mapping" if isinstance(raw, dict) else "list"
-
-
 class NodeModel(Section):
     """One node: type, value, and physical domain, which determines units.
 
@@ -178,7 +170,7 @@ class NodeModel(Section):
         Annotated[
             Annotated[list[_PortName], Field(min_length=1), once("the port"), Tag("list")]
             | Annotated[dict[_PortName, Dof], Field(min_length=1), Tag("mapping")],
-            Discriminator(_ports_form),
+            by_form("list", "mapping"),
         ]
         | None
     ) = None
@@ -340,9 +332,7 @@ class InstanceModel(Section):
     copies: dict[Annotated[str, Field(pattern="^[0-9]+$")], dict[str, ParameterEntry]] | None = None
 
 
-_Node = Annotated[
-    NodeModel, BeforeValidator(_as_mapping, json_schema_input_type=NodeModel | InstanceModel | _NodeType)
-]
+_Node = Annotated[NodeModel, short_for("type", NodeModel | InstanceModel | _NodeType)]
 
 
 _TEXTS = WithJsonSchema({"type": "array", "items": {"type": "string"}, "minItems": 1})

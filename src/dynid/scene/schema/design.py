@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from dynid.arithmetic.expression import ExpressionError, parse
-from dynid.scene.schema.base import DefinedParameter, Section
+from dynid.scene.schema.base import DefinedParameter, Section, short_for
 from dynid.scene.schema.graph_variables import Output, SourceName
 from dynid.scene.schema.quantities import AT_KEY, Located, NotNegative, Positive, Value, fault
 from dynid.suggestions import did_you_mean
@@ -58,13 +58,7 @@ class RootModel(Section):
         return self
 
 
-def _frequency_alone(raw: Any) -> Any:
-    return raw if isinstance(raw, dict) else {"frequency": raw}
-
-
-RootPlace = Annotated[
-    RootModel, BeforeValidator(_frequency_alone, json_schema_input_type=RootModel | float | str)
-]
+RootPlace = Annotated[RootModel, short_for("frequency", RootModel | float | str)]
 
 
 class DesignTarget(Section):

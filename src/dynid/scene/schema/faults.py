@@ -34,7 +34,7 @@ _WANTED = {
 }
 _BOUNDS = {"greater_than_equal": "at least {ge:g}", "less_than_equal": "at most {le:,.12g}"}
 #: Tags that distinguish the members of a union that are not models.
-_FORMS = ("list", "mapping", "whole", "components")
+_FORMS = ("one", "list", "mapping", "text", "whole", "components")
 _AS_PATH = "; write the whole path of a value, such as parameters.NAME or graph.nodes.NAME.value"
 _ENDS = {"too_short": "least", "too_long": "most"}
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Self, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from dynid.scene.schema.base import Dof, Section
+from dynid.scene.schema.base import Dof, Section, by_form
 from dynid.scene.schema.quantities import (
     Positive,
     Quantity,
@@ -144,14 +144,10 @@ class AxesModel(Section):
     z: Vector | None = None
 
 
-def _axes_form(raw: Any) -> str:
-    return "rows" if isinstance(raw, list) else "named"
-
-
 Axes = Annotated[
-    Annotated[Annotated[list[Vector], Field(min_length=3, max_length=3)], Tag("rows")]
-    | Annotated[AxesModel, Tag("named")],
-    Discriminator(_axes_form),
+    Annotated[Annotated[list[Vector], Field(min_length=3, max_length=3)], Tag("list")]
+    | Annotated[AxesModel, Tag("mapping")],
+    by_form("mapping", "list"),
 ]
 
 

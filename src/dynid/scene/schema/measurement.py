@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
-    Discriminator,
     Field,
     PlainValidator,
     Tag,
@@ -25,6 +24,7 @@ from dynid.scene.schema.base import (
     SensitivityModel,
     SignedDof,
     UnitName,
+    by_form,
 )
 from dynid.scene.schema.graph_variables import Output
 from dynid.scene.schema.later import Later
@@ -160,17 +160,17 @@ Channels = Annotated[
 
 
 def _is_order(raw: Any) -> Any:
-    if raw == "auto" or (type(raw) is int and 1 <= raw <= MOST_ORDER):
+    if raw == "auto" or (type(raw) is int and 1 <= raw <= MAX_ORDER):
         return raw
-    raise fault(f"'order' is a whole number from 1 to {MOST_ORDER}, or auto")
+    raise fault(f"'order' is a whole number from 1 to {MAX_ORDER}, or auto")
 
 
 #: The highest order of coloured noise.
-MOST_ORDER = 200
+MAX_ORDER = 200
 NoiseOrder = Annotated[
     Any,
     PlainValidator(_is_order),
-    WithJsonSchema({"anyOf": [{"type": "integer", "minimum": 1, "maximum": MOST_ORDER}, {"const": "auto"}]}),
+    WithJsonSchema({"anyOf": [{"type": "integer", "minimum": 1, "maximum": MAX_ORDER}, {"const": "auto"}]}),
 ]
 
 
@@ -191,15 +191,11 @@ class NoiseModel(Section):
         return self
 
 
-def _noise_kind(raw: Any) -> str:
-    return "model" if isinstance(raw, dict | NoiseModel) else "each" if isinstance(raw, list) else "one"
-
-
 Noise = Annotated[
     Annotated[Positive, Tag("one")]
-    | Annotated[list[Positive], Tag("each")]
-    | Annotated[NoiseModel, Tag("model")],
-    Discriminator(_noise_kind),
+    | Annotated[list[Positive], Tag("list")]
+    | Annotated[NoiseModel, Tag("mapping")],
+    by_form("one", "list", "mapping"),
 ]
 """Deviations of white noise, one number or one a channel; or noise that is not white."""
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Field, Tag, model_validator
 
-from dynid.scene.schema.base import FilePath, MotionQuantity, Section, SignedDof
+from dynid.scene.schema.base import FilePath, MotionQuantity, Section, SignedDof, by_form
 from dynid.scene.schema.joints import Vector
 from dynid.scene.schema.quantities import NotNegative, Positive, Value, fault
 from dynid.scene.schema.structure import path_alone
@@ -34,22 +34,14 @@ class MatchModel(Section):
 
 
 Component = (
-    Annotated[Value, Tag("real")] | Annotated[list[Value], Field(min_length=2, max_length=2), Tag("complex")]
+    Annotated[Value, Tag("one")] | Annotated[list[Value], Field(min_length=2, max_length=2), Tag("list")]
 )
 """A component of a shape, or [real, imaginary] of a complex one."""
 
 
-def _component_kind(raw: Any) -> str:
-    return "complex" if isinstance(raw, list) else "real"
-
-
-def _std_kind(raw: Any) -> str:
-    return "each" if isinstance(raw, dict) else "one"
-
-
 ShapeStd = Annotated[
-    Annotated[NotNegative, Tag("one")] | Annotated[dict[SignedDof, NotNegative], Tag("each")],
-    Discriminator(_std_kind),
+    Annotated[NotNegative, Tag("one")] | Annotated[dict[SignedDof, NotNegative], Tag("mapping")],
+    by_form("one", "mapping"),
 ]
 
 
@@ -60,7 +52,7 @@ class ModeModel(Section):
     frequency_std: NotNegative | None = None
     damping: Value | None = None
     damping_std: NotNegative | None = None
-    shape: dict[SignedDof, Annotated[Component, Discriminator(_component_kind)]] = {}
+    shape: dict[SignedDof, Annotated[Component, by_form("one", "list")]] = {}
     shape_std: ShapeStd | None = None
 
     @model_validator(mode="after")

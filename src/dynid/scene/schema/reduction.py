@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, Discriminator, Field, Tag, model_validator
 
@@ -17,6 +17,7 @@ from dynid.scene.schema.base import (
     Section,
     SignedDof,
     accuracy_faults,
+    by_form,
     once,
 )
 from dynid.scene.schema.joints import JointModel, ParameterModel
@@ -26,14 +27,6 @@ from dynid.scene.schema.references import dof_faults, sections
 from dynid.scene.schema.structure import StructureModel
 
 Unit = Literal["rad/s", "Hz"]
-
-
-def _form(raw: Any) -> str:
-    return "mapping" if isinstance(raw, dict) else "list"
-
-
-def _listed(raw: Any) -> str:
-    return "text" if isinstance(raw, str) else "list"
 
 
 DofList = Annotated[list[Dof], Field(min_length=1, max_length=100_000), once("DOF")]
@@ -63,10 +56,10 @@ class ModesModel(Section):
 
 
 Masters = Annotated[
-    Annotated[DofList, Tag("list")] | Annotated[MastersModel, Tag("mapping")], Discriminator(_form)
+    Annotated[DofList, Tag("list")] | Annotated[MastersModel, Tag("mapping")], by_form("list", "mapping")
 ]
 Modes = Annotated[
-    Annotated[_Numbers, Tag("list")] | Annotated[ModesModel, Tag("mapping")], Discriminator(_form)
+    Annotated[_Numbers, Tag("list")] | Annotated[ModesModel, Tag("mapping")], by_form("list", "mapping")
 ]
 
 
@@ -85,7 +78,7 @@ class _Modal(Section):
 _Residuals = Annotated[
     Annotated[list[Dof], Field(max_length=100_000), once("DOF"), Tag("list")]
     | Annotated[Literal["auto", "none"], Tag("text")],
-    Discriminator(_listed),
+    by_form("list", "text"),
 ]
 
 

@@ -17,7 +17,7 @@ from pydantic import (
 )
 
 from dynid.number_format import counted
-from dynid.scene.schema.base import Dof, DofLabel, FilePath, Section, UnitName
+from dynid.scene.schema.base import Dof, DofLabel, FilePath, OneOrList, Section, UnitName
 from dynid.scene.schema.later import Later
 from dynid.scene.schema.quantities import (
     Located,
@@ -43,30 +43,15 @@ from dynid.scene.schema.references import (
 from dynid.units import unit_fits
 
 #: The most elements and nodes that a scene may ask for.
-MOST_ELEMENTS = 100_000
+MAX_ELEMENTS = 100_000
 
 NodeNumber = Annotated[int, Field(ge=1, strict=True), NODE]
 
 
-def _one_or_each(raw: Any) -> str:
-    return "each" if isinstance(raw, list) else "one"
-
-
-PerElement = Annotated[
-    Annotated[Positive, Tag("one")] | Annotated[list[Positive], Tag("each")], Discriminator(_one_or_each)
-]
-PerElementOrZero = Annotated[
-    Annotated[NotNegative, Tag("one")] | Annotated[list[NotNegative], Tag("each")],
-    Discriminator(_one_or_each),
-]
-UncertainPerElement = Annotated[
-    Annotated[UncertainPositive, Tag("one")] | Annotated[list[UncertainPositive], Tag("each")],
-    Discriminator(_one_or_each),
-]
-UncertainPerElementOrZero = Annotated[
-    Annotated[UncertainNotNegative, Tag("one")] | Annotated[list[UncertainNotNegative], Tag("each")],
-    Discriminator(_one_or_each),
-]
+PerElement = OneOrList[Positive]
+PerElementOrZero = OneOrList[NotNegative]
+UncertainPerElement = OneOrList[UncertainPositive]
+UncertainPerElementOrZero = OneOrList[UncertainNotNegative]
 
 
 class DampingModel(Section):
@@ -139,7 +124,7 @@ class FrameSpring(_Spring):
 class BeamModel(Section):
     """An Euler–Bernoulli beam of elements in a row; nodes count from 1."""
 
-    elements: int = Field(ge=1, le=MOST_ELEMENTS, strict=True)
+    elements: int = Field(ge=1, le=MAX_ELEMENTS, strict=True)
     length: UncertainPerElement
     EI: UncertainPerElement
     rhoA: UncertainPerElementOrZero
@@ -169,7 +154,7 @@ class MemberModel(Section):
     EA: UncertainPositive
     EI: UncertainPositive
     rhoA: UncertainNotNegative
-    elements: int = Field(default=1, ge=1, le=MOST_ELEMENTS, strict=True)
+    elements: int = Field(default=1, ge=1, le=MAX_ELEMENTS, strict=True)
     hinges: list[Literal[1, 2]] = []
 
 
@@ -177,9 +162,9 @@ class FrameModel(Section):
     """A plane frame: nodes by their coordinates, members between them."""
 
     nodes: list[Annotated[list[Uncertain], Field(min_length=2, max_length=2)]] = Field(
-        min_length=2, max_length=MOST_ELEMENTS
+        min_length=2, max_length=MAX_ELEMENTS
     )
-    members: list[MemberModel] = Field(min_length=1, max_length=MOST_ELEMENTS)
+    members: list[MemberModel] = Field(min_length=1, max_length=MAX_ELEMENTS)
     supports: list[FrameSupport] = []
     masses: list[PointMassModel] = []
     springs: list[FrameSpring] = []
@@ -187,8 +172,8 @@ class FrameModel(Section):
 
     @model_validator(mode="after")
     def _is_bounded(self) -> Self:
-        if sum(member.elements for member in self.members) > MOST_ELEMENTS:
-            raise fault(f"the members have more than {MOST_ELEMENTS:,} elements together")
+        if sum(member.elements for member in self.members) > MAX_ELEMENTS:
+            raise fault(f"the members have more than {MAX_ELEMENTS:,} elements together")
         return self
 
     def labels(self) -> list[int | str]:
@@ -230,7 +215,7 @@ class SpaceMemberModel(Section):
     orientation: UncertainVector | None = None
     offsets: Annotated[list[UncertainVector], Field(min_length=2, max_length=2)] | None = None
     releases: Annotated[list[list[Direction]], Field(min_length=2, max_length=2)] | None = None
-    elements: int = Field(default=1, ge=1, le=MOST_ELEMENTS, strict=True)
+    elements: int = Field(default=1, ge=1, le=MAX_ELEMENTS, strict=True)
 
 
 class SpaceSupport(Section):
@@ -264,8 +249,8 @@ class SpaceSpring(_Spring):
 class SpaceFrameModel(Section):
     """A frame in three dimensions: nodes by their coordinates, members between them."""
 
-    nodes: list[UncertainVector] = Field(min_length=2, max_length=MOST_ELEMENTS)
-    members: list[SpaceMemberModel] = Field(min_length=1, max_length=MOST_ELEMENTS)
+    nodes: list[UncertainVector] = Field(min_length=2, max_length=MAX_ELEMENTS)
+    members: list[SpaceMemberModel] = Field(min_length=1, max_length=MAX_ELEMENTS)
     supports: list[SpaceSupport] = []
     masses: list[RigidMassModel] = []
     springs: list[SpaceSpring] = []
@@ -273,8 +258,8 @@ class SpaceFrameModel(Section):
 
     @model_validator(mode="after")
     def _is_bounded(self) -> Self:
-        if sum(member.elements for member in self.members) > MOST_ELEMENTS:
-            raise fault(f"the members have more than {MOST_ELEMENTS:,} elements together")
+        if sum(member.elements for member in self.members) > MAX_ELEMENTS:
+            raise fault(f"the members have more than {MAX_ELEMENTS:,} elements together")
         return self
 
 
