@@ -34,6 +34,8 @@ SUBJECTS = {
 CONSTANT = 0.05
 sys.path.insert(0, str(HERE.parent))
 os.environ["PYTHONPATH"] = str(HERE.parent)  # workers find the peers of `benchmarks/`
+if "DYNID_PEERS" in os.environ:
+    os.environ["DYNID_PEER_MODULE"] = "benchmarks.peers"
 
 from dynid.bench import BENCHMARKS, run_benchmarks  # noqa: E402
 from dynid.bench.machine import machine  # noqa: E402

@@ -1,7 +1,8 @@
 """Benchmarks: alternatives that do the same work at several sizes, and the catalogue of all benchmarks.
 
-Alternatives with packages that no part of dynid uses are not in the package: the sources have them in
-`benchmarks/peers.py`, which is loaded where the environment variable `DYNID_PEERS` names a Python with them.
+Alternatives with packages that no part of dynid uses are not in the package: the environment variable
+`DYNID_PEER_MODULE` names a module whose `ALTERNATIVES` has more of them by benchmark, and `DYNID_PEERS` a Python
+with their packages.
 """
 
 from __future__ import annotations
@@ -16,8 +17,9 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, NamedTuple
 
-#: Environment variable with the Python that has the packages of peers, and dynid.
-PEERS = "DYNID_PEERS"
+#: Environment variables with the module of the alternatives of peers, and with the Python that has their
+#: packages, and dynid.
+PEER_MODULE, PEERS = "DYNID_PEER_MODULE", "DYNID_PEERS"
 #: Environment variable with the folder of measured data, which are not in the package.
 DATA = "DYNID_DATA"
 #: Longest default run, s.
@@ -163,12 +165,12 @@ BENCHMARKS = {
 
 
 def benchmark(name: str) -> Benchmark:
-    """Return a benchmark, loaded now, with the alternatives of peers where `DYNID_PEERS` is set."""
+    """Return a benchmark, loaded now, with the alternatives of peers where `DYNID_PEER_MODULE` is set."""
     module, _, attribute = BENCHMARKS[name].module.partition(":")
     case: Benchmark = getattr(import_module(f"dynid.bench.cases.{module}"), attribute or "BENCHMARK")
-    if PEERS not in os.environ or find_spec("benchmarks") is None:
+    if PEER_MODULE not in os.environ:
         return case
-    peers = import_module("benchmarks.peers").ALTERNATIVES.get(name, ())
+    peers = import_module(os.environ[PEER_MODULE]).ALTERNATIVES.get(name, ())
     return replace(case, alternatives=(*case.alternatives, *peers))
 
 
