@@ -7,8 +7,10 @@ coordinate of that dimension within its group.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from functools import lru_cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
@@ -354,40 +356,65 @@ class Result(Mapping[str, Variable]):
         return f"<Result of {self.kind} {self.title!r}: {len(self)} arrays>"
 
 
+#: In `collect`: every number under `properties` and `parameters`, with statuses; also an empty one.
+NUMBERS = ""
+#: The groups of these.
+GATHERED_ANYWAY = frozenset({"properties", "parameters"})
+
+
 class Selection(Result):
-    """A result that keeps only the requested arrays.
+    """A result that keeps the arrays that `collect` may name, and all coordinates.
 
     Parameters
     ----------
     kind
         The kind of scene that produced it.
-    wanted
-        The paths of the arrays to keep.
+    collect
+        Paths, groups, or patterns with `*`, as for `dynid.scene.outcomes.gather`.
     """
 
-    def __init__(self, kind: str, wanted: Collection[str]) -> None:
+    def __init__(self, kind: str, collect: Iterable[str]) -> None:
         super().__init__(kind)
-        self._wanted = wanted
+        self._collect = tuple(path.strip("/") for path in collect)
 
     def wants(self, path: str) -> bool:
         """Return True if an array is kept."""
-        return path in self._wanted
+        return _is_named(self._collect, path)
 
     def wants_below(self, group: str) -> bool:
-        """Return True if any array of a group is kept."""
-        return any(path.startswith(f"{group}/") for path in self._wanted)
-
-    def add(
-        self, path: str, data: ArrayLike, dims: tuple[str, ...] = (), units: str = "", **attrs: Scalar
-    ) -> None:
-        """Store one array under `path` if it is requested."""
-        if path in self._wanted:
-            super().add(path, data, dims, units, **attrs)
+        """Return True if anything in a group may be kept."""
+        return _is_reached(self._collect, group)
 
     def put(self, path: str, variable: Variable) -> None:
-        """Store a variable under `path` if it is requested."""
-        if path in self._wanted:
+        """Store a variable under `path` if it is collected, or is a coordinate."""
+        if variable.dims == (path.rpartition("/")[2],) or self.wants(path):
             super().put(path, variable)
+
+
+@lru_cache(maxsize=4096)  # thousands of samples ask the same
+def _is_named(collect: tuple[str, ...], path: str) -> bool:
+    """Return True if an entry of `collect` may name an array."""
+    if NUMBERS in collect and not GATHERED_ANYWAY.isdisjoint(path.split("/")):
+        return True
+    return any(
+        path == wanted or path.startswith(f"{wanted}/") or fnmatchcase(path, wanted)
+        for wanted in collect
+        if wanted != NUMBERS
+    )
+
+
+@lru_cache(maxsize=4096)
+def _is_reached(collect: tuple[str, ...], group: str) -> bool:
+    """Return True if an entry of `collect` may name something in a group."""
+    for wanted in collect:
+        if wanted == NUMBERS:
+            if not GATHERED_ANYWAY.isdisjoint(group.split("/")):
+                return True
+            continue
+        fixed = min((wanted.partition(sign)[0] for sign in "*?["), key=len)
+        if f"{group}/".startswith(fixed) or fixed.startswith(f"{group}/"):
+            return True
+    return False
 
 
 def common_unit(units: Iterable[str]) -> str:

@@ -336,6 +336,7 @@ def test_peers_of_the_sources_take_part_where_an_interpreter_has_them(monkeypatc
     """Alternatives with packages that no part of dynid uses are not in the package."""
     own = {name: [each.name for each in benchmark(name).alternatives] for name in BENCHMARKS}
     monkeypatch.setenv(PEERS, sys.executable)
+    monkeypatch.setenv(PEER_MODULE, "benchmarks.peers")
     added = {
         name: [each.name for each in benchmark(name).alternatives[len(own[name]) :]] for name in BENCHMARKS
     }

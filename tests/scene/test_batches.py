@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 
 import dynid
 from dynid.errors import UsageError
-from dynid.result import Result
+from dynid.result import Result, Selection
 from dynid.scene.batch import run_alone, run_batch, why_alone
 from dynid.scene.kind import KINDS
 from dynid.scene.load import check_source
-from dynid.scene.outcomes import CollectedResult, gather
+from dynid.scene.outcomes import gather
 from dynid.scene.yaml.source import parse_source
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -160,7 +160,7 @@ def test_a_table_has_no_place_in_a_study():
 
 
 def test_only_what_is_wanted_is_kept():
-    kept, source = CollectedResult("bond-graph", ("a/*",)), Result("bond-graph")
+    kept, source = Selection("bond-graph", ("a/*",)), Result("bond-graph")
     source.add_axis("b/time", np.arange(2.0), "s")
     source.add("a/x", np.ones(2), ("time",))
     source.add("b/x", np.ones(2), ("time",))
@@ -170,7 +170,7 @@ def test_only_what_is_wanted_is_kept():
 
 
 def test_groups_are_passed_over_where_nothing_is_collected_of_them():
-    kept = CollectedResult("bond-graph", ("", "a/x*"))
+    kept = Selection("bond-graph", ("", "a/x*"))
     asked = ("bond_graph/properties", "bond_graph", "a", "b")
     assert [kept.wants_below(group) for group in asked] == [True, False, True, False]
 

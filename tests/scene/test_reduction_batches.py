@@ -156,10 +156,10 @@ def test_an_odd_value_gives_what_it_gives_alone(odd):
 def test_expectations_are_counted():
     text = BEAM + "expect: [{path: reduction/serep/condition, max: 1.0e9}]\n"
     template = scene(text)
-    from dynid.study.work import JUDGE
+    from dynid.study.work import meets
 
     samples = overrides(VARIED, 2)
-    outcomes = run_batch(template, samples, ("reduction/serep/T",), JUDGE)
+    outcomes = run_batch(template, samples, ("reduction/serep/T",), meets)
     assert [one.expectations for one in outcomes] == [(True,), (True,)]
     assert [list(one.values) for one in outcomes] == [
         list(run_alone(template, samples[0], ("reduction/serep/T",)).values)

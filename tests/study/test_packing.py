@@ -9,7 +9,7 @@ from hypothesis.extra import numpy as arrays
 from dynid.checks import check_expectations
 from dynid.result import Result, Variable
 from dynid.scene.outcomes import SampleOutcome, SampleOutcomes
-from dynid.study.work import JUDGE, packed, unpacked
+from dynid.study.work import meets, packed, unpacked
 
 NUMBERS = st.sampled_from([np.float64, np.complex128, np.int64, np.bool_])
 TEXTS = st.text(max_size=4).map(lambda text: np.array(text, dtype=object))
@@ -121,7 +121,7 @@ def test_samples_are_judged_together_as_each_by_itself(samples):
         }
         outcomes.append(SampleOutcome(values))
     (block,) = SampleOutcomes.of(outcomes).blocks
-    together = JUDGE.many(block, EXPECTED, "made up", "")
+    together = meets(block, EXPECTED, "made up", "")
     for outcome, met in zip(outcomes, together.tolist(), strict=True):
         alone = Result("made up")
         for path, variable in outcome.values.items():

@@ -1,8 +1,8 @@
 """Benchmarks: alternatives that do the same work at several sizes, and the catalogue of all benchmarks.
 
 Alternatives with packages that no part of dynid uses are not in the package: the environment variable
-`DYNID_PEER_MODULE` names a module whose `ALTERNATIVES` has more of them by benchmark, and `DYNID_PEERS` a Python
-with their packages.
+`DYNID_PEER_MODULE` names a module whose `ALTERNATIVES` has more of them by benchmark, and `DYNID_PEERS` a
+Python with their packages.
 """
 
 from __future__ import annotations

@@ -15,12 +15,10 @@ from dynid.arithmetic.expression import Expression, parse
 from dynid.arithmetic.numbers import Number, OutOfRangeError, apply, pi, to_fraction
 from dynid.errors import DynidError, SceneError, UsageError
 from dynid.native import call, compiled
-from dynid.result import Result
+from dynid.result import NUMBERS, Result, Selection
 from dynid.scene.kind import KINDS
 from dynid.scene.load import check_source
 from dynid.scene.outcomes import (
-    NUMBERS,
-    CollectedResult,
     SampleBlock,
     SampleOutcome,
     SampleOutcomes,
@@ -68,13 +66,10 @@ class _PlanKey:
 
 
 class Judge(Protocol):
-    """Test of results against the expectations of a scene; the checks are in a higher layer."""
+    """Test of samples against the expectations of their scene; the checks are in a higher layer."""
 
-    def one(self, result: Result, expected: Expected) -> tuple[bool, ...]:
-        """Return True for each expectation that a result meets."""
-
-    def many(self, block: SampleBlock, expected: Expected, kind: str, title: str) -> NDArray[np.bool_]:
-        """Return the same for samples side by side (sample x expectation)."""
+    def __call__(self, block: SampleBlock, expected: Expected, kind: str, title: str) -> NDArray[np.bool_]:
+        """Return True for each expectation that a sample meets (sample x expectation)."""
 
 
 def run_batch(
@@ -112,7 +107,7 @@ def run_batch(
     outcomes = SampleOutcomes([], len(overrides)) if isinstance(plan, str) else plan.run(overrides)
     if judge is not None and expected:
         outcomes = outcomes.with_expectations(
-            lambda block: judge.many(block, expected, template.kind, template.title)
+            lambda block: judge(block, expected, template.kind, template.title)
         ).with_values(lambda block: gather(block.result(0), collect))
     alone = [run_alone(template, overrides[row], collect, judge) for row in outcomes.pending]
     return outcomes.completed(alone)
@@ -166,13 +161,16 @@ def run_alone(
         scene = check_source(set_values(template.source, override)) if override else template
         expected = _expected(scene) if judge is not None else []
         run = KINDS[scene.kind].load("run")
-        result: Result = run(scene, CollectedResult(scene.kind, _requested(collect, expected)))
+        result: Result = run(scene, Selection(scene.kind, _requested(collect, expected)))
         try:
             values = gather(result, collect)
         except UsageError:
             values = gather(run(scene), collect)  # its error names what there is
-        met = judge.one(result, expected) if judge is not None and expected else ()
-        return SampleOutcome(values, expectations=met)
+        if judge is None or not expected:
+            return SampleOutcome(values)
+        (block,) = SampleOutcomes.of([SampleOutcome(dict(result))]).blocks
+        met = judge(block, expected, scene.kind, scene.title)[0]
+        return SampleOutcome(values, expectations=tuple(met.tolist()))
     except SceneError as error:
         # Each fault stands at the value that was set, or at its line of the scene.
         said = "; ".join(

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from dynid.errors import UsageError
-from dynid.result import Result, Scalar, Variable
+from dynid.result import GATHERED_ANYWAY, NUMBERS, Result, Variable
 from dynid.suggestions import did_you_mean_path
 
 Indices = NDArray[np.intp]
@@ -243,12 +243,6 @@ def _block(group: Sequence[tuple[int, SampleOutcome]]) -> SampleBlock:
     )
 
 
-#: In `collect`: every number under `properties` and `parameters`, with statuses; also an empty one.
-NUMBERS = ""
-#: The groups of these.
-GATHERED_ANYWAY = frozenset({"properties", "parameters"})
-
-
 def gather(result: Mapping[str, Variable], collect: tuple[str, ...]) -> dict[str, Variable]:
     """Return the arrays that `collect` names in a result, with the coordinates of their axes.
 
@@ -319,65 +313,3 @@ def _status_of(path: str) -> str:
     from dynid.bondgraph.results.characteristics import STATUSES
 
     return f"{group}/{STATUSES[name]}" if name in STATUSES else ""
-
-
-class CollectedResult(Result):
-    """A result that keeps the arrays that `collect` may name, and all coordinates.
-
-    Parameters
-    ----------
-    kind
-        The kind of scene that produced it.
-    collect
-        Paths, groups, or patterns with `*`, as for `dynid.scene.outcomes.gather`.
-    """
-
-    def __init__(self, kind: str, collect: tuple[str, ...]) -> None:
-        super().__init__(kind)
-        self._collect = tuple(path.strip("/") for path in collect)
-
-    def wants(self, path: str) -> bool:
-        """Return True if an array is kept."""
-        return _named(self._collect, path)
-
-    def wants_below(self, group: str) -> bool:
-        """Return True if anything in a group may be kept."""
-        return _reached(self._collect, group)
-
-    def add(
-        self, path: str, data: ArrayLike, dims: tuple[str, ...] = (), units: str = "", **attrs: Scalar
-    ) -> None:
-        """Store an array under `path` if it is collected, or is a coordinate."""
-        if dims == (path.rpartition("/")[2],) or self.wants(path):
-            super().add(path, data, dims, units, **attrs)
-
-    def put(self, path: str, variable: Variable) -> None:
-        """Store a variable under `path` if it is collected, or is a coordinate."""
-        if variable.dims == (path.rpartition("/")[2],) or self.wants(path):
-            super().put(path, variable)
-
-
-@lru_cache(maxsize=4096)  # thousands of samples ask the same
-def _named(collect: tuple[str, ...], path: str) -> bool:
-    """Return True if an entry of `collect` may name an array."""
-    if NUMBERS in collect and not GATHERED_ANYWAY.isdisjoint(path.split("/")):
-        return True
-    return any(
-        path == wanted or path.startswith(f"{wanted}/") or fnmatchcase(path, wanted)
-        for wanted in collect
-        if wanted != NUMBERS
-    )
-
-
-@lru_cache(maxsize=4096)
-def _reached(collect: tuple[str, ...], group: str) -> bool:
-    """Return True if an entry of `collect` may name something in a group."""
-    for wanted in collect:
-        if wanted == NUMBERS:
-            if not GATHERED_ANYWAY.isdisjoint(group.split("/")):
-                return True
-            continue
-        fixed = min((wanted.partition(sign)[0] for sign in "*?["), key=len)
-        if f"{group}/".startswith(fixed) or fixed.startswith(f"{group}/"):
-            return True
-    return False

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid._version import __version__
-from dynid.checks import check_expectations, samples_meet
+from dynid.checks import samples_meet
 from dynid.errors import FileError
-from dynid.result import Result, Variable
+from dynid.result import Variable
 from dynid.scene.batch import Expected, run_batch
 from dynid.scene.load import check_source
 from dynid.scene.outcomes import SampleBlock, SampleOutcomes, is_shared
@@ -68,7 +68,7 @@ def run_chunk(job: Job, overrides: Sequence[Mapping[str, Any]]) -> Done:
         raise FileError(problem, remedy="Install the same version on all workers, and run the study again.")
     template = _template(job.text, job.file)
     started = time.perf_counter()
-    outcomes = packed(run_batch(template, overrides, job.collect, JUDGE))
+    outcomes = packed(run_batch(template, overrides, job.collect, meets))
     return Done(outcomes, time.perf_counter() - started)
 
 
@@ -78,21 +78,9 @@ def _template(text: str, file: str) -> Scene:
     return check_source(parse_source(text, file))
 
 
-class _Judge:
-    """Checker of the expectations that results meet."""
-
-    def one(self, result: Result, expected: Expected) -> tuple[bool, ...]:
-        """Return for one result whether each expectation is met."""
-        return tuple(outcome.passed for outcome in check_expectations(result, expected))
-
-    def many(self, block: SampleBlock, expected: Expected, kind: str, title: str) -> NDArray[np.bool_]:
-        """Return for many samples whether each expectation is met (samples x expectations)."""
-        return samples_meet(
-            block.values, len(block), lambda place: block.result(place, kind, title), expected
-        )
-
-
-JUDGE = _Judge()
+def meets(block: SampleBlock, expected: Expected, kind: str, title: str) -> NDArray[np.bool_]:
+    """Return for samples of a scene whether each expectation is met (samples x expectations)."""
+    return samples_meet(block.values, len(block), lambda sample: block.result(sample, kind, title), expected)
 
 
 _LENGTH = struct.Struct("<I")

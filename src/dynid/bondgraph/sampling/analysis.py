@@ -21,7 +21,7 @@ from dynid.bondgraph.results.response_results import add_frequency_response, add
 from dynid.bondgraph.sampling.engine import SampledEngine
 from dynid.bondgraph.sampling.family import ChannelPolynomials, GraphFamily, SampleValues
 from dynid.errors import DynidError
-from dynid.result import Result, Selection, Variable
+from dynid.result import Selection, Variable
 
 # --- arrays of all samples ------------------------------------------------------------------------
 
@@ -204,8 +204,8 @@ class SampledAnalysis:
 
     def _alone(
         self, values: Mapping[str, Fraction], initial: Mapping[str, float | Fraction], *, channels: bool
-    ) -> Result | None:
-        """Return the result of one sample by itself; None where it fails: run alone it reports why."""
+    ) -> dict[str, Variable] | None:
+        """Return the arrays of one sample by itself; None where it fails: run alone it reports why."""
         analysis, result = self.analysis, Selection("bond-graph", self.wanted)
         reduced = self._family.at(values)
         try:
@@ -219,7 +219,7 @@ class SampledAnalysis:
                 )
         except DynidError:
             return None
-        return result
+        return {path: variable for path, variable in result.items() if path in self.wanted}
 
     def _asks(self, *groups: str) -> bool:
         return any(path.startswith(groups) for path in self.wanted)

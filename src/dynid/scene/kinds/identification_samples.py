@@ -16,11 +16,12 @@ from dynid.errors import DynidError
 from dynid.identification.problem import SharedRecords
 from dynid.identification.records.measurement import Experiment
 from dynid.identification.records.simulation import Simulation
+from dynid.result import Selection
 from dynid.scene.batch import NotShared, Overrides
 from dynid.scene.kinds.identification import Setting, estimates_alone, identified, setting, structure_of
 from dynid.scene.kinds.measurements import experiments
 from dynid.scene.load import Scene
-from dynid.scene.outcomes import CollectedResult, SampleOutcome, SampleOutcomes, gather
+from dynid.scene.outcomes import SampleOutcome, SampleOutcomes, gather
 from dynid.scene.schema.quantities import Quantity
 from dynid.structure.model import StructuralModel
 
@@ -77,7 +78,7 @@ class IdentificationSamples:
         self._varied = {path: _varied(model, path) for path in paths}
         measurement = model.measurement
         from_records = measurement is not None and measurement.modes is None and measurement.frf is None
-        if not (from_records and estimates_alone(model, CollectedResult("identification", collect))):
+        if not (from_records and estimates_alone(model, Selection("identification", collect))):
             raise NotShared("more than an identification from records is asked for")
         self._scene, self._collect = scene, collect
         self._structure = structure_of(scene)
@@ -103,7 +104,7 @@ class IdentificationSamples:
             if changed is None:
                 return None
             model = changed
-        scene, result = replace(self._scene, model=model), CollectedResult("identification", self._collect)
+        scene, result = replace(self._scene, model=model), Selection("identification", self._collect)
         try:
             structure = self._structure if self._same else structure_of(scene)
             given = self._setting_of(scene, structure, override)
