@@ -1,9 +1,10 @@
 """Alternatives of `dynid bench` by other projects, with packages that dynid itself does not use.
 
 `python -m dynid bench`, run from the root of the sources, loads them where `DYNID_PEER_MODULE` is
-`benchmarks.peers`; `DYNID_PEERS` names a Python with these packages and dynid. The Kalman filters of filterpy and dynamax are
-written as their users would: the derivative of the states integrated by Runge–Kutta 4, its Jacobian through
-the same stages or by automatic differentiation; prior and assumed noise are those of dynid's pass.
+`benchmarks.peers`; `DYNID_PEERS` names a Python with these packages and dynid. The Kalman filters of filterpy
+and dynamax are written as their users would: the derivative of the states integrated by Runge–Kutta 4, its
+Jacobian through the same stages or by automatic differentiation; prior and assumed noise are those of dynid's
+pass.
 """
 
 from __future__ import annotations

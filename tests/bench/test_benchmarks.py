@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from dynid.bench import BENCHMARKS, benchmark, run_benchmarks
-from dynid.bench.benchmark import DATA, DEFAULT_RUN, PEERS, Alternative
+from dynid.bench.benchmark import DATA, DEFAULT_RUN, PEER_MODULE, PEERS, Alternative
 from dynid.bench.suite import BenchmarkChange, BenchmarkFigure, beaten, changes, limits, pareto
 from dynid.bench.worker import _timed, measured, processor
 from dynid.cli import cli
