@@ -62,7 +62,6 @@ def test_a_limit_says_what_it_is(name):
 CHOOSING = re.compile(r"_?(DENSE|SPARSE|LARGE|SMALL|FEW|MANY|SHORT|LONG|BIG)")
 #: Those that choose none, or hardly one.
 OTHERS = {
-    "identification.estimators.filter": "the range of squares in double precision",
     "structure.modes.sparse": "beyond it an answer is refused",
 }
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dynid.identification.estimators.filter import PART, _History, _walk, filter_pass
+from dynid.identification.estimators.filter import LINEARISED_DEVIATIONS, _History, _walk, filter_pass
 from dynid.identification.estimators.filter_passes import wide_prior
 from dynid.identification.likelihood.priors import InitialState
 from dynid.identification.likelihood.time_record import TimeRecord
@@ -186,7 +186,16 @@ def passed(kind: type) -> tuple[np.ndarray, np.ndarray]:
     weight = np.broadcast_to(1 / record.noise, record.values.shape).astype(kind)
     origin = prior.eta.astype(kind)
     with np.errstate(over="ignore"):  # the bounds on safe squares are those of doubles
-        _walk(_rounded(model, kind), record.values.astype(kind), weight, z, S, origin, history, PART)
+        _walk(
+            _rounded(model, kind),
+            record.values.astype(kind),
+            weight,
+            z,
+            S,
+            origin,
+            history,
+            LINEARISED_DEVIATIONS,
+        )
     return history.eta, history.deviations
 
 

@@ -8,7 +8,7 @@ from dynid.identification import identify
 from dynid.identification.estimators import auto
 from dynid.identification.results import write_derived
 
-_STATES, _MISTAKES = write_derived._STATES, identify.instrument_mistakes
+_STATES, _MISTAKES = write_derived._MAX_STATES, identify.instrument_mistakes
 
 
 @pytest.fixture(autouse=True, scope="package")
@@ -18,7 +18,7 @@ def _estimates_alone():
     These are derived quantities without a request, and mistakes of instruments that explain a lack of fit.
     """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(write_derived, "_STATES", 0)
+        patch.setattr(write_derived, "_MAX_STATES", 0)
         patch.setattr(identify, "instrument_mistakes", lambda *_: [])
         yield
 
@@ -26,7 +26,7 @@ def _estimates_alone():
 @pytest.fixture
 def complete(monkeypatch):
     """Give a test all that users get without a request, see `_estimates_alone`."""
-    monkeypatch.setattr(write_derived, "_STATES", _STATES)
+    monkeypatch.setattr(write_derived, "_MAX_STATES", _STATES)
     monkeypatch.setattr(identify, "instrument_mistakes", _MISTAKES)
 
 

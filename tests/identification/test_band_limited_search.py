@@ -11,7 +11,7 @@ from dynid.identification.estimators.maximum_likelihood import OutputError
 from dynid.identification.identify import identify
 from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
 from dynid.identification.records.simulation import Simulation
-from dynid.identification.systems.band_limited_system import BAND, band_limited
+from dynid.identification.systems.band_limited_system import BAND_FACTOR, band_limited
 from dynid.identification.systems.frf_system import FrfSystem
 from dynid.identification.systems.structure_system import StructureSystem
 from dynid.parameters import Parameter
@@ -54,7 +54,7 @@ MODELS = {
 @pytest.mark.parametrize("factor", [0.05, 1.0, 20.0])
 def test_responses_of_the_band_are_those_of_the_whole_structure(model, factor):
     of = FrfSystem.of(model, FUNCTIONS)
-    found = band_limited(of.system, LINES, of.pairs, BAND)
+    found = band_limited(of.system, LINES, of.pairs, BAND_FACTOR)
     values = {one.name: one.start * factor**place for place, one in enumerate(model.unknowns)}
     values = {name: value if name != "rhoA" else TRUE["rhoA"] for name, value in values.items()}
     (H, slopes), (near, by_value) = (
@@ -119,7 +119,7 @@ def test_a_band_that_is_too_narrow_is_widened(monkeypatch):
         tried.append(band)
         return limit(likelihood, band)
 
-    monkeypatch.setattr(auto, "BAND", 0.05)
+    monkeypatch.setattr(auto, "BAND_FACTOR", 0.05)
     monkeypatch.setattr(auto.FrfLikelihood, "band_limited", recorded)
     assert_same(identify(whole_beam(0.99), few, once), expected)
     assert tried[:2] == [0.05, 0.1]
@@ -134,4 +134,4 @@ def test_small_structures_those_with_massless_dofs_and_local_joints_are_taken_wh
     local = lumped([1.0] * 60, chain, [Joint("a", (2, 3), JointParameter(start=1.0))])
     for model in (few, massless, local):
         of = FrfSystem.of(model, (Frf(Channel(1, "acceleration"), 1),))
-        assert band_limited(of.system, LINES, of.pairs, BAND) is None
+        assert band_limited(of.system, LINES, of.pairs, BAND_FACTOR) is None

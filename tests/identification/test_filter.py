@@ -6,7 +6,7 @@ import pytest
 from dynid.errors import Diverged
 from dynid.identification.estimators.filter import Pass, check_run_away, filter_pass, thinned
 from dynid.identification.estimators.filter_passes import wide_prior
-from dynid.identification.likelihood.time_record import MOST_ROWS
+from dynid.identification.likelihood.time_record import MAX_STORED_ROWS
 from dynid.native import VARIABLE
 from tests.identification.cases import suspension
 from tests.identification.test_kernels import fits_of, origin_of
@@ -53,14 +53,14 @@ def test_deviations_scale_with_the_prior_however_small(monkeypatch, wish):
         np.testing.assert_allclose(tiny, small, rtol=1e-12)  # rounding of some twenty steps
 
 
-@pytest.mark.parametrize(("samples", "every"), [(MOST_ROWS, 1), (2 * MOST_ROWS + 1, 3)])
+@pytest.mark.parametrize(("samples", "every"), [(MAX_STORED_ROWS, 1), (2 * MAX_STORED_ROWS + 1, 3)])
 def test_of_a_long_history_every_so_many_rows_are_stored_the_last_among_them(samples, every):
     column = np.arange(float(samples))[:, None]
     history = Pass(column, column + 0.25, column + 0.5, column + 0.75, np.eye(1), column)
     kept = thinned(history)
     assert kept.eta[-1] == samples - 1
     np.testing.assert_array_equal(np.diff(kept.eta[:, 0]), every)
-    assert len(kept.eta) <= MOST_ROWS
+    assert len(kept.eta) <= MAX_STORED_ROWS
     for name, offset in (("deviations", 0.25), ("states", 0.5), ("state_deviations", 0.75)):
         np.testing.assert_array_equal(getattr(kept, name), kept.eta + offset)
     assert len(kept.innovations) == samples

@@ -18,7 +18,7 @@ from dynid import native
 from dynid.errors import Diverged, UsageError
 from dynid.identification import least_squares
 from dynid.identification.estimators import filter as filtering
-from dynid.identification.estimators.filter import PART, filter_pass
+from dynid.identification.estimators.filter import LINEARISED_DEVIATIONS, filter_pass
 from dynid.identification.estimators.filter_passes import first_noise, wide_prior
 from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
 from dynid.identification.records.measurement import RecordData
@@ -129,7 +129,7 @@ def test_steps_made_now_and_then_serve_as_well_as_those_of_every_sample(monkeypa
     origin, noise = origin_of(model), first_noise(TimeLikelihood((fits,)))[0]
     some, every = (
         filter_pass(joint, fits.data.values, wide_prior(fits, origin), noise, origin, part)
-        for part in (PART, 0.0)
+        for part in (LINEARISED_DEVIATIONS, 0.0)
     )
     assert np.abs((some.eta - every.eta) / every.deviations).max() < 0.01
     np.testing.assert_allclose(some.deviations[-1], every.deviations[-1], rtol=1e-3)

@@ -68,7 +68,7 @@ def test_a_large_model_is_stood_for_by_more_modes(monkeypatch):
     text = text.replace("count: 8", "count: 5").replace("400", "200").replace("300]", "100]")
     full = dynid.run(check(text))
     assert full.value("identification/model_error/reference") == "full model of 29 DOFs"
-    monkeypatch.setattr(model_error, "_MOST_DOFS", 10)
+    monkeypatch.setattr(model_error, "_MAX_REFERENCE_DOFS", 10)
     result = dynid.run(check(text))
     assert result.value("identification/model_error/reference") == "model of 15 modes and residual vectors"
     shifts = [each["identification/model_error/shift"].data for each in (result, full)]

@@ -13,9 +13,8 @@ EQUIVALENT: dict[str, str] = {
     f"{_REDUCTION}.reducer:JunctionElimination.paired: not zero(self.net.entry(b, a))) → not zero(self.net.entry(a, b)))": (
         "the two entries of a pair are equal up to their sign, before and after every elimination"
     ),
-    f"{_FILTER}:_lengths: if squares.min() > _SMALL and squares.max( → if squares.min() >= _SMALL and "
-    "squares.max(": "where the two ways meet they give the same number",
-    f"{_FILTER}:_lengths: MALL and squares.max() < _LARGE: → MALL and squares.max() <= _LARGE:": (
+    f"{_FILTER}:_lengths: if squares.min() > _MIN_SQUARE and squares → if squares.min() >= _MIN_SQUARE and squares": "where the two ways meet they give the same number",
+    f"{_FILTER}:_lengths: UARE and squares.max() < _MAX_SQUARE: → UARE and squares.max() <= _MAX_SQUARE:": (
         "where the two ways meet they give the same number"
     ),
     f"{_REDUCTION}.network:reach: depth, queue = ({{root: 0}}, [root]) → depth, queue = ({{root: 1}}, [root])": (
@@ -30,7 +29,7 @@ EQUIVALENT: dict[str, str] = {
     "sign >= 0 else self._minus_one)": "a sign is 1 or -1",
     f"{_REDUCTION}.network:port_form: sign(graph, port.node) > 0 else program.neg(valu → sign(graph, port.node) >= 0 else "
     "program.neg(valu": "a sign is 1 or -1",
-    f"{_FILTER}:: MALL, _LARGE = (1e-280, 1e+280) → MALL, _LARGE = (1e-280, 2e+280)": (
+    f"{_FILTER}::  _MAX_SQUARE = (1e-280, 1e+280) →  _MAX_SQUARE = (1e-280, 2e+280)": (
         "both are far within the range of squares in double precision"
     ),
     f"{_FILTER}:Linearised.follow: np.abs(eta - self.eta) <= np.minimum(self._part * → np.abs(eta - self.eta) < np.minimum(self._part *": (

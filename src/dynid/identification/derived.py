@@ -27,23 +27,23 @@ from dynid.parameters import Parameter, named, rates
 from dynid.structure.ports import ratio
 
 #: Half width of a 95 % band in standard deviations; the tails beyond it.
-HALF_WIDTH, _TAIL = 1.959963984540054, 0.025
+HALF_WIDTH, _TAIL_PROBABILITY = 1.959963984540054, 0.025
 #: Samples of the posterior that are requested, those of what is not requested, and their seed.
-SAMPLES, FEW_SAMPLES, _SEED = 1000, 200, 20261123
+SAMPLES, FEW_SAMPLES, _POSTERIOR_SEED = 1000, 200, 20261123
 # A quantity is linear if its curvature changes the ends of the band by less than this part of its half width.
-_LINEAR = 0.1
+_CURVATURE_SHARE = 0.1
 # Real parts below this part of the root, whatever the parameters, are on the imaginary axis.
-_ON_AXIS = 1e-8
+_ON_AXIS_REL_TOL = 1e-8
 # Random values of the parameters that confirm what holds for all values.
 _CONFIRMING_DRAWS = 3
 # Distance from the axis, in standard deviations, beyond which no sample is needed.
 _AXIS_DEVIATIONS = 6.0
 # Errors of an estimate that is converged: so many standard deviations, at most this part of the parameter.
-_DEVIATIONS, _CONVERGED = 6.0, 1e-9
+_ERROR_DEVIATIONS, _CONVERGED_REL_ERROR = 6.0, 1e-9
 # Roots of a sample that stay within so many radii of a cluster are not resolved either.
 _CLUSTER_RADII = 4.0
 # Distances between roots in a block of samples.
-_BLOCK = 1 << 17
+_BLOCK_DISTANCES = 1 << 17
 
 DELTA, LOGARITHM, SAMPLED = "delta", "delta of the logarithm", "samples"
 
@@ -128,7 +128,7 @@ class GaussianPosterior:
         """Seeded samples (samples x p)."""
         if self.drawn is not None:
             return self.drawn
-        drawn = np.random.default_rng(_SEED).standard_normal((self.count // 2, len(self.eta)))
+        drawn = np.random.default_rng(_POSTERIOR_SEED).standard_normal((self.count // 2, len(self.eta)))
         both = np.concatenate([drawn, -drawn]) @ self.root.T
         return np.clip(self.eta + both, self.low, self.high)
 
@@ -136,7 +136,7 @@ class GaussianPosterior:
     def elsewhere(self) -> Array:
         """Coordinates at random far from the mean, to confirm what holds everywhere (count x p)."""
         spread = np.array([unknown.first_spread for unknown in self.unknowns]) / 4
-        drawn = np.random.default_rng(_SEED).uniform(-1, 1, (_CONFIRMING_DRAWS, len(self.eta)))
+        drawn = np.random.default_rng(_POSTERIOR_SEED).uniform(-1, 1, (_CONFIRMING_DRAWS, len(self.eta)))
         return np.clip(self.eta + spread * drawn, self.low, self.high)
 
     def bands(
@@ -168,7 +168,7 @@ class GaussianPosterior:
         by_log = _bend(logs[0], logs[1], logs[2], linear / signed)
         by_log = np.where(same, by_log * size, np.inf)
         rounding = 1e-13 * np.abs(value)
-        curvature_limit = np.maximum(_LINEAR * half, rounding)
+        curvature_limit = np.maximum(_CURVATURE_SHARE * half, rounding)
         logarithmic = usable & (by_log <= curvature_limit) & (by_log < bend) & (bend > rounding)
         plain = usable & (bend <= curvature_limit) & ~logarithmic
         low, high = value - half, value + half
@@ -181,7 +181,11 @@ class GaussianPosterior:
             drawn = at(self.samples, others)
             for k, index in enumerate(others):
                 finite = drawn[:, k][np.isfinite(drawn[:, k])]
-                ends_of = np.quantile(finite, [_TAIL, 1 - _TAIL]) if len(finite) else [-np.inf, np.inf]
+                ends_of = (
+                    np.quantile(finite, [_TAIL_PROBABILITY, 1 - _TAIL_PROBABILITY])
+                    if len(finite)
+                    else [-np.inf, np.inf]
+                )
                 low[index], high[index] = ends_of
                 method[index] = SAMPLED
         return ConfidenceBand(value, np.minimum(low, value), np.maximum(high, value), method)
@@ -245,12 +249,17 @@ class RootFamily:
         for cluster in self.reference.clusters:
             smooth[cluster.places] = True
         change = np.where(np.isfinite(slopes), slopes, 0.0)
-        still = (np.abs(change.real) <= _ON_AXIS * (np.abs(values)[:, None] + np.abs(change))).all(axis=1)
-        still_on_axis = smooth & still & (np.abs(values.real) <= _ON_AXIS * np.abs(values))
+        still = (np.abs(change.real) <= _ON_AXIS_REL_TOL * (np.abs(values)[:, None] + np.abs(change))).all(
+            axis=1
+        )
+        still_on_axis = smooth & still & (np.abs(values.real) <= _ON_AXIS_REL_TOL * np.abs(values))
         for elsewhere in self._tracked(self.posterior.elsewhere):
             if np.isnan(elsewhere).any():
                 return np.zeros(len(values), dtype=bool)
-            if np.count_nonzero(np.abs(elsewhere.real) <= _ON_AXIS * np.abs(elsewhere)) < still_on_axis.sum():
+            if (
+                np.count_nonzero(np.abs(elsewhere.real) <= _ON_AXIS_REL_TOL * np.abs(elsewhere))
+                < still_on_axis.sum()
+            ):
                 return (
                     values == 0 if (elsewhere[values == 0] == 0).all() else np.zeros(len(values), dtype=bool)
                 )
@@ -262,7 +271,7 @@ class RootFamily:
         if not len(self.reference.values):
             return np.zeros((len(etas), 0), dtype=np.complex128)
         if key not in self._known:
-            block = max(1, _BLOCK // len(self.reference.values) ** 2)
+            block = max(1, _BLOCK_DISTANCES // len(self.reference.values) ** 2)
             parts = [self._assigned(etas[k : k + block]) for k in range(0, len(etas), block)]
             self._known[key] = self._merged(np.concatenate(parts))
         return self._known[key]
@@ -448,7 +457,7 @@ class DerivedQuantities:
         """Errors of the parameters where the estimate is converged (p)."""
         deviation = np.linalg.norm(self.posterior.root, axis=1) * np.abs(self._rates)
         size = np.abs(np.array(list(self.posterior.values(self.posterior.eta).values())))
-        return np.asarray(np.minimum(_DEVIATIONS * deviation, _CONVERGED * size))
+        return np.asarray(np.minimum(_ERROR_DEVIATIONS * deviation, _CONVERGED_REL_ERROR * size))
 
     @cached_property
     def poles(self) -> RootFamily:

@@ -36,10 +36,10 @@ from dynid.structure.response import common_unit
 NOMINAL_NOISE = 0.01
 # Singular values of the scaled sensitivities, over the largest, below which parameters are ill conditioned,
 # and below which they are not identifiable.
-_BADLY, _NOT = 1e-3**0.5, 1e-8
+_ILL_CONDITIONED, _NOT_IDENTIFIABLE = 1e-3**0.5, 1e-8
 # Poles below this part of the largest are at zero; left and right vectors this near to orthogonal are those
 # of a multiple pole.
-_AT_REST, _DEFECTIVE = 1e-9, 1e-7
+_AT_REST_REL_TOL, _DEFECTIVE_COSINE = 1e-9, 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +218,7 @@ def identifiability_result(model: Model, expected: ExpectedRecords) -> Result:
     s = np.concatenate([s, np.zeros(len(size) - len(s))])
     result.add(f"{group}/singular_value", s, ("direction",))
     result.add_axis(f"{group}/direction", np.arange(1, len(s) + 1))
-    result.add(f"{group}/condition", (s[0] / s[-1]) ** 2 if s[-1] > _NOT * s[0] else np.inf)
+    result.add(f"{group}/condition", (s[0] / s[-1]) ** 2 if s[-1] > _NOT_IDENTIFIABLE * s[0] else np.inf)
     _add_groups(result, information)
     _add_interchangeable(result, model, expected)
     # The bound on the deviation of the noise is sigma over the root of twice the number of values.
@@ -240,7 +240,7 @@ def identifiability_result(model: Model, expected: ExpectedRecords) -> Result:
 def _add_groups(result: Result, information: Information) -> None:
     """Add ``groups/``: groups of collinear parameters."""
     group = "identification/identifiability/groups"
-    groups = information.groups(_BADLY)
+    groups = information.groups(_ILL_CONDITIONED)
     result.add_axis(f"{group}/parameter", information.names)
     result.add_axis(f"{group}/group", np.arange(1, len(groups) + 1))
     named = [", ".join(information.names[index] for index in item.places) for item in groups]
@@ -283,12 +283,12 @@ def _system_pole_sensitivities(system: LinearSystem, values: Mapping[str, float]
     poles, left, right = eigen
     order = np.argsort(np.abs(poles), kind="stable")
     kept = order[
-        (poles.imag[order] >= 0) & (np.abs(poles[order]) > _AT_REST * np.abs(poles).max(initial=0.0))
+        (poles.imag[order] >= 0) & (np.abs(poles[order]) > _AT_REST_REL_TOL * np.abs(poles).max(initial=0.0))
     ]
     poles, y, x = poles[kept], left[:, kept].conj(), right[:, kept]
     with np.errstate(divide="ignore", invalid="ignore"):
         moved = np.einsum("im,pij,jm->mp", y, slopes, x) / np.einsum("im,im->m", y, x)[:, None]
-    defective = ~np.isfinite(moved) | (np.abs(np.einsum("im,im->m", y, x)) < _DEFECTIVE)[:, None]
+    defective = ~np.isfinite(moved) | (np.abs(np.einsum("im,im->m", y, x)) < _DEFECTIVE_COSINE)[:, None]
     moved = np.where(defective, 0.0, moved)
     omega = np.abs(poles)
     zeta = -poles.real / omega

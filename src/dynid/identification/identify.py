@@ -46,13 +46,13 @@ if TYPE_CHECKING:
 
 # Starts around an estimate from which other optima are looked for where a parameter is not identifiable, and
 # the factor within which they lie.
-_SEARCHED, _REACH = 8, 6.0
+_SEARCHED_STARTS, _SEARCHED_FACTOR = 8, 6.0
 # Most searches from several starts that end at different optima, before what is left is refined alone.
 _MAX_SEARCHES = 2
 # A basis that follows the parameters is rebuilt until the estimates change by less than this many standard
 # errors, or this part of themselves; and so often at the most.
-_SETTLED, _LEAST = 0.01, 1e-6
-_MAX_NOISE_ROUNDS = 10
+_SETTLED_DEVIATIONS, _SETTLED_UNITS = 0.01, 1e-6
+_MAX_REBUILDS = 10
 
 
 def identify(
@@ -229,9 +229,9 @@ def _settled(
     """
     values = [record.whole for record in likelihood.records]
     search_last = isinstance(likelihood, FrfLikelihood)
-    here, most_rounds = estimator, _MAX_NOISE_ROUNDS
+    here, most_rounds = estimator, _MAX_REBUILDS
     if search_last and rebuild is not None:
-        here, most_rounds = _with(estimator, accept_small=True, multi_start=False), 2 * _MAX_NOISE_ROUNDS
+        here, most_rounds = _with(estimator, accept_small=True, multi_start=False), 2 * _MAX_REBUILDS
     before: Posterior | None = None
     for number in count(1):
         estimate = _estimated(here, likelihood, eta, suggest)
@@ -246,9 +246,14 @@ def _settled(
             continue
         deviations = posterior.information.deviations()
         change, eta = np.abs(estimate.fit.eta - eta), estimate.fit.eta
-        settled = bool(np.all(change <= np.maximum(_SETTLED * deviations, _LEAST * likelihood.priors.units)))
+        settled = bool(
+            np.all(
+                change
+                <= np.maximum(_SETTLED_DEVIATIONS * deviations, _SETTLED_UNITS * likelihood.priors.units)
+            )
+        )
         settled = settled and covering is likelihood
-        if search_last and (settled or number == _MAX_NOISE_ROUNDS):
+        if search_last and (settled or number == _MAX_REBUILDS):
             searching = _with(here, multi_start=True)
             if posterior.explained or searching == here:
                 break
@@ -304,9 +309,9 @@ def _with_optima(
     ends = [
         stage.eta for stage in estimate.stages if stage.misfit < likelihood.misfit(posterior.fit) + DECIDED
     ]
-    searched = _SEARCHED if lost else 3 if posterior.optimal or estimate.disputed else 0
+    searched = _SEARCHED_STARTS if lost else 3 if posterior.optimal or estimate.disputed else 0
     if lost:  # what is fixed may make a valley of several optima
-        ends += list(drawn_starts(likelihood.priors, posterior.fit.eta, 2 * searched, _REACH, 0))
+        ends += list(drawn_starts(likelihood.priors, posterior.fit.eta, 2 * searched, _SEARCHED_FACTOR, 0))
     at = likelihood_at if rebuild else None
     kinds = like_parameters(model)
     if lost:  # what is collinear is not exchanged

@@ -21,7 +21,7 @@ from dynid.identification.least_squares import least_squares, thin_svd, without_
 from dynid.number_format import sentence
 
 # Part of a blind direction below which a parameter has no share in it; equality of coefficients.
-_SHARE, _EQUAL = 1e-3, 1e-2
+_MIN_BLIND_SHARE, _EQUAL_COEFFICIENTS = 1e-3, 1e-2
 # Largest denominator of an exponent that is written as a fraction.
 _MAX_DENOMINATOR = 4
 # Least part of a parameter's sensitivity that initial state and other parameters must not account for:
@@ -124,7 +124,7 @@ def collinear_groups(
     blind = Vt[s <= level * s[0]]
     if not len(blind):
         return []
-    together = np.abs(blind.T @ blind) > _SHARE**2  # the projector: the same whatever the vectors
+    together = np.abs(blind.T @ blind) > _MIN_BLIND_SHARE**2  # the projector: the same whatever the vectors
     groups = []
     for members in _components(together):
         _, strength, rows = np.linalg.svd(blind[:, members])
@@ -166,7 +166,7 @@ def _combination(names: Sequence[str], values: Array, gradient: Array) -> str:
         if not by.all():
             continue
         terms = by / by[0]
-        if np.all(np.abs(np.abs(terms) - 1) < _EQUAL):
+        if np.all(np.abs(np.abs(terms) - 1) < _EQUAL_COEFFICIENTS):
             written = [pattern.format(name) for name in names]
             signs = [" - " if term < 0 else " + " for term in terms[1:]]
             return written[0] + "".join(s + w for s, w in zip(signs, written[1:], strict=True))
@@ -184,11 +184,11 @@ def _invariants(names: Sequence[str], relative: Array) -> str:
     fractions.
     """
     changes = np.abs(relative)
-    base = int(np.flatnonzero(changes <= changes.min() * (1 + _EQUAL))[-1])
+    base = int(np.flatnonzero(changes <= changes.min() * (1 + _EQUAL_COEFFICIENTS))[-1])
     products = []
     for k, name in enumerate(names):
         power = Fraction(float(relative[k] / relative[base])).limit_denominator(_MAX_DENOMINATOR)
-        if abs(float(power) - relative[k] / relative[base]) > _EQUAL:
+        if abs(float(power) - relative[k] / relative[base]) > _EQUAL_COEFFICIENTS:
             return ""
         if k != base:
             size = (
@@ -297,7 +297,7 @@ class Information:
         _, s, Vt = thin_svd(self.projected[:, sensitive] / size[sensitive])
         s = np.concatenate([s, np.zeros(len(Vt) - len(s))])
         resolved = s > _IDENTIFIABLE * s[0]
-        blind = np.sqrt(np.sum(Vt[~resolved] ** 2, axis=0)) > _SHARE
+        blind = np.sqrt(np.sum(Vt[~resolved] ** 2, axis=0)) > _MIN_BLIND_SHARE
         deviation = np.sqrt(np.sum((Vt[resolved] / s[resolved, None]) ** 2, axis=0)) / size[sensitive]
         bounds[sensitive] = np.where(blind, np.inf, deviation)
         return bounds

@@ -24,21 +24,21 @@ from dynid.identification.statistics import (
 )
 
 # Residuals below this part of the channel's RMS are explained whatever their colour (holds, reduced models).
-_EXPLAINED = 0.03
+_SMALL_RESIDUAL_RATIO = 0.03
 # An estimate is at the optimum if the step left is below this part of its standard error …
-_STEP_IN_DEVIATIONS = 0.5
+_OPTIMAL_STEP_DEVIATIONS = 0.5
 # … or below this relative size, where residuals are so small that the standard error is no yardstick.
 _RELATIVE_STEP_TOL = 1e-4
 # Half width of a 95 % interval in standard deviations.
 _HALF_WIDTH = 1.959963984540054
 # Lags of the autocorrelation; samples of a segment of the spectrum.
-_LAGS, _SEGMENT = 40, 512
+_AUTOCORRELATION_LAGS, _SEGMENT = 40, 512
 #: Median absolute deviation of the normal distribution of standard deviation 1.
 NORMAL_MAD = 0.6744897501960817
 # Standard deviation of the logarithm of the median absolute deviation, times the root of the sample size.
 _MAD_SPREAD = 1.1664
 # Order of the autoregression that whitens a residual, and how many samples it takes at least for each.
-_ORDER, _PER_ORDER = 20, 10
+_WHITENING_ORDER, _PER_ORDER = 20, 10
 # Fewer samples than this are not tested.
 _MIN_TESTED_SAMPLES = 20
 
@@ -97,7 +97,7 @@ def is_optimal(step: Array, deviations: Array) -> bool:
     deviations
         Standard errors of the coordinates (p).
     """
-    return bool(np.all(np.abs(step) <= np.maximum(_STEP_IN_DEVIATIONS * deviations, _RELATIVE_STEP_TOL)))
+    return bool(np.all(np.abs(step) <= np.maximum(_OPTIMAL_STEP_DEVIATIONS * deviations, _RELATIVE_STEP_TOL)))
 
 
 def is_explained(residual_ratio: Array, whiteness_p: float) -> bool:
@@ -110,7 +110,7 @@ def is_explained(residual_ratio: Array, whiteness_p: float) -> bool:
     whiteness_p
         p-value of the residuals' whiteness.
     """
-    return bool(np.all(residual_ratio <= _EXPLAINED)) or not is_coloured(whiteness_p)
+    return bool(np.all(residual_ratio <= _SMALL_RESIDUAL_RATIO)) or not is_coloured(whiteness_p)
 
 
 class Consistency(NamedTuple):
@@ -147,7 +147,7 @@ def autocorrelation(residual: Array) -> tuple[Array, Array]:
         The autocorrelations, up to 40 or a quarter of the samples; and half the width of the band that 95 %
         of those of white noise lie in (channels).
     """
-    lags = min(_LAGS, len(residual) // 4)
+    lags = min(_AUTOCORRELATION_LAGS, len(residual) // 4)
     centred = standardised(residual)
     power = np.einsum("tc,tc->c", centred, centred)
     r = autocovariances(centred, lags) / np.where(power > 0, power, 1.0)
@@ -370,7 +370,7 @@ def _whitened(residual: Array) -> tuple[Array, float, int]:
     """
     there = ~np.isnan(residual)
     n = int(np.count_nonzero(there))
-    order = min(_ORDER, n // _PER_ORDER)
+    order = min(_WHITENING_ORDER, n // _PER_ORDER)
     if not is_coloured(whiteness(residual[:, None])) or not order:
         return residual, 1.0, 0
     x = np.where(there, residual - residual[there].mean(), 0.0)

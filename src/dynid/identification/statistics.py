@@ -10,7 +10,7 @@ from dynid.arrays import Array
 
 # Most terms of a continued fraction (they grow with the root of the degrees of freedom), how close its values
 # are to be, and the least number that is divided by.
-_TERMS, _CLOSE, _TINY = 100_000, 1e-14, 1e-300
+_MAX_FRACTION_TERMS, _FRACTION_REL_TOL, _MIN_DIVISOR = 100_000, 1e-14, 1e-300
 
 
 def root_mean_square(residual: Array) -> Array:
@@ -97,18 +97,18 @@ def _log_incomplete_beta(a: float, b: float, x: float, rest: float) -> float:
     # Lentz's algorithm, modified: no partial denominator is zero.
     c, d = 1.0, 1 / _non_zero(1 - (a + b) * x / (a + 1))
     value = d
-    for m in range(1, _TERMS):
+    for m in range(1, _MAX_FRACTION_TERMS):
         for term in (
             m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m)),
             -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1)),
         ):
             d, c = 1 / _non_zero(1 + term * d), _non_zero(1 + term / c)
             value *= c * d
-        if abs(c * d - 1) < _CLOSE:
+        if abs(c * d - 1) < _FRACTION_REL_TOL:
             break
     return front + math.log(value / a)
 
 
 def _non_zero(number: float) -> float:
     """Return a number that is not zero."""
-    return number if abs(number) > _TINY else _TINY
+    return number if abs(number) > _MIN_DIVISOR else _MIN_DIVISOR

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.defaults import ESTIMATOR
-from dynid.identification.estimators.filter import PART, Pass, filter_pass
+from dynid.identification.estimators.filter import LINEARISED_DEVIATIONS, Pass, filter_pass
 
 if TYPE_CHECKING:
     from dynid.identification.likelihood.priors import InitialState
@@ -124,7 +124,7 @@ def first_covariance(this: SuspensionRecord) -> Any:
     return root @ root.T
 
 
-def _pass(wish: str, part: float = PART) -> Callable[[int], Callable[[], Any]]:
+def _pass(wish: str, part: float = LINEARISED_DEVIATIONS) -> Callable[[int], Callable[[], Any]]:
     """Return dynid's pass, compiled or not; `part` 0: linearised anew at every sample."""
 
     def prepare(samples: int) -> Callable[[], Any]:

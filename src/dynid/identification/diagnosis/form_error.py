@@ -30,11 +30,11 @@ from dynid.number_format import p_text
 _COMPROMISE = 0.1
 # Rounds of fit and error, and the relative change of the errors below which they have settled: an error of
 # few values is known to a fifth at best.
-_MAX_ROUNDS, _SETTLED = 30, 0.01
+_MAX_ROUNDS, _SETTLED_REL_CHANGE = 30, 0.01
 # Deviations between a prior and the survey above which wider priors are named: one in 22 by chance.
 _PRIOR_CONFLICT_DEVIATIONS = 2.0
 # Factor by which the priors are widened to see if they decide.
-_WIDER = 10.0
+_WIDER_PRIORS = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ def needed_form_error(posterior: Posterior) -> FormError | None:
         for _ in range(_MAX_ROUNDS):
             before, error = error, np.maximum(bare, _form_errors(likelihood, at, error, fit))
             fit = refine(_with_error(likelihood, at, error), fit.eta).fit
-            if np.all(np.abs(error - before) <= _SETTLED * error):
+            if np.all(np.abs(error - before) <= _SETTLED_REL_CHANGE * error):
                 break
         rounded = np.array([_rounded_up(e) for e in error.tolist()])
         compared = _compared(_with_error(likelihood, at, rounded), fit)
@@ -172,7 +172,7 @@ def _deciding_priors(posterior: Posterior) -> tuple[str, ...]:
         return ()
     try:
         priors = Priors.of(likelihood.unknowns)
-        wider = replace(priors, deviations=_WIDER * priors.deviations)
+        wider = replace(priors, deviations=_WIDER_PRIORS * priors.deviations)
         compared = _compared(Likelihood(likelihood.records, stated_priors=wider), posterior.fit)
     except (DynidError, ArithmeticError, np.linalg.LinAlgError):
         return ()

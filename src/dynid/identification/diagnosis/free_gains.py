@@ -35,15 +35,15 @@ Places = tuple[tuple[int, int], ...]
 """Channels, each by the places of its record and of itself."""
 
 # Bounds of the logarithm of a gain, and around what was found; tolerances and most steps of both searches.
-_LOG_GAINS, _AROUND = (-math.log(4), math.log(4)), 0.2
-_ROUGH: Any = {"xatol": 0.05, "maxiter": 8}
-_FINE: Any = {"xatol": 2e-3, "maxiter": 20}
+_LOG_GAINS, _LOG_AROUND = (-math.log(4), math.log(4)), 0.2
+_ROUGH_SEARCH: Any = {"xatol": 0.05, "maxiter": 8}
+_FINE_SEARCH: Any = {"xatol": 2e-3, "maxiter": 20}
 # How many of the gains that explain most are searched so far that they can be compared.
 _SEARCHED_GAINS = 3
 # Parabolas that are laid through its likelihood, the first over this step, the others over its deviation.
-_PARABOLAS, _STEP = 3, 0.01
+_PARABOLAS, _FIRST_LOG_STEP = 3, 0.01
 # Values times states times gains beyond which no free gain is sought.
-_MOST_WORK_OF_GAINS = 5e5
+_MAX_WORK_OF_GAINS = 5e5
 
 
 def free_gain(likelihood: Likelihood, plain: Likelihood, eta: Array) -> Found | None:
@@ -53,17 +53,19 @@ def free_gain(likelihood: Likelihood, plain: Likelihood, eta: Array) -> Found | 
     """
     groups = _groups(plain)
     size = sum(record.data.values.size for record in plain.records) * max(1, plain.records[0].nuisances)
-    if size * len(groups) > _MOST_WORK_OF_GAINS:
+    if size * len(groups) > _MAX_WORK_OF_GAINS:
         return None
     rough: list[tuple[Places, float, Found]] = []
     for places in groups:
         with suppress(DynidError, ArithmeticError, np.linalg.LinAlgError):
-            rough.append((places, *_likeliest_gain(likelihood, plain, places, eta, _LOG_GAINS, _ROUGH)))
+            rough.append(
+                (places, *_likeliest_gain(likelihood, plain, places, eta, _LOG_GAINS, _ROUGH_SEARCH))
+            )
     fine: list[tuple[Places, float, Found]] = []
     for places, log, near in sorted(rough, key=lambda candidate: candidate[2].value)[:_SEARCHED_GAINS]:
         with suppress(DynidError, ArithmeticError, np.linalg.LinAlgError):
-            around = log - _AROUND, log + _AROUND
-            estimate = _likeliest_gain(likelihood, plain, places, near.fit.eta, around, _FINE)
+            around = log - _LOG_AROUND, log + _LOG_AROUND
+            estimate = _likeliest_gain(likelihood, plain, places, near.fit.eta, around, _FINE_SEARCH)
             fine.append((places, *estimate))
     if not fine:
         return None
@@ -141,7 +143,7 @@ def _sharpened(likelihood: Likelihood, plain: Likelihood, places: Places, log: f
 
     The deviation is 0 where the likelihood has no maximum there.
     """
-    step = _STEP
+    step = _FIRST_LOG_STEP
     for _ in range(_PARABOLAS):
         less, more = (
             _at_gain(likelihood, plain, places, log + by, best.fit.eta).value for by in (-step, step)

@@ -34,8 +34,8 @@ DRAWS, RELIABLE = 1000, 0.7
 # Part of the samples that are effective above which weights hardly differ.
 _EVEN_WEIGHTS = 0.95
 # Rounds of further samples where those of the Gaussian posterior are not enough; their degrees of freedom.
-_ROUNDS, _FREEDOM = 4, 5.0
-_SEED = 20261124
+_PROPOSAL_ROUNDS, _STUDENT_DEGREES = 4, 5.0
+_PROPOSAL_SEED = 20261124
 _INTERVAL_TAIL = 0.025
 #: A residual of clean data is no smaller than this part of its channel's RMS.
 _RESIDUAL_FLOOR = 1e-13
@@ -154,14 +154,14 @@ def posterior_check(posterior: Posterior) -> PosteriorCheck:
     root = (triangle * np.sign(triangle.diagonal())[:, None]).T  # the same whatever the signs of its factors
     target = _Target(posterior)
     first = used = _weighted(target, likelihood, fit.eta, root, math.inf)
-    for _ in range(_ROUNDS):
+    for _ in range(_PROPOSAL_ROUNDS):
         if used.k_hat <= RELIABLE or used.effective >= _EVEN_WEIGHTS * DRAWS:
             break
         # A proposal with heavy tails, fitted to the weighted samples, and never narrower than the Gaussian.
         mean = used.weight @ used.eta
         apart = np.sqrt(used.weight)[:, None] * (used.eta - mean)
         wider = np.asarray(np.linalg.cholesky(apart.T @ apart + root @ root.T))
-        student = _weighted(target, likelihood, mean, wider, _FREEDOM)
+        student = _weighted(target, likelihood, mean, wider, _STUDENT_DEGREES)
         if student.k_hat >= used.k_hat and student.effective <= used.effective:
             break
         used = student
@@ -212,7 +212,7 @@ def _weighted(target: _Target, likelihood: Likelihood, mean: Array, root: Array,
     from arviz_stats.base import array_stats  # type: ignore[attr-defined]
     from scipy.special import gammaln
 
-    p, generator = len(mean), np.random.default_rng(_SEED)
+    p, generator = len(mean), np.random.default_rng(_PROPOSAL_SEED)
     drawn = generator.standard_normal((DRAWS, p))
     if math.isfinite(freedom):
         drawn /= np.sqrt(generator.chisquare(freedom, DRAWS) / freedom)[:, None]

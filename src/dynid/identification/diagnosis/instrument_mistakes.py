@@ -44,25 +44,25 @@ from dynid.identification.likelihood.frf_record import FrfLikelihood, FrfRecord
 from dynid.identification.likelihood.lack_of_fit import compare_models
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.time_record import TimeRecord
-from dynid.identification.systems.band_limited_system import BAND
+from dynid.identification.systems.band_limited_system import BAND_FACTOR
 from dynid.units import GRAVITY
 
 _COMMON = (-1.0, GRAVITY, 1 / GRAVITY, 1000.0, 1e-3)
 _FACTORS = np.array([sign * one for sign in (1, -1) for one in (1, GRAVITY, 1 / GRAVITY, 1000, 1e-3)])
 # The longest delay that is tried, in samples and as a part of the record; delays tried for all channels.
-_MOST_DELAY, _PART, _COMMON_DELAYS = 20, 0.1, (1, -1, 2, -2, 3, -3)
+_MAX_DELAY_SAMPLES, _MAX_DELAY_SHARE, _COMMON_DELAYS = 20, 0.1, (1, -1, 2, -2, 3, -3)
 # A channel whose square of the correlation with the prediction is less is left as it is.
-_CORRELATED = 0.2
+_MIN_SQUARED_CORRELATION = 0.2
 # Rounds of corrections and estimates.
 _CORRECTION_ROUNDS = 6
 # How many times smaller the mean square of a corrected channel's residual is than without its correction.
-_SMALLER = 2.0
+_SQUARE_RATIO = 2.0
 # Multiplications of one evaluation of frequency responses beyond which nothing is searched.
 _MAX_SEARCH_WORK = 3e7
 # Values times states beyond which only the estimate and the start are searched from.
 _MAX_SEARCH_SIZE = 2e5
 # Channels beyond which a single reversed one is not searched for; pairs beyond which no exchanged ones are.
-_FEW_CHANNELS, _MOST_PAIRS = 12, 30
+_MAX_REVERSED_CHANNELS, _MAX_EXCHANGED_PAIRS = 12, 30
 
 
 def instrument_mistakes(likelihood: Likelihood, etas: Sequence[Array]) -> list[str]:
@@ -84,7 +84,7 @@ def instrument_mistakes(likelihood: Likelihood, etas: Sequence[Array]) -> list[s
         ):
             return []
     if isinstance(likelihood, FrfLikelihood):
-        likelihood = likelihood.band_limited(BAND) or likelihood
+        likelihood = likelihood.band_limited(BAND_FACTOR) or likelihood
     plain = corrected(likelihood, [[NONE] * record.data.values.shape[1] for record in records])
     try:
         before = concentrated(plain, plain.fit(etas[0]), None)
@@ -151,7 +151,7 @@ def _from_common_mistakes(likelihood: Likelihood, plain: Likelihood, eta: Array)
         ]
     # One reversed sensor: far from the estimate, no prediction shows its sign.
     channels = [(k, c) for k, of_record in enumerate(quantities) for c in range(len(of_record))]
-    if 1 < len(channels) <= _FEW_CHANNELS:
+    if 1 < len(channels) <= _MAX_REVERSED_CHANNELS:
         tried += [
             [
                 [Correction(-1.0) if (k, c) == channel else NONE for c in range(len(of_record))]
@@ -189,7 +189,7 @@ def _exchanges(plain: Likelihood) -> list[Corrections]:
         for (a, first), (b, second) in combinations(enumerate(record.channels), 2)
         if getattr(first, "quantity", "") == getattr(second, "quantity", "") and first.unit == second.unit
     ]
-    if len(pairs) > _MOST_PAIRS:
+    if len(pairs) > _MAX_EXCHANGED_PAIRS:
         return []
     exchanges = []
     for k, a, b in pairs:
@@ -227,7 +227,7 @@ def _factors(plain: Likelihood) -> list[list[Array]]:
 
 def _best(recorded: Array, predicted: Array, factors: Array, in_time: bool) -> Correction:
     """Return delay and factor of a channel against its prediction; responses have no delay in samples."""
-    max_delay = min(_MOST_DELAY, int(_PART * len(recorded))) if in_time else 0
+    max_delay = min(_MAX_DELAY_SAMPLES, int(_MAX_DELAY_SHARE * len(recorded))) if in_time else 0
     # Relative to the largest values, so that no square overflows.
     largest = (
         float(np.nanmax(np.abs(recorded), initial=0.0)),
@@ -246,7 +246,7 @@ def _best(recorded: Array, predicted: Array, factors: Array, in_time: bool) -> C
         if zz > 0 and yy > 0:
             squares[delay] = zy * zy / (zz * yy)
             ratios[delay] = math.copysign(math.sqrt(zz / yy), zy) * (largest[0] / largest[1])
-    if not squares or max(squares.values()) < _CORRELATED:
+    if not squares or max(squares.values()) < _MIN_SQUARED_CORRELATION:
         return NONE
     left = 1 - max(squares.values())
     # The shortest of the delays that are nearly as good, as those of periodic signals are.
@@ -268,7 +268,7 @@ def _explains(plain: Likelihood, estimate: Found, before: float) -> bool:
     ):
         for c, correction in enumerate(of_channels):
             uncorrected = record.data.values[:, c] - record_fit.predicted.outputs[:, c]
-            min_square = _SMALLER * (record_fit.size[c] * correction.factor) ** 2
+            min_square = _SQUARE_RATIO * (record_fit.size[c] * correction.factor) ** 2
             if correction != NONE and not float(np.nanmean(uncorrected**2)) > min_square:
                 return False
     return compare_models(estimate.likelihood, estimate.fit).explained

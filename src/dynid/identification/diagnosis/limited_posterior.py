@@ -16,13 +16,13 @@ import numpy as np
 from dynid.arrays import Array
 
 #: Distance of a limit, in standard deviations, beyond which it cuts off nothing.
-REACH = 6.0
+REACH_DEVIATIONS = 6.0
 #: Half width of a 95 % interval in standard deviations; probability of each tail beyond it.
-_HALF_WIDTH, _TAIL = 1.959963984540054, 0.025
+_HALF_WIDTH, _TAIL_PROBABILITY = 1.959963984540054, 0.025
 # Chains, sweeps before the first sample, samples of each chain, sweeps between them, and the seed.
-_CHAINS, _BEFORE, _SAMPLES, _BETWEEN, _SEED = 256, 40, 48, 2, 20261128
+_CHAINS, _BURN_IN_SWEEPS, _SAMPLES_OF_CHAIN, _THINNING, _GIBBS_SEED = 256, 40, 48, 2, 20261128
 # Exponents over a chord below which a density counts as exponential, or as uniform.
-_STRAIGHT, _FLAT = 1e-6, 1e-9
+_EXPONENTIAL_EXPONENT, _UNIFORM_EXPONENT = 1e-6, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,14 +63,14 @@ class LimitedPosterior:
         """
         low, high = limits
         free = low < high
-        near = (eta - low < REACH * deviations) | (high - eta < REACH * deviations)
+        near = (eta - low < REACH_DEVIATIONS * deviations) | (high - eta < REACH_DEVIATIONS * deviations)
         if not near[free].any():
             half = _HALF_WIDTH * deviations
             return cls(deviations, eta - half, eta + half)
-        samples = np.tile(eta, (_CHAINS * _SAMPLES, 1))
+        samples = np.tile(eta, (_CHAINS * _SAMPLES_OF_CHAIN, 1))
         below, above = (low - eta)[free], (high - eta)[free]
         samples[:, free] += _sampled(rows[:, free], residual, below, above, deviations[free])
-        ends = np.quantile(samples, [_TAIL, 1 - _TAIL], axis=0)
+        ends = np.quantile(samples, [_TAIL_PROBABILITY, 1 - _TAIL_PROBABILITY], axis=0)
         return cls(samples.std(axis=0), ends[0], ends[1], samples)
 
 
@@ -83,10 +83,10 @@ def _sampled(rows: Array, residual: Array, low: Array, high: Array, deviations: 
     axes = np.linalg.svd(J)[2]
     directions = np.concatenate([axes, np.eye(len(scale))])
     changes = (J @ directions.T).T
-    generator = np.random.default_rng(_SEED)
+    generator = np.random.default_rng(_GIBBS_SEED)
     x = np.zeros((_CHAINS, len(scale)))
     kept = []
-    for sweep in range(1, _BEFORE + _SAMPLES * _BETWEEN + 1):
+    for sweep in range(1, _BURN_IN_SWEEPS + _SAMPLES_OF_CHAIN * _THINNING + 1):
         left = r - x @ J.T
         for d, change in zip(directions, changes, strict=True):
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -98,7 +98,7 @@ def _sampled(rows: Array, residual: Array, low: Array, high: Array, deviations: 
             step = _drawn(change @ change, left @ change, first, last, generator.random(_CHAINS))
             x, left = x + step[:, None] * d, left - step[:, None] * change
         x = np.clip(x, low, high)
-        if sweep > _BEFORE and (sweep - _BEFORE) % _BETWEEN == 0:
+        if sweep > _BURN_IN_SWEEPS and (sweep - _BURN_IN_SWEEPS) % _THINNING == 0:
             kept.append(x)
     return np.asarray(np.concatenate(kept) * scale)
 
@@ -108,9 +108,9 @@ def _drawn(curvature: float, slope: Array, first: Array, last: Array, uniform: A
     from scipy.special import log_ndtr, ndtri_exp  # heavy import, needed here only
 
     chord = last - first
-    if np.all(curvature * chord**2 < _STRAIGHT):  # exponential; of no slope uniform
+    if np.all(curvature * chord**2 < _EXPONENTIAL_EXPONENT):  # exponential; of no slope uniform
         lift = slope * chord
-        flat = np.abs(lift) < _FLAT
+        flat = np.abs(lift) < _UNIFORM_EXPONENT
         safe = np.where(flat, 1.0, lift)
         # From the end where it is greatest, lest the exponential overflow.
         size = np.abs(safe)

@@ -24,9 +24,9 @@ from dynid.structure.response import common_unit
 from dynid.structure.state_space import without_massless
 
 # Most DOFs of a full model as the reference; of a larger one so many times the reduced coordinates.
-_MOST_DOFS, _FINER = 48, 3
+_MAX_REFERENCE_DOFS, _FINER = 48, 3
 # Shifts below this part of a parameter cause no warning, whatever the noise.
-_NEGLIGIBLE = 1e-5
+_NEGLIGIBLE_SHIFT = 1e-5
 # Longest step of a coordinate for which the first order is valid.
 _MAX_LINEAR_STEP = 0.5
 
@@ -68,14 +68,14 @@ class ModelError:
     @property
     def dominant(self) -> NDArray[np.bool_]:
         """Mask of estimates (p) whose error by the reduction exceeds that by the noise."""
-        return np.asarray(np.abs(self.shift) > np.maximum(self.noise, _NEGLIGIBLE))
+        return np.asarray(np.abs(self.shift) > np.maximum(self.noise, _NEGLIGIBLE_SHIFT))
 
     @property
     def warning(self) -> str:
         """Warning about the reduction; empty where the error by the noise is larger."""
         if not self.dominant.any():
             return ""
-        k = int(np.argmax(np.abs(self.shift) / np.maximum(self.noise, _NEGLIGIBLE)))
+        k = int(np.argmax(np.abs(self.shift) / np.maximum(self.noise, _NEGLIGIBLE_SHIFT)))
         name, unknown = self.unknowns[k].name, self.unknowns[k]
         moved, rate = self.shifted[k] - self.estimate[k], rates(self.unknowns, self.coordinates)[k]
         if (
@@ -190,7 +190,7 @@ def _reference(
     Residual vectors correct the truncation of modes, an error that it would share with the reduced model.
     """
     count = _FINER * model.size
-    if full.size <= max(_MOST_DOFS, count):
+    if full.size <= max(_MAX_REFERENCE_DOFS, count):
         return without_massless(full, dofs), f"full model of {full.size} DOFs"
     from dynid.structure.reduction.mode_selection import Interest, ModeRange
     from dynid.structure.reduction.serep import JointAware

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 
 # Residuals above this part of a channel's RMS invalidate the estimates if they are not noise …
-_INVALID = 0.5
+_INVALID_RESIDUAL_RATIO = 0.5
 # … and above this one (all channels together) whatever they are.
 _EXPLAINED_RATIO = 1.0
 # Residuals below this part of the signal are round-off and holds: their distribution is not tested.
@@ -59,17 +59,17 @@ UNDECIDED = 0.8
 #: One beyond which a parameter is poorly known.
 UNCERTAIN = 0.5
 # Half the 95 % quantile of chi-squared with one degree of freedom: misfits within it of the least.
-_RATIO = 1.92
+_HALF_CHI_SQUARED = 1.92
 # Distance of the logarithm at which a value counts as 0, a factor of a thousand, and the Gauss–Newton steps
 # with which the other parameters follow there.
-_FAR, _FOLLOWING = float(np.log(1e3)), 4
+_FAR_DISTANCE, _FOLLOWING_STEPS = float(np.log(1e3)), 4
 # Distance of the logarithm at which the records contradict a value of which they know the order of magnitude.
 _TENFOLD = float(np.log(10))
 # Misfit within which a value of an undetermined parameter leaves the others as they are, to one standard
 # error; and the parts of the way to its start that are tried.
 _ADMITTED, _TOWARDS_START = 0.5, (1.0, 0.75, 0.5, 0.25)
 # Errors of coordinates below this are round-off, for which the bound of clean data has no meaning.
-_LEAST_BOUND = 1e-9
+_MIN_REL_BOUND = 1e-9
 
 
 class ChannelOfRecord(NamedTuple):
@@ -321,7 +321,7 @@ class Posterior:
         """Distance of the estimates from the true values in bounds (p), NaN where the truth is not known."""
         off = np.abs(self.values - self.true)
         return np.where(
-            self.bound > 0, off / np.maximum(self.bound, _LEAST_BOUND * np.abs(self.true)), np.nan
+            self.bound > 0, off / np.maximum(self.bound, _MIN_REL_BOUND * np.abs(self.true)), np.nan
         )
 
     @property
@@ -406,7 +406,7 @@ class Posterior:
         unknown = np.zeros(len(uncertain), dtype=bool)
         for k in np.flatnonzero(uncertain).tolist():
             eta, far = float(self.fit.eta[k]), self.deviations[k] > _UNKNOWN_LOG_DEVIATION
-            ends = (self._accepted(k, eta + side * (_TENFOLD if far else _FAR)) for side in (1, -1))
+            ends = (self._accepted(k, eta + side * (_TENFOLD if far else _FAR_DISTANCE)) for side in (1, -1))
             unknown[k] = any(ends) if far else all(ends)
         return unknown
 
@@ -481,11 +481,11 @@ class Posterior:
         indistinguishable, eta = np.zeros(len(uncertain), dtype=bool), self.fit.eta
         for k in np.flatnonzero(uncertain).tolist():
             unknown = self.likelihood.unknowns[k]
-            large = max(eta[k] + _FAR, unknown.coordinate(unknown.start))
-            indistinguishable[k] = self._accepted(k, eta[k] - _FAR) and not self._accepted(k, large)
+            large = max(eta[k] + _FAR_DISTANCE, unknown.coordinate(unknown.start))
+            indistinguishable[k] = self._accepted(k, eta[k] - _FAR_DISTANCE) and not self._accepted(k, large)
         return indistinguishable
 
-    def _accepted(self, k: int, coordinate: float, ratio: float = _RATIO) -> bool:
+    def _accepted(self, k: int, coordinate: float, ratio: float = _HALF_CHI_SQUARED) -> bool:
         """Return True if a coordinate of a parameter raises the misfit by no more than `ratio`.
 
         By default that of its 95 % interval by likelihood ratio.
@@ -494,7 +494,7 @@ class Posterior:
         max_misfit = self.likelihood.misfit(self.fit) + ratio
         eta = np.where(fixed, coordinate, self.fit.eta)
         try:
-            for _ in range(_FOLLOWING):
+            for _ in range(_FOLLOWING_STEPS):
                 fit = self.likelihood.fit(eta, self.noise)
                 if self.likelihood.misfit(fit) <= max_misfit:
                     return True
@@ -515,7 +515,7 @@ class Posterior:
         if not np.mean(left**2) < _EXPLAINED_RATIO**2:
             return f"the prediction explains nothing of the {self.noun}{'s' * self.several}"
         for unexplained, channel in zip(left, self.channels, strict=True):
-            if unexplained > _INVALID and is_coloured(self.channel_whiteness_p(channel)):
+            if unexplained > _INVALID_RESIDUAL_RATIO and is_coloured(self.channel_whiteness_p(channel)):
                 share = f"{100 * unexplained:.0f} % of {channel.name}"
                 return f"{share} is unexplained, and the residual is not noise"
         return ""

@@ -34,7 +34,7 @@ _MATTERS = 0.2
 # Multiplications of one evaluation of frequency responses beyond which no other noise is tried.
 _MAX_WORK = 3e7
 # Residuals below this part of the signal are round-off and holds, whatever their sizes.
-_ROUND_OFF = 1e-6
+_RESIDUAL_ROUND_OFF_SHARE = 1e-6
 # How much larger the logarithm of the likelihood is with noise in proportion, for it to be suggested.
 _MIN_GAIN = 5.0
 # Most estimates that a sentence has, and what makes parts of one.
@@ -95,7 +95,7 @@ def _sizes(record: RecordLikelihood, record_fit: RecordFit, column: int) -> tupl
 
     That is where noise is not taken for white and of one deviation, and where residuals are round-off.
     """
-    negligible = record_fit.size[column] < _ROUND_OFF * record.data.rms[column]
+    negligible = record_fit.size[column] < _RESIDUAL_ROUND_OFF_SHARE * record.data.rms[column]
     if record.data.robust is not None or record.modelled or record.data.passed != 1 or negligible:
         return None
     residual, predicted = record_fit.residual[:, [column]], record_fit.predicted.outputs[:, [column]]

@@ -34,7 +34,7 @@ Permutation = tuple[int, ...]
 # different models differ by about as much as they are.
 _MODEL_RTOL = 1e-6
 # A basis for other parameters changes derivatives by less than this part.
-_NEARLY = 0.3
+_NEARLY_EQUAL_REL_TOL = 0.3
 # Coordinates that are raised, in units, one after the other: no two alike, nor sums of others.
 _RAISED = (0.41, 0.29, 0.17, 0.11)
 # The step over which a prediction is differenced, in units.
@@ -122,7 +122,7 @@ def symmetries(likelihood: Likelihood, kinds: Sequence[str], eta: Array) -> list
 def nearly_symmetric(likelihood: Likelihood, kinds: Sequence[str], eta: Array) -> bool:
     """Return True if derivatives of like parameters nearly agree where these are equal."""
     try:
-        return bool(_Search(likelihood, kinds, eta).candidates(_NEARLY))
+        return bool(_Search(likelihood, kinds, eta).candidates(_NEARLY_EQUAL_REL_TOL))
     except (DynidError, ArithmeticError, np.linalg.LinAlgError):
         return False
 

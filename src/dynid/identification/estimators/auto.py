@@ -42,7 +42,7 @@ from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.priors import Priors
 from dynid.identification.likelihood.time_record import TimeLikelihood
 from dynid.identification.residual_tests import is_explained
-from dynid.identification.systems.band_limited_system import BAND
+from dynid.identification.systems.band_limited_system import BAND_FACTOR
 from dynid.lti.floating import guarded
 from dynid.parameters import logarithmic
 from dynid.progress import report_progress, tracked
@@ -57,24 +57,24 @@ _PRIOR = 4.0
 # Most steps on a guide, of which only the neighbourhood of the optimum is needed.
 _MAX_GUIDE_STEPS = 15
 # Most steps of an attempt, and further ones where it is the best so far and has not converged.
-_MOST_STEPS, _FURTHER_STEPS = 50, 200
+_ATTEMPT_STEPS, _FURTHER_STEPS = 50, 200
 # Part of the evaluations that are left which ranking starts may take, and fewest starts of a round.
-_RANKING, _FEWEST = 0.5, 8
+_RANKING, _MIN_STARTS_OF_ROUND = 0.5, 8
 # Two ends are one optimum if the coordinates agree to this, or the misfits to this.
-_SAME, _AS_GOOD = 0.02, 0.02
+_SAME_COORDINATES, _SAME_MISFIT = 0.02, 0.02
 # Misfits that differ by less are equal to round-off: of equal ends the first is the best.
-_TIED = 1e-6
+_TIED_MISFIT = 1e-6
 # Residuals below this part of a channel's RMS are accepted whatever their colour …
 _EXACT_RESIDUAL = 1e-6
 # … and others if their whiteness has this p-value or more, and the model no lack of fit.
-_WHITE = 1e-4
+_WHITENESS_LEVEL = 1e-4
 # Part of the mean square of the records that residuals may be where their noise is coloured or proportional.
-_COLOURED = 0.25
+_COLOURED_SQUARE_RATIO = 0.25
 # A parameter is vague beyond this standard error of its coordinate: other optima may be as white. To look for
 # them, starts are drawn, besides those so many standard errors away (of at most so much).
-_VAGUE, _AWAY, _FARTHEST = 0.05, 3.0, 2.0
+_VAGUE_DEVIATION, _AWAY_DEVIATIONS, _MAX_AWAY_UNITS = 0.05, 3.0, 2.0
 # Beyond this one the parameter is not identifiable, whatever the start.
-_BLIND = 10.0
+_BLIND_DEVIATION = 10.0
 # A search with the modes of a band is confirmed by an estimate of the whole model that differs by less than
 # this part of its standard errors.
 _CONFIRMED_DEVIATIONS = 0.1
@@ -139,9 +139,9 @@ class Search:
         try:
             with guarded("the prediction", names=self.likelihood.names):
                 eta, sweeps = begun()
-                fit, steps = refine(self.likelihood, eta, _MOST_STEPS)
+                fit, steps = refine(self.likelihood, eta, _ATTEMPT_STEPS)
                 best = min((tried.stage.misfit for tried in self.tried), default=np.inf)
-                if steps == _MOST_STEPS and self.likelihood.misfit(fit) < best:
+                if steps == _ATTEMPT_STEPS and self.likelihood.misfit(fit) < best:
                     # Further steps, as in a narrow valley, are for the best attempt alone.
                     max_steps = int(min(_FURTHER_STEPS, max(1, self.left)))
                     fit, further = refine(self.likelihood, fit.eta, max_steps)
@@ -161,11 +161,11 @@ class Search:
         ratio, whiteness_p = stage.residual_ratio, likelihood.whiteness(fit)
         # Nothing is explained, in few values or in many; a noise model whitens the residuals of a wrong
         # optimum, too, which are about as large as the signal.
-        if np.mean(ratio**2) >= (_COLOURED if likelihood.modelled else 1):
+        if np.mean(ratio**2) >= (_COLOURED_SQUARE_RATIO if likelihood.modelled else 1):
             return False, None
         if self.accept_small and is_explained(ratio, whiteness_p):
             return True, None
-        if np.all(ratio <= _EXACT_RESIDUAL) or whiteness_p < _WHITE:
+        if np.all(ratio <= _EXACT_RESIDUAL) or whiteness_p < _WHITENESS_LEVEL:
             return bool(np.all(ratio <= _EXACT_RESIDUAL)), None
         compared = compare_models(likelihood, fit, whiteness_p)
         return not compared.lacks_fit, compared
@@ -187,7 +187,7 @@ class Search:
         affine = self.likelihood.records[0].system_model.affine is not None
         for seed, (max_count, reach, fraction) in enumerate(_ROUNDS if affine else (_NEAR, *_ROUNDS)):
             count = int(min(max_count, _RANKING * self.left))
-            if count < _FEWEST:
+            if count < _MIN_STARTS_OF_ROUND:
                 self.cut_off = True
                 return
             starts = drawn_starts(self.likelihood.priors, origin, count, reach, seed)
@@ -216,7 +216,7 @@ class Search:
             units = self._units(fit.eta)
             information = self.best_tried.likelihood.information(fit, fit.noise)
             U, s, _ = np.linalg.svd(information.root / units[:, None])
-            away = side * units * U[:, 0] * min(_AWAY * s[0], _FARTHEST)
+            away = side * units * U[:, 0] * min(_AWAY_DEVIATIONS * s[0], _MAX_AWAY_UNITS)
             eta = self.likelihood.priors.clipped(fit.eta + away)
             self.attempt("a start nearby", partial(guided, (), eta), drawn=False)
 
@@ -229,7 +229,7 @@ class Search:
     def best_tried(self) -> Attempt:
         """The attempt of the greatest likelihood, the first of several that end there."""
         min_misfit = min(tried.stage.misfit for tried in self.tried)
-        return next(tried for tried in self.tried if tried.stage.misfit <= min_misfit + _TIED)
+        return next(tried for tried in self.tried if tried.stage.misfit <= min_misfit + _TIED_MISFIT)
 
     @property
     def accepted(self) -> bool:
@@ -241,7 +241,7 @@ class Search:
         """True if parameters are so uncertain that another optimum may leave residuals as white."""
         fit = self.best_tried.fit
         deviations = self.best_tried.likelihood.information(fit, fit.noise).deviations()
-        return bool(_VAGUE < (deviations / self._units(fit.eta)).max() < _BLIND)
+        return bool(_VAGUE_DEVIATION < (deviations / self._units(fit.eta)).max() < _BLIND_DEVIATION)
 
     def _units(self, eta: Array) -> Array:
         """Return what coordinates are compared with (p): 1, or of linear ones the unit or the value."""
@@ -257,8 +257,8 @@ class Search:
 
     def is_same(self, best: EstimationStage, stage: EstimationStage) -> bool:
         """Return True if two attempts ended at one optimum."""
-        near = np.all(np.abs(best.eta - stage.eta) <= _SAME * self._units(best.eta))
-        return bool(near) or abs(best.misfit - stage.misfit) <= _AS_GOOD
+        near = np.all(np.abs(best.eta - stage.eta) <= _SAME_COORDINATES * self._units(best.eta))
+        return bool(near) or abs(best.misfit - stage.misfit) <= _SAME_MISFIT
 
     @property
     def agreed(self) -> bool:
@@ -397,7 +397,7 @@ class FrfAuto:
         DynidError
             The first error, if no attempt was completed.
         """
-        band = BAND
+        band = BAND_FACTOR
         while (limited := likelihood.band_limited(band)) is not None:
             try:
                 estimate = self._searched(limited, origin).best()

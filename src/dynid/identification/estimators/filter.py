@@ -37,11 +37,11 @@ from dynid.native import call, compiled, structure
 from dynid.parameters import Parameter, logarithmic
 
 #: How far a coordinate may move before steps are linearised anew: in its standard deviations, and at most.
-PART, MOST = LINEARISED.value, 0.1
+LINEARISED_DEVIATIONS, MAX_LINEARISED_CHANGE = LINEARISED.value, 0.1
 # A logarithm this far from its start has diverged: a factor of a million; and any other, in its unit.
-RUNAWAY, FARTHEST = float(np.log(1e6)), 1e6
+RUNAWAY, RUNAWAY_UNITS = float(np.log(1e6)), 1e6
 # Squares between these neither overflow nor lose digits.
-_SMALL, _LARGE = 1e-280, 1e280
+_MIN_SQUARE, _MAX_SQUARE = 1e-280, 1e280
 
 
 class Outputs(NamedTuple):
@@ -157,7 +157,7 @@ def filter_pass(
     prior: InitialState,
     deviation: Array,
     origin: Array,
-    fraction: float = PART,
+    fraction: float = LINEARISED_DEVIATIONS,
 ) -> Pass:
     """Run the filter once over the record.
 
@@ -297,7 +297,7 @@ def _lengths(S: Array) -> Array:
     """Return the lengths of the rows of a root, however large or small."""
     with np.errstate(over="ignore", under="ignore"):
         squares = np.einsum("ij,ij->i", S, S)
-    if squares.min() > _SMALL and squares.max() < _LARGE:
+    if squares.min() > _MIN_SQUARE and squares.max() < _MAX_SQUARE:
         return np.asarray(np.sqrt(squares))
     unit = np.abs(S).max(axis=1)  # squares of large units overflow
     shares = S / np.where(unit > 0, unit, 1.0)[:, None]
@@ -329,13 +329,13 @@ def _update(S: Array, H: Array, innovation: Array, present: list[int], normalise
 
 def most_moved(model: ParametricModel) -> Array:
     """Return how far coordinates may move at the most before steps are linearised anew (p)."""
-    return np.array([MOST * unknown.first_spread / 2 for unknown in model.unknowns])
+    return np.array([MAX_LINEARISED_CHANGE * unknown.first_spread / 2 for unknown in model.unknowns])
 
 
 def run_away_limits(unknowns: Sequence[Parameter]) -> Array:
     """Return how far from their origin coordinates have diverged (p)."""
     return np.array(
-        [RUNAWAY if unknown.logarithmic else FARTHEST * unknown.first_spread for unknown in unknowns]
+        [RUNAWAY if unknown.logarithmic else RUNAWAY_UNITS * unknown.first_spread for unknown in unknowns]
     )
 
 

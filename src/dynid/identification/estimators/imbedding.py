@@ -30,7 +30,7 @@ from dynid.identification.likelihood.time_record import TimeLikelihood, TimeReco
 from dynid.progress import report_progress
 
 #: Terms of the exponential series between two nodes of the record's timeline.
-_TERMS = 12
+_EXPONENTIAL_TERMS = 12
 # Part of a record by which a time may lie outside: round-off.
 _TIME_ROUND_OFF = 1e-12
 
@@ -192,7 +192,7 @@ class Flow:
         node = int(np.clip(np.searchsorted(line.nodes, t, side="right") - 1, 0, len(line.nodes) - 1))
         tau, w = t - line.nodes[node], self.model.W[node]
         term = w
-        for k in range(1, _TERMS):
+        for k in range(1, _EXPONENTIAL_TERMS):
             term = (line.G @ term) * (tau / k)
             w = w + term
         return np.asarray(w)

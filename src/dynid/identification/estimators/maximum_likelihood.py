@@ -43,16 +43,16 @@ from dynid.progress import report_progress
 #: Longest step of a coordinate in its unit: of a logarithm a factor of 4.5.
 _MAX_STEP = 1.5
 #: First damping, its least and its most; it falls and rises tenfold.
-_DAMPING, _LEAST, _MOST = 1e-3, 1e-10, 1e6
+_FIRST_DAMPING, _MIN_DAMPING, _MAX_DAMPING = 1e-3, 1e-10, 1e6
 #: A step is the last if the distance left is below this part of the standard errors, or this size.
-_PART, _SIZE = 1e-3, 1e-11
+_LAST_DISTANCE_DEVIATIONS, _LAST_DISTANCE_UNITS = 1e-3, 1e-11
 #: A step below this part of that one which does not improve is rounding: shorter ones are not tried.
 _MIN_STEP_RATIO = 1e-3
 # Pulls to the middle of limits, over their distance: first about the deviation of a uniform distribution.
 _PULLS = (0.3, 3.0)
 L = TypeVar("L", bound=Likelihood)
 #: Most iterations, and the step (in standard errors) that is the last.
-_MOST_ITERATIONS, _LAST_STEP = 100, 1e-3
+_MAX_ITERATIONS, _LAST_STEP_DEVIATIONS = 100, 1e-3
 # Iterations after which scales and parts of bounded values are fixed: both jump where a sample crosses the
 # bound, and could alternate for ever. With fixed ones the iteration contracts.
 _SETTLING = 10
@@ -139,7 +139,7 @@ def _nearest_maximum(likelihood: Likelihood, eta: Array, iterations: int) -> Ref
     """Go to the nearest maximum of the likelihood by Levenberg and Marquardt's steps within the limits."""
     fit = likelihood.fit(eta)
     misfit = likelihood.misfit(fit)
-    damping, before, smallest = _DAMPING, 0.0, _SIZE * likelihood.priors.units
+    damping, before, smallest = _FIRST_DAMPING, 0.0, _LAST_DISTANCE_UNITS * likelihood.priors.units
     for number in range(1, iterations + 1):
         report_progress(f"maximum likelihood, step {number}")
         noise = likelihood.likeliest(fit)
@@ -148,8 +148,8 @@ def _nearest_maximum(likelihood: Likelihood, eta: Array, iterations: int) -> Ref
         held = likelihood.priors.blocked(fit.eta, information.projected.T @ residual)
         # Of a direction that only limits determine, a part of their distance.
         deviations = np.fmin(information.deviations(), likelihood.priors.spreads)
-        better, negligible = None, np.maximum(_PART * deviations, smallest)
-        while better is None and damping <= _MOST:
+        better, negligible = None, np.maximum(_LAST_DISTANCE_DEVIATIONS * deviations, smallest)
+        while better is None and damping <= _MAX_DAMPING:
             step = _damped_step(information.without(held), residual, damping, likelihood.priors.units)
             step = np.where(held, 0.0, step)
             target = likelihood.priors.clipped(fit.eta + step)
@@ -166,11 +166,11 @@ def _nearest_maximum(likelihood: Likelihood, eta: Array, iterations: int) -> Ref
         size = float(np.max(np.abs(step) / negligible))
         # The sum of all steps to come, after two of these sizes: a geometric series.
         left = size * size / (before - size) if size < before / 2 else size
-        is_open = damping > _LEAST and likelihood.priors.open(information.deviations()).any()
+        is_open = damping > _MIN_DAMPING and likelihood.priors.open(information.deviations()).any()
         if left <= 1.0 and not is_open:
             return Refined(fit, number)
         # Damping holds up the pull to the middle of limits where the records leave a direction open.
-        damping, before = _LEAST if left <= 1.0 else max(damping / 10, _LEAST), size
+        damping, before = _MIN_DAMPING if left <= 1.0 else max(damping / 10, _MIN_DAMPING), size
     return Refined(fit, iterations)
 
 
@@ -190,16 +190,16 @@ def with_noise(likelihood: L, way: Refined) -> tuple[L, Refined]:
     if not likelihood.modelled:
         return likelihood, way
     fit, steps, units = way.fit, way.steps, likelihood.priors.units
-    for number in range(1, _MOST_ITERATIONS + 1):
+    for number in range(1, _MAX_ITERATIONS + 1):
         report_progress(f"noise model, round {number}")
         likelihood = likelihood.renewed(fit, settling=number > _CHOOSING)
         way = refine(likelihood, fit.eta)
         change, fit, steps = np.abs(way.fit.eta - fit.eta), way.fit, steps + way.steps
         deviations = likelihood.information(fit, likelihood.likeliest(fit)).deviations()
-        if number > 1 and np.all(change <= np.maximum(_LAST_STEP * deviations, 1e-10 * units)):
+        if number > 1 and np.all(change <= np.maximum(_LAST_STEP_DEVIATIONS * deviations, 1e-10 * units)):
             return likelihood, Refined(fit, steps)
     raise Diverged(
-        f"the noise model has not converged in {_MOST_ITERATIONS} rounds",
+        f"the noise model has not converged in {_MAX_ITERATIONS} rounds",
         remedy="Give the order of the noise as a number, lower it, or assume white noise.",
         names=("measurement.noise",),
     )
@@ -277,18 +277,20 @@ class Huber:
         estimate = self.inner.run(likelihood, origin)
         likelihood = estimate.likelihood or likelihood
         fit, pseudo = estimate.fit, likelihood
-        for number in range(1, _MOST_ITERATIONS + 1):
+        for number in range(1, _MAX_ITERATIONS + 1):
             report_progress(f"Huber's loss, iteration {number}")
             pseudo = bounded(likelihood if number <= _SETTLING else pseudo, fit)
             way = refine(pseudo, fit.eta)
             change, fit = np.abs(way.fit.eta - fit.eta), way.fit
             deviations = pseudo.information(fit, pseudo.likeliest(fit)).deviations()
-            if np.all(change <= np.maximum(_LAST_STEP * deviations, 1e-10 * likelihood.priors.units)):
+            if np.all(
+                change <= np.maximum(_LAST_STEP_DEVIATIONS * deviations, 1e-10 * likelihood.priors.units)
+            ):
                 stage = EstimationStage.at("Huber's loss", pseudo, fit, number)
                 stages = [*estimate.stages, stage]
                 return replace(estimate, fit=fit, stages=stages, likelihood=pseudo, comparison=None)
         raise Diverged(
-            f"Huber's loss has not converged in {_MOST_ITERATIONS} iterations",
+            f"Huber's loss has not converged in {_MAX_ITERATIONS} iterations",
             remedy="Correct or leave out the outliers (empty cells), or start nearer to the true values.",
             names=("estimator.loss",),
         )

@@ -35,7 +35,7 @@ _AROUND_START = (8, 3.0)
 _AROUND_OPTIMUM, _MAX_OPTIMA = (16, 10.0), 3
 # How many searches are to end at the best optimum where the residuals are not scatter, and where they are.
 # With records of time or responses, whose evaluations are dearer, one round is drawn, and fewer are to agree.
-_AGREEING, _CONFIRMED, _AGREEING_RECORDS = 8, 2, 3
+_AGREEING, _CONFIRMED_SEARCHES, _AGREEING_RECORDS = 8, 2, 3
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class ModalSearch:
             return search.best()
         if alone:
             search.attempt("a compromise", partial(guided, [modes], origin), drawn=True)
-            if search.accepted and search.agreeing >= _CONFIRMED and not search.vague:
+            if search.accepted and search.agreeing >= _CONFIRMED_SEARCHES and not search.vague:
                 return search.best()
         routes: list[list[Likelihood]] = [[modes], [spans] if alone else [spans, modes]]
         search.attempt("spans of close modes", partial(guided, routes[1], origin), drawn=alone)
@@ -103,7 +103,7 @@ def _is_alike(search: Search) -> bool:
 
 def _is_confirmed(search: Search) -> bool:
     """Return True if the residuals of the best optimum are scatter, and searches have ended there twice."""
-    return search.accepted and search.agreeing >= _CONFIRMED
+    return search.accepted and search.agreeing >= _CONFIRMED_SEARCHES
 
 
 def _confirm(search: Search, routes: list[list[Likelihood]]) -> None:

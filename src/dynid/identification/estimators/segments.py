@@ -32,7 +32,7 @@ from dynid.parameters import Parameter
 
 # The prior of the initial states of segments has this part of the information of one value of RMS size:
 # states that are not observable in a segment stay those of the forced response.
-_RIDGE = 1e-6
+_STATE_RIDGE = 1e-6
 # A segment has at least this many values for each of its initial states.
 _MIN_VALUES_PER_STATE = 2
 
@@ -177,7 +177,7 @@ class Segments(RecordLikelihood):
 def _starts(by_start: Array, projected: Array) -> Array:
     """Return the initial states that fit best, in the units of their prior (segments x n x …)."""
     products = by_start.swapaxes(-1, -2) @ by_start
-    return np.asarray(np.linalg.solve(products + _RIDGE * np.eye(products.shape[-1]), projected))
+    return np.asarray(np.linalg.solve(products + _STATE_RIDGE * np.eye(products.shape[-1]), projected))
 
 
 def in_segments(likelihood: TimeLikelihood, divisor: int) -> Likelihood:

@@ -45,7 +45,7 @@ from dynid.lti.floating import finite
 
 # Residuals below this part of a channel's RMS are errors of rounding and holds; a number of the saturated
 # model below this one is not resolved, whatever the noise.
-_ROUNDING, _COARSE = 1e-6, 1e-4
+_RESIDUAL_ROUND_OFF, _RESOLVED_ROUND_OFF = 1e-6, 1e-4
 # Singular values below this part of the largest are none.
 _BASIS_RANK_TOL = 1e-9
 
@@ -115,7 +115,7 @@ class ModelComparison:
             left = channel.count - m
             if m == 0 or left < 1:
                 continue
-            outside = max(channel.energy - inside, _ROUNDING**2 * channel.energy)
+            outside = max(channel.energy - inside, _RESIDUAL_ROUND_OFF**2 * channel.energy)
             excess, degrees, spare = excess + inside * left / outside, degrees + m, min(spare, left)
         return log_f_tail(degrees, spare, excess / degrees) if degrees else 0.0
 
@@ -145,7 +145,9 @@ class ModelComparison:
     @cached_property
     def _saturated_p(self) -> float:
         """The p-value of the residuals beside those of the saturated model."""
-        if all(channel.left < _ROUNDING**2 * channel.energy for channel, _ in self._each):  # round-off
+        if all(
+            channel.left < _RESIDUAL_ROUND_OFF**2 * channel.energy for channel, _ in self._each
+        ):  # round-off
             return 1.0
         excess, rank = self._excess
         degrees = sum(channel.tested for channel, _ in self._each) - rank
@@ -162,7 +164,7 @@ class ModelComparison:
         for channel, noise in self._each:
             degrees = channel.tested - rank / len(self._each)
             spare = channel.count - len(channel.kind)
-            if degrees < 1 or spare < 1 or channel.left < _ROUNDING**2 * channel.energy:
+            if degrees < 1 or spare < 1 or channel.left < _RESIDUAL_ROUND_OFF**2 * channel.energy:
                 p_values.append(1.0)
                 continue
             ratio = float(np.sum(channel.residual[: channel.tested] ** 2)) / noise**2 / degrees
@@ -236,7 +238,7 @@ class ModelComparison:
         """Return the redundancy for a noise (channels of each record), in units of the channels' RMS."""
         resolved, rows = 0, []
         for k, (record, levels) in enumerate(zip(self.records, noise, strict=True)):
-            level = np.maximum(levels, _COARSE)
+            level = np.maximum(levels, _RESOLVED_ROUND_OFF)
             same = np.array_equal(level, self.noise[k])
             U, by_parameter = self._projected[k] if same else _off_states(record, level)
             rows.append(by_parameter)
@@ -310,7 +312,7 @@ def compare_models(likelihood: Likelihood, fit: Fit, whiteness_p: float | None =
 
 def _noise(channel: SaturatedCoordinates, given_noise: float) -> float:
     """Return the residual noise of a channel with the saturated model, else the given one."""
-    floor = _ROUNDING * math.sqrt(channel.energy / max(channel.count, 1.0))
+    floor = _RESIDUAL_ROUND_OFF * math.sqrt(channel.energy / max(channel.count, 1.0))
     spare = channel.count - len(channel.kind)
     if spare < 1:
         return float(np.fmax(given_noise, max(floor, math.sqrt(channel.left / max(channel.count, 1.0)))))

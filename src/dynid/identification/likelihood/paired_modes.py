@@ -22,13 +22,13 @@ from dynid.structure.model import StructuralModel
 
 # Modes beside the measured ones that are computed, so that crossings are seen; up to which part of the
 # highest measured frequency; and the most of them.
-_SPARE, _BEYOND, _MOST = 4, 1.5, 200
+_SPARE_MODES, _BEYOND_MEASURED, _MAX_MODES = 4, 1.5, 200
 # Part of the highest measured frequency up to which the derivatives of modes are in a basis.
 _WITH_SLOPES = 1.25
 # Shapes at the sensors, of equal frequencies, are dependent below this part of the largest singular value.
 _DEPENDENT_SHAPE_TOL = 1e-6
 # More DOFs than this are reduced to the lowest modes and their derivatives.
-_MOST_DOFS = 250
+_MAX_DENSE_DOFS = 250
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,19 +185,19 @@ def modes_needed(model: StructuralModel, measurement: ModalMeasurement, at: Mapp
 
     A few more than are measured, and all up to 1.5 times the highest measured frequency at these values.
     """
-    near, highest = float(measurement.omega.min()), _BEYOND * float(measurement.omega.max())
-    count = measurement.modes + _SPARE
-    while count < min(model.size, _MOST):
+    near, highest = float(measurement.omega.min()), _BEYOND_MEASURED * float(measurement.omega.max())
+    count = measurement.modes + _SPARE_MODES
+    while count < min(model.size, _MAX_MODES):
         omega = lowest_modes(model, at, count, near, damped=False).omega
         if len(omega) < count or omega[-1] > highest:
-            return max(measurement.modes + _SPARE, int(np.count_nonzero(omega <= highest)) + 1)
+            return max(measurement.modes + _SPARE_MODES, int(np.count_nonzero(omega <= highest)) + 1)
         count *= 2
-    return min(count, model.size, _MOST)
+    return min(count, model.size, _MAX_MODES)
 
 
 def is_large(model: StructuralModel) -> bool:
     """Return True if modes of a structure are better computed in a basis of its lowest ones."""
-    return model.is_sparse or model.size > _MOST_DOFS
+    return model.is_sparse or model.size > _MAX_DENSE_DOFS
 
 
 def modal_model(

@@ -30,15 +30,15 @@ Labels: TypeAlias = tuple[NDArray[np.int_], NDArray[np.int_], ComplexArray, Arra
 # Part of the values of a channel that the regressors may be.
 _COLUMN_PART = 3
 # Most delayed residuals that are regressors; and the part of the values that they may be.
-_LAGS, _LAG_PART = 8, 20
+_MAX_LAGS, _LAG_PART = 8, 20
 # A pole this many times faster than the sampling rate has decayed within a sample.
-_FAST = 3.0
+_FAST_POLE_RATIO = 3.0
 # Largest growth over a record that a column may have.
 _MAX_COLUMN_GROWTH = 30.0
 # Norm of a column of norm 1, projected off those before it, below which it is linearly dependent.
-_NEW = 1e-5
+_NEW_DIRECTION_NORM = 1e-5
 # Part of a column's square that its rounding may be; squares below this one make that of others grow.
-_DIGITS, _ROUNDED = 0.01, 1e-4
+_ROUND_OFF_SHARE, _GROWING_ROUND_OFF_SQUARE = 0.01, 1e-4
 
 
 class RegressorKind:
@@ -259,7 +259,7 @@ def regressors_in_time(
     """
     (direct, forces), (step, span) = forced, _spacing(times)
     budget = max(0, max_count - direct.values.shape[1]) // (4 * (1 + forces.shape[1]))
-    kept = upper_poles(poles, math.pi / step, _FAST / step)[:budget]
+    kept = upper_poles(poles, math.pi / step, _FAST_POLE_RATIO / step)[:budget]
     modes, moves, pole_of_column = _modes(kept, forces, times)
     return direct.beside(
         Regressors.of_poles(RegressorKind.MODE, modes, pole_of_column),
@@ -357,7 +357,7 @@ def fault_columns(prediction: Array) -> Array:
 
 def delayed_residuals(residual: Array) -> Array:
     """Return the delayed residuals (times x any) of a channel (times), 0 where a value is missing."""
-    lags = min(_LAGS, len(residual) // _LAG_PART)
+    lags = min(_MAX_LAGS, len(residual) // _LAG_PART)
     delayed = np.zeros((lags, len(residual)))
     for lag in range(1, lags + 1):
         delayed[lag - 1, lag:] = residual[:-lag]
@@ -482,15 +482,17 @@ def _triangle(gram: Array, active: int, max_rank: int) -> tuple[NDArray[np.int_]
     for k in range(active):
         if len(places) >= max_rank:
             break
-        if rounding > _DIGITS * max(left[k, k], _NEW**2):
+        if rounding > _ROUND_OFF_SHARE * max(left[k, k], _NEW_DIRECTION_NORM**2):
             return None
-        if left[k, k] <= _NEW**2:
+        if left[k, k] <= _NEW_DIRECTION_NORM**2:
             continue
         square, row = left[k, k], left[k] / math.sqrt(left[k, k])
         left -= np.outer(row, row)
         places.append(k)
         rows.append(row)
-        if square < _ROUNDED:  # rounding of what is left grows by that of this column, over its size
+        if (
+            square < _GROWING_ROUND_OFF_SQUARE
+        ):  # rounding of what is left grows by that of this column, over its size
             rounding *= max(1.0, float(np.abs(row[k + 1 :]).max()) ** 2 / square)
     return np.array(places, dtype=int), np.array(rows).reshape(-1, len(gram))
 
@@ -505,7 +507,7 @@ def _orthogonalised(columns: Array, active: int, max_rank: int) -> tuple[NDArray
         new = columns[:, k] - directions.T @ (directions @ columns[:, k])
         new -= directions.T @ (directions @ new)  # once more: what rounding left
         norm = float(np.linalg.norm(new))
-        if norm <= _NEW:
+        if norm <= _NEW_DIRECTION_NORM:
             continue
         directions = np.concatenate([directions, [new / norm]])
         places.append(k)

@@ -61,7 +61,7 @@ _MAX_KEPT_NUMBERS = 1_000_000
 # Fewest evaluations that a search may take: those that rank one round of starts.
 _LEAST_EVALUATIONS = 256
 #: Rows of a history, at the most.
-MOST_ROWS = 100_000
+MAX_STORED_ROWS = 100_000
 
 _FORCED: WeakKeyDictionary[ParametricModel, dict[int, ForcedRegressors]] = WeakKeyDictionary()
 
@@ -520,7 +520,7 @@ class TimeLikelihood(Likelihood):
 
 def stored_rows(samples: int) -> slice:
     """Return the rows of a history over so many samples that are stored."""
-    stride = max(1, -(-samples // MOST_ROWS))
+    stride = max(1, -(-samples // MAX_STORED_ROWS))
     return slice((samples - 1) % stride, None, stride)
 
 

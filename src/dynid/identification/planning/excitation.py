@@ -38,7 +38,7 @@ from dynid.structure.response import Load, common_unit
 # Poles below this part of the largest are at zero.
 _ZERO_POLE_TOL = 1e-9
 # Frequencies in all, at the most; and how far below the lowest mode, above the highest, and below Nyquist's.
-_MOST_LINES, _BELOW, _ABOVE, _NYQUIST = 300, 0.3, 1.5, 0.9
+_MAX_LINES, _BELOW, _ABOVE, _NYQUIST = 300, 0.3, 1.5, 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,8 +128,8 @@ def grid(omega: Array, step: float, samples: int, band: tuple[float, float] | No
             names=("plan.excitation.band", "measurement.samples"),
         )
     numbers = np.arange(first, last + 1)
-    if len(numbers) > _MOST_LINES:
-        numbers = np.unique(np.rint(np.geomspace(first, last, _MOST_LINES)).astype(int))
+    if len(numbers) > _MAX_LINES:
+        numbers = np.unique(np.rint(np.geomspace(first, last, _MAX_LINES)).astype(int))
     resonant = np.rint(elastic / spacing).astype(int)
     resonant = resonant[(resonant >= first) & (resonant <= last)]
     return np.asarray(np.union1d(numbers, resonant) * spacing)

@@ -17,9 +17,9 @@ from dynid.arrays import Array
 
 # Root of the prior information on a coordinate: a factor of e^1000 either way. It makes first choices
 # comparable from which not all parameters are identifiable, and is negligible beside that of any record.
-_BEFORE = 1e-3
+_PRIOR_ROOT = 1e-3
 # Root of the prior information on the initial state, as a part of that of its wide prior.
-_STATE = 1e-6
+_STATE_PRIOR_ROOT = 1e-6
 # An exchange must gain this much: less is round-off.
 _GAIN = 1e-9
 _MAX_EXCHANGE_ROUNDS = 20
@@ -53,7 +53,7 @@ class Candidates:
 
     def before(self) -> Array:
         """Return the root of the prior information."""
-        roots = [_STATE] * self.nuisance + [_BEFORE] * self.parameters
+        roots = [_STATE_PRIOR_ROOT] * self.nuisance + [_PRIOR_ROOT] * self.parameters
         return np.diag(roots)
 
     def root(self, chosen: Sequence[int]) -> Array:
@@ -103,7 +103,7 @@ class Candidates:
         R = self.root(chosen)[self.nuisance :, self.nuisance :]
         inverse = np.linalg.solve(R, np.eye(len(R)))
         bounds = np.linalg.norm(inverse, axis=1)
-        return np.asarray(np.where(bounds < 0.1 / _BEFORE, bounds, np.inf))
+        return np.asarray(np.where(bounds < 0.1 / _PRIOR_ROOT, bounds, np.inf))
 
 
 def select(candidates: Candidates, count: int) -> list[int]:

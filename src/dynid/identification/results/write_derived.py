@@ -59,9 +59,9 @@ DERIVED = "identification/derived"
 KINDS = ("poles", "zeros", "modes", "frequency_response")
 
 # Without a request they are computed of systems of up to so many states, parameters and pairs.
-_STATES, _PARAMETERS, _PAIRS = 40, 12, 8
+_MAX_STATES, _MAX_PARAMETERS, _MAX_PAIRS = 40, 12, 8
 # Lines of a response whose frequencies are not given, and how far they reach beyond the modes.
-_LINES, _BEYOND = 100, 3.0
+_GRID_LINES, _BEYOND_MODES = 100, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +86,9 @@ def add_derived(result: Result, posterior: Posterior, request: DerivedRequest | 
     systems = [(system, pairs) for system, pairs in _systems(posterior) if len(system.states)]
     if request is None:
         small = all(
-            len(system.states) <= _STATES and len(system.unknowns) <= _PARAMETERS and len(pairs) <= _PAIRS
+            len(system.states) <= _MAX_STATES
+            and len(system.unknowns) <= _MAX_PARAMETERS
+            and len(pairs) <= _MAX_PAIRS
             for system, pairs in systems
         )
         if not small or not posterior.converged:
@@ -225,7 +227,7 @@ def _grid(family: RootFamily) -> Array:
     """Return frequencies around the poles."""
     size = np.abs(family.reference.values)
     size = size[size > 0] if size.any() else np.ones(1)
-    return np.geomspace(size.min() / _BEYOND, size.max() * _BEYOND, _LINES)
+    return np.geomspace(size.min() / _BEYOND_MODES, size.max() * _BEYOND_MODES, _GRID_LINES)
 
 
 GROUP = "identification/noise"

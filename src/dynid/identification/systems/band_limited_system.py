@@ -23,17 +23,17 @@ from dynid.structure.dynamic_condensation import ActiveCoordinates
 from dynid.structure.matrices import as_array
 
 #: Modes up to this multiple of the highest line are kept at first.
-BAND = 3.0
+BAND_FACTOR = 3.0
 # Columns of residual vectors below this part of the largest are rounding.
 _RESIDUAL_VECTOR_TOL = 1e-10
 # A search works with the basis where it has at most this part of the DOFs, and there are this many or more.
-_PART, _LEAST_DOFS = 0.6, 40
+_MAX_BASIS_SHARE, _MIN_DOFS = 0.6, 40
 # Lines at which responses from poles are tested, and the residual that they may leave.
-_TRIED, _RESIDUAL = 16, 1e-10
+_TESTED_LINES, _RESIDUAL_REL_TOL = 16, 1e-10
 # Numbers in one block of lines.
 _LINE_BLOCK_NUMBERS = 100_000
 # Most coordinates of joints that get residual vectors of their own.
-_MOST_DIRECTIONS = 12
+_MAX_JOINT_DIRECTIONS = 12
 
 
 class BandLimitedSystem(StructureSystem):
@@ -47,7 +47,7 @@ class BandLimitedSystem(StructureSystem):
         Modes up to this multiple of the highest line are kept.
     """
 
-    def __init__(self, system: StructureSystem, band: float = BAND) -> None:
+    def __init__(self, system: StructureSystem, band: float = BAND_FACTOR) -> None:
         super().__init__(system.model, system.loads, system.channels)
         self.band = band
 
@@ -96,7 +96,7 @@ class BandLimitedSystem(StructureSystem):
         coordinates = ActiveCoordinates.of(acting)
         rows = np.zeros((coordinates.count, model.size))
         rows[:, coordinates.places] = coordinates.active.T
-        return rows[:_MOST_DIRECTIONS]
+        return rows[:_MAX_JOINT_DIRECTIONS]
 
 
 def _responses(k: Array, c: Array, b: Array, rows: Array, omega: Array) -> ComplexArray:
@@ -113,10 +113,10 @@ def _responses(k: Array, c: Array, b: Array, rows: Array, omega: Array) -> Compl
     except np.linalg.LinAlgError:
         modal = np.full((2 * r, b.shape[1]), np.nan)
     size = np.abs(k).max() + omega[-1] ** 2
-    tried = s[:: max(1, len(s) // _TRIED)]
+    tried = s[:: max(1, len(s) // _TESTED_LINES)]
     there = X[:r] @ (modal / (tried[:, None, None] - poles[:, None]))
     left = k @ there + tried[:, None, None] * (c @ there) + tried[:, None, None] ** 2 * there - b
-    if np.all(np.abs(left).max() <= _RESIDUAL * (size * np.abs(there).max() + np.abs(b).max())):
+    if np.all(np.abs(left).max() <= _RESIDUAL_REL_TOL * (size * np.abs(there).max() + np.abs(b).max())):
         return np.asarray((rows @ X[:r]) @ (modal / (s[:, None, None] - poles[:, None])))
     blocks = [
         rows @ np.linalg.solve(k + w * c + w**2 * np.eye(r), b.astype(complex))
@@ -129,14 +129,18 @@ def band_limited(
     system: LinearSystem, omega: Array, pairs: Sequence[tuple[int, int]], band: float
 ) -> BandLimitedSystem | None:
     """Return the system that a search works with; None where the whole one takes as little or less work."""
-    if not isinstance(system, StructureSystem) or system.model.size < _LEAST_DOFS:
+    if not isinstance(system, StructureSystem) or system.model.size < _MIN_DOFS:
         return None
     limited = BandLimitedSystem(system, band)
     try:
         size = limited.solved_size(omega, pairs)
     except np.linalg.LinAlgError:  # a motion has no mass
         return None
-    return limited if size <= min(_PART * system.model.size, system.solved_size(omega, pairs)) else None
+    return (
+        limited
+        if size <= min(_MAX_BASIS_SHARE * system.model.size, system.solved_size(omega, pairs))
+        else None
+    )
 
 
 def band_basis(M: Array, K: Array, directions: Array, top: float) -> Array:

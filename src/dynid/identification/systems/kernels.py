@@ -26,9 +26,9 @@ from dynid.parameters import logarithmic
 #: Columns of what the kernels write are a multiple of it, as in `native/products.h`.
 LANES = 8
 #: Norm of the longest step that the series takes: beyond, cancellation would cost more than a digit.
-REACH = 4.0
+MAX_SERIES_NORM = 4.0
 #: How often a longer step is halved at most.
-HALVINGS = 3
+MAX_HALVINGS = 3
 
 
 class Linear(NamedTuple):
@@ -119,8 +119,8 @@ def _forcing(model: ParametricModel, affine: Affine) -> tuple[Array, Array]:
     """
     line = model.line
     drive = (affine.B @ (line.H * model.acting[:, None]) * model.w_scale)[model.states // 2 :]
-    degrees, identity = _degree(REACH) + 1, np.eye(len(line.G))
-    parts = min(1 + HALVINGS, int(FORCING_TABLE.value / max(1, len(line.lengths) * degrees * drive.size)))
+    degrees, identity = _degree(MAX_SERIES_NORM) + 1, np.eye(len(line.G))
+    parts = min(1 + MAX_HALVINGS, int(FORCING_TABLE.value / max(1, len(line.lengths) * degrees * drive.size)))
     if not parts:
         return np.empty((0, 1, degrees, *drive.shape)), np.empty(0)
     forcing = np.empty((len(line.lengths), parts, degrees, *drive.shape))

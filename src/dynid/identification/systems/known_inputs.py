@@ -23,9 +23,9 @@ from dynid.parameters import Parameter, named
 # Part of a sampling step by which a sample may lie outside and still count as known: round-off of times.
 _SAMPLE_TIME_TOL = 1e-6
 # Part of a record that the range of delays that are sought may leave out at each end, beside their starts.
-_SEARCHED = 0.1
+_MAX_SEARCHED_SHARE = 0.1
 # Fewest samples to which a record may be shortened.
-_FEWEST = 2
+_MIN_SAMPLES = 2
 
 
 class KnownSamples(NamedTuple):
@@ -75,7 +75,7 @@ def known_samples(
         If hardly a sample is left.
     """
     nearest = _left_out(signals, instruments, unknowns, times, (eta, 0.0 * reach), at_rest_before)
-    if sum(nearest) > len(times) - _FEWEST:
+    if sum(nearest) > len(times) - _MIN_SAMPLES:
         raise UsageError(
             f"the delays leave {max(0, len(times) - sum(nearest))} of {len(times)} samples at which every "
             "input is known",
@@ -85,7 +85,7 @@ def known_samples(
     if not reach.any():
         return nearest
     farthest = _left_out(signals, instruments, unknowns, times, (eta, reach), at_rest_before)
-    max_count = int(_SEARCHED * len(times))
+    max_count = int(_MAX_SEARCHED_SHARE * len(times))
     return KnownSamples(
         min(farthest.before, nearest.before + max_count), min(farthest.after, nearest.after + max_count)
     )
