@@ -74,7 +74,7 @@ _CITATION = """\
 }}"""
 
 
-class LazyGroup(click.Group):
+class _LazyGroup(click.Group):
     """Group of commands, each imported when it is used."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
@@ -153,7 +153,7 @@ def _cite(context: click.Context, _option: click.Parameter, asked: bool) -> None
         context.exit()
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="dynid", message="%(prog)s %(version)s")
 @click.option(
     "--cite",

@@ -78,7 +78,7 @@ def explained(scene: Scene, overrides: tuple[str, ...]) -> Explained:
     if stream is not None:
         return _received(stream)
     heard: list[dict[str, Any]] = []  # no process can be started here
-    explain_in_parts(scene, heard.append)
+    _explain_in_parts(scene, heard.append)
     return _received(heard)
 
 
@@ -118,14 +118,14 @@ def explain_file(send: Send, width: str, path: str, *overrides: str) -> None:
     scene = load_scene(path, overrides)
     limit_processor_time(LIMIT + _SLACK)
     try:
-        explain_in_parts(scene, send)
+        _explain_in_parts(scene, send)
     except FileError as error:
         send({"unreadable": str(scene.locate(error))})
     except Exception as error:
         send({"unforeseen": f"{type(error).__name__} {error}"})
 
 
-def explain_in_parts(scene: Scene, send: Send) -> None:
+def _explain_in_parts(scene: Scene, send: Send) -> None:
     """Send the explanation of a scene, then its failure, or its cost by a trial run."""
     from dynid.scene.explanations.explanation import LIMIT, explain, trial
     from dynid.scene.kinds.study import base_scene
@@ -143,7 +143,7 @@ def explain_in_parts(scene: Scene, send: Send) -> None:
             explanation = explain_study(plan, target)
         else:
             explanation = explain(scene)
-        send({"lines": list(explanation_lines(explanation))})
+        send({"lines": list(_explanation_lines(explanation))})
         obstacle = explanation.obstacle
         if scene.kind == "study":
             if obstacle is None:
@@ -167,7 +167,7 @@ def explain_in_parts(scene: Scene, send: Send) -> None:
             send({"failure": lines, "code": error.exit_code})
 
 
-def explanation_lines(explanation: Explanation) -> Iterator[str]:
+def _explanation_lines(explanation: Explanation) -> Iterator[str]:
     """Yield the screen of an explanation but for its cost: facts, causality, identifiability."""
     from dynid.cli.screen import section_lines
     from dynid.report.content.bond_graph import causality_sections

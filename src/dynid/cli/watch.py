@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 #: Longest text of a scene that may be the name of a file, and depth to which scenes name scenes.
 _LONGEST, _DEEPEST = 1000, 4
 
-Stamp = tuple[tuple[str, int, int, int], ...]
+_Stamp = tuple[tuple[str, int, int, int], ...]
 
 
 def files_of(scene: str) -> list[Path]:
@@ -67,7 +67,7 @@ def _collect_files(file: Path, found: dict[Path, None], depth: int) -> None:
                 _collect_files(other, found, depth - 1)
 
 
-def stamp(files: list[Path]) -> Stamp:
+def stamp(files: list[Path]) -> _Stamp:
     """Return name, time (ns), size and inode of each file, which change when it is saved; 0 for no file."""
     stamps = []
     for file in files:
@@ -187,7 +187,7 @@ _HEADERS = {
 }
 
 
-class Server(ThreadingHTTPServer):
+class _Server(ThreadingHTTPServer):
     """Server of the page at `/TOKEN/` and of its changes at `/TOKEN/events`.
 
     The token is new for each server: other users and programs of this machine do not know it.
@@ -200,7 +200,7 @@ class Server(ThreadingHTTPServer):
         self.board = Board()
         self.token = secrets.token_urlsafe(16)
         self._free = threading.BoundedSemaphore(_CONNECTIONS)
-        super().__init__(("127.0.0.1", port), Handler)
+        super().__init__(("127.0.0.1", port), _Handler)
 
     @property
     def address(self) -> str:
@@ -232,10 +232,10 @@ class Server(ThreadingHTTPServer):
         """Ignore clients that disconnect."""
 
 
-class Handler(BaseHTTPRequestHandler):
+class _Handler(BaseHTTPRequestHandler):
     """Handler of one request."""
 
-    server: Server
+    server: _Server
     timeout = 30
     server_version = "dynid"
     sys_version = ""
@@ -287,7 +287,7 @@ class Handler(BaseHTTPRequestHandler):
 
 
 @contextmanager
-def serving(port: int) -> Iterator[Server]:
+def serving(port: int) -> Iterator[_Server]:
     """Serve in the background.
 
     Parameters
@@ -301,7 +301,7 @@ def serving(port: int) -> Iterator[Server]:
         If the port is taken.
     """
     try:
-        server = Server(port)
+        server = _Server(port)
     except OSError as error:
         problem = f"port {port} cannot be used: {error.strerror or error}"
         raise UsageError(problem, remedy="Name another one, or none for a free one.") from error

@@ -180,7 +180,7 @@ def standalone(svg: str) -> str:
 
 
 @dataclass(frozen=True)
-class FigureFamily:
+class _FigureFamily:
     """Figures of one kind, and the condition on results that have them; all given parts must hold.
 
     Parameters
@@ -212,7 +212,7 @@ class FigureFamily:
         return not self.paths or any(path.startswith(self.paths) for path in result)
 
 
-FREQUENCY_RESPONSES = (
+_FREQUENCY_RESPONSES = (
     "bond_graph/frequency_response/",
     "structure/frequency_response/",
     "bond_graph/port/frequency_response/",
@@ -220,53 +220,53 @@ FREQUENCY_RESPONSES = (
 _DRAWING, _DIAGRAMS = "dynid.report.drawing", "dynid.report.diagrams"
 
 #: In the order in which a page shows them.
-FAMILIES: tuple[FigureFamily, ...] = (
-    FigureFamily(f"{_DRAWING}.bond_graph:figures", kinds=("bond-graph", "identification"), scene=True),
-    FigureFamily(f"{_DRAWING}.bond_graph:realisations", paths=("synthesis/form",)),
-    FigureFamily(
+FAMILIES: tuple[_FigureFamily, ...] = (
+    _FigureFamily(f"{_DRAWING}.bond_graph:figures", kinds=("bond-graph", "identification"), scene=True),
+    _FigureFamily(f"{_DRAWING}.bond_graph:realisations", paths=("synthesis/form",)),
+    _FigureFamily(
         f"{_DRAWING}.bond_graph:reduction_strips",
         paths=("bond_graph/reduction/steps",),
         scene=True,
         derivation=True,
     ),
-    FigureFamily(
+    _FigureFamily(
         f"{_DRAWING}.prototype:prototypes",
         paths=("bond_graph/reduction/prototype", "bond_graph/port/"),
         derivation=True,
     ),
-    FigureFamily(f"{_DRAWING}.structure:figures", kinds=("identification", "reduction"), scene=True),
-    FigureFamily(f"{_DRAWING}.space:figures", paths=("structure/geometry/",), scene=True),
-    FigureFamily(f"{_DRAWING}.prototype:equivalents", paths=("bond_graph/port/prototype",)),
-    FigureFamily(f"{_DIAGRAMS}.responses:designed_responses", paths=("bond_graph/design/",)),
-    FigureFamily(f"{_DIAGRAMS}.responses:figures", paths=FREQUENCY_RESPONSES),
-    FigureFamily(f"{_DIAGRAMS}.poles:figures", paths=("bond_graph/transfer_function/",)),
-    FigureFamily(f"{_DIAGRAMS}.poles:loops", paths=("bond_graph/margins/",)),
-    FigureFamily(
+    _FigureFamily(f"{_DRAWING}.structure:figures", kinds=("identification", "reduction"), scene=True),
+    _FigureFamily(f"{_DRAWING}.space:figures", paths=("structure/geometry/",), scene=True),
+    _FigureFamily(f"{_DRAWING}.prototype:equivalents", paths=("bond_graph/port/prototype",)),
+    _FigureFamily(f"{_DIAGRAMS}.responses:designed_responses", paths=("bond_graph/design/",)),
+    _FigureFamily(f"{_DIAGRAMS}.responses:figures", paths=_FREQUENCY_RESPONSES),
+    _FigureFamily(f"{_DIAGRAMS}.poles:figures", paths=("bond_graph/transfer_function/",)),
+    _FigureFamily(f"{_DIAGRAMS}.poles:loops", paths=("bond_graph/margins/",)),
+    _FigureFamily(
         f"{_DIAGRAMS}.responses:time_responses",
         paths=("bond_graph/time_response/", "structure/time_response/"),
     ),
-    FigureFamily(f"{_DIAGRAMS}.identification:figures", paths=("identification/parameters/",)),
-    FigureFamily(f"{_DIAGRAMS}.modes:figures", paths=("identification/modes/",)),
-    FigureFamily(
+    _FigureFamily(f"{_DIAGRAMS}.identification:figures", paths=("identification/parameters/",)),
+    _FigureFamily(f"{_DIAGRAMS}.modes:figures", paths=("identification/modes/",)),
+    _FigureFamily(
         f"{_DIAGRAMS}.identification:predictions",
         paths=("identification/measurement/", "identification/diagnostics/"),
     ),
-    FigureFamily(
+    _FigureFamily(
         f"{_DIAGRAMS}.identification:histories",
         paths=("identification/history/", "identification/first_pass/", "identification/states/"),
     ),
-    FigureFamily(
+    _FigureFamily(
         f"{_DIAGRAMS}.responses:identified_responses", paths=("identification/derived/frequency_response/",)
     ),
-    FigureFamily(f"{_DIAGRAMS}.reduction:figures", paths=("reduction/method",)),
-    FigureFamily(f"{_DIAGRAMS}.plan:figures", paths=("plan/",)),
-    FigureFamily(f"{_DIAGRAMS}.modes:measured_shapes", paths=("structure/geometry/shape_sensor",)),
-    FigureFamily(f"{_DIAGRAMS}.modes:mode_shapes", paths=("structure/modes/shape",), scene=True),
-    FigureFamily(f"{_DIAGRAMS}.work_precision:figures", paths=("bench/", "accuracy/")),
-    FigureFamily(f"{_DIAGRAMS}.study_samples:figures", kinds=("study",)),
-    FigureFamily(f"{_DIAGRAMS}.study_influence:figures", kinds=("study",)),
-    FigureFamily(f"{_DIAGRAMS}.poles:root_loci", kinds=("study",)),
-    FigureFamily(f"{_DRAWING}.prototype:performance", paths=("bond_graph/port/performance/",)),
+    _FigureFamily(f"{_DIAGRAMS}.reduction:figures", paths=("reduction/method",)),
+    _FigureFamily(f"{_DIAGRAMS}.plan:figures", paths=("plan/",)),
+    _FigureFamily(f"{_DIAGRAMS}.modes:measured_shapes", paths=("structure/geometry/shape_sensor",)),
+    _FigureFamily(f"{_DIAGRAMS}.modes:mode_shapes", paths=("structure/modes/shape",), scene=True),
+    _FigureFamily(f"{_DIAGRAMS}.work_precision:figures", paths=("bench/", "accuracy/")),
+    _FigureFamily(f"{_DIAGRAMS}.study_samples:figures", kinds=("study",)),
+    _FigureFamily(f"{_DIAGRAMS}.study_influence:figures", kinds=("study",)),
+    _FigureFamily(f"{_DIAGRAMS}.poles:root_loci", kinds=("study",)),
+    _FigureFamily(f"{_DRAWING}.prototype:performance", paths=("bond_graph/port/performance/",)),
 )
 
 
@@ -325,7 +325,7 @@ def leading(kind: str, every: Sequence[Figure]) -> list[Figure]:
     return found[:_MOST]
 
 
-def _figures_of(family: FigureFamily, result: Result) -> list[Figure]:
+def _figures_of(family: _FigureFamily, result: Result) -> list[Figure]:
     module, _, name = family.function.partition(":")
     build: Callable[[Result], Iterable[Figure]] = getattr(import_module(module), name)
     try:

@@ -108,7 +108,7 @@ _SMALLER, _RAISE, _LOWER, _BAR = 0.72, 0.38, 0.2, 0.28
 
 
 @dataclass(frozen=True)
-class TextRun:
+class _TextRun:
     """A run of text within a formula.
 
     Parameters
@@ -141,7 +141,7 @@ class TypesetFormula:
         Its extent, px: from its left end, and from its baseline.
     """
 
-    pieces: tuple[TextRun, ...] = ()
+    pieces: tuple[_TextRun, ...] = ()
     bars: tuple[tuple[float, float, float], ...] = ()
     width: float = 0.0
     above: float = 0.0
@@ -154,7 +154,7 @@ class TypesetFormula:
 
     def moved(self, x: float, y: float) -> TypesetFormula:
         """Return it moved by x and y; its extent remains relative to the old baseline."""
-        pieces = tuple(TextRun(p.text, p.size, p.italic, p.x + x, p.y + y) for p in self.pieces)
+        pieces = tuple(_TextRun(p.text, p.size, p.italic, p.x + x, p.y + y) for p in self.pieces)
         bars = tuple((a + x, b + y, width) for a, b, width in self.bars)
         return TypesetFormula(
             pieces, bars, self.width + x, max(self.above - y, 0.0), max(self.below + y, 0.0)
@@ -285,7 +285,7 @@ def _greek(name: str) -> str:
 def _text(text: str, size: float, *, italic: bool) -> TypesetFormula:
     if not text:
         return TypesetFormula()
-    piece = TextRun(text, size, italic, 0.0, 0.0)
+    piece = _TextRun(text, size, italic, 0.0, 0.0)
     return TypesetFormula((piece,), (), piece.width, 0.75 * size, 0.22 * size)
 
 

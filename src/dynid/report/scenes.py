@@ -87,7 +87,7 @@ def _in_hertz(scene: str) -> bool:
     return "Hz" in scene and unit_of_frequencies(plain_data(scene)) is HERTZ
 
 
-class PeakResponses(NamedTuple):
+class _PeakResponses(NamedTuple):
     """Largest magnitude of every channel (output x input), its frequency in `unit`, and what to say of it.
 
     The note says that a frequency is an end of the range, beyond which the magnitude may be larger; else ''.
@@ -99,7 +99,7 @@ class PeakResponses(NamedTuple):
     note: NDArray[Any]
 
 
-def peak_responses(result: Result, group: str) -> PeakResponses:
+def peak_responses(result: Result, group: str) -> _PeakResponses:
     """Return the largest magnitudes of frequency responses, refined between the frequencies if stored so."""
     unit = frequency_unit(result)
     own = group.replace("frequency_response", "frequency_peaks")
@@ -113,7 +113,7 @@ def peak_responses(result: Result, group: str) -> PeakResponses:
     if len(omega) > 1:
         for end, name in ((omega.min(), "lower"), (omega.max(), "upper")):
             note[np.isfinite(largest) & (where == end)] = f", the {name} end of the range"
-    return PeakResponses(largest, where * unit.factor, unit.name, note)
+    return _PeakResponses(largest, where * unit.factor, unit.name, note)
 
 
 def frequency_span(result: Result, group: str) -> tuple[float, float, str]:

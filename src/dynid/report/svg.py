@@ -17,8 +17,8 @@ from itertools import chain
 
 Point = tuple[float, float]
 
-FONT = "system-ui, 'Segoe UI', 'Helvetica Neue', Arial, 'DejaVu Sans', sans-serif"
-MATH = "'STIX Two Math', 'Cambria Math', 'Times New Roman', 'DejaVu Serif', serif"
+_FONT = "system-ui, 'Segoe UI', 'Helvetica Neue', Arial, 'DejaVu Sans', sans-serif"
+_MATH = "'STIX Two Math', 'Cambria Math', 'Times New Roman', 'DejaVu Serif', serif"
 
 #: Font sizes, px.
 TITLE, SIZE, SMALL = 14.0, 12.0, 10.0
@@ -43,7 +43,7 @@ COLOURS: dict[str, tuple[str, str]] = {
 }
 SERIES = tuple(name for name in COLOURS if re.fullmatch(r"s\d", name))
 #: Dashes of series, which distinguish them without colour.
-DASHES = ("none", "7 3", "2 3", "9 3 2 3", "5 2", "1 2", "12 4")
+_DASHES = ("none", "7 3", "2 3", "9 3 2 3", "5 2", "1 2", "12 4")
 
 
 def colour(name: str) -> str:
@@ -62,12 +62,12 @@ def css() -> str:
     )
     ink, muted = colour("ink"), colour("muted")
     rules = {
-        "text": f"font-family: {FONT}; font-size: {SIZE:g}px; fill: {ink}; stroke: none",
+        "text": f"font-family: {_FONT}; font-size: {SIZE:g}px; fill: {ink}; stroke: none",
         ".title": f"font-size: {TITLE:g}px; font-weight: 600",
         ".strong": "font-weight: 600",
         ".small": f"font-size: {SMALL:g}px",
         ".muted": f"fill: {muted}",
-        ".math": f"font-family: {MATH}; font-size: {TITLE:g}px",
+        ".math": f"font-family: {_MATH}; font-size: {TITLE:g}px",
         ".it": "font-style: italic",
         ".line": f"fill: none; stroke: {ink}; stroke-width: {LINE:g}",
         ".hair": f"fill: none; stroke: {muted}; stroke-width: {HAIR:g}",
@@ -81,7 +81,7 @@ def css() -> str:
         ".mark": f"stroke: {colour('accent')}",
         ".marked": f"fill: {colour('accent')}",
     }
-    for name, dash in zip(SERIES, DASHES, strict=True):
+    for name, dash in zip(SERIES, _DASHES, strict=True):
         rules[f".{name}"] = f"fill: none; stroke: {colour(name)}; stroke-width: {BOLD:g}"
         rules[f".{name}.dash"] = f"stroke-dasharray: {dash}"
         rules[f".{name}.dot"] = f"fill: {colour(name)}; stroke: none"

@@ -29,10 +29,10 @@ _SIGNS = "● Pareto-optimal in time and error; › the suite's default"
 def method(result: Result) -> str:
     """Return the kind of result and the meaning of its signs."""
     clock = "processor " * (result.group_attrs["bench"]["clock"] == "processor")
-    return f"median {clock}times{' on '.join(['', *machine_text(result)])}; {_SIGNS}"
+    return f"median {clock}times{' on '.join(['', *_machine_text(result)])}; {_SIGNS}"
 
 
-def machine_text(result: Result) -> list[str]:
+def _machine_text(result: Result) -> list[str]:
     """Return the machine that measured; nothing in files of earlier versions."""
     about = str(result.group_attrs.get("bench", {}).get("machine", ""))
     return [about] if about else []
@@ -63,7 +63,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
             yield ReportSection(f"{name}: growth and peers", tuple(statements.values()), screen="")
     about = result.group_attrs.get("bench", {})  # absent in files of earlier versions
     seconds = float(about.get("seconds", 0))
-    where = "".join(f" on {machine}" for machine in machine_text(result))
+    where = "".join(f" on {machine}" for machine in _machine_text(result))
     notes = [f"skipped: {about['skipped']}"] if about.get("skipped") else []
     notes += [f"measured in {time_text(seconds)}{where}"] if seconds else []
     if notes:

@@ -146,7 +146,7 @@ def system_text(result: Result) -> str:
     return f"{kind}: {reason}" if reason else kind
 
 
-def point_facts(result: Result) -> Iterator[tuple[str, str]]:
+def _point_facts(result: Result) -> Iterator[tuple[str, str]]:
     """Yield what was found of the operating point, its constant inputs, residual and condition."""
     about = result.group_attrs[POINT]
     found = str(about["status"])
@@ -206,7 +206,7 @@ def _operating_point(result: Result) -> Iterator[ReportSection]:
     """Yield the operating point with the slopes of the laws there."""
     if POINT not in result.group_attrs:
         return
-    point, *others = point_facts(result)
+    point, *others = _point_facts(result)
     slopes = TextTable(
         ("slope", "value"),
         tuple(_of_point(result, "slope", "slope_value", "slope_unit")),
@@ -234,7 +234,7 @@ def _with_rows(blocks: tuple[Block, ...]) -> tuple[Block, ...]:
     return tuple(block for block in blocks if not isinstance(block, TextTable) or block.rows)
 
 
-def margin_texts(result: Result, place: int) -> dict[str, str]:
+def _margin_texts(result: Result, place: int) -> dict[str, str]:
     """Return the margins of the loop at a place; those of gain and phase with their crossover frequencies.
 
     None of them is defined where the closed loop is not stable: its S and T are of no steady response.
@@ -253,7 +253,7 @@ def margin_texts(result: Result, place: int) -> dict[str, str]:
     return texts
 
 
-def undecided_margins(result: Result) -> list[str]:
+def _undecided_margins(result: Result) -> list[str]:
     """Return by loop why margins are undecided; '' where none is."""
     group = "bond_graph/margins"
     count = len(result[f"{group}/loop"].data)
@@ -270,9 +270,9 @@ def _loops(result: Result) -> Iterator[ReportSection]:
     if f"{group}/loop" not in result:
         return
     names, stabilities, stable = (result[f"{group}/{name}"].data for name in ("loop", "stability", "stable"))
-    reasons = undecided_margins(result)
+    reasons = _undecided_margins(result)
     rows = tuple(
-        (str(loop), *margin_texts(result, k).values(), str(stabilities[k]).partition(":")[0])
+        (str(loop), *_margin_texts(result, k).values(), str(stabilities[k]).partition(":")[0])
         for k, loop in enumerate(names)
         if not reasons[k].startswith("left out")
     )

@@ -37,7 +37,7 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
     return ("", "start", "designed", *others, "min", "max", ""), rows
 
 
-def target_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def _target_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return headings and rows of the targets: wanted, at the start, reached, and by other designs."""
     group, unit = f"{DESIGN}/targets", frequency_unit(result)
     get = {
@@ -122,7 +122,7 @@ def design_sections(result: Result) -> Iterator[ReportSection]:
     """Yield the section on the design."""
     if f"{DESIGN}/value" not in result:
         return
-    parameters, targets = parameter_table(result), target_table(result)
+    parameters, targets = parameter_table(result), _target_table(result)
     tables = [
         TextTable(columns, tuple(rows), caption=caption).filled()
         for caption, (columns, rows) in (("free parameters", parameters), ("targets", targets))

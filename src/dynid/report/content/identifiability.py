@@ -44,8 +44,8 @@ def identifiability_sections(result: Result) -> Iterator[ReportSection]:
         return
     blocks = (_bound_table(result), *_collinear_groups(result), *_interchangeable(result))
     yield ReportSection("Identifiability", blocks, screen="identifiability")
-    columns, rows = modal_shifts(result)
-    table = TextTable(columns, tuple(rows), caption=modal_heading(result), noun="mode", brief=8, most=20)
+    columns, rows = _modal_shifts(result)
+    table = TextTable(columns, tuple(rows), caption=_modal_heading(result), noun="mode", brief=8, most=20)
     yield ReportSection("Parameters and modes", (table,), screen="")
 
 
@@ -103,8 +103,8 @@ def _interchangeable(result: Result) -> Iterator[Statement]:
     yield Statement(text, "bad", f"{sets}:")
 
 
-def modal_heading(result: Result) -> str:
-    """Return the heading of the table of `modal_shifts`."""
+def _modal_heading(result: Result) -> str:
+    """Return the heading of the table of `_modal_shifts`."""
     if all(_letter(name) for name in result[f"{GROUP}/modal_sensitivity/parameter"].data):
         return (
             "modal sensitivities: relative change of ω_n per +1 % of k; "
@@ -123,7 +123,7 @@ def _letter(name: str) -> str:
     return letter if letter in ("k", "c") and str(name) != letter else ""
 
 
-def modal_shifts(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def _modal_shifts(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return the changes of frequency and damping of each mode by one per cent of each parameter.
 
     Where all parameters are of joints, of k that of the frequency is shown, of c that of the damping; else
@@ -160,7 +160,7 @@ def shift_text(percent: float, symbol: str = "") -> str:
     return _NO_SHIFT if abs(percent) < _LEAST else f"{symbol}{percent:+.2g} %"
 
 
-class CalibrationEffects(NamedTuple):
+class _CalibrationEffects(NamedTuple):
     """Changes of the estimates by calibration errors (p parameters, q quantities).
 
     Attributes
@@ -188,7 +188,7 @@ class CalibrationEffects(NamedTuple):
     seen_from: Array
 
 
-def calibration_effects(result: Result) -> CalibrationEffects | None:
+def _calibration_effects(result: Result) -> _CalibrationEffects | None:
     """Return the effects of calibration errors on the estimates; None where the result has none."""
     if f"{_CONSIDERED}/slope" not in result:
         return None
@@ -222,7 +222,7 @@ def calibration_effects(result: Result) -> CalibrationEffects | None:
         changes.append(f"a trigger delay of {f'one sample ({time})' if of_time else time}")
     in_errors = np.abs(moves) / np.where(deviations > 0, deviations, np.nan)
     labels = [str(name) for name in parameters]
-    return CalibrationEffects(labels, changes, moves, in_errors, np.array(kinds), _seen_from(result, sizes))
+    return _CalibrationEffects(labels, changes, moves, in_errors, np.array(kinds), _seen_from(result, sizes))
 
 
 def _seen_from(result: Result, sizes: Array) -> Array:
@@ -255,7 +255,7 @@ def known_parts_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, 
     The standard errors stand above, the errors with all stated deviations below. Rows are those of the
     largest effects in standard errors.
     """
-    found, converged = calibration_effects(result), "identification/diagnostics/converged"
+    found, converged = _calibration_effects(result), "identification/diagnostics/converged"
     if found is None or len(found.parameters) > _COLUMNS:
         return (), [], []
     if converged in result and not result.value(converged):
@@ -293,7 +293,7 @@ def calibration_sentences(result: Result) -> Iterator[str]:
 
     Effects that are small beside the standard error have none, nor have effects on rejected estimates.
     """
-    found, converged = calibration_effects(result), "identification/diagnostics/converged"
+    found, converged = _calibration_effects(result), "identification/diagnostics/converged"
     if found is None or (converged in result and not result.value(converged)):
         return
     worst: list[tuple[int, int]] = []  # parameter and quantity, by the effect in standard errors if known
@@ -314,7 +314,7 @@ def calibration_sentences(result: Result) -> Iterator[str]:
         yield "the error bars do not include these errors"
 
 
-def _named(found: CalibrationEffects, worst: int, quantity: int) -> list[int]:
+def _named(found: _CalibrationEffects, worst: int, quantity: int) -> list[int]:
     """Return the parameter that moves most in standard errors, and that which moves most, if another.
 
     What moves by less than its error bar is no other.
@@ -324,7 +324,7 @@ def _named(found: CalibrationEffects, worst: int, quantity: int) -> list[int]:
     return [worst] if moves[largest] <= abs(found.moves[worst, quantity]) else [worst, largest]
 
 
-def _bias(found: CalibrationEffects, parameter: int, quantity: int) -> str:
+def _bias(found: _CalibrationEffects, parameter: int, quantity: int) -> str:
     """Return the change of an estimate, also in standard errors where these are not of round-off."""
     many = float(np.nan_to_num(found.deviations[parameter, quantity]))
     said = f"{found.parameters[parameter]} by {_percent(found.moves[parameter, quantity])}"
@@ -339,7 +339,7 @@ def _percent(part: float) -> str:
 
 def calibration_sections(result: Result) -> Iterator[ReportSection]:
     """Yield the effects of every gain error and of the delay on every estimate."""
-    effects = calibration_effects(result)
+    effects = _calibration_effects(result)
     if effects is None or not effects.changes:
         return
     rows = tuple(

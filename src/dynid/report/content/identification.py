@@ -71,7 +71,7 @@ def method(result: Result) -> str:
 
 def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the content of an identification, or of the responses of a structure."""
-    if has_estimates(result):
+    if _has_estimates(result):
         yield from _estimate_sections(result)
     yield from modal_sections(result)
     yield from derived_sections(result)
@@ -84,7 +84,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
         from dynid.report.content.bond_graph import sections as graph_sections
 
         for section in graph_sections(result):
-            aside = has_estimates(result) and section.place == "answer"
+            aside = _has_estimates(result) and section.place == "answer"
             yield replace(section, place="details") if aside else section
 
 
@@ -92,7 +92,7 @@ def _estimate_sections(result: Result) -> Iterator[ReportSection]:
     """Yield the record, the estimates with what is doubtful of them, and the tests of the fit."""
     title = "Record and residuals"
     yield ReportSection(
-        title, tuple(map(Statement, (record_summary(result), *preparation(result)))), screen=""
+        title, tuple(map(Statement, (_record_summary(result), *preparation(result)))), screen=""
     )
     columns, rows = parameter_table(result)
     verdict, *statements = verdict_statements(result)
@@ -126,23 +126,23 @@ def _computed_modes(result: Result) -> ReportSection:
     caption = f"{counted(len(omega), 'mode')} of {counted(size, 'DOF')}; {', '.join(counts)}"
     table = TextTable(("mode", "rad/s", "Hz", "ζ", ""), rows, caption=caption, noun="mode").filled()
     remark = [Statement(f"massless: {joined(massless, _SHOWN)}")] if massless else []
-    asked = not has_estimates(result) and "bond_graph" not in result.group_attrs
+    asked = not _has_estimates(result) and "bond_graph" not in result.group_attrs
     return ReportSection("Modes", (table, *remark), "answer" if asked else "details", screen="")
 
 
-def estimates_group(result: Result) -> str:
+def _estimates_group(result: Result) -> str:
     """Return the group of the estimates: a group of their own where they are rejected."""
     return _REJECTED if result.rejected else _PARAMETERS
 
 
-def has_estimates(result: Result) -> bool:
+def _has_estimates(result: Result) -> bool:
     """Return True if there are estimates, or rejected ones."""
-    return f"{estimates_group(result)}/name" in result
+    return f"{_estimates_group(result)}/name" in result
 
 
 def linear_parameters(result: Result) -> list[bool]:
     """Return for each parameter True if it is estimated itself, not by its logarithm."""
-    group = estimates_group(result)
+    group = _estimates_group(result)
     if f"{group}/scale" in result:
         return [scale == "linear" for scale in result[f"{group}/scale"].data]
     return [False] * len(result[f"{group}/name"].data)
@@ -170,13 +170,13 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
     Where the residuals contradict the given noise, a column has the standard error for the noise of the
     residuals.
     """
-    group = estimates_group(result)
+    group = _estimates_group(result)
     get = {
         name.rpartition("/")[2]: variable.data
         for name, variable in result.items()
         if name.startswith(f"{group}/")
     }
-    known, exact = bool(np.isfinite(get["true"]).any()), is_round_off(result)
+    known, exact = bool(np.isfinite(get["true"]).any()), _is_round_off(result)
     barred = not (exact or is_rejected(result))
     bounded = barred and bool(np.isfinite(get["true"]).all())
     contradicted = f"{_DIAGNOSTICS}/noise_contradicted"
@@ -221,12 +221,12 @@ def _scaled_text(estimate: float, error: float) -> str:
     return with_error(estimate, error) if math.isfinite(error) else "-"
 
 
-def record_summary(result: Result) -> str:
+def _record_summary(result: Result) -> str:
     """Return the number of states, unknowns, records and samples, and the channels."""
     group = _MEASURED
     several = [path for path in result if path.startswith(f"{group}/record_") and path.endswith("/measured")]
     every = [path.removesuffix("/measured") for path in several] or [group]
-    unknowns = counted(len(result[f"{estimates_group(result)}/name"].data), "unknown parameter")
+    unknowns = counted(len(result[f"{_estimates_group(result)}/name"].data), "unknown parameter")
     if f"{every[0]}/measured" not in result:
         return f"{unknowns}; {modal_summary(result)}" if has_modes(result) else unknowns
     measured = [result[f"{path}/measured"].data for path in every]
@@ -267,7 +267,7 @@ def is_rejected(result: Result) -> bool:
     converged = result.get(f"{_DIAGNOSTICS}/converged")
     if converged is None or bool(converged.data):
         return False
-    return not (is_open(result) or is_left_to_limits(result))
+    return not (is_open(result) or _is_left_to_limits(result))
 
 
 def is_open(result: Result) -> bool:
@@ -284,7 +284,7 @@ def is_open(result: Result) -> bool:
     return bool(not converged and optimum and explained and redundancy > 0)
 
 
-def is_left_to_limits(result: Result) -> bool:
+def _is_left_to_limits(result: Result) -> bool:
     """Return True if limits decide parameters, so that an optimum lacks no more than redundancy.
 
     Its intervals follow from the limits, and are valid if the model is right.
@@ -297,7 +297,7 @@ def is_left_to_limits(result: Result) -> bool:
     return bool(optimum and explained and redundancy <= 0 and "limits" in decided.data.tolist())
 
 
-def is_modal(result: Result) -> bool:
+def _is_modal(result: Result) -> bool:
     """Return True if a result is of measured modes alone."""
     return has_modes(result) and f"{_DIAGNOSTICS}/autocorrelation" not in result
 
@@ -308,7 +308,7 @@ def lacks_fit(result: Result) -> bool:
     return found is not None and bool(found.data)
 
 
-def is_round_off(result: Result) -> bool:
+def _is_round_off(result: Result) -> bool:
     """Return True if all residuals are round-off, as of a record without noise."""
     ratio = result.get(f"{_DIAGNOSTICS}/residual_ratio")
     return ratio is not None and not is_rejected(result) and bool(np.all(ratio.data < _ROUND_OFF))
@@ -318,15 +318,15 @@ def cautions(result: Result) -> Iterator[str]:
     """Yield the rejection of a result with its remedy, and the warnings, a sentence each."""
     if f"{_DIAGNOSTICS}/converged" not in result:
         return
-    if is_rejected(result) or is_left_to_limits(result):
+    if is_rejected(result) or _is_left_to_limits(result):
         signal, redundancy = result.get(f"{_DIAGNOSTICS}/signal_p"), result.get(f"{_DIAGNOSTICS}/redundancy")
         if signal is not None and not float(signal.data) < SIGNAL.value:
             remedy = "excite more, or measure elsewhere, longer or with less noise"
         elif not result.value(f"{_DIAGNOSTICS}/explained"):
-            priors = "".join(f"the prior of {name}, " for name in contradicted_priors(result))
+            priors = "".join(f"the prior of {name}, " for name in _contradicted_priors(result))
             remedy = f"check {priors}model, units, signs and starts, and whether a joint is nonlinear"
         elif redundancy is not None and int(redundancy.data) <= 0:
-            more = "modes or sensors" if is_modal(result) else "channels or excitation frequencies"
+            more = "modes or sensors" if _is_modal(result) else "channels or excitation frequencies"
             remedy = f"add {more}, or fix a parameter"
         else:
             remedy = "use method auto, or more passes"
@@ -342,7 +342,7 @@ def _reason(result: Result) -> str:
     return str(result.value(f"{_DIAGNOSTICS}/verdict")).removeprefix("NOT converged: ")
 
 
-def contradicted_priors(result: Result) -> list[str]:
+def _contradicted_priors(result: Result) -> list[str]:
     """Return the parameters whose priors the record contradicts."""
     flags = result.get(f"{_DIAGNOSTICS}/prior_contradicted")
     if flags is None:
@@ -405,14 +405,14 @@ def _largest_error(result: Result) -> Iterator[Statement]:
 
 def verdict_statements(result: Result) -> Iterator[Statement]:
     """Yield the verdict on an estimate: residuals, limits, conditioning, worst parameter, warnings."""
-    white, exact = bool(result.value(f"{_DIAGNOSTICS}/white")), is_round_off(result)
+    white, exact = bool(result.value(f"{_DIAGNOSTICS}/white")), _is_round_off(result)
     good = not (is_rejected(result) or is_open(result) or lacks_fit(result))
     tone = "bad" if not good else "good" if white else ""
     yield Statement(str(result.value(f"{_DIAGNOSTICS}/verdict")), tone)
     yield from _residuals(result, white=white)
     yield from map(Statement, noise_sentences(result))
     yield from _error_bars(result, sound=white or exact or lacks_fit(result))
-    group = estimates_group(result)
+    group = _estimates_group(result)
     names, bounds = result[f"{group}/name"].data, f"{group}/at_bound"
     held = ", ".join(names[result[bounds].data]) if bounds in result else ""
     if held:
@@ -447,9 +447,9 @@ def _residuals(result: Result, *, white: bool) -> Iterator[Statement]:
     else:
         yield Statement(f"RMS residual {short_percent(ratio[0])} of the signal")
     p = p_text(result.value(f"{_DIAGNOSTICS}/whiteness_p"))
-    if is_modal(result):  # modes alone have no order
+    if _is_modal(result):  # modes alone have no order
         return
-    if is_round_off(result):
+    if _is_round_off(result):
         yield Statement(
             "the residuals are round-off: the record has no noise, and the estimates no error bars"
         )

@@ -49,7 +49,7 @@ def modal_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]
     return tuple(heads), rows
 
 
-def modal_statements(result: Result) -> list[str]:
+def _modal_statements(result: Result) -> list[str]:
     """Return what follows from a fit to modes: errors of the model's form, what the data determine."""
     path = f"{GROUP}/statements"
     return [str(one) for one in result[path].data] if path in result else []
@@ -72,7 +72,11 @@ def modal_sections(result: Result) -> Iterator[ReportSection]:
     if has_modes(result):
         heads, rows = modal_table(result)
         table = TextTable(heads, tuple(rows), noun="mode", most=ALL)
-        blocks = (on_page(Statement(modal_summary(result))), table, *map(Statement, modal_statements(result)))
+        blocks = (
+            on_page(Statement(modal_summary(result))),
+            table,
+            *map(Statement, _modal_statements(result)),
+        )
         yield ReportSection("Measured modes", blocks, "answer", screen="")
 
 

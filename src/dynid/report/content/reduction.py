@@ -25,7 +25,7 @@ def method(result: Result) -> str:
 
 def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the comparison of the methods."""
-    columns, rows = method_table(result)
+    columns, rows = _method_table(result)
     size = counted(len(result["reduction/dof"].data), "DOF")
     took = seconds_text(result.group_attrs.get("reduction", {}).get("seconds"))
     effort = f"; its modes took {took}" if took else ""
@@ -36,7 +36,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
         yield ReportSection("Masters and rigid-body modes", tuple(others), screen="")
 
 
-def method_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def _method_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return headings and rows: natural frequencies with the joints, errors and costs of each method."""
     reference, common, unit = _reference(result), _common(result), frequency_unit(result)
     elastic = [number for number in sorted(reference) if reference[number]]

@@ -40,7 +40,7 @@ def response_sections(result: Result, base: str) -> Iterator[ReportSection]:
         table = TextTable(
             ("", "min", "max", "final"),
             tuple((name, *extremes(course)) for name, course in courses),
-            caption=time_span(result, group),
+            caption=_time_span(result, group),
             noun="output" if len(courses) == len(outputs) else "response",
             brief=_BRIEF,
             most=_MOST,
@@ -69,7 +69,7 @@ def extremes(column: NDArray[np.float64]) -> tuple[str, str, str]:
     return low, high, final
 
 
-def time_span(result: Result, group: str) -> str:
+def _time_span(result: Result, group: str) -> str:
     """Return the inputs, the duration and the number of samples of a time response."""
     time, sources, inputs = (result[f"{group}/{name}"].data for name in ("time", "source", "input"))
     driven = ", ".join(str(name) for name, column in zip(sources, inputs.T, strict=True) if column.any())

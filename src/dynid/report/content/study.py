@@ -52,14 +52,14 @@ def sections(result: Result) -> Iterator[ReportSection]:
     shown, hidden = shown_numbers(table)
     yield from _samples(table)
     yield from _statistics(table, shown, hidden)
-    if met := tuple(met_expectations(table)):
+    if met := tuple(_met_expectations(table)):
         always = sum(share == "all" for _, share in met)
         text, share = min(met, key=lambda one: math.inf if one[1] == "all" else float(one[1].split()[0]))
         rarest = "" if always == len(met) else f"; least often: {text} ({share})"
-        every = f"every {compared_samples(table).removesuffix('s')}"
+        every = f"every {_compared_samples(table).removesuffix('s')}"
         summary = Statement(f"{every} meets {always} of {counted(len(met), 'expectation')}{rarest}")
         yield ReportSection("Expectations of the samples", (summary,), "answer")
-        heads = ("expectations of the scene", f"share of the {compared_samples(table)} that meet them")
+        heads = ("expectations of the scene", f"share of the {_compared_samples(table)} that meet them")
         shares = TextTable(heads, met, brief=ALL, most=ALL)
         yield ReportSection("Expectations of the scene", (shares,), screen="")
     sources, notes = variance_sources(table, shown, _RANKED)
@@ -70,12 +70,12 @@ def sections(result: Result) -> Iterator[ReportSection]:
 
 def _samples(table: StudyTable) -> Iterator[ReportSection]:
     """Yield the status of the samples, and their inputs."""
-    status = Statement(status_text(table), "bad" if len(table.failed) or len(table.pending) else "good")
+    status = Statement(_status_text(table), "bad" if len(table.failed) or len(table.pending) else "good")
     blocks: list[Block] = [status]
     if len(table.pending):
         blocks.append(Statement("interrupted: run the study again to resume it", "bad"))
     if reasons := failures(table):
-        rows = tuple((f"{len(reason.samples):,}", reason.error, first_samples(reason)) for reason in reasons)
+        rows = tuple((f"{len(reason.samples):,}", reason.error, _first_samples(reason)) for reason in reasons)
         heads = ("samples", "failed with", "numbers")
         caption = "reasons of failures"
         blocks.append(TextTable(heads, rows, caption=caption, noun="reason", brief=_ERRORS, most=_REASONS))
@@ -83,7 +83,7 @@ def _samples(table: StudyTable) -> Iterator[ReportSection]:
     if not table.paths and table.done.any():
         hint = Statement("nothing was collected; name the outputs in the study's 'collect'")
         yield ReportSection("Samples", (hint,), "", screen="")
-    inputs = tuple((name, range_text(column)) for name, column in table.inputs.items())
+    inputs = tuple((name, _range_text(column)) for name, column in table.inputs.items())
     yield ReportSection("Inputs", (TextTable(("input", "range"), inputs, brief=ALL, most=ALL),), screen="")
 
 
@@ -97,18 +97,18 @@ def _statistics(
     if len(set(short)) < len(short):
         short = names
     for name, (path, column) in zip(short, shown, strict=True):
-        if (constant := constant_text(table, path, column)) is not None:
-            group, last = split_name(name)
+        if (constant := _constant_text(table, path, column)) is not None:
+            group, last = _split_name(name)
             constants.setdefault(group, []).append(f"{last} {constant}")
         elif table.variable(path).attrs.get("stored") == "bool":
             items.append((name, f"{100 * np.nanmean(column.values):.4g} % true"))
         else:
-            heading = headed(name, column.units) + having_it(table, column)
+            heading = headed(name, column.units) + _having_it(table, column)
             rows.append((heading, *_statistics_row(table, column)))
-    for path, shares in text_shares(table):
+    for path, shares in _text_shares(table):
         name = re.sub(r"^bond_graph/\w+/", "", path)
         if shares.endswith(" 100 %"):
-            group, last = split_name(name)
+            group, last = _split_name(name)
             constants.setdefault(group, []).append(f"{last} {shares.removesuffix(' 100 %')}")
         else:
             items.append((name, shares))
@@ -119,7 +119,7 @@ def _statistics(
         items.append((f"the same in every sample{where}", ", ".join(values)))
     numbers = [TextTable(("", *COLUMNS), tuple(rows), brief=ALL, most=ALL)] if rows else []
     samples = [on_screen(Statement("samples count from 0"))] if rows else []
-    approximate = map(Statement, approximate_texts(table))
+    approximate = map(Statement, _approximate_texts(table))
     others = [definitions(*items, noun="number", brief=_ROWS, most=ALL)] if items else []
     if blocks := (*numbers, *samples, *approximate, *(others if few else [])):
         yield ReportSection("Statistics", blocks, "answer", screen="")
@@ -127,7 +127,7 @@ def _statistics(
         yield ReportSection("Constants, verdicts and texts", tuple(others), screen="")
 
 
-def approximate_texts(table: StudyTable) -> list[str]:
+def _approximate_texts(table: StudyTable) -> list[str]:
     """Return which outputs are approximate, and why."""
     names: dict[str, list[str]] = {}
     for path in filter(table.is_number, table.paths):
@@ -136,23 +136,23 @@ def approximate_texts(table: StudyTable) -> list[str]:
     return [f"approximate, {reason}: {', '.join(dict.fromkeys(found))}" for reason, found in names.items()]
 
 
-def status_text(table: StudyTable) -> str:
+def _status_text(table: StudyTable) -> str:
     """Return the numbers of samples that are done, failed and pending."""
     counts = {"done": int(table.done.sum()), "failed": len(table.failed), "pending": len(table.pending)}
     return " · ".join(f"{count:,} {what}" for what, count in counts.items() if count or what == "done")
 
 
-def first_samples(failure: Failure) -> str:
+def _first_samples(failure: Failure) -> str:
     """Return the first samples that failed for one reason."""
     return ", ".join(map(str, failure.samples[:3])) + (", …" if len(failure.samples) > 3 else "")
 
 
-def compared_samples(table: StudyTable) -> str:
+def _compared_samples(table: StudyTable) -> str:
     """Return which samples the expectations are compared with: those that failed have no values."""
     return "completed samples" if len(table.failed) + len(table.pending) else "samples"
 
 
-def met_expectations(table: StudyTable) -> Iterator[tuple[str, str]]:
+def _met_expectations(table: StudyTable) -> Iterator[tuple[str, str]]:
     """Yield each expectation of the scene, and the share of the completed samples that meet it."""
     result, done = table.result, int(table.done.sum())
     count = sum(path.startswith("study/expect/") for path in result)
@@ -220,7 +220,7 @@ def _percent(share: float) -> str:
     return f"{100 * share + 0.0:.{1 if abs(share) < 0.1 else 0}f}"
 
 
-def text_shares(table: StudyTable) -> Iterator[tuple[str, str]]:
+def _text_shares(table: StudyTable) -> Iterator[tuple[str, str]]:
     """Yield the path of each text, and the frequencies of its values."""
     for path in table.paths:
         if table.is_number(path) or table.size(path) != 1:
@@ -231,11 +231,11 @@ def text_shares(table: StudyTable) -> Iterator[tuple[str, str]]:
         if len(words) > _LEVELS:
             yield path, f"{len(words):,} different texts"
             continue
-        shares = ", ".join(f"{short_text(words[k])} {100 * counts[k] / total:.4g} %" for k in order)
+        shares = ", ".join(f"{_short_text(words[k])} {100 * counts[k] / total:.4g} %" for k in order)
         yield path, f"{shares}{', …' if len(words) > 4 else ''}"
 
 
-def range_text(column: np.ndarray) -> str:
+def _range_text(column: np.ndarray) -> str:
     """Return the range of an input as text."""
     if column.dtype.kind in "if" and len(column):
         return f"{limit(float(column.min()))} … {limit(float(column.max()))}"
@@ -257,7 +257,7 @@ def shown_numbers(table: StudyTable) -> tuple[list[tuple[str, StudyColumn]], lis
             hidden.append(path)
             continue
         columns = list(table.columns(path))
-        more = sum(constant_text(table, path, column) is None for column in columns)
+        more = sum(_constant_text(table, path, column) is None for column in columns)
         if more and varying + more > _ROWS:
             hidden.append(path)
             continue
@@ -275,14 +275,14 @@ def display_name(table: StudyTable, path: str, column: StudyColumn) -> str:
     return f"{group}/|{last}{name[len(group) + 1 + len(last) :]}|".lstrip("/")
 
 
-def split_name(name: str) -> tuple[str, str]:
+def _split_name(name: str) -> tuple[str, str]:
     """Return the group and the rest of a name; labels in brackets may have slashes too."""
     path, bracket, labels = name.partition("[")
     group, _, last = path.rpartition("/")
     return group, last + bracket + labels
 
 
-def constant_text(table: StudyTable, path: str, column: StudyColumn) -> str | None:
+def _constant_text(table: StudyTable, path: str, column: StudyColumn) -> str | None:
     """Return the value that a number has in every sample as text; None for one that varies."""
     known = column.values[~np.isnan(column.values)]
     if not len(known):
@@ -294,7 +294,7 @@ def constant_text(table: StudyTable, path: str, column: StudyColumn) -> str | No
     return f"{limit(float(known[0]))} {unit_text(column.units)}".rstrip()
 
 
-def having_it(table: StudyTable, column: StudyColumn) -> str:
+def _having_it(table: StudyTable, column: StudyColumn) -> str:
     """Return the number of samples that have a number, after a space; empty where all that are done do."""
     count = int(np.sum(~np.isnan(column.values)))
     return "" if count >= int(table.done.sum()) else f" (n = {count:,})"
@@ -309,6 +309,6 @@ def _statistics_row(table: StudyTable, column: StudyColumn) -> Iterator[str]:
         yield quantity(float(values[name])) + ("" if at is None else f" ({table.numbers[at]})")
 
 
-def short_text(text: str) -> str:
+def _short_text(text: str) -> str:
     """Return a text, cut off where it is long."""
     return text if len(text) <= 40 else f"{text[:39]}…"

@@ -48,9 +48,9 @@ def forms(result: Result) -> list[str]:
 def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the requested function, the table of the forms, and the elements of each."""
     function, zeros, poles = wanted(result)
-    items = definitions(function, ("kind", kind_text(result)), ("zeros", zeros), ("poles", poles))
+    items = definitions(function, ("kind", _kind_text(result)), ("zeros", zeros), ("poles", poles))
     yield ReportSection(f"Driving-point {_about(result, 'function')}", (items,), "answer", screen="")
-    columns, rows = form_table(result)
+    columns, rows = _form_table(result)
     yield ReportSection("Forms", (TextTable(columns, tuple(rows)),), "answer", screen="")
     for form in forms(result):
         rows_of_form = tuple(elements(result, form))
@@ -70,13 +70,13 @@ def wanted(result: Result) -> tuple[tuple[str, str], str, str]:
     return (name, f"{formula} {unit}".rstrip()), zeros, poles
 
 
-def kind_text(result: Result) -> str:
+def _kind_text(result: Result) -> str:
     """Return the kind of the function in words."""
     about = result.group_attrs["synthesis"]
     return f"positive real, of degree {about['degree']}, {_KINDS[str(about['kind'])]}"
 
 
-def form_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def _form_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return headings and rows: the numbers of elements of each form, and its error analysed back."""
     rows = []
     for form, residual in zip(forms(result), result["synthesis/residual"].data, strict=True):

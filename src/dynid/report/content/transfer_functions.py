@@ -41,7 +41,7 @@ def channels(result: Result) -> list[Channel]:
     return list(dict.fromkeys([*ordered, *((output, source) for output, source in found)]))
 
 
-def same_poles(result: Result, channels: list[Channel]) -> bool:
+def _same_poles(result: Result, channels: list[Channel]) -> bool:
     """Return True if all channels have the same poles and the same verdict on stability."""
     first, *rest = (
         (
@@ -57,7 +57,7 @@ def same_poles(result: Result, channels: list[Channel]) -> bool:
     )
 
 
-def channel_unit(result: Result, output: str, source: str) -> str:
+def _channel_unit(result: Result, output: str, source: str) -> str:
     """Return the unit of a channel after a space; empty where it is unknown or 1."""
     unit = str(result.group_attrs.get(f"bond_graph/transfer_function/{output}/{source}", {}).get("unit", "1"))
     return f" {unit_text(unit)}".rstrip()
@@ -74,7 +74,7 @@ def delays_text(result: Result) -> str:
     return str(result.group_attrs.get("bond_graph", {}).get("delays", ""))
 
 
-def symbolic_text(result: Result, group: str) -> str:
+def _symbolic_text(result: Result, group: str) -> str:
     """Return the formula of a group with powers as in print, s^2; empty where no symbols were kept."""
     return str(result.group_attrs.get(group, {}).get("symbolic", "")).replace("**", "^")
 
@@ -114,11 +114,11 @@ def _polynomial(coefficients: NDArray[Any]) -> str:
 def channel_sections(result: Result) -> Iterator[ReportSection]:
     """Yield the common poles of all channels, the first channels in full, and a table of the others."""
     every = channels(result)
-    common = len(every) > 1 and same_poles(result, every)
+    common = len(every) > 1 and _same_poles(result, every)
     if common:
         poles = definitions(("poles", _poles(result, *every[0])))
         yield ReportSection("Every channel", (poles,), "answer", screen="every channel")
-        group = first_sensitivities(result, every)
+        group = _first_sensitivities(result, every)
         if moved := tuple(_sensitivities(result, group, only=POLE)):
             yield ReportSection("Sensitivities of the poles", moved, screen="")
     if len(every) > 1:
@@ -147,7 +147,7 @@ def _channel_table(result: Result, every: list[Channel], *, poles: bool) -> Text
     for output, source in every:
         roots = f"bond_graph/transfer_function/{output}/{source}"
         group = f"bond_graph/properties/{output}/{source}"
-        unit = channel_unit(result, output, source)
+        unit = _channel_unit(result, output, source)
         cells = [f"{output} / {source}"]
         for path in (f"{roots}/{kind}" for kind in kinds):
             text = _few_roots(result[path].data, hertz) + approximate(result, path) if path in result else ""
@@ -176,7 +176,7 @@ def _channel_items(result: Result, output: str, source: str, *, poles: bool) -> 
     """Yield formula, zeros, poles, properties and hidden modes of a channel."""
     group = f"bond_graph/transfer_function/{output}/{source}"
     formulas = [*numeric_forms(result, group)]
-    if (symbolic := symbolic_text(result, group)) and formulas != ["0"]:
+    if (symbolic := _symbolic_text(result, group)) and formulas != ["0"]:
         formulas.append(symbolic)
     if formulas:
         formulas[-1] += approximate(result, f"{group}/denominator", f"{group}/gain")
@@ -195,7 +195,7 @@ def _channel_items(result: Result, output: str, source: str, *, poles: bool) -> 
     yield "zeros", tuple(zeros)
     if poles:
         yield "poles", _poles(result, output, source)
-    group, unit = f"bond_graph/properties/{output}/{source}", channel_unit(result, output, source)
+    group, unit = f"bond_graph/properties/{output}/{source}", _channel_unit(result, output, source)
     numbers = (
         f"{title} = {limit(result.value(f'{group}/{name}'))}{unit}"
         if title.startswith("T")
@@ -246,11 +246,11 @@ def _poles(result: Result, output: str, source: str) -> tuple[str, ...]:
     hertz = in_hertz(result) and not oscillates  # natural frequencies are written once
     lines = list(_roots(result, output, source, "poles", "stability", hertz=hertz))
     if oscillates:
-        lines.append(" · ".join(oscillation_text(result, pole) for pole in pairs))
+        lines.append(" · ".join(_oscillation_text(result, pole) for pole in pairs))
     return tuple(lines)
 
 
-def oscillation_text(result: Result, pole: complex) -> str:
+def _oscillation_text(result: Result, pole: complex) -> str:
     """Return the natural frequency, in the unit of the scene, and the damping ratio of a pole."""
     size = abs(pole)
     frequency = f"f_n = {size / math.tau:.4g} Hz" if in_hertz(result) else f"ω_n = {size:.4g} rad/s"
@@ -262,11 +262,11 @@ def _sensitivities(
 ) -> Iterator[TextTable]:
     """Yield the table of sensitivities of a channel, the most influential parameter first.
 
-    `only`, `without`: as of `sensitivity_columns`.
+    `only`, `without`: as of `_sensitivity_columns`.
     """
     if f"{group}/parameter" not in result:
         return
-    columns = sensitivity_columns(result, group, only=only, without=without)
+    columns = _sensitivity_columns(result, group, only=only, without=without)
     if not columns:
         return
     names, weight = result[f"{group}/parameter"].data, influence(columns)
@@ -289,7 +289,7 @@ def _sensitivities(
     )
 
 
-def first_sensitivities(result: Result, every: list[Channel]) -> str:
+def _first_sensitivities(result: Result, every: list[Channel]) -> str:
     """Return the group of the sensitivities of the first channel that has some; those of poles are common."""
     groups = [f"bond_graph/sensitivities/{output}/{source}" for output, source in every]
     return next((group for group in groups if f"{group}/parameter" in result), groups[0])
@@ -299,7 +299,7 @@ def first_sensitivities(result: Result, every: list[Channel]) -> str:
 POLE = "pole"
 
 
-def sensitivity_columns(
+def _sensitivity_columns(
     result: Result, group: str, *, only: str = "", without: str | None = None
 ) -> list[tuple[str, NDArray[Any]]]:
     """Return titles and relative sensitivities of the poles, zeros and gains that depend on a parameter.

@@ -41,10 +41,10 @@ _COLUMNS = {
     "error_percent": "error (%)",
 }
 #: Most subplots of a history.
-PANELS = 12
+_PANELS = 12
 
 
-class RecordGroup(NamedTuple):
+class _RecordGroup(NamedTuple):
     """The group of a record in a result, and the ends of the names and titles of its figures."""
 
     group: str
@@ -52,10 +52,10 @@ class RecordGroup(NamedTuple):
     title: str
 
 
-def record_groups(result: Result, group: str, member: str) -> list[RecordGroup]:
+def _record_groups(result: Result, group: str, member: str) -> list[_RecordGroup]:
     """Return the groups that have a member: the group itself, or `record_1`, `record_2`, … in it."""
     if f"{group}/{member}" in result:
-        return [RecordGroup(group, "", "")]
+        return [_RecordGroup(group, "", "")]
     depth = group.count("/") + 1
     names = [
         path.split("/")[depth]
@@ -64,7 +64,7 @@ def record_groups(result: Result, group: str, member: str) -> list[RecordGroup]:
         and path.endswith(f"/{member}")
         and path.count("/") == depth + 1
     ]
-    return [RecordGroup(f"{group}/{name}", f"-{name}", f", {name.replace('_', ' ')}") for name in names]
+    return [_RecordGroup(f"{group}/{name}", f"-{name}", f", {name.replace('_', ' ')}") for name in names]
 
 
 def figures(result: Result) -> Iterator[Figure]:
@@ -129,7 +129,7 @@ def histories(result: Result) -> Iterator[Figure]:
         ("identification/history", "history", "Parameters over the record"),
         ("identification/first_pass", "first-pass", "Parameters over the record, first pass"),
     ):
-        for record in record_groups(result, group, "estimate"):
+        for record in _record_groups(result, group, "estimate"):
             own, heading = f"{name}{record.suffix}", f"{title}{record.title}"
             yield Figure(own, heading, partial(_history, result, record.group, own, heading))
     for group, name, title, members in (
@@ -146,7 +146,7 @@ def histories(result: Result) -> Iterator[Figure]:
             ("true", "estimate", "standard_deviation"),
         ),
     ):
-        for record in record_groups(result, group, members[0]):
+        for record in _record_groups(result, group, members[0]):
             own, heading = f"{name}{record.suffix}", f"{title}{record.title}"
             draw = partial(_state_errors, result, record.group, own, heading, members)
             yield Figure(own, heading, draw)
@@ -167,14 +167,14 @@ def _history(result: Result, group: str, name: str, title: str) -> Picture:
     for place, label in enumerate(names):
         own, half = estimate[:, place], deviation[:, place]
         columns |= {label: own} | ({f"± {label}": half} if barred else {})
-        if place < PANELS:
+        if place < _PANELS:
             bands = [BandLayer(time, *_visible_band(own, 1.96 * half), "95 % band", "s1")] if barred else []
             layers: list[Layer] = [*bands, Curve(time, own, "estimate", "s1")]
             if true is not None:
                 layers.append(ReferenceLine(float(true[place]), "true", "s2 dashed"))
             subplots.append(Subplot(PlotAxis("time (s)"), PlotAxis(label), layers, height=170.0))
     ends = "; ".join(f"{label}: {short(float(estimate[-1, k]))}" for k, label in enumerate(names[:4]))
-    left = f" The first {PANELS} of {len(names)} parameters." if len(names) > PANELS else ""
+    left = f" The first {_PANELS} of {len(names)} parameters." if len(names) > _PANELS else ""
     about = f"Final values: {ends}.{left}"
     rows = [subplots[start : start + 2] for start in range(0, len(subplots), 2)]
     return Picture(chart(name, title, rows, about, shared=True), about, table_of(columns))
@@ -198,9 +198,9 @@ def _state_errors(
     half = 1.96 * result[path].data if path in result and not is_rejected(result) else None
     names = labels_with_units(result, group, "component", error.shape[1])
     shown = list(range(error.shape[1]))
-    if len(shown) > PANELS:  # velocities, which the paper shows and most sensors measure
+    if len(shown) > _PANELS:  # velocities, which the paper shows and most sensors measure
         fast = [place for place in shown if ".velocity" in names[place]]
-        shown = (fast or shown)[:PANELS]
+        shown = (fast or shown)[:_PANELS]
     subplots = []
     for place in shown:
         layers: list[Layer] = []
@@ -225,7 +225,7 @@ CHANNELS = 8
 
 def predictions(result: Result) -> Iterator[Figure]:
     """Yield predictions over time or frequency, and the whiteness of the residuals."""
-    for record in record_groups(result, _MEASURED, "predicted"):
+    for record in _record_groups(result, _MEASURED, "predicted"):
         if f"{record.group}/time" in result:
             name, title, draw = "prediction", "Measured and predicted", _over_time
         else:

@@ -148,7 +148,7 @@ def _shapes(result: Result) -> Picture:
     return Picture(drawn, about, FigureTable(("sensor", *heads), tuple(table)))
 
 
-COMPUTED = "structure/modes"
+_COMPUTED = "structure/modes"
 #: Most modes that are drawn, modes in a row, points along an element, rows of the table.
 MODES, ROW, FINE, ROWS = 9, 3, 8, 200
 _SHAPE_WIDTH, _SHAPE_PAD, _SHAPE_SPAN = 250.0, 16.0, 34.0
@@ -157,14 +157,14 @@ _LABEL = re.compile(r"(u|w|theta)_(\d+)")
 Displacements = Mapping[int, Mapping[str, float]]
 #: Points of lines at rest and their displacements, on the paper.
 Lines = Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
-LinesOf = Callable[[int], Lines]
+_LinesOf = Callable[[int], Lines]
 #: Most lines that are drawn one by one, and in all modes together.
 _LINES_APART, MOST_LINES = 60, 6300
 
 
 def mode_shapes(result: Result) -> Iterator[Figure]:
     """Yield the mode shapes, still and animated."""
-    if not result[f"{COMPUTED}/shape"].data.size:
+    if not result[f"{_COMPUTED}/shape"].data.size:
         return
     found = _lines_by(result)
     if found is None:
@@ -176,7 +176,7 @@ def mode_shapes(result: Result) -> Iterator[Figure]:
         yield Figure(name, title, partial(_picture, result, *found, name, title, animated))
 
 
-def _lines_by(result: Result) -> tuple[LinesOf, bool] | None:
+def _lines_by(result: Result) -> tuple[_LinesOf, bool] | None:
     """Return the function that gives the lines in a mode, and whether their points are masses.
 
     None without geometry.
@@ -185,7 +185,7 @@ def _lines_by(result: Result) -> tuple[LinesOf, bool] | None:
     motion of the nodes that the result holds.
     """
     geometry = geometry_of(scene_of(result))
-    labels = [str(label) for label in result[f"{COMPUTED}/dof"].data]
+    labels = [str(label) for label in result[f"{_COMPUTED}/dof"].data]
     if geometry is not None and labels == [str(label) for label in geometry.labels]:
         return lambda mode: _bent(geometry, _displacements(result, mode)), not geometry.members
     if f"{SPACE}/displacement" not in result:
@@ -198,20 +198,24 @@ def _lines_by(result: Result) -> tuple[LinesOf, bool] | None:
 def _displacements(result: Result, mode: int) -> Displacements:
     """Return the entries of a mode shape by node and direction."""
     moved: dict[int, dict[str, float]] = {}
-    shape = result[f"{COMPUTED}/shape"].data[:, mode].tolist()
-    for label, value in zip(map(str, result[f"{COMPUTED}/dof"].data), shape, strict=True):
+    shape = result[f"{_COMPUTED}/shape"].data[:, mode].tolist()
+    for label, value in zip(map(str, result[f"{_COMPUTED}/dof"].data), shape, strict=True):
         match = _LABEL.fullmatch(label)
         node = int(match[2]) if match else int(label) if label.isdecimal() else 0
         moved.setdefault(node, {})[match[1] if match else "w"] = value
     return moved
 
 
-def _picture(result: Result, lines_of: LinesOf, dots: bool, name: str, title: str, animated: bool) -> Picture:
-    omega, shapes = result[f"{COMPUTED}/omega"].data, result[f"{COMPUTED}/shape"].data
+def _picture(
+    result: Result, lines_of: _LinesOf, dots: bool, name: str, title: str, animated: bool
+) -> Picture:
+    omega, shapes = result[f"{_COMPUTED}/omega"].data, result[f"{_COMPUTED}/shape"].data
     damping = (
-        result[f"{COMPUTED}/damping"].data if f"{COMPUTED}/damping" in result else np.full(len(omega), np.nan)
+        result[f"{_COMPUTED}/damping"].data
+        if f"{_COMPUTED}/damping" in result
+        else np.full(len(omega), np.nan)
     )
-    labels = [str(label) for label in result[f"{COMPUTED}/dof"].data]
+    labels = [str(label) for label in result[f"{_COMPUTED}/dof"].data]
     count, unit = min(len(omega), MODES), frequency_unit(result)
     points = np.concatenate([rest for rest, _ in lines_of(0)])
     (left, low), (right, top) = points.min(axis=0).tolist(), points.max(axis=0).tolist()

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 
 Roots = tuple[str, ComplexArray, NDArray[np.float64]]
-TRANSFER_FUNCTION = "bond_graph/transfer_function"
+_TRANSFER_FUNCTION = "bond_graph/transfer_function"
 #: Ratio of successive magnitudes above which the smaller roots have a subplot of their own.
 _FAR = 25.0
 #: Ratio of the ranges of a map beyond which equal scales would place all its roots on a line.
@@ -56,10 +56,10 @@ def figures(result: Result) -> Iterator[Figure]:
     groups = dict.fromkeys(
         path.rpartition("/")[0]
         for path in result
-        if path.startswith(TRANSFER_FUNCTION) and path.endswith(("/poles", "/zeros"))
+        if path.startswith(_TRANSFER_FUNCTION) and path.endswith(("/poles", "/zeros"))
     )
     for group in groups:
-        pair = group.removeprefix(f"{TRANSFER_FUNCTION}/")
+        pair = group.removeprefix(f"{_TRANSFER_FUNCTION}/")
         output, _, source = pair.rpartition("/")
         name, title = f"poles-{pair.replace('/', '-')}", f"Poles and zeros of {output} / {source}"
         yield Figure(name, title, partial(_map_picture, result, group, name, title))
@@ -74,7 +74,7 @@ def roots_of(result: Result, group: str) -> list[Roots]:
             path = f"{group}/{what}_error_bound"
             bounds = result[path].data if path in result else np.full(len(values), np.nan)
             found.append((what, values, bounds))
-    path = f"bond_graph/properties/{group.removeprefix(f'{TRANSFER_FUNCTION}/')}/hidden_modes"
+    path = f"bond_graph/properties/{group.removeprefix(f'{_TRANSFER_FUNCTION}/')}/hidden_modes"
     if path in result and len(result[path].data):
         values = result[path].data
         found.append(("hidden mode", values, np.full(len(values), np.nan)))
@@ -201,7 +201,7 @@ def root_loci(result: Result) -> Iterator[Figure]:
         if path.endswith(("/poles", "/zeros")) and numbers.table.variable(path).dtype.kind == "c"
     )
     for group in groups:
-        pair = group.removeprefix(f"{TRANSFER_FUNCTION}/")
+        pair = group.removeprefix(f"{_TRANSFER_FUNCTION}/")
         name, title = f"root-locus-{pair.replace('/', '-')}", f"Root locus of {pair} over {parameter.name}"
         yield Figure(name, title, partial(_locus_picture, numbers, parameter, group, name, title))
 

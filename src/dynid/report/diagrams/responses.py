@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from dynid.result import Result
     from dynid.units import FrequencyUnit
 
-NamedResponse = tuple[str, ComplexArray]
+_NamedResponse = tuple[str, ComplexArray]
 #: Most curves in one diagram; most subplots of a Nyquist grid in a row and in all; most of time responses.
 CURVES, ROW, LOCI, OUTPUTS = 7, 3, 12, 12
 
@@ -164,7 +164,7 @@ def _bode(
     title: str,
     about: str,
     at: Frequencies,
-    curves: Sequence[NamedResponse],
+    curves: Sequence[_NamedResponse],
     units: str,
     quantity: str,
     *,
@@ -186,7 +186,7 @@ def _bode(
     return Picture(chart(name, title, rows, about, shared=True), about, table_of(columns))
 
 
-def _nyquist(at: Frequencies, curves: Sequence[NamedResponse], units: Sequence[str], inputs: int) -> Picture:
+def _nyquist(at: Frequencies, curves: Sequence[_NamedResponse], units: Sequence[str], inputs: int) -> Picture:
     subplots, columns = [], dict(at.columns)
     for (name, response), unit in zip(curves[:LOCI], units, strict=False):
         columns |= {f"Re {name}": response.real, f"Im {name}": response.imag}

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from dynid.result import Result, Variable
 
 #: Least error that is drawn: zero has no place on a logarithmic axis.
-LEAST = 1e-17
+_LEAST = 1e-17
 #: Symbols of the alternatives; none is that of a mark.
 _SYMBOLS = ("o", "square", "diamond", "x", "+", "up", "down")
 _COLUMNS = ("size", "time", "memory", "error", "pareto")
@@ -71,7 +71,7 @@ def _over_error(result: Result, group: str, name: str, title: str, found: Altern
             absent.append(own)
         if not shown.any():
             continue
-        x, y = np.maximum(error[shown], LEAST), time[shown]
+        x, y = np.maximum(error[shown], _LEAST), time[shown]
         tips = [
             f"{own}, {size:,}: {short(t, 3)} s, error {short(e, 2)}"
             for size, t, e in zip(columns["size"].data[shown].tolist(), y, error[shown], strict=True)

@@ -228,7 +228,7 @@ def sketch_of(drawn: DrawnGraph) -> Sketch:
     nodes = tuple(
         _box(name, drawn.boxes[name], [str(port) for port in drawn.outputs if port.node == name])
         if name in drawn.boxes
-        else sketch_node(
+        else _sketch_node(
             node, domains.get(name, ""), name in drawn.inputs, outputs.get(name, ()), name in drawn.laws
         )
         for name, node in graph.nodes.items()
@@ -259,7 +259,7 @@ def _box(name: str, text: str, outputs: Sequence[str]) -> SketchNode:
     return SketchNode(name, lines, "", "output" if outputs else "")
 
 
-def sketch_node(
+def _sketch_node(
     node: Node, domain: str, is_input: bool, outputs: Iterable[str], law: bool = False
 ) -> SketchNode:
     """Return a node of a graph with its name, its value with unit, and its quantities that are outputs."""
@@ -405,7 +405,7 @@ class _SnapshotSketch:
                 self.bonds.append(SketchBond(tail, head, domain=domain, equation_only=not tie.drawn))
                 continue
             node = self.drawn.graph.nodes[two_port]
-            self._add(sketch_node(node, self.drawn.domains.get(two_port, ""), False, ()), node.type)
+            self._add(_sketch_node(node, self.drawn.domains.get(two_port, ""), False, ()), node.type)
             self.bonds.append(SketchBond(tail, two_port, domain=domains[0]))
             self.bonds.append(SketchBond(two_port, head, domain=domains[1]))
         for name in self.shot.junctions:
@@ -458,7 +458,7 @@ class _SnapshotSketch:
             element = self.drawn.graph.nodes.get(term.name)
             if element is not None and element.type in ONE_PORTS:
                 outputs = [port.quantity for port in self.drawn.outputs if port.node == term.name]
-                node = sketch_node(element, self.drawn.domains.get(term.name, ""), False, outputs)
+                node = _sketch_node(element, self.drawn.domains.get(term.name, ""), False, outputs)
                 self._add(node, element.type)
             else:
                 what = "impedance" if state.kind == "1" else "admittance"

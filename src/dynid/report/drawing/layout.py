@@ -21,7 +21,7 @@ CHANNEL, SLOPE = 6.0, 2.8
 #: Steps of a bond below this are drawn straight, px.
 _STEP = 4.0
 
-Outline = list[tuple[float, float]]
+_Outline = list[tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class GraphLayout:
 
 
 @dataclass
-class TreeLayout:
+class _TreeLayout:
     """Trees side by side over one node, which is at x = 0.
 
     Parameters
@@ -100,12 +100,12 @@ class TreeLayout:
         return max(abs(self.port(name) - self.x[name]) for name in level)
 
 
-def tree_layout(
+def _tree_layout(
     root: str,
     trees: list[str],
     children: Mapping[str, list[str]],
     size: Callable[[str], tuple[float, float]],
-) -> TreeLayout:
+) -> _TreeLayout:
     """Lay out the trees on one side of a node, as narrow as their outlines allow.
 
     Parameters
@@ -119,7 +119,7 @@ def tree_layout(
     size
         Width and height of a node.
     """
-    found = TreeLayout()
+    found = _TreeLayout()
     order: list[str] = []
     stack = [(name, root, 0) for name in reversed(trees)]
     while stack:
@@ -132,7 +132,7 @@ def tree_layout(
         stack += [
             (child, name, level + 1) for child in reversed(_deepest_in_middle(children[name], children))
         ]
-    outlines: dict[str, Outline] = {}  # left and right of a subtree from its root, level by level
+    outlines: dict[str, _Outline] = {}  # left and right of a subtree from its root, level by level
     offsets: dict[str, dict[str, float]] = {}
     for name in reversed(order):
         offsets[name], below = _side_by_side(_deepest_in_middle(children[name], children), outlines)
@@ -163,12 +163,12 @@ def _deepest_in_middle(names: list[str], children: Mapping[str, list[str]]) -> l
     return [*by_depth[0::2], *by_depth[1::2][::-1]]
 
 
-def _side_by_side(names: list[str], outlines: Mapping[str, Outline]) -> tuple[dict[str, float], Outline]:
+def _side_by_side(names: list[str], outlines: Mapping[str, _Outline]) -> tuple[dict[str, float], _Outline]:
     """Return the offsets of subtrees that stand side by side, centred, and their common outline."""
     if not names:
         return {}, []
     places: list[float] = []
-    joint: Outline = []
+    joint: _Outline = []
     for name in names:
         own = outlines[name]
         least = places[-1] + PORT if places else 0.0
@@ -233,7 +233,7 @@ class _PartLayout:
     def _place(self) -> None:
         """Place the nodes of the spine with their trees, then route the bonds between columns."""
         trees = {
-            name: [tree_layout(name, side, self.children, self.size) for side in sides]
+            name: [_tree_layout(name, side, self.children, self.size) for side in sides]
             for name, sides in self.sides.items()
         }
         depths = {name: [self._levels(tree) for tree in pair] for name, pair in trees.items()}
@@ -266,7 +266,7 @@ class _PartLayout:
                 kept.append((x, y))
             self.routes[index] = kept
 
-    def _column_places(self, trees: dict[str, list[TreeLayout]]) -> list[tuple[float, tuple[float, float]]]:
+    def _column_places(self, trees: dict[str, list[_TreeLayout]]) -> list[tuple[float, tuple[float, float]]]:
         """Return the x of every column, and its left and right edge, so that bonds between them fit."""
         lefts, rights = [], []
         for column in self.spine.columns:
@@ -295,7 +295,7 @@ class _PartLayout:
             places.append((x, (x + lefts[place], x + rights[place])))
         return places
 
-    def _levels(self, tree: TreeLayout) -> list[tuple[float, float]]:
+    def _levels(self, tree: _TreeLayout) -> list[tuple[float, float]]:
         """Return the distance of every level from the node, and its height."""
         levels, start = [], 0.0
         for names in tree.levels:
@@ -311,7 +311,7 @@ class _PartLayout:
         item: LayoutItem,
         root: str,
         x: float,
-        trees: list[TreeLayout],
+        trees: list[_TreeLayout],
         depths: list[list[tuple[float, float]]],
     ) -> None:
         """Place a node of the spine, its trees, and their bonds."""

@@ -46,7 +46,7 @@ _PATHS = {"a": ("AB", "AB"), "b": ("AB", "AB"), "c": ("B", "B"), "d": ("AB", "A"
 
 
 @dataclass(frozen=True)
-class BlockDiagram:
+class _BlockDiagram:
     """Block diagram of two systems in parallel (feedforward) or in a loop (feedback).
 
     Parameters
@@ -178,7 +178,7 @@ def prototype_picture(name: str, letter: str, formulas: list[str], where: str) -
     kind, *_ = _DIAGRAMS[letter]
     title = f"Prototype {letter} {where}: {kind}"
     svg = Svg(name, title, "; ".join(formulas))
-    diagram = BlockDiagram(*_DIAGRAMS[letter])
+    diagram = _BlockDiagram(*_DIAGRAMS[letter])
     systems = r";\quad ".join(formulas[1:])
     heading = f"{kind.capitalize()} (Fig. 1), eq {_EQUATIONS[letter]}"
     panels = [
@@ -246,8 +246,8 @@ def _dynamics(result: Result) -> Picture:
         ("zero", "Path from source to response (Fig. 3)", path),
         ("pole", "Without the source (Fig. 4)", free),
     ):
-        text = f"{what.capitalize()} dynamics: {in_unicode(equations[what]) or 'none'}"
-        text += f"; {in_unicode(roots[what])} = 0" if roots[what] else ""
+        text = f"{what.capitalize()} dynamics: {_in_unicode(equations[what]) or 'none'}"
+        text += f"; {_in_unicode(roots[what])} = 0" if roots[what] else ""
         panels.append(Panel.of_sketch(heading, "", text, sketch))
     title = "Path and free motion at the port"
     late = approximation(result[f"{PORT}/prototype"].attrs)
@@ -266,9 +266,9 @@ def _dynamics(result: Result) -> Picture:
 
 def _equivalents(result: Result, side: str, title: str) -> Picture:
     here = f"{PORT}/{side}"
-    texts = {name: in_unicode(_text(result, f"{here}/{name}/exact")) for name in ("Z_eq", "Y_eq")}
+    texts = {name: _in_unicode(_text(result, f"{here}/{name}/exact")) for name in ("Z_eq", "Y_eq")}
     sources = [
-        (own, kind, in_unicode(str(result.value(path))))
+        (own, kind, _in_unicode(str(result.value(path))))
         for kind in ("e_eq", "f_eq")
         for path in result
         if path.startswith(f"{here}/{kind}/") and path.endswith("/exact")
@@ -315,7 +315,7 @@ def _text(result: Result, path: str) -> str:
     return str(result.value(path)) if path in result else ""
 
 
-def in_unicode(formula: str) -> str:
+def _in_unicode(formula: str) -> str:
     """Return a formula in mathematical notation: `s**2*A_p` is s² A_p."""
     powers = re.sub(r"\*\*(\d+)", lambda found: raised(int(found[1])), formula)
     return powers.replace("->", "→").replace("*", " ").replace("-", "−")

@@ -13,7 +13,7 @@ from dynid.report.plot.chart import embedded
 from dynid.report.svg import SIZE, SMALL, Svg, number, text_width
 
 #: Greatest width of a drawing within a panel, px.
-WIDEST = 1040.0
+_WIDEST = 1040.0
 _MARGIN, _CUT_REACH = 12.0, 10.0
 _WIDTH, _PAD, _LEADING, _READABLE = 1096.0, 14.0, 1.4, 300.0
 
@@ -25,7 +25,7 @@ def render_sketch(name: str, title: str, description: str, sketch: Sketch) -> st
     """Return a sketch as an SVG document, with a legend of its domains."""
     svg, layout = Svg(name, title, description), lay_out(sketch)
     frame = layout.frame
-    draw_sketch(svg, sketch, layout)
+    _draw_sketch(svg, sketch, layout)
     left, top, right, bottom = frame.left, frame.top, frame.right, frame.bottom
     if sketch.cut is not None:
         top, bottom = top - 24, bottom + 6
@@ -44,7 +44,7 @@ def render_sketch(name: str, title: str, description: str, sketch: Sketch) -> st
     return svg.render(width, height, left - _MARGIN, top - _MARGIN)
 
 
-def draw_sketch(
+def _draw_sketch(
     svg: Svg, sketch: Sketch, layout: GraphLayout, x: float = 0, y: float = 0, scale: float = 1
 ) -> None:
     """Draw a sketch with its origin at a point."""
@@ -135,13 +135,13 @@ class Panel:
 
     @classmethod
     def of_sketch(cls, heading: str, latex: str, text: str, sketch: Sketch) -> Panel:
-        """Return a panel of a sketch, which is scaled down where it is wider than `WIDEST`."""
+        """Return a panel of a sketch, which is scaled down where it is wider than `_WIDEST`."""
         layout = lay_out(sketch)
         frame = layout.frame
-        scale = round(min(1.0, WIDEST / (frame.right - frame.left)), 2)
+        scale = round(min(1.0, _WIDEST / (frame.right - frame.left)), 2)
 
         def draw(svg: Svg, x: float, y: float) -> None:
-            draw_sketch(svg, sketch, layout, x - scale * frame.left, y - scale * frame.top, scale)
+            _draw_sketch(svg, sketch, layout, x - scale * frame.left, y - scale * frame.top, scale)
 
         width, height = scale * (frame.right - frame.left), scale * (frame.bottom - frame.top)
         return cls(heading, latex, text, width, height, draw)

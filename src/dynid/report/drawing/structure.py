@@ -255,7 +255,7 @@ class _FrameDrawing:
         nodes = [_node_of(dof) for dof in tie.dofs]
         (x, y), (x2, y2) = self.points[nodes[0]], self.points[nodes[-1]]
         if len(nodes) == 1 and _way(tie.dofs[0]) == "rz":
-            turning_spring(svg, x, y, cls)
+            _turning_spring(svg, x, y, cls)
             for number, text in enumerate(tie.texts):
                 svg.text(x - 24, y + 16 + _LEADING * number, text, tie.text_class, anchor="end")
             return
@@ -348,7 +348,7 @@ def damper(svg: Svg, start: Point, end: Point, cls: str = "line") -> None:
     svg.line(_offset(start, end, 0.54, 0), _offset(start, end, 1, 0), cls=cls)
 
 
-def turning_spring(svg: Svg, x: float, y: float, cls: str = "line") -> None:
+def _turning_spring(svg: Svg, x: float, y: float, cls: str = "line") -> None:
     """Draw a rotational spring around a point: a spiral down to ground."""
     svg.element(
         "path", cls, d=f"M{x:.1f} {y:.1f} m-2 0 a5 5 0 1 1 7 5 a11 11 0 1 1 7 -12 a17 17 0 0 1 -10 22"

@@ -50,7 +50,7 @@ _FIRST = ("created", "dynid_version", "python", "packages", "seed", "folder")
 _SHOWN = 6
 
 
-class PagePart(NamedTuple):
+class _PagePart(NamedTuple):
     """A part of a page: its heading, its content, and the names and titles of what it has (for the index)."""
 
     heading: str
@@ -99,7 +99,7 @@ def page(result: Result, *, live: int | None = None, note: str = "") -> str:
     parts[0] = parts[0]._replace(entries=[_entry(one) for one in first if one.name not in previews])
     if shown := [figure for figure in others if not figure.derivation]:
         cells = tag("div", *(drawn[figure.name] for figure in shown), class_="figures")
-        parts.append(PagePart("Figures", cells, [_entry(figure) for figure in shown]))
+        parts.append(_PagePart("Figures", cells, [_entry(figure) for figure in shown]))
     for place, heading in (("details", "Details"), ("derivation", "Derivations")):
         sections = page_sections(found.sections, place)
         derived = [figure for figure in others if figure.derivation] if place == "derivation" else []
@@ -110,25 +110,25 @@ def page(result: Result, *, live: int | None = None, note: str = "") -> str:
         ]
         inside += [_folded(f"fold-{figure.name}", figure.title, drawn[figure.name]) for figure in derived]
         if inside:
-            parts.append(PagePart(heading, join(*inside), [*names, *map(_entry, derived)]))
+            parts.append(_PagePart(heading, join(*inside), [*names, *map(_entry, derived)]))
     if result.kind == "study":
         from dynid.report.page.samples import samples
 
-        parts.append(PagePart("Samples", samples(result)))
+        parts.append(_PagePart("Samples", samples(result)))
     if result.attrs.get("scene"):
         lines = str(result.attrs["scene"]).splitlines()
         numbered = join(*(tag("span", f"{line}\n", class_="line") for line in lines[:_LINES]))
         left = len(lines) - _LINES
         more = tag("p", f"… {left:,} more lines in the file", class_="quiet") if left > 0 else ""
         scene = scrolling(tag("pre", tag("code", numbered), class_="scene"), "Text of the scene")
-        parts.append(PagePart("Scene", _folded("scene-text", counted(len(lines), "line"), scene, more)))
-    parts.append(PagePart("Provenance", _provenance(result)))
+        parts.append(_PagePart("Scene", _folded("scene-text", counted(len(lines), "line"), scene, more)))
+    parts.append(_PagePart("Provenance", _provenance(result)))
     return document(result.title or "A result of dynid", found.method, parts, scripts, live)
 
 
 def _answer(
     sections: Iterable[ReportSection], first: Sequence[Markup], note: str, most: int | None
-) -> PagePart:
+) -> _PagePart:
     """Return the answer with the figures that show it; all but the first `most` rows of tables are folded."""
     cells = []
     for section in sections:
@@ -144,7 +144,7 @@ def _answer(
         tag("div", *cells, class_="answers") if cells else "",
         tag("div", *first, class_="figures") if first else "",
     )
-    return PagePart("Answer", inside)
+    return _PagePart("Answer", inside)
 
 
 def _entry(figure: Figure) -> tuple[str, str]:
@@ -159,7 +159,7 @@ def _folded(name: str, title: str, *inside: str) -> Markup:
 def document(
     title: str,
     subtitle: str,
-    parts: Iterable[PagePart],
+    parts: Iterable[_PagePart],
     scripts: Sequence[str] = (),
     live: int | None = None,
 ) -> str:

@@ -17,7 +17,7 @@ class Markup(str):
 
 
 #: An entry of a table without a value.
-NO_VALUE = "—"
+_NO_VALUE = "—"
 #: Such entries as screens write them.
 _NO_VALUES = ("-", "–")
 #: Most rows, and most cells, of a table on a page.
@@ -84,7 +84,7 @@ def formula(value: str) -> Markup:
 
 def table_entry(value: str) -> Markup:
     """Return an entry of a table of content; a dash where it has no value."""
-    return Markup(NO_VALUE) if value in _NO_VALUES else formula(value)
+    return Markup(_NO_VALUE) if value in _NO_VALUES else formula(value)
 
 
 def with_code(value: str) -> Markup:
@@ -110,7 +110,7 @@ def cell_text(value: CellValue) -> str:
     if isinstance(value, int):
         return str(value)
     if value != value:
-        return NO_VALUE
+        return _NO_VALUE
     if isinstance(value, complex):
         return f"{value.real:.7g}{value.imag:+.7g}j".replace("inf", "∞")
     return general(value, 7)
