@@ -200,7 +200,7 @@ class _Guarded:
         """Write a text."""
         safe = printable(text)
         if self._coloured:
-            safe = _MARKED.sub(lambda found: f"\033[{str(found.lastgroup)[1:]}m{found[0]}\033[0m", safe)
+            safe = _MARKED.sub(lambda match: f"\033[{str(match.lastgroup)[1:]}m{match[0]}\033[0m", safe)
         self.stream.write(safe)
         return len(text)
 

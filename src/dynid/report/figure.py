@@ -109,7 +109,7 @@ def evenly_spaced(count: int, most: int) -> list[int]:
     """Return the indices of at most so many of `count` rows, evenly spaced, first and last included."""
     if count <= most:
         return list(range(count))
-    return sorted({round(place * (count - 1) / (most - 1)) for place in range(most)})
+    return sorted({round(index * (count - 1) / (most - 1)) for index in range(most)})
 
 
 def table_of(columns: Mapping[str, ArrayLike], most: int = MOST_ROWS) -> FigureTable:

@@ -88,7 +88,7 @@ def texts(result: Result, path: str) -> list[str]:
 
 def labels_with_units(result: Result, group: str, axis: str, count: int, units: str = "") -> list[str]:
     """Return the labels of an axis, each with its units: those of `unit` in the group, or the given ones."""
-    names = texts(result, f"{group}/{axis}") or [str(place + 1) for place in range(count)]
+    names = texts(result, f"{group}/{axis}") or [str(index + 1) for index in range(count)]
     own = texts(result, f"{group}/unit") or [units] * count
     return [labelled(name, unit) for name, unit in zip(names, own, strict=True)]
 

@@ -98,7 +98,7 @@ def css() -> str:
 def resolved(svg: str, *, dark: bool = False) -> str:
     """Return a figure with the colours of one theme in place of CSS variables."""
     known = "|".join(COLOURS)  # animations have variables, too
-    text = re.sub(rf"var\(--({known})(?:, [^)]*)?\)", lambda found: COLOURS[found[1]][dark], svg)
+    text = re.sub(rf"var\(--({known})(?:, [^)]*)?\)", lambda match: COLOURS[match[1]][dark], svg)
     start, end = text.find(".fig {"), text.find(".fig text {")
     return text[:start] + text[end:] if 0 <= start < end else text
 
@@ -151,7 +151,7 @@ def plain(text: str) -> str:
 def quoted(text: str) -> str:
     """Return a text as the value of an attribute, with its quotes."""
     legal = escape(_ILLEGAL.sub("\N{REPLACEMENT CHARACTER}", text))
-    return f'"{_SPACE.sub(lambda found: f"&#{ord(found[0])};", legal)}"'
+    return f'"{_SPACE.sub(lambda match: f"&#{ord(match[0])};", legal)}"'
 
 
 def path_of(points: Iterable[Point], *, closed: bool = False) -> str:

@@ -105,7 +105,7 @@ def expectations(result: Result) -> Iterator[ReportSection]:
         (one.path, one.expected, one.found, "met" if one.passed else f"not met: {one.message}")
         for one in outcomes
     )
-    failed = frozenset(place for place, one in enumerate(outcomes) if not one.passed)
+    failed = frozenset(index for index, one in enumerate(outcomes) if not one.passed)
     table = TextTable(("array", "expected", "found", ""), rows, failed)
     yield ReportSection("Expectations", (summary, *([table] if failed else [])), "answer")
     if not failed:

@@ -460,11 +460,11 @@ def _operating_points(result: Result) -> Iterator[str]:
     """Yield effort and flow at the port in the steady state, for every input, or why there are none."""
     group = f"{PORT}/performance"
     if f"{group}/input" in result:
-        for place, name in enumerate(result[f"{group}/input"].data):
+        for index, name in enumerate(result[f"{group}/input"].data):
             values = []
             for letter, key in (("e", "effort"), ("f", "flow")):
                 variable = result[f"{group}/operating_{key}"]
-                values.append(f"{letter} = {variable.data[place]:.4g} {unit_text(variable.units)}".rstrip())
+                values.append(f"{letter} = {variable.data[index]:.4g} {unit_text(variable.units)}".rstrip())
             yield f"{name} = 1 gives {', '.join(values)}"
     if note := result.group_attrs.get(group, {}).get("note"):
         yield str(note)

@@ -46,13 +46,13 @@ def _method_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]
     columns = ["", "size", *frequencies, "worst error", "least MAC", *(["least FRAC"] if with_frac else [])]
     full = ["full", str(len(result["reduction/dof"].data)), *(_frequency(reference[k], unit) for k in shown)]
     rows = [(*full, *[""] * (5 + with_frac))]
-    for place, name in enumerate(_names(result)):
+    for index, name in enumerate(_names(result)):
         modes = _of(result, name, "mode")
         found = dict(zip(modes.tolist(), _of(result, name, "frequencies"), strict=True))
         compared = np.isin(modes, sorted(common))
         error = np.abs(_of(result, name, "frequency_error"))[compared]
         agreement = np.diagonal(_of(result, name, "mac"))[compared]
-        frac = [f"{result['reduction/frf/frac'].data[place].min():.3f}"] if with_frac else []
+        frac = [f"{result['reduction/frf/frac'].data[index].min():.3f}"] if with_frac else []
         attrs, condition = (
             result.group_attrs.get(f"reduction/{name}", {}),
             result.get(f"reduction/{name}/condition"),

@@ -100,10 +100,10 @@ def numeric_forms(result: Result, group: str) -> Iterable[str]:
 def _polynomial(coefficients: NDArray[Any]) -> str:
     degree = len(coefficients) - 1
     terms: list[str] = []
-    for place, value in enumerate(coefficients):
+    for index, value in enumerate(coefficients):
         if value == 0 and degree > 0:
             continue
-        power = degree - place
+        power = degree - index
         variable = {0: "", 1: "s"}.get(power, f"s^{power}")
         number = "" if abs(value) == 1 and power else f"{abs(value):.4g}"
         sign = (" - " if value < 0 else " + ") if terms else ("-" if value < 0 else "")
@@ -310,9 +310,9 @@ def _sensitivity_columns(
     unit = " rad/s" if in_hertz(result) else ""
     for name in (POLE, "zero"):
         moved = result[f"{group}/{name}_sensitivity_relative"].data
-        for place, root in enumerate(result[f"{group}/{name}s"].data):
+        for index, root in enumerate(result[f"{group}/{name}s"].data):
             if root.imag >= 0:
-                found.append((f"{name} {root_text(root)}{unit}", moved[place]))
+                found.append((f"{name} {root_text(root)}{unit}", moved[index]))
     for title, name in (("T(0)", "dc_gain"), ("T(∞)", "high_frequency_gain")):
         found.append((title, result[f"{group}/{name}_sensitivity_relative"].data))
     return [
@@ -423,10 +423,10 @@ def energy_lines(result: Result) -> Iterator[Line]:
     poles = result[f"{_ENERGY}/poles"].data
     stored, lost = (result[f"{_ENERGY}/{name}_share"].data for name in ("stored", "dissipated"))
     storages, resistors = (result[f"{_ENERGY}/{name}"].data for name in ("storage", "resistor"))
-    for place, pole in enumerate(poles[:MOST_ROOTS]):
-        text = f"energy in {_shares(storages, stored[place])}"
-        if lost[place].any():
-            text += f"; dissipated in {_shares(resistors, lost[place])}"
+    for index, pole in enumerate(poles[:MOST_ROOTS]):
+        text = f"energy in {_shares(storages, stored[index])}"
+        if lost[index].any():
+            text += f"; dissipated in {_shares(resistors, lost[index])}"
         else:
             text += "; no resistor damps it"
         yield root_text(pole, hertz=in_hertz(result)), text

@@ -164,14 +164,14 @@ def _history(result: Result, group: str, name: str, title: str) -> Picture:
     )
     names = [labelled.get(own, own) for own in texts(result, f"{group}/parameter")][: estimate.shape[1]]
     subplots, columns, barred = list[Subplot](), {"time (s)": time}, not is_rejected(result)
-    for place, label in enumerate(names):
-        own, half = estimate[:, place], deviation[:, place]
+    for index, label in enumerate(names):
+        own, half = estimate[:, index], deviation[:, index]
         columns |= {label: own} | ({f"± {label}": half} if barred else {})
-        if place < _PANELS:
+        if index < _PANELS:
             bands = [BandLayer(time, *_visible_band(own, 1.96 * half), "95 % band", "s1")] if barred else []
             layers: list[Layer] = [*bands, Curve(time, own, "estimate", "s1")]
             if true is not None:
-                layers.append(ReferenceLine(float(true[place]), "true", "s2 dashed"))
+                layers.append(ReferenceLine(float(true[index]), "true", "s2 dashed"))
             subplots.append(Subplot(PlotAxis("time (s)"), PlotAxis(label), layers, height=170.0))
     ends = "; ".join(f"{label}: {short(float(estimate[-1, k]))}" for k, label in enumerate(names[:4]))
     left = f" The first {_PANELS} of {len(names)} parameters." if len(names) > _PANELS else ""
@@ -338,10 +338,10 @@ def _whiteness(result: Result, group: str) -> Picture:
     names, values, bands = texts(result, f"{group}/channel"), values[:, there], bands[there]
     channels = [names[k] for k in there.tolist()]
     subplots = []
-    for place, channel in enumerate(channels[:CHANNELS]):
-        band = float(bands[place])
+    for index, channel in enumerate(channels[:CHANNELS]):
+        band = float(bands[index])
         layers: list[Layer] = [
-            Bars(lag, np.zeros(len(lag)), values[:, place], "autocorrelation", "s1", thick=0.4),
+            Bars(lag, np.zeros(len(lag)), values[:, index], "autocorrelation", "s1", thick=0.4),
             ReferenceLine(band, "95 % band of white noise", "s2 dashed"),
             ReferenceLine(-band, "", "s2 dashed"),
         ]

@@ -40,11 +40,11 @@ def _sensors(result: Result) -> Picture:
     order = [k for k in np.argsort(mean, kind="stable").tolist() if np.isfinite(mean[k])][:SENSORS]
     upwards = order[::-1]
     layers: list[Layer] = []
-    for place, unknown in enumerate(unknowns):
-        values = 100 * bounds[upwards][:, place]
-        tips = [f"{names[k]}: {unknown} to {short(100 * float(bounds[k, place]), 2)} %" for k in upwards]
+    for index, unknown in enumerate(unknowns):
+        values = 100 * bounds[upwards][:, index]
+        tips = [f"{names[k]}: {unknown} to {short(100 * float(bounds[k, index]), 2)} %" for k in upwards]
         at = np.arange(len(order), dtype=float)
-        layers.append(Markers(values, at, unknown, series_class(place), _SYMBOLS[place % 6], 3.5, tips))
+        layers.append(Markers(values, at, unknown, series_class(index), _SYMBOLS[index % 6], 3.5, tips))
     labels = tuple(names[k] + (" ✓" if names[k] in chosen else "") for k in upwards)
     plot = Subplot(
         PlotAxis("bound on the standard error (%)", log=True),

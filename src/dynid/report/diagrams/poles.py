@@ -300,11 +300,11 @@ def _nyquist(result: Result) -> Picture:
 def _sensitivities(result: Result) -> Picture:
     at = frequencies(result, f"{_FUNCTIONS}/omega")
     layers, columns = list[Layer](), dict(at.columns)
-    for place, loop in enumerate(result[f"{_FUNCTIONS}/loop"].data[:_LOOPS]):
+    for index, loop in enumerate(result[f"{_FUNCTIONS}/loop"].data[:_LOOPS]):
         for name, style in (("S", ""), ("T", " dashed")):
-            sizes = decibels(result[f"{_FUNCTIONS}/{name}"].data[:, place])
+            sizes = decibels(result[f"{_FUNCTIONS}/{name}"].data[:, index])
             label = f"|{name}|, {loop}"
-            layers.append(Curve(at.shown, sizes, label, f"{series_class(place)}{style}"))
+            layers.append(Curve(at.shown, sizes, label, f"{series_class(index)}{style}"))
             columns[f"{label} (dB)"] = sizes
     peaks = ", ".join(
         f"{loop}: Ms {short(float(Ms))}, Mt {short(float(Mt))}"

@@ -77,9 +77,9 @@ def _responses(result: Result, methods: Sequence[str], title: str) -> Picture:
                     at.shown,
                     np.abs(values),
                     name,
-                    "bond" if name == "full" else series_class(place - 1, True),
+                    "bond" if name == "full" else series_class(index - 1, True),
                 )
-                for place, (name, values) in enumerate(curves.items())
+                for index, (name, values) in enumerate(curves.items())
             ]
             upright = PlotAxis(labelled(pair, units[row]), log=True)
             subplots.append(Subplot(at.axis, upright, layers, height=230.0))
@@ -94,7 +94,7 @@ def _frequencies(result: Result, methods: Sequence[str], title: str) -> Picture:
     layers: list[Layer] = []
     rows: list[tuple[CellValue, ...]] = []
     unit = frequency_unit(result)
-    for place, method in enumerate(methods):
+    for index, method in enumerate(methods):
         get = {
             name: result[f"reduction/{method}/{name}"].data
             for name in ("mode", "frequencies", "reference", "frequency_error")
@@ -104,8 +104,8 @@ def _frequencies(result: Result, methods: Sequence[str], title: str) -> Picture:
         percent = 100 * np.maximum(error, 1e-16)
         tips = [f"{method}, mode {m}: {short(100 * e, 2)} %" for m, e in zip(modes, error, strict=True)]
         layers += [
-            Curve(modes, percent, "", series_class(place, True) + " fine", name=method),
-            Markers(modes, percent, method, series_class(place), _SYMBOLS[place % 6], 4, tips),
+            Curve(modes, percent, "", series_class(index, True) + " fine", name=method),
+            Markers(modes, percent, method, series_class(index), _SYMBOLS[index % 6], 4, tips),
         ]
         rows += [(method, *map(float, row)) for row in zip(*get.values(), strict=True)]
     about = "Relative error of the natural frequencies; errors of zero are drawn at 10⁻¹⁴ %."

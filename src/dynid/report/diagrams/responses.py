@@ -173,10 +173,10 @@ def _bode(
     """Draw magnitudes, in dB or absolute on a logarithmic axis, and phases."""
     label = labelled(quantity, units) if absolute else in_decibels(quantity, units)
     up, down, columns = list[Layer](), list[Layer](), dict(at.columns)
-    for place, (curve, values) in enumerate(curves):
+    for index, (curve, values) in enumerate(curves):
         size, phase, own = np.abs(values) if absolute else decibels(values), degrees(values), f"|{curve}|"
-        up.append(Curve(at.shown, size, curve, series_class(place)))
-        down.append(Curve(at.shown, phase, "", series_class(place), name=curve))
+        up.append(Curve(at.shown, size, curve, series_class(index)))
+        down.append(Curve(at.shown, phase, "", series_class(index), name=curve))
         columns[labelled(own, units) if absolute else in_decibels(own, units or "1")] = size
         columns[f"∠ {curve} (°)"] = phase
     rows = [
@@ -368,10 +368,10 @@ def designed_responses(result: Result) -> Iterator[Figure]:
     group = f"{DESIGN}/frequency_response"
     if f"{group}/designed" not in result:
         return
-    for place, name in enumerate(result[f"{group}/channel"].data[:_DERIVED]):
+    for index, name in enumerate(result[f"{group}/channel"].data[:_DERIVED]):
         title = f"Design of {name}"
-        suffix = f"-{place + 1}" if place else ""
-        yield Figure(f"design{suffix}", title, partial(_designed, result, place, f"design{suffix}", title))
+        suffix = f"-{index + 1}" if index else ""
+        yield Figure(f"design{suffix}", title, partial(_designed, result, index, f"design{suffix}", title))
 
 
 def _designed(result: Result, place: int, name: str, title: str) -> Picture:

@@ -62,7 +62,7 @@ def _over_error(result: Result, group: str, name: str, title: str, found: Altern
     layers: list[Layer] = []
     marked: dict[str, list[tuple[float, float]]] = {}
     absent = []
-    for place, (own, columns) in enumerate(found.items()):
+    for index, (own, columns) in enumerate(found.items()):
         if "error" not in columns:
             continue
         error, time = columns["error"].data, columns["time"].data
@@ -77,8 +77,8 @@ def _over_error(result: Result, group: str, name: str, title: str, found: Altern
             for size, t, e in zip(columns["size"].data[shown].tolist(), y, error[shown], strict=True)
         ]
         layers += [
-            Curve(x, y, "", f"{series_class(place)} fine", name=own),
-            Markers(x, y, own, series_class(place), _SYMBOLS[place % len(_SYMBOLS)], 4, tips),
+            Curve(x, y, "", f"{series_class(index)} fine", name=own),
+            Markers(x, y, own, series_class(index), _SYMBOLS[index % len(_SYMBOLS)], 4, tips),
         ]
         for column in columns.keys() & {each[0] for each in _MARKED}:
             which = columns[column].data[shown].astype(bool)
@@ -96,13 +96,13 @@ def _over_error(result: Result, group: str, name: str, title: str, found: Altern
 
 def _over_size(result: Result, group: str, name: str, title: str, found: Alternatives) -> Picture:
     layers: list[Layer] = []
-    for place, (own, columns) in enumerate(found.items()):
+    for index, (own, columns) in enumerate(found.items()):
         size, time = columns["size"].data, columns["time"].data
         power = result.group_attrs.get(f"{group}/{own}", {}).get("exponent")
         label = own if power is None else f"{own}, power {float(power):.2f}"
         layers += [
-            Curve(size, time, "", f"{series_class(place)} fine", name=own),
-            Markers(size, time, label, series_class(place), _SYMBOLS[place % len(_SYMBOLS)], 4),
+            Curve(size, time, "", f"{series_class(index)} fine", name=own),
+            Markers(size, time, label, series_class(index), _SYMBOLS[index % len(_SYMBOLS)], 4),
         ]
     across = PlotAxis(str(result.group_attrs.get(group, {}).get("size", "size")), log=True)
     about = "The legend has the power of the size with which time grows."

@@ -333,10 +333,10 @@ def reduction_strip(drawn: DrawnGraph, port: Port) -> list[Sketch]:
     first = _SnapshotSketch(drawn, reduced, port, shots[0], set()).sketch()
     seen, source = {node.key for node in first.nodes}, first.source
     strip = [replace(sketch_of(drawn), cut=None)]
-    for place, shot in enumerate(shots[1:], 1):
-        rules = [one.step.rule if one.step else "" for one in shots[place : place + 2]]
+    for index, shot in enumerate(shots[1:], 1):
+        rules = [one.step.rule if one.step else "" for one in shots[index : index + 2]]
         merges = rules == ["source swap", "merge"]
-        shown = _before_merging(shots[place - 1], shot) if merges else shot
+        shown = _before_merging(shots[index - 1], shot) if merges else shot
         sketch = _SnapshotSketch(drawn, reduced, port, shown, seen, source).sketch()
         source = sketch.source
         seen = {node.key for node in sketch.nodes}

@@ -124,10 +124,10 @@ def _place_apart(items: list[LayoutItem], preferred: list[float]) -> None:
     """
     pools: list[tuple[float, float, int]] = []  # mean, weight, number of members
     space, shift = [], 0.0
-    for place, item in enumerate(items):
-        shift += items[place - 1].down + item.up if place else 0.0
+    for index, item in enumerate(items):
+        shift += items[index - 1].down + item.up if index else 0.0
         space.append(shift)
-        mean = preferred[place] - shift
+        mean = preferred[index] - shift
         weight, members = (1.0 if item.name is not None else _LANE_WEIGHT), 1
         while pools and pools[-1][0] > mean:
             other, heavy, count = pools.pop()

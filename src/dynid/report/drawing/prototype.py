@@ -149,10 +149,10 @@ def prototypes(result: Result) -> Iterator[Figure]:
     group, parts = "bond_graph/reduction", ("prototype_equation", "system_a", "system_b")
     if f"{group}/prototype" in result:
         letters = result[f"{group}/prototype"].data.reshape(-1)
-        for place, output in enumerate(result[f"{group}/output"].data):
-            formulas = [str(result[f"{group}/{part}_latex"].data[place]) for part in parts]
+        for index, output in enumerate(result[f"{group}/output"].data):
+            formulas = [str(result[f"{group}/{part}_latex"].data[index]) for part in parts]
             name = f"prototype-{output}"
-            draw = partial(prototype_picture, name, str(letters[place]), formulas, f"at {output}")
+            draw = partial(prototype_picture, name, str(letters[index]), formulas, f"at {output}")
             yield Figure(name, f"Prototype at {output}", draw)
     if f"{PORT}/prototype_equation_latex" in result:
         letter = str(result.value(f"{PORT}/prototype"))
@@ -317,7 +317,7 @@ def _text(result: Result, path: str) -> str:
 
 def _in_unicode(formula: str) -> str:
     """Return a formula in mathematical notation: `s**2*A_p` is s² A_p."""
-    powers = re.sub(r"\*\*(\d+)", lambda found: raised(int(found[1])), formula)
+    powers = re.sub(r"\*\*(\d+)", lambda match: raised(int(match[1])), formula)
     return powers.replace("->", "→").replace("*", " ").replace("-", "−")
 
 
@@ -337,9 +337,9 @@ def _performance(result: Result) -> Picture:
         labelled(name, result[f"{_PERFORMANCE}/source_{name}"].units or "SI") for name in ("flow", "effort")
     ]
     subplots, rows = [], list[tuple[CellValue, ...]]()
-    for place, source in enumerate(map(str, result[f"{_PERFORMANCE}/input"].data)):
-        points = {name: values[place] for name, values in data.items()}
-        flow, effort = float(flows[place]), float(efforts[place])
+    for index, source in enumerate(map(str, result[f"{_PERFORMANCE}/input"].data)):
+        points = {name: values[index] for name, values in data.items()}
+        flow, effort = float(flows[index]), float(efforts[index])
         lines = [
             Curve(points[f"{side}_flow"], points[f"{side}_effort"], side, cls)
             for side, cls in (("source", "s1"), ("load", "s2"))

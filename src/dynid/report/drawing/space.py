@@ -186,7 +186,7 @@ class _SpaceDrawing:
         if not space.is_plane:
             about += " Seen from above and aside, in parallel projection."
         left, top, right, bottom = (
-            pick(box[place] for box in self.boxes) for place, pick in enumerate((min, min, max, max))
+            pick(box[index] for box in self.boxes) for index, pick in enumerate((min, min, max, max))
         )
         size = right - left + 2 * _PAD, bottom - top + 2 * _PAD
         return Picture(svg.render(*size, left - _PAD, top - _PAD), about, self._table())

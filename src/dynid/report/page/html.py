@@ -36,7 +36,7 @@ def text(value: str) -> Markup:
 
 def visible(value: str) -> str:
     """Return a text with control characters shown by their number, and with unified line ends."""
-    return _UNFIT.sub(lambda found: "\n" if found[0] == "\r" else f"⟨U+{ord(found[0]):04X}⟩", value)
+    return _UNFIT.sub(lambda match: "\n" if match[0] == "\r" else f"⟨U+{ord(match[0]):04X}⟩", value)
 
 
 def join(*parts: str) -> Markup:
@@ -77,8 +77,8 @@ _MINUS = re.compile(r"(?<![\w.)\]-])-(?=\d|∞)")
 
 def formula(value: str) -> Markup:
     """Return a formula in Python's notation with minus signs, superscript powers and dots for products."""
-    value = _EXPONENT.sub(lambda found: f"·10^{int(found[1])}", _MINUS.sub("−", unbroken(value)))
-    safe = _POWER.sub(lambda found: f"<sup>{found[1].strip('()').replace('-', '−')}</sup>", text(value))
+    value = _EXPONENT.sub(lambda match: f"·10^{int(match[1])}", _MINUS.sub("−", unbroken(value)))
+    safe = _POWER.sub(lambda match: f"<sup>{match[1].strip('()').replace('-', '−')}</sup>", text(value))
     return _with_code(safe.replace("*", "\N{DOT OPERATOR}"))
 
 

@@ -96,7 +96,7 @@ def _packed(values: NDArray[Any]) -> dict[str, Any]:
     levels = sorted(set(texts))
     if len(levels) > _LEVELS:
         levels = [*levels[:_LEVELS], "…"]
-    places = {level: place for place, level in enumerate(levels)}
+    places = {level: index for index, level in enumerate(levels)}
     indices = np.array([places.get(text, len(levels) - 1) for text in texts], dtype="<u2")
     return {
         "type": "<u2",

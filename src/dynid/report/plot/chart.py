@@ -325,7 +325,7 @@ def _draw_rows(
 
     The width is shared by columns, each with the widest margin among its subplots.
     """
-    in_columns = [[row[place] for row in rows if place < len(row)] for place in range(max(map(len, rows)))]
+    in_columns = [[row[index] for row in rows if index < len(row)] for index in range(max(map(len, rows)))]
     margins = [max(plot.margin(plot.height or height) for plot in column) for column in in_columns]
     weights = [max(plot.weight for plot in column) for column in in_columns]
     free = width - 2 * _PAD - sum(margins) - _BETWEEN * (len(in_columns) - 1)
@@ -339,8 +339,8 @@ def _draw_rows(
         y += _above(titles) + (8 if number and not shared else 0)
         above = len(rows[number + 1]) if shared and number + 1 < len(rows) else 0
         beneath = 0.0
-        for place, (plot, column) in enumerate(zip(row, columns, strict=False)):
-            labelled = place >= above
+        for index, (plot, column) in enumerate(zip(row, columns, strict=False)):
+            labelled = index >= above
             area = plot.area(column.left, y, column.width, plot.height or height)
             plot.draw(svg, area, margin=column.margin, labelled=labelled)
             beneath = max(beneath, (BELOW + (LABEL if plot.x.label else 0.0)) if labelled else 0.0)

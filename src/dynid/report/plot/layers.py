@@ -396,17 +396,17 @@ def straightened(x: Array, y: Array, near: float = NEAR) -> NDArray[np.intp]:
     kept, xs, ys = [0], x.tolist(), y.tolist()
     at_x, at_y, before = xs[0], ys[0], ys[0]
     low, high = -math.inf, math.inf
-    for place in range(1, count - 1):
-        here, after = ys[place], ys[place + 1]
-        dx, dy, ahead = xs[place] - at_x, here - at_y, xs[place + 1] - at_x
+    for index in range(1, count - 1):
+        here, after = ys[index], ys[index + 1]
+        dx, dy, ahead = xs[index] - at_x, here - at_y, xs[index + 1] - at_x
         if dx > 0:
             low = max(low, (dy - near) / dx)
             high = min(high, (dy + near) / dx)
         turns = dy != 0 and (here - before) * (after - here) <= 0
         slope = (after - at_y) / ahead if ahead > 0 else math.inf
         if turns or dx <= 0 or not low <= slope <= high:
-            kept.append(place)
-            at_x, at_y, low, high = xs[place], here, -math.inf, math.inf
+            kept.append(index)
+            at_x, at_y, low, high = xs[index], here, -math.inf, math.inf
         before = here
     return np.array([*kept, count - 1])
 
