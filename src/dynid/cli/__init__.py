@@ -200,18 +200,18 @@ def _exit_code(args: list[str] | None) -> int:
     except click.ClickException as error:
         if isinstance(error, click.NoSuchOption):
             context, name = error.ctx, error.option_name
-            known = (
-                [each for option in context.command.get_params(context) for each in option.opts]
+            options = (
+                [option_name for option in context.command.get_params(context) for option_name in option.opts]
                 if context
                 else []
             )
-            wanted = [
+            words = [
                 f"-{word.partition('=')[0]}"
                 for word in (sys.argv[1:] if args is None else args)
                 if word.startswith(name)
             ]
-            wanted += ["--version"] if name in ("-v", "-V") else []
-            meant = next((each for each in wanted if each in known), None)
+            words += ["--version"] if name in ("-v", "-V") else []
+            meant = next((option_name for option_name in words if option_name in options), None)
             error = click.UsageError(f"{error.message} Did you mean '{meant}'?", context) if meant else error
         error.show()
         return 2

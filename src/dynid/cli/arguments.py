@@ -28,14 +28,14 @@ def among(names: Callable[[], Iterable[str]]) -> Callable[[click.Context, click.
     return lambda context, parameter, begun: [name for name in names() if name.startswith(begun)]  # noqa: ARG005
 
 
-def refuse_unknown(name: str, known: Collection[str], what: str, remedy: str = "") -> None:
+def refuse_unknown(name: str, names: Collection[str], what: str, remedy: str = "") -> None:
     """Refuse a name that is not known, and suggest the nearest one.
 
     Parameters
     ----------
     name
         The name given.
-    known
+    names
         The names that exist.
     what
         The kind of name, such as ``topic``.
@@ -47,12 +47,12 @@ def refuse_unknown(name: str, known: Collection[str], what: str, remedy: str = "
     UsageError
         If the name is not among the known ones.
     """
-    if name not in known:
+    if name not in names:
         from dynid.suggestions import did_you_mean
 
         raise UsageError(
-            f"there is no {what} '{name}'{did_you_mean(name, known)}",
-            remedy=remedy or f"There are {', '.join(known)}.",
+            f"there is no {what} '{name}'{did_you_mean(name, names)}",
+            remedy=remedy or f"There are {', '.join(names)}.",
         )
 
 
@@ -69,9 +69,9 @@ def reads_results(*parameters: str) -> Callable[[Callable[..., int]], Callable[.
 
     def decorate(command: Callable[..., int]) -> Callable[..., int]:
         @functools.wraps(command)
-        def guarded(**given: Any) -> int:
+        def guarded(**arguments: Any) -> int:
             try:
-                return command(**given)
+                return command(**arguments)
             except (DynidError, click.ClickException, click.Abort, click.exceptions.Exit):
                 raise
             except (OSError, MemoryError):
@@ -79,8 +79,10 @@ def reads_results(*parameters: str) -> Callable[[Callable[..., int]], Callable[.
             except Exception as error:
                 if os.environ.get("DYNID_TRACEBACK"):
                     raise
-                values = [given[name] for name in parameters]
-                files = [name for one in values for name in (one if isinstance(one, tuple) else [one])]
+                values = [arguments[name] for name in parameters]
+                files = [
+                    name for value in values for name in (value if isinstance(value, tuple) else [value])
+                ]
                 verb = "do" if len(files) > 1 else "does"
                 cause = " ".join(f"{type(error).__name__} {error}".split())[:_LONGEST]
                 raise FileError(
@@ -105,12 +107,12 @@ def writes_junit(parameter: str) -> Callable[[Callable[..., int]], Callable[...,
 
     def decorate(command: Callable[..., int]) -> Callable[..., int]:
         @functools.wraps(command)
-        def reporting(**given: Any) -> int:
+        def reporting(**arguments: Any) -> int:
             try:
-                return command(**given)
+                return command(**arguments)
             except BaseException as error:
-                if given["junit"]:
-                    report_in_junit(Path(given["junit"]), given[parameter], error)
+                if arguments["junit"]:
+                    report_in_junit(Path(arguments["junit"]), arguments[parameter], error)
                 raise
 
         return reporting
@@ -138,9 +140,9 @@ def report_in_junit(junit: Path, scene: str, error: BaseException) -> None:
             replace_file(junit, junit_xml([], Path(scene).stem, message).encode())
 
 
-def is_same(file: str, other: str) -> bool:
+def is_same(file: str, path: str) -> bool:
     """Return whether two names are of the same file."""
-    return os.path.realpath(file) == os.path.realpath(other)
+    return os.path.realpath(file) == os.path.realpath(path)
 
 
 def refuse_overwriting(scene: str, target: str, junit: str | None, report: str | None = None) -> None:
@@ -151,11 +153,11 @@ def refuse_overwriting(scene: str, target: str, junit: str | None, report: str |
         )
     if is_same(target, scene):
         raise UsageError(f"the result would overwrite the scene {scene}", remedy="Name another file with -o.")
-    taken = [scene, target]
+    paths = [scene, target]
     for file, what, option in ((junit, "JUnit file", "--junit"), (report, "page", "--report")):
-        if file and any(is_same(file, other) for other in taken):
+        if file and any(is_same(file, path) for path in paths):
             raise UsageError(f"the {what} would overwrite {file}", remedy=f"Name another file with {option}.")
-        taken += [file] if file else []
+        paths += [file] if file else []
 
 
 def refuse_missing_folders(*files: str | None) -> None:
@@ -182,8 +184,8 @@ def _has_colours(stream: TextIO) -> bool:
     if os.environ.get("FORCE_COLOR"):
         return True
     # Of terminals on Windows, those that understand the escapes name themselves.
-    known = os.name != "nt" or "WT_SESSION" in os.environ or "TERM" in os.environ
-    return stream.isatty() and known and os.environ.get("TERM") != "dumb"
+    capable = os.name != "nt" or "WT_SESSION" in os.environ or "TERM" in os.environ
+    return stream.isatty() and capable and os.environ.get("TERM") != "dumb"
 
 
 class _Guarded:

@@ -125,14 +125,14 @@ def _compared(result: Result, earlier: list[Result]) -> int:
     from dynid.bench.suite import changes
     from dynid.number_format import general, memory_text, time_text
 
-    found = changes(result, earlier)
-    click.echo(f"\n  {counted(len(found), 'change')} of more than 25 %")
+    differences = changes(result, earlier)
+    click.echo(f"\n  {counted(len(differences), 'change')} of more than 25 %")
     written: dict[str, Callable[[float], str]] = {"time": time_text, "memory": memory_text}
     written["error"] = partial(general, digits=2)
-    for one in sorted(found, key=lambda one: not one.worse):
-        path, _, name = one.path.removeprefix("bench/").rpartition("/")
-        was, now = written[name](one.before), written[name](one.value)
+    for change in sorted(differences, key=lambda change: not change.worse):
+        path, _, name = change.path.removeprefix("bench/").rpartition("/")
+        was, now = written[name](change.before), written[name](change.value)
         click.echo(
-            f"    {'worse ' if one.worse else 'better'}  {path} at {one.size:,}: {name} {was} -> {now}"
+            f"    {'worse ' if change.worse else 'better'}  {path} at {change.size:,}: {name} {was} -> {now}"
         )
-    return int(any(one.worse for one in found))
+    return int(any(change.worse for change in differences))

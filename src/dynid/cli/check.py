@@ -86,7 +86,7 @@ def _obstacles(scene: Scene) -> tuple[list[str], int]:
     from dynid.scene.run import preparation_errors
 
     code = 0
-    found: list[Fault] = []
+    faults: list[Fault] = []
     checked = base_scene(scene) if scene.kind == "study" else scene
     errors = preparation_errors(checked)
     if errors and checked is not scene:  # only errors that the first sample has, too
@@ -102,13 +102,13 @@ def _obstacles(scene: Scene) -> tuple[list[str], int]:
             shared = set()
         errors = [error for error in errors if _problem(error) in shared]
     for error in errors:
-        found += error.faults if isinstance(error, SceneError) else [checked.locate(error)]
+        faults += error.faults if isinstance(error, SceneError) else [checked.locate(error)]
         code = code or error.exit_code
     study = scene if checked is not scene else None
     missing, impossible = missing_files(scene), list(impossible_paths(checked, study))
     code = code or (SceneError.exit_code if impossible else 0)
     in_order = sorted(
-        [*found, *missing, *impossible], key=lambda fault: (fault.file, fault.line, fault.column)
+        [*faults, *missing, *impossible], key=lambda fault: (fault.file, fault.line, fault.column)
     )
     return list(dict.fromkeys(map(str, in_order))), code or (FileError.exit_code if missing else 0)
 

@@ -203,10 +203,10 @@ def _paragraphs(*parts: Sequence[str]) -> Iterator[str]:
     """Yield the lines of paragraphs, an empty line before each of them, folded to the screen."""
     from dynid.cli.text import folded
 
-    for part in filter(None, parts):
+    for paragraph in filter(None, parts):
         yield ""
-        whole = "\n".join(part).rstrip("\n").split("\n")
-        yield from (piece for line in whole for piece in folded(line))
+        lines = "\n".join(paragraph).rstrip("\n").split("\n")
+        yield from (piece for line in lines for piece in folded(line))
 
 
 def _hanging(topic: str, text: str) -> Iterator[str]:

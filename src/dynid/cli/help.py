@@ -115,6 +115,10 @@ def schema_text(kind: str | None = None) -> str:
     if len(schemas) == 1:
         document = schemas[0]
     else:
-        definitions = {name: part for one in schemas for name, part in one.pop("$defs", {}).items()}
+        definitions = {
+            name: definition
+            for model_schema in schemas
+            for name, definition in model_schema.pop("$defs", {}).items()
+        }
         document = {"oneOf": schemas, "$defs": definitions}
     return json.dumps({"$schema": "http://json-schema.org/draft-07/schema#", **document}, indent=2)

@@ -102,18 +102,18 @@ def plot(file: str, output: str | None, form: str, names: tuple[str, ...], listi
     from dynid.store import loaded, open_stored
 
     with open_stored(file, partial=True) as stored:
-        every = {
+        by_name = {
             figure.name: figure for figure in figures(stored if stored.kind == "study" else loaded(stored))
         }
         if listing:
-            width = max(map(len, every), default=0)
-            for figure in every.values():
+            width = max(map(len, by_name), default=0)
+            for figure in by_name.values():
                 click.echo(f"  {figure.name:{width}}  {figure.title}")
             return 0
         folder = Path(output if output is not None else f"{Path(file).stem}-figures")
         for name in names:
-            refuse_unknown(name, every, "figure", "List them with --list.")
-        chosen = [every[name] for name in dict.fromkeys(names)] or list(every.values())
+            refuse_unknown(name, by_name, "figure", "List them with --list.")
+        chosen = [by_name[name] for name in dict.fromkeys(names)] or list(by_name.values())
         files = file_names([figure.name for figure in chosen])
         targets = [folder / f"{name}.{form}" for name in files]
         remove_parts(folder)
@@ -173,9 +173,9 @@ def compare(first: str, second: str, rtol: float, atol: float, elementwise: bool
     from dynid.number_format import counted
     from dynid.store import open_stored
 
-    with open_stored(first) as one, open_stored(second) as other:
-        differences = differences_between(one, other, rtol, atol, elementwise=elementwise)
-        compared = compare_identifications(one, other) if differences and not quiet else []
+    with open_stored(first) as one, open_stored(second) as second_result:
+        differences = differences_between(one, second_result, rtol, atol, elementwise=elementwise)
+        compared = compare_identifications(one, second_result) if differences and not quiet else []
     if not quiet:
         of_method = [one for one in differences if one.of_method]
         click.echo(counted(len(differences), "difference") if differences else "no differences")
@@ -270,8 +270,8 @@ def export(
             folder = _made(Path(output or stem))
             remove_parts(folder)
             tables = tables_of(result)
-            for table, own in zip(tables, file_names([table.name for table in tables]), strict=True):
-                target = str(folder / f"{own}.{form}")
+            for table, file_name in zip(tables, file_names([table.name for table in tables]), strict=True):
+                target = str(folder / f"{file_name}.{form}")
                 write(table, target)
                 click.echo(f"wrote {target}")
             return 0
@@ -334,16 +334,16 @@ def _table_named(tables: list[ExportTable], name: str) -> ExportTable:
     """Return the table of a name, or the only one of a group."""
     from dynid.suggestions import did_you_mean
 
-    wanted = name.strip("/").replace("/", ".")
-    found = [table for table in tables if table.name == wanted]
-    found = found or [table for table in tables if table.attrs["group"].replace("/", ".") == wanted]
-    if len(found) == 1:
-        return found[0]
-    names = [table.name for table in found or tables]
-    if found:
+    dotted = name.strip("/").replace("/", ".")
+    matches = [table for table in tables if table.name == dotted]
+    matches = matches or [table for table in tables if table.attrs["group"].replace("/", ".") == dotted]
+    if len(matches) == 1:
+        return matches[0]
+    names = [table.name for table in matches or tables]
+    if matches:
         raise UsageError(f"{name} has several tables", remedy=f"Name one of them: {', '.join(names)}.")
     raise UsageError(
-        f"there is no table '{name}'{did_you_mean(wanted, names)}", remedy=f"There are: {', '.join(names)}."
+        f"there is no table '{name}'{did_you_mean(dotted, names)}", remedy=f"There are: {', '.join(names)}."
     )
 
 

@@ -121,10 +121,10 @@ def warn_of_doubts(scene: Scene) -> list[str]:
     """Print the doubts about a valid scene on standard error, each at its place; return their messages."""
     from dynid.scene.doubts import scene_doubts
 
-    found = scene_doubts(scene)
-    for doubt in found:
+    faults = scene_doubts(scene)
+    for doubt in faults:
         click.echo(str(replace(doubt, message=f"warning: {doubt.message}")), err=True)
-    return [doubt.message for doubt in found]
+    return [doubt.message for doubt in faults]
 
 
 def compute(scene: Scene, listener: Listener, *, accuracy: bool) -> Result:

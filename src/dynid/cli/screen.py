@@ -42,22 +42,22 @@ def summary(result: Result, note: str, *, trace: bool = False) -> str:
     trace
         With the derivations: causality, and the steps of the reduction.
     """
-    found = content(result)
-    lines = [*_headline(result.title, found.method, note), ""]
-    if not found.sections:  # of a kind that this version does not know
+    answer = content(result)
+    lines = [*_headline(result.title, answer.method, note), ""]
+    if not answer.sections:  # of a kind that this version does not know
         return "\n".join([*lines, contents(result)])
     left_out = "brief" if trace else "trace"
-    lines += section_lines(section for section in found.sections if section.detail != left_out)
+    lines += section_lines(section for section in answer.sections if section.detail != left_out)
     if not trace and any(
-        section.title != "Omitted" and section.detail == "trace" for section in found.sections
+        section.title != "Omitted" and section.detail == "trace" for section in answer.sections
     ):
         lines += ["", "  derivation: -v, or dynid show --trace"]
-    return "\n".join(part for line in lines for part in folded(line))
+    return "\n".join(piece for line in lines for piece in folded(line))
 
 
 def _headline(title: str, method: str, note: str) -> list[str]:
     """Return title, method and note in one line, or in two on a narrow terminal."""
-    right = " · ".join(part for part in (method, note) if part)
+    right = " · ".join(text for text in (method, note) if text)
     if len(title) + 2 + len(right) > columns():
         return [title, *paragraph(right)]
     return [f"{title}{' ' * max(2, min(100, columns()) - len(title) - len(right))}{right}"]
@@ -70,7 +70,7 @@ def contents(result: Result) -> str:
         f"  {path:<{width}}  {kind}  {axes}  {units}".rstrip()
         for path, kind, axes, units in array_rows(result)
     )
-    return "\n".join(part for line in lines for part in folded(line))
+    return "\n".join(piece for line in lines for piece in folded(line))
 
 
 def section_lines(sections: Iterable[ReportSection]) -> list[str]:

@@ -125,8 +125,8 @@ def study(
     from dynid.scene.load import load_scene
     from dynid.study.plan import make_plan
 
-    part = shard is not None and shard[1] > 1
-    if junit and part:
+    sharded = shard is not None and shard[1] > 1
+    if junit and sharded:
         raise UsageError(
             "the expectations of a study are of all its samples, not of a shard",
             remedy="Merge the shards, and run the study again on that file: nothing is computed then.",
@@ -144,11 +144,11 @@ def study(
 
         numbers = shard_of(plan, shard)
         foreign = foreign_samples(target, sample_keys(plan, numbers))
-        given = [word for value in overrides for word in ("--set", value)]
-        explaining = shlex.join(["dynid", "check", study, "--explain", *given])
+        settings = [word for value in overrides for word in ("--set", value)]
+        explaining = shlex.join(["dynid", "check", study, "--explain", *settings])
         finished = valid_samples(plan, target, shard)
         lines = _plan_lines(plan, numbers, finished, target, foreign, explaining)
-        click.echo("\n".join(part for line in lines for part in folded(line)))
+        click.echo("\n".join(sharded for line in lines for sharded in folded(line)))
         return 0
     from dynid.cli.progress import noticing, showing_study
     from dynid.cli.run import checked_expectations, report_expectations, warn_of_doubts
@@ -187,7 +187,7 @@ def study(
                 click.echo(f"\n  samples were run one by one: {reason}")
             more = f", {report}" if report else f" · see it: dynid report {target}"
             click.echo(f"\n  wrote {target}{more}")
-        if part:
+        if sharded:
             return 0
         return report_expectations(loaded, checked_expectations(loaded, result, junit), quiet)
 
@@ -265,10 +265,10 @@ def _warn_of_failure(result: Result, notice: Notice, target: str) -> None:
     count = len(table.failed)
     if not count or table.done.any() or len(table.pending):
         return
-    found = failures(table)
-    most = "" if len(found) == 1 else f", {len(found[0].samples)} of them"
+    reasons = failures(table)
+    share = "" if len(reasons) == 1 else f", {len(reasons[0].samples)} of them"
     notice(
-        f"{'all ' * (count > 1)}{counted(count, 'sample')} failed{most}: {found[0].error.rstrip('.')}. "
+        f"{'all ' * (count > 1)}{counted(count, 'sample')} failed{share}: {reasons[0].error.rstrip('.')}. "
         f"All reasons: dynid show {target}. Correct it and run the study again; with --max-failures 0, a "
         "failure is exit code 3."
     )
@@ -289,8 +289,8 @@ def _same_command() -> str:
         elif isinstance(parameter, click.Option) and parameter.is_flag:
             words += [parameter.opts[0]] * (parameter.name != "force")
         else:
-            for one in value if parameter.multiple else [value]:
-                words += [parameter.opts[0], f"{one:g}" if isinstance(one, float) else str(one)]
+            for entry in value if parameter.multiple else [value]:
+                words += [parameter.opts[0], f"{entry:g}" if isinstance(entry, float) else str(entry)]
     return shlex.join(words)
 
 

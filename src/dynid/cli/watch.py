@@ -35,15 +35,15 @@ def files_of(scene: str) -> list[Path]:
 
     Files that cannot be read are skipped: a scene with faults is watched, too.
     """
-    found: dict[Path, None] = {}
-    _collect_files(Path(scene), found, _DEEPEST)
-    return list(found)
+    files: dict[Path, None] = {}
+    _collect_files(Path(scene), files, _DEEPEST)
+    return list(files)
 
 
-def _collect_files(file: Path, found: dict[Path, None], depth: int) -> None:
+def _collect_files(file: Path, files: dict[Path, None], depth: int) -> None:
     from dynid.scene.yaml.source import read_source
 
-    found[file] = None
+    files[file] = None
     if not depth:
         return
     try:
@@ -56,15 +56,15 @@ def _collect_files(file: Path, found: dict[Path, None], depth: int) -> None:
             stack += item.values() if isinstance(item, dict) else item
         if not isinstance(item, str) or not 0 < len(item) <= _LONGEST:
             continue
-        other = file.parent / item
+        path = file.parent / item
         try:
-            is_new = other not in found and other.is_file()
+            is_new = path not in files and path.is_file()
         except (OSError, ValueError):  # no possible name of a file
             continue
         if is_new:
-            found[other] = None
-            if other.suffix in (".yaml", ".yml"):
-                _collect_files(other, found, depth - 1)
+            files[path] = None
+            if path.suffix in (".yaml", ".yml"):
+                _collect_files(path, files, depth - 1)
 
 
 def stamp(files: list[Path]) -> _Stamp:
@@ -151,18 +151,18 @@ def previews(study: Scene, target: Path) -> Iterator[str]:
     plan, started = make_plan(study), time.perf_counter()
     count = _run(plan, target, FIRST)
     yield _preview_note(plan, count)
-    each = (time.perf_counter() - started) / count
-    enough = min(plan.size, MOST, int(SECONDS / each))
+    duration = (time.perf_counter() - started) / count
+    enough = min(plan.size, MOST, int(SECONDS / duration))
     if enough >= 2 * count or count < plan.size <= enough:
         yield _preview_note(plan, _run(plan, target, enough))
 
 
-def _run(plan: Plan, target: Path, most: int) -> int:
+def _run(plan: Plan, target: Path, limit: int) -> int:
     """Run at most so many samples of a plan that the file does not hold; return the size of the shard."""
     from dynid.study.executors import make_executor
     from dynid.study.run import run_study, shard_of
 
-    shard = (1, -(-plan.size // most))
+    shard = (1, -(-plan.size // limit))
     run_study(plan, target, make_executor("serial"), shard=shard, force=True)
     return len(shard_of(plan, shard))
 

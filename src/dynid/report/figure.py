@@ -105,18 +105,18 @@ class Figure:
         return self.picture.table
 
 
-def evenly_spaced(count: int, most: int) -> list[int]:
+def evenly_spaced(count: int, limit: int) -> list[int]:
     """Return the indices of at most so many of `count` rows, evenly spaced, first and last included."""
-    if count <= most:
+    if count <= limit:
         return list(range(count))
-    return sorted({round(index * (count - 1) / (most - 1)) for index in range(most)})
+    return sorted({round(index * (count - 1) / (limit - 1)) for index in range(limit)})
 
 
-def table_of(columns: Mapping[str, ArrayLike], most: int = MOST_ROWS) -> FigureTable:
-    """Return columns of equal length as a table of at most `most` rows, with unrounded values."""
+def table_of(columns: Mapping[str, ArrayLike], limit: int = MOST_ROWS) -> FigureTable:
+    """Return columns of equal length as a table of at most `limit` rows, with unrounded values."""
     arrays = [np.asarray(values) for values in columns.values()]
     count = len(arrays[0]) if arrays else 0
-    shown = evenly_spaced(count, most)
+    shown = evenly_spaced(count, limit)
     cells = ((list(map(str, v)) if v.dtype.kind == "O" else v.tolist()) for v in (a[shown] for a in arrays))
     note = f"{len(shown)} of {count:,} rows, evenly spaced; the file has all" if len(shown) < count else ""
     return FigureTable(tuple(columns), tuple(zip(*cells, strict=True)), note)
@@ -284,14 +284,14 @@ def figures(result: Result) -> list[Figure]:
         Their names are unique. A family that cannot list its figures is one figure, which raises the error
         when it is drawn.
     """
-    found: dict[str, Figure] = {}
+    by_name: dict[str, Figure] = {}
     for family in FAMILIES:
         if family.applies(result):
             for figure in _figures_of(family, result):
-                if figure.name in found:
+                if figure.name in by_name:
                     raise ValueError(f"two figures are called '{figure.name}'")
-                found[figure.name] = figure
-    return list(found.values())
+                by_name[figure.name] = figure
+    return list(by_name.values())
 
 
 #: Beginnings of the names of the figures that answer a kind of scene, the most important first.
@@ -317,12 +317,12 @@ _LEADING = {
 _MOST = 3
 
 
-def leading(kind: str, every: Sequence[Figure]) -> list[Figure]:
+def leading(kind: str, drawable: Sequence[Figure]) -> list[Figure]:
     """Return the figures that answer a result of a kind: at most three, one of each family."""
-    found = []
+    leaders = []
     for start in _LEADING.get(kind, ("",)):
-        found += [figure for figure in every if figure.name.startswith(start)][:1]
-    return found[:_MOST]
+        leaders += [figure for figure in drawable if figure.name.startswith(start)][:1]
+    return leaders[:_MOST]
 
 
 def _figures_of(family: _FigureFamily, result: Result) -> list[Figure]:

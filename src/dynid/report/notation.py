@@ -52,8 +52,8 @@ def approximation(attrs: Mapping[str, Scalar]) -> str:
 
 def in_decibels(name: str, units: str = "") -> str:
     """Return the label of an axis in dB, with the reference unit of 0 dB where it is known."""
-    known = {"": "dB, of SI units", "1": "dB"}.get(units, f"dB re {unit(units)}")
-    return f"{name} ({known})"
+    reference = {"": "dB, of SI units", "1": "dB"}.get(units, f"dB re {unit(units)}")
+    return f"{name} ({reference})"
 
 
 def with_infinity(remark: str) -> str:
@@ -74,8 +74,8 @@ def short(value: float, digits: int = 4) -> str:
         times = {"1": "", "-1": "−"}.get(mantissa, f"{mantissa}·")
         return f"{times}10{raised(int(power))}".replace("-", "−")
     text = f"{float(f'{value:.{digits}g}'):.12g}"
-    whole, dot, rest = text.partition(".")
-    sign, figures = ("−", whole[1:]) if whole.startswith("-") else ("", whole)
+    integer, dot, rest = text.partition(".")
+    sign, figures = ("−", integer[1:]) if integer.startswith("-") else ("", integer)
     if len(figures) > 4:
         figures = f"{int(figures):,}".replace(",", _THIN)
     return f"{sign}{figures}{dot}{rest}"
@@ -89,8 +89,8 @@ def texts(result: Result, path: str) -> list[str]:
 def labels_with_units(result: Result, group: str, axis: str, count: int, units: str = "") -> list[str]:
     """Return the labels of an axis, each with its units: those of `unit` in the group, or the given ones."""
     names = texts(result, f"{group}/{axis}") or [str(index + 1) for index in range(count)]
-    own = texts(result, f"{group}/unit") or [units] * count
-    return [labelled(name, unit) for name, unit in zip(names, own, strict=True)]
+    unit_names = texts(result, f"{group}/unit") or [units] * count
+    return [labelled(name, unit) for name, unit in zip(names, unit_names, strict=True)]
 
 
 _TOKEN = re.compile(r"\\[a-zA-Z]+|\\.|[{}^_]|\s+|[\d.]+|.")
@@ -160,15 +160,15 @@ class TypesetFormula:
             pieces, bars, self.width + x, max(self.above - y, 0.0), max(self.below + y, 0.0)
         )
 
-    def then(self, other: TypesetFormula) -> TypesetFormula:
+    def then(self, formula: TypesetFormula) -> TypesetFormula:
         """Return it with another formula appended."""
-        beside = other.moved(self.width, 0)
+        appended = formula.moved(self.width, 0)
         return TypesetFormula(
-            self.pieces + beside.pieces,
-            self.bars + beside.bars,
-            self.width + other.width,
-            max(self.above, other.above),
-            max(self.below, other.below),
+            self.pieces + appended.pieces,
+            self.bars + appended.bars,
+            self.width + formula.width,
+            max(self.above, formula.above),
+            max(self.below, formula.below),
         )
 
 
@@ -212,7 +212,7 @@ class _Typesetter:
 
     def row(self, size: float, end: str = "") -> TypesetFormula:
         """Typeset everything up to a token."""
-        found = TypesetFormula(above=0.75 * size, below=0.22 * size)
+        formula = TypesetFormula(above=0.75 * size, below=0.22 * size)
         while self.at < len(self.tokens):
             token = self._next()
             if token == end:
@@ -220,10 +220,10 @@ class _Typesetter:
             if token in "^_":
                 below = token == "_"
                 index = self._argument(size * _SMALLER)
-                found = found.then(index.moved(0, size * (_LOWER if below else -_RAISE)))
+                formula = formula.then(index.moved(0, size * (_LOWER if below else -_RAISE)))
             else:
-                found = found.then(self._atom(token, size))
-        return found
+                formula = formula.then(self._atom(token, size))
+        return formula
 
     def _next(self) -> str:
         token: str = self.tokens[self.at]

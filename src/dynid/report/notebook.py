@@ -56,9 +56,9 @@ def html(result: Result) -> str:
     from dynid.report.content import content
     from dynid.report.page.nodes import node, page_sections
 
-    found = content(result)
-    parts = [f"<p><strong>{escape(result.title or result.kind)}</strong><br>{escape(found.method)}</p>"]
-    places = (page_sections(found.sections, place) for place in ("answer", "details", "derivation"))
+    answer = content(result)
+    parts = [f"<p><strong>{escape(result.title or result.kind)}</strong><br>{escape(answer.method)}</p>"]
+    places = (page_sections(answer.sections, name) for name in ("answer", "details", "derivation"))
     for k, section in enumerate(chain.from_iterable(places)):
         blocks = "".join(node(block, section.title, most=_ROWS) for block in section.blocks)
         state = " open" if k == 0 else ""
@@ -89,16 +89,16 @@ def axes(result: Result, name: str) -> Any:
     """
     import matplotlib.pyplot as plt
 
-    every = {figure.name: figure for figure in figures(result)}
-    if name not in every:
+    by_name = {figure.name: figure for figure in figures(result)}
+    if name not in by_name:
         raise UsageError(
-            f"the result has no figure '{name}'{_near_figure(name, every)}",
-            remedy=f"It has {shortened([*every])}.",
+            f"the result has no figure '{name}'{_near_figure(name, by_name)}",
+            remedy=f"It has {shortened([*by_name])}.",
         )
     charts: list[Sequence[Sequence[Subplot]]] = []
     token = declared.set(charts)
     try:
-        every[name].draw()
+        by_name[name].draw()
     finally:
         declared.reset(token)
     if len(charts) != 1:
@@ -116,30 +116,30 @@ def axes(result: Result, name: str) -> Any:
         width_ratios=[plot.weight for plot in longest],
         figsize=(across * max(1, _SHARE * len(longest)), down * max(1, _SHARE * len(rows))),
     )
-    figure.suptitle(every[name].title)
+    figure.suptitle(by_name[name].title)
     explained: set[str] = set()
     for row, places in zip(rows, grid, strict=True):
-        for plot, place in zip(row, places, strict=False):
-            _draw(plot, place)
-            labels = set(place.get_legend_handles_labels()[1])
+        for plot, subaxes in zip(row, places, strict=False):
+            _draw(plot, subaxes)
+            labels = set(subaxes.get_legend_handles_labels()[1])
             if not labels <= explained:
-                place.legend()
+                subaxes.legend()
                 explained |= labels
         for empty in places[len(row) :]:
             empty.set_axis_off()
     return grid[0, 0] if grid.size == 1 else grid
 
 
-def _near_figure(name: str, every: Collection[str]) -> str:
+def _near_figure(name: str, names: Collection[str]) -> str:
     """Return a suggestion for a name of figures, also for a path or a beginning: poles of poles-m.f-F."""
     beginnings: dict[str, str] = {}
-    for figure in every:
+    for figure in names:
         parts = figure.split("-")
         for length in range(len(parts), 0, -1):
             beginnings.setdefault("-".join(parts[:length]), figure)
     word = {"frequency-response": "bode"}.get(short := _last(name).replace("_", "-"), short)
     if word not in beginnings:
-        return did_you_mean(word, every) or did_you_mean(word, beginnings)
+        return did_you_mean(word, names) or did_you_mean(word, beginnings)
     return f"; did you mean '{beginnings[word]}'?"
 
 
@@ -246,8 +246,8 @@ def frame(result: Result, name: str) -> pandas.DataFrame:
             table = pandas.DataFrame.from_dict(rows, "index", columns=["value", "unit"])
             table.attrs |= _approximate(arrays)
             return table.rename_axis("quantity")
-        own, first = next(iter(arrays.items()))
-        labels = axis_of(result, own, axis, first.shape[0])
+        array_path, first = next(iter(arrays.items()))
+        labels = axis_of(result, array_path, axis, first.shape[0])
         if labels.units == RADIANS.name and unit.factor != 1:
             labels = replace(labels, labels=labels.labels * unit.factor, units=unit.name)
         heading = _heading(axis, labels.units)
@@ -280,10 +280,12 @@ def _single_numbers(result: Result, group: str) -> dict[str, Variable]:
 
 def _approximate(arrays: Mapping[str, Variable]) -> dict[str, Any]:
     """Return the attribute of a frame that has the names of what is approximate, with the reason of each."""
-    found = {
-        _last(key): one.attrs["approximate"] for key, one in arrays.items() if "approximate" in one.attrs
+    reasons = {
+        _last(key): variable.attrs["approximate"]
+        for key, variable in arrays.items()
+        if "approximate" in variable.attrs
     }
-    return {"approximate": found} if found else {}
+    return {"approximate": reasons} if reasons else {}
 
 
 def _samples(result: Result) -> tuple[dict[str, NDArray[Any]], dict[str, str]]:
@@ -382,12 +384,12 @@ def _columns(
             axis_of(result, path, dim, length)
             for dim, length in zip(variable.dims[1:], data.shape[1:], strict=True)
         ]
-        for place in np.ndindex(data.shape[1:]):
-            labels = [axis.labels[k] for axis, k in zip(axes, place, strict=True)]
+        for entry_index in np.ndindex(data.shape[1:]):
+            labels = [axis.labels[k] for axis, k in zip(axes, entry_index, strict=True)]
             texts = (label if isinstance(label, str) else word(label) for label in labels)
             heading = _heading(name, variable.units)
             entry = f"{heading}[{','.join(texts)}]" if axes else heading
-            columns[entry] = data[(slice(None), *place)]
+            columns[entry] = data[(slice(None), *entry_index)]
             if variable.units:
                 units[entry] = variable.units
     first = ("estimate", "standard_error")

@@ -29,7 +29,7 @@ def scene_of(result: Result) -> Scene:
     """
     designed: tuple[tuple[str, float], ...] = ()
     if f"{_DESIGN}/value" in result:
-        names, values = (result[f"{_DESIGN}/{part}"].data.tolist() for part in ("name", "value"))
+        names, values = (result[f"{_DESIGN}/{column}"].data.tolist() for column in ("name", "value"))
         designed = tuple(zip(names, values, strict=True))
     return scene_of_text(str(result.attrs.get("scene", "")), designed)
 
@@ -102,10 +102,10 @@ class _PeakResponses(NamedTuple):
 def peak_responses(result: Result, group: str) -> _PeakResponses:
     """Return the largest magnitudes of frequency responses, refined between the frequencies if stored so."""
     unit = frequency_unit(result)
-    own = group.replace("frequency_response", "frequency_peaks")
+    peaks = group.replace("frequency_response", "frequency_peaks")
     omega = result[f"{group}/omega"].data
-    if f"{own}/omega" in result:
-        where, largest = result[f"{own}/omega"].data, result[f"{own}/magnitude"].data
+    if f"{peaks}/omega" in result:
+        where, largest = result[f"{peaks}/omega"].data, result[f"{peaks}/magnitude"].data
     else:
         sizes = np.abs(result[f"{group}/response"].data)
         where, largest = omega[sizes.argmax(axis=0)], sizes.max(axis=0)

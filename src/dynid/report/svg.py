@@ -97,8 +97,8 @@ def css() -> str:
 
 def resolved(svg: str, *, dark: bool = False) -> str:
     """Return a figure with the colours of one theme in place of CSS variables."""
-    known = "|".join(COLOURS)  # animations have variables, too
-    text = re.sub(rf"var\(--({known})(?:, [^)]*)?\)", lambda match: COLOURS[match[1]][dark], svg)
+    names = "|".join(COLOURS)  # animations have variables, too
+    text = re.sub(rf"var\(--({names})(?:, [^)]*)?\)", lambda match: COLOURS[match[1]][dark], svg)
     start, end = text.find(".fig {"), text.find(".fig text {")
     return text[:start] + text[end:] if 0 <= start < end else text
 

@@ -81,8 +81,8 @@ def without_warnings(result: Result) -> Result:
 
 def doubtful(result: Result) -> Iterator[ReportSection]:
     """Yield the verdicts that round-off leaves undecided."""
-    if found := doubts(result):
-        statements = tuple(Statement(text, "bad") for text in found)
+    if texts := doubts(result):
+        statements = tuple(Statement(text, "bad") for text in texts)
         yield ReportSection("Undecided verdicts", statements, "answer", screen="")
 
 
@@ -112,12 +112,12 @@ def expectations(result: Result) -> Iterator[ReportSection]:
         yield ReportSection("Expectations in full", (table,))
 
 
-def part_name(result: Result, part: str) -> str:
+def part_name(result: Result, name: str) -> str:
     """Return the name of a part of the model in words."""
     names = {"storages": "storage elements"}
     if result.kind == "identification":
         names["engines"] = "estimation methods"
-    return names.get(part, part)
+    return names.get(name, name)
 
 
 def need(result: Result) -> Iterator[ReportSection]:
@@ -129,12 +129,12 @@ def need(result: Result) -> Iterator[ReportSection]:
         result[f"{group}/{name}"].data for name in ("part", "kept", "left_out", "left_out_names", "why")
     ]
     rows, brief, full = [], [], []
-    for part, kept, left, listed, why in zip(*columns, strict=True):
-        name, names = part_name(result, str(part)), str(listed) if len(str(listed)) < _NAMES else ""
+    for section, kept, left, listed, why in zip(*columns, strict=True):
+        name, names = part_name(result, str(section)), str(listed) if len(str(listed)) < _NAMES else ""
         rows.append((name, f"{int(kept):,}", f"{int(left):,}", names, str(why)))
         if left:
             brief.append(f"{left:,} of {kept + left:,} {name}")
-            full.append(f"{brief[-1]}{f': {names}' if names and part != 'results' else ''} ({why})")
+            full.append(f"{brief[-1]}{f': {names}' if names and section != 'results' else ''} ({why})")
     heads = ("", "included", "omitted", "", "reason")
     yield ReportSection("Model scope", (TextTable(heads, tuple(rows)),))
     text = f"left out: {'; '.join(full) or 'nothing'}"

@@ -70,7 +70,7 @@ def sections(result: Result) -> Iterator[ReportSection]:
         yield ReportSection("Measurement", tuple(map(Statement, notes)), "", screen="")
 
 
-def _table(about: Mapping[str, Scalar], every: list[BenchmarkRow]) -> TextTable:
+def _table(about: Mapping[str, Scalar], measurements: list[BenchmarkRow]) -> TextTable:
     rows = tuple(
         (
             row.name,
@@ -80,9 +80,9 @@ def _table(about: Mapping[str, Scalar], every: list[BenchmarkRow]) -> TextTable:
             _error_text(row.error),
             row.marks,
         )
-        for row in every
+        for row in measurements
     )
-    marked = frozenset(k for k, row in enumerate(every) if row.best)
+    marked = frozenset(k for k, row in enumerate(measurements) if row.best)
     heads = ("", str(about["size"]), "time", "memory", "error", "")
     return TextTable(heads, rows, marked, str(about["title"]), brief=ALL, most=ALL)
 
@@ -138,7 +138,7 @@ def remarks(result: Result, group: str) -> Iterator[tuple[str, str]]:
     about = result.group_attrs[group]
     yield "error", str(about["measure"])
     attributes = {name: result.group_attrs[f"{group}/{name}"] for name in _alternatives(result, group)}
-    powers = [f"{name} {given['exponent']:.2f}" for name, given in attributes.items() if "exponent" in given]
+    powers = [f"{name} {attrs['exponent']:.2f}" for name, attrs in attributes.items() if "exponent" in attrs]
     if powers:
         yield f"time grows with {about['size']} to the power of", ", ".join(powers)
     if "beaten" in about:

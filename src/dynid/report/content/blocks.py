@@ -195,10 +195,10 @@ def on_page(block: AnyBlock) -> AnyBlock:
     return replace(block, reader="page")
 
 
-def joined(names: Iterable[Any], most: int) -> str:
+def joined(names: Iterable[Any], limit: int) -> str:
     """Return a list of names, cut off after so many."""
     listed = [str(name) for name in names]
-    return ", ".join(listed[:most]) + (f", … ({len(listed)} in all)" if len(listed) > most else "")
+    return ", ".join(listed[:limit]) + (f", … ({len(listed)} in all)" if len(listed) > limit else "")
 
 
 class Formula(str):

@@ -149,16 +149,16 @@ def system_text(result: Result) -> str:
 def _point_facts(result: Result) -> Iterator[tuple[str, str]]:
     """Yield what was found of the operating point, its constant inputs, residual and condition."""
     about = result.group_attrs[POINT]
-    found = str(about["status"])
+    state = str(about["status"])
     if f"{POINT}/stability" in result:
         kinds = [str(kind) for kind in result[f"{POINT}/stability"].data]
         number = int(result.value(f"{POINT}/chosen"))
-        found += (
+        state += (
             f", {kinds[number - 1]}"
             if len(kinds) == 1
             else f" ({', '.join(kinds)}); number {number} is analysed"
         )
-    yield "point", found
+    yield "point", state
     names, values = (result[f"{POINT}/{name}"].data for name in ("input", "input_value"))
     if len(names):
         yield "inputs", ", ".join(f"{n} = {v:.6g}" for n, v in zip(names, values, strict=True))
@@ -234,20 +234,20 @@ def _with_rows(blocks: tuple[Block, ...]) -> tuple[Block, ...]:
     return tuple(block for block in blocks if not isinstance(block, TextTable) or block.rows)
 
 
-def _margin_texts(result: Result, place: int) -> dict[str, str]:
+def _margin_texts(result: Result, loop: int) -> dict[str, str]:
     """Return the margins of the loop at a place; those of gain and phase with their crossover frequencies.
 
     None of them is defined where the closed loop is not stable: its S and T are of no steady response.
     """
     unit, texts = frequency_unit(result), {}
-    stable = bool(result["bond_graph/margins/stable"].data[place])
+    stable = bool(result["bond_graph/margins/stable"].data[loop])
     for name, (sign, crossover) in _MARGINS.items():
-        size, where = float(result[f"bond_graph/margins/{name}"].data[place]), ""
+        size, where = float(result[f"bond_graph/margins/{name}"].data[loop]), ""
         if np.isnan(size) or not stable:
             texts[name] = "undecided" if stable else "not defined"
             continue
         if crossover:
-            at = float(result[f"bond_graph/margins/{crossover}"].data[place]) * unit.factor
+            at = float(result[f"bond_graph/margins/{crossover}"].data[loop]) * unit.factor
             where = f" at {at:.4g} {unit.name}" if np.isfinite(at) else " at high frequencies"
         texts[name] = f"{size:.4g}{sign}{where}" if np.isfinite(size) else "∞"
     return texts
@@ -413,8 +413,8 @@ def _port_items(result: Result) -> Iterator[tuple[str, tuple[str, ...]]]:
             for what, key in (("missed", "missed_roots"), ("not of it", "foreign_roots"))
             if (path := f"{group}/{key}") in result and len(result[path].data)
         ]
-        found = roots_text(result[f"{group}/roots"].data, hertz=hertz)
-        yield name, (f"{result.value(f'{group}/equation')}:  {found}", *others)
+        roots = roots_text(result[f"{group}/roots"].data, hertz=hertz)
+        yield name, (f"{result.value(f'{group}/equation')}:  {roots}", *others)
     response = f"{PORT}/zero_dynamics/response"
     if f"{response}/exact" in result:
         exact = Formula(f"= {result.value(f'{response}/exact')}")

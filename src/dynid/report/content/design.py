@@ -26,13 +26,13 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
     )
     parts = ("name", "start", "value", "min", "max", "bound", "influence")
     rows = []
-    for beside, name, start, value, low, high, bound, used in zip(
-        values, *(result[f"{DESIGN}/{part}"].data for part in parts), strict=True
+    for compared, name, start, value, low, high, bound, used in zip(
+        values, *(result[f"{DESIGN}/{column}"].data for column in parts), strict=True
     ):
         remark = "" if used else "no target depends on it"
         remark = f"at its {bound}" if bound else remark
         limits = [f"{edge:.6g}" if math.isfinite(edge) else "" for edge in (low, high)]
-        cells = [general(one, 6) for one in (start, value, *beside)]
+        cells = [general(number, 6) for number in (start, value, *compared)]
         rows.append((str(name), *cells, *limits, remark))
     return ("", "start", "designed", *others, "min", "max", ""), rows
 
@@ -41,8 +41,8 @@ def _target_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]
     """Return headings and rows of the targets: wanted, at the start, reached, and by other designs."""
     group, unit = f"{DESIGN}/targets", frequency_unit(result)
     get = {
-        part: result[f"{group}/{part}"].data
-        for part in (
+        column: result[f"{group}/{column}"].data
+        for column in (
             *_NAMES,
             "wanted",
             "wanted_damping",
@@ -59,10 +59,10 @@ def _target_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]
         if kind in _ROOTS:
             damped = bool(get["damping_wanted"][k])
             cells = [f"{kind} of {channel}, {unit.name}{', ζ' if damped else ''}"]
-            for part in ("wanted", "start", "reached"):
-                cells.append(_root(get[part][k], get[f"{part}_damping"][k], unit.factor, damped))
+            for column in ("wanted", "start", "reached"):
+                cells.append(_root(get[column][k], get[f"{column}_damping"][k], unit.factor, damped))
             for row in range(len(others)):
-                omega, damping = (result[f"{DESIGN}/compared/{part}"].data[row, k] for part in _REACHED)
+                omega, damping = (result[f"{DESIGN}/compared/{column}"].data[row, k] for column in _REACHED)
                 cells.append(_root(omega, damping, unit.factor, damped))
         else:
             word = {"peak": "peak", "h2": "H2 norm", "hinf": "H∞ norm"}[str(kind)]
@@ -109,9 +109,9 @@ def statements(result: Result) -> Iterator[Statement]:
     others = len(counts) - 1
     if others:
         local = result[f"{DESIGN}/optima/objective"].data[1:]
-        least = f"{DESIGN}/optimum" in result
-        words = ("local minimum", "local minima") if least else ("solution", "solutions")
-        values = f" with {', '.join(general(value, 6) for value in local[:4])}" if least else ""
+        minimised = f"{DESIGN}/optimum" in result
+        words = ("local minimum", "local minima") if minimised else ("solution", "solutions")
+        values = f" with {', '.join(general(value, 6) for value in local[:4])}" if minimised else ""
         yield Statement(f"{ended}, {counts[0]} in this one; {others} other {words[others > 1]}{values}")
     else:
         here = "all" if counts[0] == about["ended"] else str(counts[0])

@@ -62,7 +62,7 @@ def _bound_table(result: Result) -> TextTable:
     rows = tuple(
         (headed(name, unit), quantity(value), bound_text(bound), *([bound_text(lower)] if of_time else []))
         for name, unit, value, bound, lower in zip(
-            *(result[f"{GROUP}/{part}"].data for part in names), strict=True
+            *(result[f"{GROUP}/{column}"].data for column in names), strict=True
         )
     )
     heads = ("", "value", "CR bound", *(["CR bound, initial state known"] if of_time else []))
@@ -255,37 +255,37 @@ def known_parts_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, 
     The standard errors stand above, the errors with all stated deviations below. Rows are those of the
     largest effects in standard errors.
     """
-    found, converged = _calibration_effects(result), "identification/diagnostics/converged"
-    if found is None or len(found.parameters) > _COLUMNS:
+    effects, converged = _calibration_effects(result), "identification/diagnostics/converged"
+    if effects is None or len(effects.parameters) > _COLUMNS:
         return (), [], []
     if converged in result and not result.value(converged):
         return (), [], []
     group = "identification/parameters"
     estimated = f"{group}/estimate" in result
-    size = np.abs(result[f"{group}/estimate"].data) if estimated else np.ones(len(found.parameters))
+    size = np.abs(result[f"{group}/estimate"].data) if estimated else np.ones(len(effects.parameters))
     path = f"{group}/standard_error" if estimated else f"{GROUP}/relative_bound"
     bars = result[path].data / np.where(size > 0, size, 1.0)
-    effect = np.nan_to_num(np.abs(found.moves) / np.where(bars > 0, bars, np.inf)[:, None]).max(axis=0)
-    known = np.flatnonzero((found.kinds == "known") & (effect > _WORTH) & (effect < _UNTOLD))
+    effect = np.nan_to_num(np.abs(effects.moves) / np.where(bars > 0, bars, np.inf)[:, None]).max(axis=0)
+    indices = np.flatnonzero((effects.kinds == "known") & (effect > _WORTH) & (effect < _UNTOLD))
     total = f"{group}/standard_error_total"
-    if not (known.size or total in result):
+    if not (indices.size or total in result):
         return (), [], []
     rows = [("standard error", *(percent(100 * bar) for bar in bars), "")]
-    shown = known[np.argsort(-effect[known], kind="stable")][:_KNOWN]
+    shown = indices[np.argsort(-effect[indices], kind="stable")][:_KNOWN]
     rows += [
         (
-            found.changes[j],
-            *("-" if abs(move) < _LEAST else _percent(move) for move in found.moves[:, j]),
-            percent(100 * found.seen_from[j]) if found.seen_from[j] < 1 else "-",
+            effects.changes[j],
+            *("-" if abs(move) < _LEAST else _percent(move) for move in effects.moves[:, j]),
+            percent(100 * effects.seen_from[j]) if effects.seen_from[j] < 1 else "-",
         )
         for j in shown.tolist()
     ]
     if total in result:
         errors = result[total].data / np.where(size > 0, size, 1.0)
         rows.append(("with the stated deviations", *(percent(100 * error) for error in errors), ""))
-    left = len(known) - len(shown)
+    left = len(indices) - len(shown)
     remarks = [f"{left} more: identification/considered, or the report"] if left else []
-    return ("bias of the estimates by", *found.parameters, "residuals show it from"), rows, remarks
+    return ("bias of the estimates by", *effects.parameters, "residuals show it from"), rows, remarks
 
 
 def calibration_sentences(result: Result) -> Iterator[str]:
@@ -293,48 +293,48 @@ def calibration_sentences(result: Result) -> Iterator[str]:
 
     Effects that are small beside the standard error have none, nor have effects on rejected estimates.
     """
-    found, converged = _calibration_effects(result), "identification/diagnostics/converged"
-    if found is None or (converged in result and not result.value(converged)):
+    effects, converged = _calibration_effects(result), "identification/diagnostics/converged"
+    if effects is None or (converged in result and not result.value(converged)):
         return
     worst: list[tuple[int, int]] = []  # parameter and quantity, by the effect in standard errors if known
     for kind in ("load", "sensor", "delay", "parameter"):
-        size = np.where(found.kinds == kind, np.nan_to_num(np.abs(found.moves)), 0.0)
+        size = np.where(effects.kinds == kind, np.nan_to_num(np.abs(effects.moves)), 0.0)
         size[size < _LEAST] = 0.0
-        weight = np.where(size > 0, np.nan_to_num(found.deviations), 0.0)
+        weight = np.where(size > 0, np.nan_to_num(effects.deviations), 0.0)
         ranked = np.where(weight > _WORTH, weight, 0.0) if weight.any() else size
         if ranked.any():
             row, column = np.unravel_index(int(np.argmax(ranked)), ranked.shape)
             worst.append((int(row), int(column)))
     for k, j in worst:
-        biases = " and ".join(_bias(found, row, j) for row in _named(found, k, j))
-        included = "; included in standard_error_total" if found.kinds[j] == "parameter" else ""
-        yield f"{found.changes[j]} would bias {biases}{included}"
-    errors = (float(found.deviations[k, j]) for k, j in worst if found.kinds[j] != "parameter")
+        biases = " and ".join(_bias(effects, row, j) for row in _named(effects, k, j))
+        included = "; included in standard_error_total" if effects.kinds[j] == "parameter" else ""
+        yield f"{effects.changes[j]} would bias {biases}{included}"
+    errors = (float(effects.deviations[k, j]) for k, j in worst if effects.kinds[j] != "parameter")
     if any(CALIBRATION.value < many < _UNTOLD for many in errors):
         yield "the error bars do not include these errors"
 
 
-def _named(found: _CalibrationEffects, worst: int, quantity: int) -> list[int]:
+def _named(effects: _CalibrationEffects, worst: int, quantity: int) -> list[int]:
     """Return the parameter that moves most in standard errors, and that which moves most, if another.
 
     What moves by less than its error bar is no other.
     """
-    moves = np.where(found.deviations[:, quantity] > 1, np.abs(found.moves[:, quantity]), 0.0)
+    moves = np.where(effects.deviations[:, quantity] > 1, np.abs(effects.moves[:, quantity]), 0.0)
     largest = int(np.argmax(moves))
-    return [worst] if moves[largest] <= abs(found.moves[worst, quantity]) else [worst, largest]
+    return [worst] if moves[largest] <= abs(effects.moves[worst, quantity]) else [worst, largest]
 
 
-def _bias(found: _CalibrationEffects, parameter: int, quantity: int) -> str:
+def _bias(effects: _CalibrationEffects, parameter: int, quantity: int) -> str:
     """Return the change of an estimate, also in standard errors where these are not of round-off."""
-    many = float(np.nan_to_num(found.deviations[parameter, quantity]))
-    said = f"{found.parameters[parameter]} by {_percent(found.moves[parameter, quantity])}"
+    many = float(np.nan_to_num(effects.deviations[parameter, quantity]))
+    said = f"{effects.parameters[parameter]} by {_percent(effects.moves[parameter, quantity])}"
     if not 0 < many < _UNTOLD:
         return said
     return f"{said} ({f'{many:.0f}' if 100 <= many < 1e5 else f'{many:.2g}'} standard errors)"
 
 
-def _percent(part: float) -> str:
-    return f"{100 * part:+.2g} %" if abs(part) < 1 else f"{100 * part:+.0f} %"
+def _percent(ratio: float) -> str:
+    return f"{100 * ratio:+.2g} %" if abs(ratio) < 1 else f"{100 * ratio:+.0f} %"
 
 
 def calibration_sections(result: Result) -> Iterator[ReportSection]:
@@ -354,10 +354,10 @@ def calibration_sections(result: Result) -> Iterator[ReportSection]:
     )
     caption = "first-order changes of the estimates that each error would cause"
     table = on_page(TextTable(("", *effects.parameters), rows, caption=caption, noun="quantity"))
-    heads, known, remarks = known_parts_table(result)
+    heads, bias_rows, remarks = known_parts_table(result)
     biases: tuple[Block, ...] = ()
-    if known and "identification/parameters/estimate" in result:  # beside the standard errors
-        biases = (TextTable(heads, tuple(known)), *map(Statement, remarks))
+    if bias_rows and "identification/parameters/estimate" in result:  # beside the standard errors
+        biases = (TextTable(heads, tuple(bias_rows)), *map(Statement, remarks))
     sentences = map(Statement, calibration_sentences(result))
     blocks = (*map(on_screen, biases), *sentences, table)
     yield ReportSection("Calibration errors", blocks, screen="")

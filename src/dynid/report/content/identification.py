@@ -106,7 +106,7 @@ def _estimate_sections(result: Result) -> Iterator[ReportSection]:
 def _computed_modes(result: Result) -> ReportSection:
     """Return the modes of the structure with its masses without inertia."""
     group = "structure/modes"
-    omega, damping, names = (result[f"{group}/{part}"].data for part in ("omega", "damping", "name"))
+    omega, damping, names = (result[f"{group}/{column}"].data for column in ("omega", "damping", "name"))
     rows = tuple(
         (
             str(k),
@@ -176,7 +176,7 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
         for name, variable in result.items()
         if name.startswith(f"{group}/")
     }
-    known, exact = bool(np.isfinite(get["true"]).any()), _is_round_off(result)
+    compared, exact = bool(np.isfinite(get["true"]).any()), _is_round_off(result)
     barred = not (exact or is_rejected(result))
     bounded = barred and bool(np.isfinite(get["true"]).all())
     contradicted = f"{_DIAGNOSTICS}/noise_contradicted"
@@ -185,10 +185,10 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
         scaled = None
     heading = "nominal 95 % interval" if lacks_fit(result) else "95 % interval"
     bars = (heading, *(() if scaled is None else ("for residual noise",))) if barred else ()
-    truths = (*(("true", "error") if known else ()), *(("CR bound",) if bounded else ()))
+    truths = (*(("true", "error") if compared else ()), *(("CR bound",) if bounded else ()))
     rows, linear = [], linear_parameters(result)
     for k, name in enumerate(get["name"]):
-        estimate, true = (float(get[part][k]) for part in ("estimate", "true"))
+        estimate, true = (float(get[column][k]) for column in ("estimate", "true"))
         error = float(get["standard_error"][k]) if barred else math.nan
         shown: tuple[str, ...] = (quantity(estimate, abs(estimate) * 1e-4 if exact else None),)
         if barred and not math.isfinite(error):
@@ -201,9 +201,9 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
             )
             shown = (with_error(estimate, error), f"{quantity(low, error)} … {quantity(high, error)}")
         off = percent(get["error_percent"][k]) if true else "-"
-        truth = (quantity(true), off) if known else ()
-        least = float(get["cramer_rao"][k]) if bounded else 0.0
-        bound = (percent(100 * least / abs(true)) if true else quantity(least),) if bounded else ()
+        truth = (quantity(true), off) if compared else ()
+        bound_size = float(get["cramer_rao"][k]) if bounded else 0.0
+        bound = (percent(100 * bound_size / abs(true)) if true else quantity(bound_size),) if bounded else ()
         rows.append(
             (
                 headed(name, get["unit"][k]),
@@ -225,15 +225,15 @@ def _record_summary(result: Result) -> str:
     """Return the number of states, unknowns, records and samples, and the channels."""
     group = _MEASURED
     several = [path for path in result if path.startswith(f"{group}/record_") and path.endswith("/measured")]
-    every = [path.removesuffix("/measured") for path in several] or [group]
+    groups = [path.removesuffix("/measured") for path in several] or [group]
     unknowns = counted(len(result[f"{_estimates_group(result)}/name"].data), "unknown parameter")
-    if f"{every[0]}/measured" not in result:
+    if f"{groups[0]}/measured" not in result:
         return f"{unknowns}; {modal_summary(result)}" if has_modes(result) else unknowns
-    measured = [result[f"{path}/measured"].data for path in every]
-    lists = list(dict.fromkeys(", ".join(result[f"{path}/channel"].data) for path in every))
+    measured = [result[f"{path}/measured"].data for path in groups]
+    lists = list(dict.fromkeys(", ".join(result[f"{path}/channel"].data) for path in groups))
     missing = sum(int(np.isnan(values).sum()) for values in measured)
     gaps = f", {missing} missing" if missing else ""
-    paths = [path for name in every if (path := f"{name}/samples_left_out") in result]
+    paths = [path for name in groups if (path := f"{name}/samples_left_out") in result]
     left_out = sum(int(result.value(path)) for path in paths)
     if left_out:
         gaps += f"; {counted(left_out, 'sample')} left out, at which not every input is known (delays)"
@@ -242,12 +242,12 @@ def _record_summary(result: Result) -> str:
         span = span_text(unit.factor * omega[0], unit.factor * omega[-1], 5)
         lines = f"{counted(len(omega), 'line')}, {span} {unit.name}"
         return f"{unknowns}; {lines}, of the frequency responses {lists[0]}{gaps}"
-    records = f"{counted(len(every), 'record')}, " if several else ""
+    records = f"{counted(len(groups), 'record')}, " if several else ""
     samples = counted(sum(map(len, measured)), "sample")
     record = f"{unknowns}; {records}{samples} of {'; '.join(lists)}{gaps}"
     if result.rejected:
         return record
-    states = len(result[f"{every[0].replace('measurement', 'history')}/component"].data)
+    states = len(result[f"{groups[0].replace('measurement', 'history')}/component"].data)
     scope = result.get("identification/need/part")
     reduced = scope is not None and "coordinates" in scope.data
     size = (
@@ -259,7 +259,9 @@ def _record_summary(result: Result) -> str:
 def preparation(result: Result) -> Iterator[str]:
     """Yield the preparation of the records, one line for records with the same steps."""
     attrs = (attrs for group, attrs in result.group_attrs.items() if _MEASURED in group)
-    yield from dict.fromkeys(f"prepared: {found['prepared']}" for found in attrs if "prepared" in found)
+    yield from dict.fromkeys(
+        f"prepared: {record_attrs['prepared']}" for record_attrs in attrs if "prepared" in record_attrs
+    )
 
 
 def is_rejected(result: Result) -> bool:
@@ -275,12 +277,12 @@ def is_open(result: Result) -> bool:
 
     Those are not identifiable, or interchangeable; the standard errors of the others are valid beside them.
     """
-    found = [
+    flags = [
         result.get(f"{_DIAGNOSTICS}/{name}") for name in ("converged", "optimum", "explained", "redundancy")
     ]
-    if result.rejected or any(variable is None for variable in found):
+    if result.rejected or any(variable is None for variable in flags):
         return False
-    converged, optimum, explained, redundancy = (variable.data for variable in found if variable is not None)
+    converged, optimum, explained, redundancy = (variable.data for variable in flags if variable is not None)
     return bool(not converged and optimum and explained and redundancy > 0)
 
 
@@ -304,8 +306,8 @@ def _is_modal(result: Result) -> bool:
 
 def lacks_fit(result: Result) -> bool:
     """Return True if the residuals contradict the model, also where it explains most of the signal."""
-    found = result.get(f"{_DIAGNOSTICS}/lacks_fit")
-    return found is not None and bool(found.data)
+    flag = result.get(f"{_DIAGNOSTICS}/lacks_fit")
+    return flag is not None and bool(flag.data)
 
 
 def _is_round_off(result: Result) -> bool:
@@ -358,17 +360,17 @@ def noise_sentences(result: Result) -> Iterator[str]:
     names = [str(name) for name in result[f"{group}/channel"].data]
     if f"{group}/ratio" in result:
         ratios = 100 * result[f"{group}/ratio"].data
-        each = [f"{short_percent(ratio)} in {name}" for ratio, name in zip(ratios, names, strict=True)]
+        channels = [f"{short_percent(ratio)} in {name}" for ratio, name in zip(ratios, names, strict=True)]
         title = "noise in proportion to the response: "
     else:
         orders, coefficients = result[f"{group}/order"].data, result[f"{group}/coefficients"].data
-        each = []
+        channels = []
         for name, order, row in zip(names, orders, coefficients, strict=True):
             shown = ", ".join(f"{a:.3g}" for a in row[: min(order, _COEFFICIENTS)])
             more = ", …" if order > _COEFFICIENTS else ""
-            each.append(f"{name} of order {order} ({shown}{more})" if order else f"{name} white")
+            channels.append(f"{name} of order {order} ({shown}{more})" if order else f"{name} white")
         title = "coloured noise (autoregression): "
-    yield f"{title}{', '.join(each[:_CHANNELS])}{', …' if len(each) > _CHANNELS else ''}"
+    yield f"{title}{', '.join(channels[:_CHANNELS])}{', …' if len(channels) > _CHANNELS else ''}"
 
 
 def _rejected_bars(result: Result) -> str:

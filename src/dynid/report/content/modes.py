@@ -31,7 +31,11 @@ def modal_summary(result: Result) -> str:
 
 def modal_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return headings and rows of the modes: frequency, its error and MAC before and after."""
-    get = {path.removeprefix(f"{GROUP}/"): one.data for path, one in result.items() if path.startswith(GROUP)}
+    get = {
+        path.removeprefix(f"{GROUP}/"): variable.data
+        for path, variable in result.items()
+        if path.startswith(GROUP)
+    }
     unit = result[f"{GROUP}/frequency_measured"].units
     shapes, damping, left = "mac" in get, "damping_measured" in get, "left_out_error" in get
     heads = ["mode", f"measured {unit}", "model", "error at start", "error"]
@@ -52,15 +56,15 @@ def modal_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]
 def _modal_statements(result: Result) -> list[str]:
     """Return what follows from a fit to modes: errors of the model's form, what the data determine."""
     path = f"{GROUP}/statements"
-    return [str(one) for one in result[path].data] if path in result else []
+    return [str(text) for text in result[path].data] if path in result else []
 
 
-def _signed(part: float) -> str:
-    return "-" if np.isnan(part) else f"{100 * part:+.2f} %"
+def _signed(ratio: float) -> str:
+    return "-" if np.isnan(ratio) else f"{100 * ratio:+.2f} %"
 
 
-def _percent(part: float) -> str:
-    return "-" if np.isnan(part) else f"{100 * part:.3g} %"
+def _percent(ratio: float) -> str:
+    return "-" if np.isnan(ratio) else f"{100 * ratio:.3g} %"
 
 
 def _criterion(value: float) -> str:
@@ -95,14 +99,14 @@ def derived_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]
         if not path.startswith(DERIVED) or not path.endswith("/frequency/value"):
             continue
         group = path.removesuffix("/frequency/value")
-        kind, _, place = group.removeprefix(f"{DERIVED}/").partition("/")
+        kind, _, channel = group.removeprefix(f"{DERIVED}/").partition("/")
         get = {
             (name, end): result[f"{group}/{name}/{end}"].data
             for name in ("frequency", "damping")
             for end in ("value", "low", "high")
         }
         for k in range(len(result[path].data)):
-            cells = [f"{'zero' if kind == 'zeros' else 'mode'} {k + 1}{f' of {place}' if place else ''}"]
+            cells = [f"{'zero' if kind == 'zeros' else 'mode'} {k + 1}{f' of {channel}' if channel else ''}"]
             for name, factor in (("frequency", unit.factor), ("damping", 100.0)):
                 value, low, high = (factor * float(get[name, end][k]) for end in ("value", "low", "high"))
                 error = (high - low) / 4
@@ -116,7 +120,7 @@ def statements(result: Result) -> Iterator[str]:
     """Yield the verdicts on the identified model, and that on its posterior."""
     group = f"{DERIVED}/verdicts"
     if f"{group}/verdict" in result and is_requested(result):
-        names, texts = (result[f"{group}/{part}"].data for part in ("verdict", "statement"))
+        names, texts = (result[f"{group}/{column}"].data for column in ("verdict", "statement"))
         for name, text in zip(names, texts, strict=True):
             channel = str(name).partition("minimum phase ")[2]
             yield f"{channel}: {text}" if channel else str(text)

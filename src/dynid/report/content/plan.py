@@ -110,7 +110,7 @@ def _best_sines_text(result: Result) -> str:
     """Return the heading of the table of sines."""
     group = "plan/excitation"
     count, amplitude = len(result[f"{group}/choice_dof"].data), result.value(f"{group}/amplitude")
-    unit = f" {found.units}" if (found := result[f"{group}/amplitude"]).units else ""
+    unit = f" {variable.units}" if (variable := result[f"{group}/amplitude"]).units else ""
     sines = f"best {counted(count, 'sine')}, amplitude {amplitude:.3g}{unit}{' each' if count > 1 else ''}"
     return f"{sines} (same total RMS as the present {driven(result)}); bounds with the present sensors"
 

@@ -48,7 +48,7 @@ def _method_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]
     rows = [(*full, *[""] * (5 + with_frac))]
     for index, name in enumerate(_names(result)):
         modes = _of(result, name, "mode")
-        found = dict(zip(modes.tolist(), _of(result, name, "frequencies"), strict=True))
+        frequency_of = dict(zip(modes.tolist(), _of(result, name, "frequencies"), strict=True))
         compared = np.isin(modes, sorted(common))
         error = np.abs(_of(result, name, "frequency_error"))[compared]
         agreement = np.diagonal(_of(result, name, "mac"))[compared]
@@ -62,7 +62,7 @@ def _method_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]
             (
                 name,
                 str(len(_of(result, name, "coordinate"))),
-                *(_frequency(found[k], unit) if k in found else "" for k in shown),
+                *(_frequency(frequency_of[k], unit) if k in frequency_of else "" for k in shown),
                 percent(100 * error.max()) if len(error) else "",
                 f"{agreement.min():.3f}" if len(agreement) else "",
                 *frac,
@@ -78,8 +78,8 @@ def _names(result: Result) -> list[str]:
     return list(result["reduction/method"].data)
 
 
-def _of(result: Result, name: str, part: str) -> NDArray[Any]:
-    return result[f"reduction/{name}/{part}"].data
+def _of(result: Result, name: str, array: str) -> NDArray[Any]:
+    return result[f"reduction/{name}/{array}"].data
 
 
 def _reference(result: Result) -> dict[int, float]:

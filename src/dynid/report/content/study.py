@@ -54,10 +54,13 @@ def sections(result: Result) -> Iterator[ReportSection]:
     yield from _statistics(table, shown, hidden)
     if met := tuple(_met_expectations(table)):
         always = sum(share == "all" for _, share in met)
-        text, share = min(met, key=lambda one: math.inf if one[1] == "all" else float(one[1].split()[0]))
+        text, share = min(
+            met,
+            key=lambda expectation: math.inf if expectation[1] == "all" else float(expectation[1].split()[0]),
+        )
         rarest = "" if always == len(met) else f"; least often: {text} ({share})"
-        every = f"every {_compared_samples(table).removesuffix('s')}"
-        summary = Statement(f"{every} meets {always} of {counted(len(met), 'expectation')}{rarest}")
+        subject = f"every {_compared_samples(table).removesuffix('s')}"
+        summary = Statement(f"{subject} meets {always} of {counted(len(met), 'expectation')}{rarest}")
         yield ReportSection("Expectations of the samples", (summary,), "answer")
         heads = ("expectations of the scene", f"share of the {_compared_samples(table)} that meet them")
         shares = TextTable(heads, met, brief=ALL, most=ALL)
@@ -133,7 +136,9 @@ def _approximate_texts(table: StudyTable) -> list[str]:
     for path in filter(table.is_number, table.paths):
         if reason := str(table.variable(path).attrs.get("approximate", "")):
             names.setdefault(reason, []).append(path.rpartition("/")[2])
-    return [f"approximate, {reason}: {', '.join(dict.fromkeys(found))}" for reason, found in names.items()]
+    return [
+        f"approximate, {reason}: {', '.join(dict.fromkeys(outputs))}" for reason, outputs in names.items()
+    ]
 
 
 def _status_text(table: StudyTable) -> str:
@@ -158,7 +163,7 @@ def _met_expectations(table: StudyTable) -> Iterator[tuple[str, str]]:
     count = sum(path.startswith("study/expect/") for path in result)
     try:
         data = plain_data(str(result.value("study/scene")))
-        texts = [f"{one['path']} {expected_words(one)}" for one in data["expect"]][:count]
+        texts = [f"{item['path']} {expected_words(item)}" for item in data["expect"]][:count]
     except (LookupError, TypeError):
         texts = [f"expectation {number + 1}" for number in range(count)]
     for number, text in enumerate(texts if done else ()):
@@ -167,7 +172,7 @@ def _met_expectations(table: StudyTable) -> Iterator[tuple[str, str]]:
 
 
 def variance_sources(
-    table: StudyTable, shown: list[tuple[str, StudyColumn]], most: int
+    table: StudyTable, shown: list[tuple[str, StudyColumn]], limit: int
 ) -> tuple[list[tuple[str, str]], list[str]]:
     """Return the inputs that contribute to the variance of each number, and remarks on the estimates.
 
@@ -175,7 +180,7 @@ def variance_sources(
     ----------
     table, shown
         The study, and its numbers with their paths.
-    most
+    limit
         Most numbers that are analysed.
     """
     influences = Influences(table)
@@ -183,22 +188,22 @@ def variance_sources(
     estimator, seen = "", np.empty(0)
     factors = short_paths(influences.factors)
     for path, column in shown:
-        indices = influences.of(column.values) if len(rows) < most else None
+        indices = influences.of(column.values) if len(rows) < limit else None
         # The magnitudes of a conjugate pair are the same.
         if indices is None or np.array_equal(column.values, seen, equal_nan=True):
             continue
         estimator, seen = indices.estimator, column.values
         largest = indices.first if indices.total is None else np.maximum(indices.first, indices.total)
         parts = []
-        for place in np.argsort(-largest, kind="stable")[:_FACTORS]:
-            first, error = indices.first[place], indices.first_error[place]
-            if not largest[place] > max(_LEAST, 2 * error if indices.total is None else 0):
+        for factor in np.argsort(-largest, kind="stable")[:_FACTORS]:
+            first, error = indices.first[factor], indices.first_error[factor]
+            if not largest[factor] > max(_LEAST, 2 * error if indices.total is None else 0):
                 continue
-            direction = influences.direction(int(place), column.values)
+            direction = influences.direction(int(factor), column.values)
             arrow = "" if not abs(direction) > 0.3 else " ↑" if direction > 0 else " ↓"
-            total = "" if indices.total is None else f" (in all {_percent(indices.total[place])} %)"
+            total = "" if indices.total is None else f" (in all {_percent(indices.total[factor])} %)"
             within = f" ± {float(f'{100 * error:.1g}'):g}" if error > _EXACT else ""
-            parts.append(f"{factors[place]}{arrow} {_percent(first)}{within} %{total}")
+            parts.append(f"{factors[factor]}{arrow} {_percent(first)}{within} %{total}")
         rows.append((display_name(table, path, column), ", ".join(parts)))
     if not rows:
         return [], []
@@ -211,8 +216,8 @@ def variance_sources(
     if len(factors) == 1 and influences.design is None:
         notes.append("lower bound: variation within the bins of an input is not counted")
     if influences.correlated is not None:
-        one, other, value = influences.correlated
-        notes.append(f"{one} and {other} are correlated ({value:.2g}): their parts overlap")
+        first_input, second_input, value = influences.correlated
+        notes.append(f"{first_input} and {second_input} are correlated ({value:.2g}): their parts overlap")
     return rows, notes
 
 
@@ -284,14 +289,14 @@ def _split_name(name: str) -> tuple[str, str]:
 
 def _constant_text(table: StudyTable, path: str, column: StudyColumn) -> str | None:
     """Return the value that a number has in every sample as text; None for one that varies."""
-    known = column.values[~np.isnan(column.values)]
-    if not len(known):
+    values = column.values[~np.isnan(column.values)]
+    if not len(values):
         return "without a value"
-    if known.min() != known.max():
+    if values.min() != values.max():
         return None
     if table.variable(path).attrs.get("stored") == "bool":
-        return "true" if known[0] else "false"
-    return f"{limit(float(known[0]))} {unit_text(column.units)}".rstrip()
+        return "true" if values[0] else "false"
+    return f"{limit(float(values[0]))} {unit_text(column.units)}".rstrip()
 
 
 def _having_it(table: StudyTable, column: StudyColumn) -> str:

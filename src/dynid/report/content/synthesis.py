@@ -66,7 +66,7 @@ def wanted(result: Result) -> tuple[tuple[str, str], str, str]:
     name = "Y(s)" if _about(result, "function") == "admittance" else "Z(s)"
     hertz, unit = in_hertz(result), unit_text(_about(result, "unit"))
     formula = next(iter(numeric_forms(result, "synthesis")), "as given")
-    zeros, poles = (roots_text(result[f"synthesis/{part}"].data, hertz=hertz) for part in ("zeros", "poles"))
+    zeros, poles = (roots_text(result[f"synthesis/{kind}"].data, hertz=hertz) for kind in ("zeros", "poles"))
     return (name, f"{formula} {unit}".rstrip()), zeros, poles
 
 
@@ -89,7 +89,7 @@ def _form_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]
 def elements(result: Result, form: str) -> Iterator[tuple[str, str, str]]:
     """Yield name, type and value of every element of a form."""
     units = ELEMENT_UNITS.get(_about(result, "domain"), {})
-    parts = (result[f"synthesis/{form}/{part}"].data for part in ("element", "type", "value"))
+    parts = (result[f"synthesis/{form}/{column}"].data for column in ("element", "type", "value"))
     for name, kind, value in zip(*parts, strict=True):
         yield str(name), str(kind), f"{quantity(float(value))} {units.get(str(kind), '')}".rstrip()
 

@@ -34,11 +34,11 @@ Definition = tuple[str, tuple[str, ...]]
 def channels(result: Result) -> list[Channel]:
     """Return (output, input) of every channel with results, in the scene's order."""
     prefixes = ("bond_graph/transfer_function/", "bond_graph/properties/", "bond_graph/sensitivities/")
-    found = dict.fromkeys(tuple(path.split("/")[2:4]) for path in result if path.startswith(prefixes))
+    pairs = dict.fromkeys(tuple(path.split("/")[2:4]) for path in result if path.startswith(prefixes))
     request = result.group_attrs.get("bond_graph", {})
     outputs, inputs = (str(request.get(key, "")).split(", ") for key in ("outputs", "inputs"))
-    ordered = [(output, source) for output in outputs for source in inputs if (output, source) in found]
-    return list(dict.fromkeys([*ordered, *((output, source) for output, source in found)]))
+    ordered = [(output, source) for output in outputs for source in inputs if (output, source) in pairs]
+    return list(dict.fromkeys([*ordered, *((output, source) for output, source in pairs)]))
 
 
 def _same_poles(result: Result, channels: list[Channel]) -> bool:
@@ -52,8 +52,8 @@ def _same_poles(result: Result, channels: list[Channel]) -> bool:
     )
     return first[0] is not None and all(
         (a is b is None) or (a is not None and b is not None and np.array_equal(a.data, b.data))
-        for other in rest
-        for a, b in zip(first, other, strict=True)
+        for channel in rest
+        for a, b in zip(first, channel, strict=True)
     )
 
 
@@ -65,8 +65,8 @@ def _channel_unit(result: Result, output: str, source: str) -> str:
 
 def approximate(result: Result, *paths: str) -> str:
     """Return the mark of what is computed from approximants of delays: empty unless an array says so."""
-    found = (result[path].attrs for path in paths if path in result)
-    return " (approximate)" if any("approximate" in attrs for attrs in found) else ""
+    attributes = (result[path].attrs for path in paths if path in result)
+    return " (approximate)" if any("approximate" in attrs for attrs in attributes) else ""
 
 
 def delays_text(result: Result) -> str:
@@ -107,44 +107,44 @@ def _polynomial(coefficients: NDArray[Any]) -> str:
         variable = {0: "", 1: "s"}.get(power, f"s^{power}")
         number = "" if abs(value) == 1 and power else f"{abs(value):.4g}"
         sign = (" - " if value < 0 else " + ") if terms else ("-" if value < 0 else "")
-        terms.append(f"{sign}{' '.join(part for part in (number, variable) if part)}")
+        terms.append(f"{sign}{' '.join(factor for factor in (number, variable) if factor)}")
     return "".join(terms)
 
 
 def channel_sections(result: Result) -> Iterator[ReportSection]:
     """Yield the common poles of all channels, the first channels in full, and a table of the others."""
-    every = channels(result)
-    common = len(every) > 1 and _same_poles(result, every)
+    pairs = channels(result)
+    common = len(pairs) > 1 and _same_poles(result, pairs)
     if common:
-        poles = definitions(("poles", _poles(result, *every[0])))
+        poles = definitions(("poles", _poles(result, *pairs[0])))
         yield ReportSection("Every channel", (poles,), "answer", screen="every channel")
-        group = _first_sensitivities(result, every)
+        group = _first_sensitivities(result, pairs)
         if moved := tuple(_sensitivities(result, group, only=POLE)):
             yield ReportSection("Sensitivities of the poles", moved, screen="")
-    if len(every) > 1:
-        table = _channel_table(result, every, poles=not common)
+    if len(pairs) > 1:
+        table = _channel_table(result, pairs, poles=not common)
         yield ReportSection("Channels", (table,), "answer")
-    for output, source in every[:_FULL]:
-        name, place = f"{output} / {source}", "details" if len(every) > 1 else "answer"
+    for output, source in pairs[:_FULL]:
+        name, place = f"{output} / {source}", "details" if len(pairs) > 1 else "answer"
         items = definitions(*_channel_items(result, output, source, poles=not common))
         yield ReportSection(name, (items,), place, screen=name)
         group = f"bond_graph/sensitivities/{output}/{source}"
         if moved := tuple(_sensitivities(result, group, without=POLE if common else None)):
             title = name if place == "details" else f"Sensitivities of {name}"
             yield ReportSection(title, moved, screen="")
-    if others := every[_FULL:]:
+    if others := pairs[_FULL:]:
         table = replace(_channel_table(result, others, poles=not common), brief=30)
         yield ReportSection("Other channels", (table,), "", screen="")
 
 
-def _channel_table(result: Result, every: list[Channel], *, poles: bool) -> TextTable:
+def _channel_table(result: Result, pairs: list[Channel], *, poles: bool) -> TextTable:
     """Return the table of the channels: zeros, poles unless all have the same, gains, verdicts."""
     hertz, rows = in_hertz(result), []
     kinds, verdicts = (
         ["zeros", *(["poles"] if poles else [])],
         ["zero_stability", *(["stability"] if poles else [])],
     )
-    for output, source in every:
+    for output, source in pairs:
         roots = f"bond_graph/transfer_function/{output}/{source}"
         group = f"bond_graph/properties/{output}/{source}"
         unit = _channel_unit(result, output, source)
@@ -186,10 +186,10 @@ def _channel_items(result: Result, output: str, source: str, *, poles: bool) -> 
         lines += [f"nested, in {counted(len(program), 'assignment')}:", *program[:MOST_ROOTS]]
         if len(program) > MOST_ROOTS:
             lines.append(f"… {len(program) - MOST_ROOTS} more in the file")
-    for part in ("numerator", "denominator"):
-        if f"{group}/symbolic_{part}" in result:
-            terms = counted(int(result[f"{group}/symbolic_{part}"].attrs["terms"]), "term")
-            lines.append(f"expanded {part} of {terms} in the file")
+    for polynomial in ("numerator", "denominator"):
+        if f"{group}/symbolic_{polynomial}" in result:
+            terms = counted(int(result[f"{group}/symbolic_{polynomial}"].attrs["terms"]), "term")
+            lines.append(f"expanded {polynomial} of {terms} in the file")
     yield "T(s)", tuple(lines)
     zeros = _roots(result, output, source, "zeros", "zero_stability", hertz=in_hertz(result))
     yield "zeros", tuple(zeros)
@@ -219,7 +219,7 @@ def _hidden_modes(result: Result, group: str) -> Iterator[str]:
         yield note
     if f"{group}/hidden_mode_cause" not in result:
         return
-    causes, elements = (result[f"{group}/hidden_mode_{part}"].data for part in ("cause", "elements"))
+    causes, elements = (result[f"{group}/hidden_mode_{column}"].data for column in ("cause", "elements"))
     upper = [index for index, root in enumerate(hidden.data) if root.imag >= 0]
     for index in upper[:MOST_ROOTS]:
         energy = f"; its energy is in {elements[index]}" if elements[index] else ""
@@ -289,9 +289,9 @@ def _sensitivities(
     )
 
 
-def _first_sensitivities(result: Result, every: list[Channel]) -> str:
+def _first_sensitivities(result: Result, pairs: list[Channel]) -> str:
     """Return the group of the sensitivities of the first channel that has some; those of poles are common."""
-    groups = [f"bond_graph/sensitivities/{output}/{source}" for output, source in every]
+    groups = [f"bond_graph/sensitivities/{output}/{source}" for output, source in pairs]
     return next((group for group in groups if f"{group}/parameter" in result), groups[0])
 
 
@@ -306,18 +306,18 @@ def _sensitivity_columns(
 
     `only`, `without`: the beginning of the titles of the columns that are wanted, or are not.
     """
-    found = []
+    columns = []
     unit = " rad/s" if in_hertz(result) else ""
     for name in (POLE, "zero"):
         moved = result[f"{group}/{name}_sensitivity_relative"].data
         for index, root in enumerate(result[f"{group}/{name}s"].data):
             if root.imag >= 0:
-                found.append((f"{name} {root_text(root)}{unit}", moved[index]))
+                columns.append((f"{name} {root_text(root)}{unit}", moved[index]))
     for title, name in (("T(0)", "dc_gain"), ("T(∞)", "high_frequency_gain")):
-        found.append((title, result[f"{group}/{name}_sensitivity_relative"].data))
+        columns.append((title, result[f"{group}/{name}_sensitivity_relative"].data))
     return [
         (title, moved)
-        for title, moved in found
+        for title, moved in columns
         if moved.any() and title.startswith(only) and not (without and title.startswith(without))
     ]
 
@@ -391,8 +391,8 @@ def characteristics(result: Result, output: str, source: str) -> Iterator[Line]:
 def _defined(result: Result, status: str, parts: list[str]) -> str:
     """Return characteristics, marked where they are approximate, and why others are not defined."""
     reason = str(result.value(status))
-    found = [" · ".join(parts) + approximate(result, status)] if parts else []
-    return " · ".join([*found, *([] if reason == "defined" else [reason])])
+    values = [" · ".join(parts) + approximate(result, status)] if parts else []
+    return " · ".join([*values, *([] if reason == "defined" else [reason])])
 
 
 class _Values:

@@ -93,7 +93,7 @@ def _estimates(result: Result) -> Picture:
     scale = np.where(reference == 0, 1.0, np.abs(reference)) / 100
     off, half = (estimate - reference) / scale, 1.96 * np.where(np.isfinite(error), error, np.nan) / scale
     place = np.arange(len(names), dtype=float)[::-1]  # axes go up, the first parameter is at the top
-    known = bool(np.isfinite(true).any())
+    compared = bool(np.isfinite(true).any())
     barred = not is_rejected(result)
     tips = [
         f"{n}: {short(e, 6)}{f' ± {short(s, 2)}' if barred else ''}"
@@ -103,13 +103,13 @@ def _estimates(result: Result) -> Picture:
     layers: list[Layer] = [
         *bars,
         Markers(off, place, "estimate", "s2", "o", 4, tips),
-        ReferenceLine(0.0, "true" if known else "", "line dashed", upright=True),
+        ReferenceLine(0.0, "true" if compared else "", "line dashed", upright=True),
     ]
     if f"{GROUP}/cramer_rao" in result:
         reach = 1.96 * result[f"{GROUP}/cramer_rao"].data / scale
         ends = np.concatenate([-reach, reach])
         layers.append(Markers(ends, np.tile(place, 2), "Cramér–Rao bound, 95 %", "s3", "+", 5))
-    label = "error relative to the true value (%)" if known else "deviation from the estimate (%)"
+    label = "error relative to the true value (%)" if compared else "deviation from the estimate (%)"
     height = max(90.0, 30.0 * len(names))
     plot = Subplot(PlotAxis(label), PlotAxis("", names=tuple(names[::-1])), layers, height=height)
     about = "The Cramér–Rao bound is the least standard error of any unbiased estimator on this record."
@@ -130,8 +130,8 @@ def histories(result: Result) -> Iterator[Figure]:
         ("identification/first_pass", "first-pass", "Parameters over the record, first pass"),
     ):
         for record in _record_groups(result, group, "estimate"):
-            own, heading = f"{name}{record.suffix}", f"{title}{record.title}"
-            yield Figure(own, heading, partial(_history, result, record.group, own, heading))
+            figure_name, heading = f"{name}{record.suffix}", f"{title}{record.title}"
+            yield Figure(figure_name, heading, partial(_history, result, record.group, figure_name, heading))
     for group, name, title, members in (
         (
             "identification/history",
@@ -147,9 +147,9 @@ def histories(result: Result) -> Iterator[Figure]:
         ),
     ):
         for record in _record_groups(result, group, members[0]):
-            own, heading = f"{name}{record.suffix}", f"{title}{record.title}"
-            draw = partial(_state_errors, result, record.group, own, heading, members)
-            yield Figure(own, heading, draw)
+            figure_name, heading = f"{name}{record.suffix}", f"{title}{record.title}"
+            draw = partial(_state_errors, result, record.group, figure_name, heading, members)
+            yield Figure(figure_name, heading, draw)
 
 
 def _history(result: Result, group: str, name: str, title: str) -> Picture:
@@ -158,9 +158,11 @@ def _history(result: Result, group: str, name: str, title: str) -> Picture:
     # The true values are stored with the last pass only.
     of_truth = group.replace("first_pass", "history")
     true = result[f"{of_truth}/true"].data if f"{of_truth}/true" in result else None
-    known = texts(result, f"{GROUP}/name")
+    known_names = texts(result, f"{GROUP}/name")
     labelled = (
-        dict(zip(known, labels_with_units(result, GROUP, "name", len(known)), strict=True)) if known else {}
+        dict(zip(known_names, labels_with_units(result, GROUP, "name", len(known_names)), strict=True))
+        if known_names
+        else {}
     )
     names = [labelled.get(own, own) for own in texts(result, f"{group}/parameter")][: estimate.shape[1]]
     subplots, columns, barred = list[Subplot](), {"time (s)": time}, not is_rejected(result)
@@ -180,12 +182,12 @@ def _history(result: Result, group: str, name: str, title: str) -> Picture:
     return Picture(chart(name, title, rows, about, shared=True), about, table_of(columns))
 
 
-def _visible_band(own: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _visible_band(values: np.ndarray, half: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the ends of a band, limited so that the curve itself stays visible."""
-    span = float(np.ptp(own[np.isfinite(own)])) if np.isfinite(own).any() else 0.0
+    span = float(np.ptp(values[np.isfinite(values)])) if np.isfinite(values).any() else 0.0
     span = max(span, 4 * float(np.sort(half)[len(half) // 2]))
-    low, high = float(np.nanmin(own)) - 0.6 * span, float(np.nanmax(own)) + 0.6 * span
-    return np.maximum(own - half, low), np.minimum(own + half, high)
+    low, high = float(np.nanmin(values)) - 0.6 * span, float(np.nanmax(values)) + 0.6 * span
+    return np.maximum(values - half, low), np.minimum(values + half, high)
 
 
 def _state_errors(
@@ -199,22 +201,22 @@ def _state_errors(
     names = labels_with_units(result, group, "component", error.shape[1])
     shown = list(range(error.shape[1]))
     if len(shown) > _PANELS:  # velocities, which the paper shows and most sensors measure
-        fast = [place for place in shown if ".velocity" in names[place]]
+        fast = [state for state in shown if ".velocity" in names[state]]
         shown = (fast or shown)[:_PANELS]
     subplots = []
-    for place in shown:
+    for state in shown:
         layers: list[Layer] = []
         if half is not None:
-            low, high = _visible_band(error[:, place], half[:, place])
-            near = np.clip(half[:, place], 0, max(float(np.abs(low).max()), float(np.abs(high).max())))
+            low, high = _visible_band(error[:, state], half[:, state])
+            near = np.clip(half[:, state], 0, max(float(np.abs(low).max()), float(np.abs(high).max())))
             layers.append(BandLayer(time, -near, near, "95 % band", "s1"))
-        layers.append(Curve(time, error[:, place], "estimate − true", "s1 fine"))
+        layers.append(Curve(time, error[:, state], "estimate − true", "s1 fine"))
         layers.append(ReferenceLine(0.0, "", "hair"))
-        subplots.append(Subplot(PlotAxis("time (s)"), PlotAxis(names[place]), layers, height=135.0))
+        subplots.append(Subplot(PlotAxis("time (s)"), PlotAxis(names[state]), layers, height=135.0))
     left = f" {len(shown)} of {len(names)} states." if len(shown) < len(names) else ""
     about = f"Estimated minus true states, with the 95 % band of the estimator.{left}"
     rows = [subplots[start : start + 2] for start in range(0, len(subplots), 2)]
-    columns = {"time (s)": time} | {f"error of {names[place]}": error[:, place] for place in shown}
+    columns = {"time (s)": time} | {f"error of {names[state]}": error[:, state] for state in shown}
     return Picture(chart(name, title, rows, about, shared=True), about, table_of(columns))
 
 
@@ -245,7 +247,9 @@ def _channels(result: Result, group: str) -> list[str]:
 
 def _misfit(measured: Array, predicted: Array) -> Array:
     """Return the size of the residual of each channel, relative to its signal, NaN where it has none."""
-    size, left = (np.linalg.norm(np.nan_to_num(one), axis=0) for one in (measured, measured - predicted))
+    size, left = (
+        np.linalg.norm(np.nan_to_num(signal), axis=0) for signal in (measured, measured - predicted)
+    )
     return np.asarray(np.divide(left, size, out=np.full(size.shape, np.nan), where=size > 0))
 
 
@@ -267,25 +271,25 @@ def _over_time(result: Result, group: str, name: str, title: str) -> Picture:
     spectra = group.replace("measurement", "residual_spectrum")
     units = texts(result, f"{group}/unit") or [result[f"{group}/measured"].units] * len(channels)
     rows, columns = [], {"time (s)": time}
-    for place, channel in enumerate(channels):
-        data, model = measured[:, place], predicted[:, place]
+    for column, channel in enumerate(channels):
+        data, model = measured[:, column], predicted[:, column]
         columns |= {f"measured {channel}": data, f"predicted {channel}": model}
     misfit = _misfit(measured, predicted)
     drawn, more = _drawn_channels(result, misfit)
-    for place in drawn:
-        channel, data, model = channels[place], measured[:, place], predicted[:, place]
+    for column in drawn:
+        channel, data, model = channels[column], measured[:, column], predicted[:, column]
         both: list[Layer] = [Curve(time, data, "measured", "s7"), Curve(time, model, "predicted", "s1 fine")]
         residual = Curve(time, data - model, "measured − predicted", "s2 fine")
         row = [
             Subplot(PlotAxis("time (s)"), PlotAxis(channel), both, weight=1.6),
-            Subplot(PlotAxis("time (s)"), PlotAxis(labelled("residual", units[place])), [residual]),
+            Subplot(PlotAxis("time (s)"), PlotAxis(labelled("residual", units[column])), [residual]),
         ]
         if f"{spectra}/amplitude" in result:
             at, amplitude = frequencies(result, f"{spectra}/omega"), result[f"{spectra}/amplitude"]
             densities = texts(result, f"{spectra}/unit")
             legend = "amplitude spectral density (ASD) of the residual"
-            line = Curve(at.shown, amplitude.data[:, place], legend, "s3 fine")
-            label = labelled("ASD", densities[place] if densities else amplitude.units)
+            line = Curve(at.shown, amplitude.data[:, column], legend, "s3 fine")
+            label = labelled("ASD", densities[column] if densities else amplitude.units)
             row.append(Subplot(at.axis, PlotAxis(label), [line]))
         rows.append(row)
     shares = [
@@ -301,13 +305,13 @@ def _over_frequency(result: Result, group: str, name: str, title: str) -> Pictur
     at, channels = frequencies(result, f"{group}/omega"), _channels(result, group)
     measured, predicted = result[f"{group}/measured"].data, result[f"{group}/predicted"].data
     rows, columns = [], dict(at.columns)
-    for place, channel in enumerate(channels):
-        data, model = measured[:, place], predicted[:, place]
+    for column, channel in enumerate(channels):
+        data, model = measured[:, column], predicted[:, column]
         for what, values in (("measured", data), ("fitted", model)):
             columns |= {f"Re {what} {channel}": values.real, f"Im {what} {channel}": values.imag}
     drawn, more = _drawn_channels(result, _misfit(measured, predicted))
-    for place in drawn:
-        channel, data, model = channels[place], measured[:, place], predicted[:, place]
+    for column in drawn:
+        channel, data, model = channels[column], measured[:, column], predicted[:, column]
         sizes: list[Layer] = [
             Markers(at.shown, np.abs(data), "measured", "s7", "o", 1.6),
             Curve(at.shown, np.abs(model), "fitted", "s1"),

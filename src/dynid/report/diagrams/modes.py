@@ -47,13 +47,13 @@ def figures(result: Result) -> Iterator[Figure]:
 def _pairs(result: Result) -> Picture:
     """Draw the error of each frequency and the MAC of each pair, before and after."""
     names = tuple(str(mode) for mode in result[f"{GROUP}/mode"].data)
-    place = np.arange(len(names), dtype=float)
+    height = np.arange(len(names), dtype=float)
     layers: list[Layer] = []
     shown: list[Layer] = []
     for title, error, criterion, colour, mark in _SERIES:
         for path, scale, into in ((error, 100.0, layers), (criterion, 1.0, shown)):
             if f"{GROUP}/{path}" in result:
-                into.append(Markers(place, scale * result[f"{GROUP}/{path}"].data, title, colour, mark, 4))
+                into.append(Markers(height, scale * result[f"{GROUP}/{path}"].data, title, colour, mark, 4))
     layers.append(ReferenceLine(0.0, "", "line dashed"))
     axis = PlotAxis("mode", names=names)
     rows = [[Subplot(axis, PlotAxis("frequency error (%)"), layers, height=150.0)]]
@@ -71,12 +71,12 @@ def _tables(result: Result) -> Picture:
     """Draw the MAC of all pairs, before and after."""
     rows = [str(mode) for mode in result[f"{GROUP}/mode"].data]
     columns = [str(mode) for mode in result[f"{GROUP}/computed"].data]
-    each = [
+    rows_of_modes = [
         (title, np.nan_to_num(result[f"{GROUP}/{name}"].data), rows, columns, ("measured", "model"))
         for name, title in (("mac_table_start", "start"), ("mac_table", "estimate"))
     ]
     title, about = "MAC of measured and computed modes", "1: the shapes agree; 0: they are orthogonal."
-    return matrix_picture("mac", title, each, (0.0, 1.0), about)
+    return matrix_picture("mac", title, rows_of_modes, (0.0, 1.0), about)
 
 
 _MODES, _BESIDE, _LINES = 9, 3, 700
@@ -96,11 +96,11 @@ def _shapes(result: Result) -> Picture:
     both = [result[f"{GROUP}/{name}"].data[rows] for name in ("shape_measured", "shape")]
     # A complex shape has any phase: that of the largest real part, one for both.
     turn = np.exp(-0.5j * np.angle(np.nansum(both[0] ** 2, axis=0)))
-    measured, model = (np.real(turn * one) for one in both)
+    measured, model = (np.real(turn * shapes) for shapes in both)
     count = min(measured.shape[1], _MODES)
     places = space.flat(space.array("shape_sensor_position", 3))
     ways = space.flat(space.array("shape_sensor_direction", 3))
-    lines = [rest for rest, _ in space.polylines(most=_LINES)]
+    lines = [rest for rest, _ in space.polylines(limit=_LINES)]
     points = np.concatenate([*lines, places])
     low, high = points.min(axis=0), points.max(axis=0)
     width, height = (high - low).tolist()
@@ -126,10 +126,10 @@ def _shapes(result: Result) -> Picture:
         svg.element("path", "hair", d="".join(path_of(map(tuple, placed(rest).tolist())) for rest in lines))
         for shape, cls, mark in ((model, "s1", "s1"), (measured, "s2", "s2 dot")):
             largest = float(np.nanmax(np.abs(measured[:, mode]), initial=0.0)) or 1.0
-            for place, way, value in zip(places, ways, shape[:, mode].tolist(), strict=True):
+            for position, way, value in zip(places, ways, shape[:, mode].tolist(), strict=True):
                 if np.isnan(value):
                     continue
-                start = placed(place)
+                start = placed(position)
                 end = start + _SPAN * value / largest * way * [1, -1]
                 svg.line(
                     tuple(start.tolist()), tuple(end.tolist()), cls=cls if shape is model else f"{cls} fine"
@@ -138,7 +138,7 @@ def _shapes(result: Result) -> Picture:
     cut = f" The first {count} of {measured.shape[1]} modes." if count < measured.shape[1] else ""
     about = "Displacements at the sensors: dots are measured, rings those of the model." + cut
     table: list[tuple[CellValue, ...]] = [
-        (name, *(float(one[row, mode]) for mode in range(count) for one in (measured, model)))
+        (name, *(float(shapes[row, mode]) for mode in range(count) for shapes in (measured, model)))
         for row, name in enumerate(names[:200])
     ]
     heads = [f"{what} {mode + 1}" for mode in range(count) for what in ("measured", "model")]
@@ -166,14 +166,14 @@ def mode_shapes(result: Result) -> Iterator[Figure]:
     """Yield the mode shapes, still and animated."""
     if not result[f"{_COMPUTED}/shape"].data.size:
         return
-    found = _lines_by(result)
-    if found is None:
+    lines = _lines_by(result)
+    if lines is None:
         return
     for name, title, animated in (
         ("modes", "Mode shapes", False),
         ("modes-animated", "Mode shapes, animated", True),
     ):
-        yield Figure(name, title, partial(_picture, result, *found, name, title, animated))
+        yield Figure(name, title, partial(_picture, result, *lines, name, title, animated))
 
 
 def _lines_by(result: Result) -> tuple[_LinesOf, bool] | None:
@@ -191,8 +191,8 @@ def _lines_by(result: Result) -> tuple[_LinesOf, bool] | None:
     if f"{SPACE}/displacement" not in result:
         return None
     space = Space(result)
-    most = MOST_LINES // min(len(result[f"{SPACE}/displacement"].data), MODES)
-    return lambda mode: space.polylines(mode, most), False
+    limit = MOST_LINES // min(len(result[f"{SPACE}/displacement"].data), MODES)
+    return lambda mode: space.polylines(mode, limit), False
 
 
 def _displacements(result: Result, mode: int) -> Displacements:
@@ -275,9 +275,9 @@ def _bent(geometry: StructureGeometry, moved: Displacements) -> Lines:
             across = np.array([-along[1], along[0]])
             ends = []
             for node in (a, b):
-                own = moved.get(node, {})
-                step = np.array([own.get("u", 0.0), own.get("w", 0.0)])
-                ends.append((step @ along, step @ across, own.get("theta", 0.0) * length))
+                motion = moved.get(node, {})
+                step = np.array([motion.get("u", 0.0), motion.get("w", 0.0)])
+                ends.append((step @ along, step @ across, motion.get("theta", 0.0) * length))
             (u0, v0, s0), (u1, v1, s1) = ends
             bend = v0 * (1 - 3 * t**2 + 2 * t**3) + s0 * (t - 2 * t**2 + t**3)
             bend = bend + v1 * (3 * t**2 - 2 * t**3) + s1 * (t**3 - t**2)

@@ -67,18 +67,18 @@ def figures(result: Result) -> Iterator[Figure]:
 
 def roots_of(result: Result, group: str) -> list[Roots]:
     """Return poles, zeros and hidden modes with the bounds of their errors (NaN: unknown)."""
-    found = []
+    roots = []
     for what in ("pole", "zero"):
         if f"{group}/{what}s" in result:
             values = result[f"{group}/{what}s"].data
             path = f"{group}/{what}_error_bound"
             bounds = result[path].data if path in result else np.full(len(values), np.nan)
-            found.append((what, values, bounds))
+            roots.append((what, values, bounds))
     path = f"bond_graph/properties/{group.removeprefix(f'{_TRANSFER_FUNCTION}/')}/hidden_modes"
     if path in result and len(result[path].data):
         values = result[path].data
-        found.append(("hidden mode", values, np.full(len(values), np.nan)))
-    return found
+        roots.append(("hidden mode", values, np.full(len(values), np.nan)))
+    return roots
 
 
 def _map_picture(result: Result, group: str, name: str, title: str) -> Picture:
@@ -98,13 +98,13 @@ def _map_picture(result: Result, group: str, name: str, title: str) -> Picture:
     sizes = np.abs(np.concatenate([values for _, values, _ in kinds] or [np.zeros(0, complex)]))
     # Roots that lie before a wide gap of magnitudes have a second map.
     positive = np.sort(sizes[np.isfinite(sizes) & (sizes > 0)])
-    whole = float(positive[-1]) if positive.size else 1.0
+    extent = float(positive[-1]) if positive.size else 1.0
     wide = np.flatnonzero(positive[1:] / positive[:-1] > _FAR)
-    if not positive.size or (whole / positive[0] <= 2 * _FAR and not wide.size):
-        maps = [_map(kinds, whole, "", unit)]
+    if not positive.size or (extent / positive[0] <= 2 * _FAR and not wide.size):
+        maps = [_map(kinds, extent, "", unit)]
     else:
-        near = positive[wide[-1]] if wide.size else positive[positive <= whole / _FAR][-1]
-        maps = [_map(kinds, whole, "all", unit), _map(kinds, float(near), "near the origin", unit)]
+        near = positive[wide[-1]] if wide.size else positive[positive <= extent / _FAR][-1]
+        maps = [_map(kinds, extent, "all", unit), _map(kinds, float(near), "near the origin", unit)]
     counts = ", ".join(f"{len(values)} {what}{'s' * (len(values) != 1)}" for what, values, _ in kinds)
     bounds = np.concatenate([b for _, _, b in kinds] or [np.zeros(0)])
     known = bounds[np.isfinite(bounds)]
@@ -282,7 +282,7 @@ def _nyquist(result: Result) -> Picture:
             Curve(locus.real, locus.imag, "", "s1", name="L", along=along),
             Markers([-1.0], [0.0], "", "mark", "+", 5, ["−1"]),
         ]
-        across, up = (PlotAxis(f"{part} part", low=-reach, high=reach) for part in ("real", "imaginary"))
+        across, up = (PlotAxis(f"{axis} part", low=-reach, high=reach) for axis in ("real", "imaginary"))
         subplots.append(Subplot(across, up, layers, str(loop), square=True, parameter=at.axis.label))
     per_row = min(len(subplots), ROW)
     rows = [subplots[start : start + per_row] for start in range(0, len(subplots), per_row)]
@@ -326,14 +326,14 @@ def _root_locus(result: Result, group: str, name: str, title: str) -> Picture:
     unit = frequency_unit(result)
     gains, poles = result[f"{group}/gain"].data, result[f"{group}/poles"].data
     zeros = result[f"{group}/zeros"].data
-    own = poles[np.abs(gains - 1).argmin()]
-    notable = np.abs(np.concatenate([poles[0], own, zeros]))
+    closed_poles = poles[np.abs(gains - 1).argmin()]
+    notable = np.abs(np.concatenate([poles[0], closed_poles, zeros]))
     if "approximate" in result.group_attrs[group]:  # not out to the poles of the approximants
-        place = [str(name) for name in result["bond_graph/margins/loop"].data].index(
+        loop = [str(name) for name in result["bond_graph/margins/loop"].data].index(
             str(result.group_attrs[group]["loop"])
         )
         crossings = [
-            float(result[f"bond_graph/margins/{name}"].data[place])
+            float(result[f"bond_graph/margins/{name}"].data[loop])
             for name in ("gain_crossover", "phase_crossover", "modulus_at")
         ]
         notable = notable[notable <= 4 * next((one for one in crossings if 0 < one < np.inf), np.inf)]
@@ -345,7 +345,7 @@ def _root_locus(result: Result, group: str, name: str, title: str) -> Picture:
     for values, what, symbol, cls in (
         (poles[0], "poles of the open loop", "x", "s1"),
         (zeros, "zeros of the open loop", "ring", "s2"),
-        (own, "poles with the gain as it is", "o", "s4"),
+        (closed_poles, "poles with the gain as it is", "o", "s4"),
     ):
         inside = values[np.isfinite(values) & (np.abs(values) <= reach)]
         tips = [f"{short(r.real)} {'−+'[r.imag >= 0]} {short(abs(r.imag))}j" for r in inside.tolist()]

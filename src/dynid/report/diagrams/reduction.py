@@ -110,7 +110,7 @@ def _frequencies(result: Result, methods: Sequence[str], title: str) -> Picture:
         rows += [(method, *map(float, row)) for row in zip(*get.values(), strict=True)]
     about = "Relative error of the natural frequencies; errors of zero are drawn at 10⁻¹⁴ %."
     plot = Subplot(PlotAxis("mode", step=1), PlotAxis("frequency error (%)", log=True), layers)
-    own, full = f"frequency ({unit.name})", f"of the full model ({unit.name})"
-    columns = ("method", "mode", own, full, "relative error")
+    heading, full = f"frequency ({unit.name})", f"of the full model ({unit.name})"
+    columns = ("method", "mode", heading, full, "relative error")
     svg = chart("reduction-frequencies", title, [[plot]], about)
     return Picture(svg, about, FigureTable(columns, tuple(rows)))

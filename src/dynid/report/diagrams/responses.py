@@ -63,8 +63,8 @@ class Frequencies:
     @property
     def columns(self) -> dict[str, Array]:
         """Their columns in a table."""
-        found = {"angular frequency (rad/s)": self.omega}
-        return found | {frequency_label(self.unit): self.shown}
+        columns = {"angular frequency (rad/s)": self.omega}
+        return columns | {frequency_label(self.unit): self.shown}
 
 
 def frequencies(result: Result, path: str) -> Frequencies:
@@ -75,15 +75,15 @@ def frequencies(result: Result, path: str) -> Frequencies:
 def decibels(values: ComplexArray) -> Array:
     """Return 20 log10 |values|; NaN where it is not finite."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        found = 20 * np.log10(np.abs(values))
-    return np.where(np.isfinite(found), found, np.nan)
+        levels = 20 * np.log10(np.abs(values))
+    return np.where(np.isfinite(levels), levels, np.nan)
 
 
 def degrees(values: ComplexArray) -> Array:
     """Return the phase, unwrapped along the frequencies; NaN where it is undefined."""
-    known = np.isfinite(values) & (values != 0)
+    defined = np.isfinite(values) & (values != 0)
     phase = np.full(len(values), np.nan)
-    phase[known] = np.rad2deg(np.unwrap(np.angle(values[known])))
+    phase[defined] = np.rad2deg(np.unwrap(np.angle(values[defined])))
     return phase
 
 
@@ -95,17 +95,17 @@ def figures(result: Result) -> Iterator[Figure]:
     group = "bond_graph/port/frequency_response"
     if f"{group}/omega" in result:
         at = frequencies(result, f"{group}/omega")
-        found = [
+        groups = [
             (f"Z_eq of the {side}", result[f"{group}/{side}_Z_eq"])
             for side in ("source", "load")
             if f"{group}/{side}_Z_eq" in result
         ]
-        if found:
+        if groups:
             title = "Impedances at the port"
-            late = approximation(found[0][1].attrs)
+            late = approximation(groups[0][1].attrs)
             about = f"Impedances of source and load, as seen from the port.{late}"
-            shown = [(name, variable.data) for name, variable in found]
-            draw = partial(_bode, "port-impedances", title, about, at, shown, found[0][1].units, "impedance")
+            shown = [(name, variable.data) for name, variable in groups]
+            draw = partial(_bode, "port-impedances", title, about, at, shown, groups[0][1].units, "impedance")
             yield Figure("port-impedances", title, draw)
 
 
@@ -124,8 +124,8 @@ def _bode_and_nyquist(result: Result, group: str) -> Iterator[Figure]:
         f"largest, {short(size)}," if np.isfinite(size) else "infinite" for size in top.magnitude.ravel()
     ]
     peaks = [
-        f"is {size} at {short(where)} {top.unit}{note}" if whole else "is 0"
-        for size, whole, where, note in zip(
+        f"is {size} at {short(where)} {top.unit}{note}" if size_of_all else "is 0"
+        for size, size_of_all, where, note in zip(
             sizes, top.magnitude.ravel(), top.at.ravel(), top.note.ravel(), strict=True
         )
     ]
@@ -174,10 +174,16 @@ def _bode(
     label = labelled(quantity, units) if absolute else in_decibels(quantity, units)
     up, down, columns = list[Layer](), list[Layer](), dict(at.columns)
     for index, (curve, values) in enumerate(curves):
-        size, phase, own = np.abs(values) if absolute else decibels(values), degrees(values), f"|{curve}|"
+        size, phase, magnitude_name = (
+            np.abs(values) if absolute else decibels(values),
+            degrees(values),
+            f"|{curve}|",
+        )
         up.append(Curve(at.shown, size, curve, series_class(index)))
         down.append(Curve(at.shown, phase, "", series_class(index), name=curve))
-        columns[labelled(own, units) if absolute else in_decibels(own, units or "1")] = size
+        columns[
+            labelled(magnitude_name, units) if absolute else in_decibels(magnitude_name, units or "1")
+        ] = size
         columns[f"∠ {curve} (°)"] = phase
     rows = [
         [Subplot(at.axis, PlotAxis(label, log=absolute), up, height=220.0)],
@@ -191,17 +197,17 @@ def _nyquist(at: Frequencies, curves: Sequence[_NamedResponse], units: Sequence[
     for (name, response), unit in zip(curves[:LOCI], units, strict=False):
         columns |= {f"Re {name}": response.real, f"Im {name}": response.imag}
         values = np.where(np.isfinite(response), response, np.nan)
-        known = np.flatnonzero(np.isfinite(values))
+        finite = np.flatnonzero(np.isfinite(values))
         locus, along = rounded_locus(values, at.shown)
         layers: list[Layer] = [
             Curve(locus.real, -locus.imag, "", "s1 fine dashed", name="negative frequencies"),
             Curve(locus.real, locus.imag, "", "s1", name=name, along=along),
         ]
-        if known.size:
-            first = known[0]
+        if finite.size:
+            first = finite[0]
             tip = f"{short(at.shown[first])} {at.unit.name}"
             layers.append(Markers([values.real[first]], [values.imag[first]], "", "s1", "o", 4, [tip]))
-        real, imaginary = (PlotAxis(labelled(f"{part} part", unit)) for part in ("real", "imaginary"))
+        real, imaginary = (PlotAxis(labelled(f"{axis} part", unit)) for axis in ("real", "imaginary"))
         subplots.append(Subplot(real, imaginary, layers, name, square=True, parameter=at.axis.label))
     per_row = min(len(subplots), inputs if 1 < inputs <= ROW else ROW)
     rows = [subplots[start : start + per_row] for start in range(0, len(subplots), per_row)]
@@ -264,10 +270,10 @@ def _time_response(result: Result, group: str) -> Picture:
     sources = _columns(result, group, "input", "source", "input_unit") if f"{group}/input" in result else {}
     shown = list(outputs.items())[:OUTPUTS]
     height = 240.0 if len(shown) == 1 else 150.0
-    beside = f"{group}/nonlinear" in result
-    laws = dict(_columns(result, group, "nonlinear", "output", "unit")) if beside else {}
+    compared = f"{group}/nonlinear" in result
+    laws = dict(_columns(result, group, "nonlinear", "output", "unit")) if compared else {}
     curves = [
-        (name, Curve(time, values, "linear" * beside, series_class(0)), height) for name, values in shown
+        (name, Curve(time, values, "linear" * compared, series_class(0)), height) for name, values in shown
     ]
     moving = {name: values for name, values in sources.items() if np.any(np.asarray(values) != 0)}
     curves += [(n, Curve(time, values, "", series_class(6)), 90.0) for n, values in list(moving.items())[:3]]
@@ -304,17 +310,17 @@ def _columns(result: Result, group: str, name: str, axis: str, unit: str) -> Map
     """Return the columns of an array over time, by their names with units."""
     variable = result[f"{group}/{name}"]
     names = list(map(str, result[f"{group}/{axis}"].data))
-    given = result[f"{group}/{unit}"].data if f"{group}/{unit}" in result else [variable.units] * len(names)
+    units = result[f"{group}/{unit}"].data if f"{group}/{unit}" in result else [variable.units] * len(names)
     if variable.data.ndim == 3:  # each source alone
         sources = result[f"{group}/source"].data
         return {
-            labelled(f"{own} to {source}", str(its) or "SI"): variable.data[:, k, m]
-            for k, (own, its) in enumerate(zip(names, given, strict=True))
+            labelled(f"{label} to {source}", str(its) or "SI"): variable.data[:, k, m]
+            for k, (label, its) in enumerate(zip(names, units, strict=True))
             for m, source in enumerate(sources)
         }
     return {
-        labelled(own, str(its) or "SI"): variable.data[:, k]
-        for k, (own, its) in enumerate(zip(names, given, strict=True))
+        labelled(label, str(its) or "SI"): variable.data[:, k]
+        for k, (label, its) in enumerate(zip(names, units, strict=True))
     }
 
 
@@ -349,8 +355,8 @@ def _identified(result: Result, group: str, pair: str) -> Picture:
         ]
         rows.append([Subplot(at.axis, axis, layers, height=220.0)])
         columns |= {
-            labelled(f"{name}{word}", unit): each
-            for word, each in (("", value), (", low", low), (", high", high))
+            labelled(f"{name}{word}", unit): bound
+            for word, bound in (("", value), (", low", low), (", high", high))
         }
     about = f"Frequency response {pair} of the identified model, with its 95 % band."
     svg = chart(
@@ -374,22 +380,24 @@ def designed_responses(result: Result) -> Iterator[Figure]:
         yield Figure(f"design{suffix}", title, partial(_designed, result, index, f"design{suffix}", title))
 
 
-def _designed(result: Result, place: int, name: str, title: str) -> Picture:
+def _designed(result: Result, target: int, name: str, title: str) -> Picture:
     group = f"{DESIGN}/frequency_response"
-    at, unit = frequencies(result, f"{group}/omega"), str(result[f"{group}/unit"].data[place])
+    at, unit = frequencies(result, f"{group}/omega"), str(result[f"{group}/unit"].data[target])
     columns, rows = dict(at.columns), []
     for quantity, measure in (("magnitude", decibels), ("phase", degrees)):
         layers: list[Layer] = []
         symbol = "°" if quantity == "phase" else "dB"
-        for part, colour in (("start", "s2"), ("designed", "s1")):
-            found = measure(result[f"{group}/{part}"].data[:, place])
-            layers.append(Curve(at.shown, found, part, colour))
-            columns[labelled(f"{quantity}, {part}", symbol)] = found
+        for design, colour in (("start", "s2"), ("designed", "s1")):
+            values = measure(result[f"{group}/{design}"].data[:, target])
+            layers.append(Curve(at.shown, values, design, colour))
+            columns[labelled(f"{quantity}, {design}", symbol)] = values
         rows.append([Subplot(at.axis, PlotAxis(labelled(quantity, symbol)), layers, height=210.0)])
-    size = [float(np.max(np.abs(result[f"{group}/{part}"].data[:, place]))) for part in ("start", "designed")]
+    size = [
+        float(np.max(np.abs(result[f"{group}/{design}"].data[:, target]))) for design in ("start", "designed")
+    ]
     of = f" {unit}" if unit not in ("", "1") else ""
     about = (
-        f"Frequency response of {result[f'{group}/channel'].data[place]} at the start of the design and as "
+        f"Frequency response of {result[f'{group}/channel'].data[target]} at the start of the design and as "
         f"designed; over these frequencies at most {size[0]:.4g}{of} and {size[1]:.4g}{of}."
     )
     return Picture(chart(name, title, rows, about, shared=True), about, table_of(columns))

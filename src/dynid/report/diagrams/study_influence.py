@@ -48,18 +48,18 @@ def _tornadoes(numbers: StudyNumbers, name: str, title: str) -> Picture:
     subplots, rows, left, reasons = list[Subplot](), list[tuple[CellValue, ...]](), 0, dict[str, str]()
     fitted = False
     for number in numbers.outputs:
-        found = tornado(numbers.table.varied, number.values)
-        if found is None or not any(bar.exceeds_chance for bar in found.bars):
-            reasons[number.name] = "too few samples" if found is None else found.remark
+        swings = tornado(numbers.table.varied, number.values)
+        if swings is None or not any(bar.exceeds_chance for bar in swings.bars):
+            reasons[number.name] = "too few samples" if swings is None else swings.remark
             continue
         rows += [
-            (number.label, bar.input, bar.low, bar.high, bar.at_low, bar.at_high, bar.slope, found.r2)
-            for bar in found.bars
+            (number.label, bar.input, bar.low, bar.high, bar.at_low, bar.at_high, bar.slope, swings.r2)
+            for bar in swings.bars
         ]
         if len(subplots) == _PANELS:
             left += 1
             continue
-        bars = found.bars[:_BARS][::-1]
+        bars = swings.bars[:_BARS][::-1]
         place = np.arange(len(bars), dtype=float)
         low, high = np.array([bar.at_low for bar in bars]), np.array([bar.at_high for bar in bars])
         middle = (low + high) / 2
@@ -73,10 +73,10 @@ def _tornadoes(numbers: StudyNumbers, name: str, title: str) -> Picture:
         ]
         upright = PlotAxis("", names=tuple(names.get(bar.input, bar.input) for bar in bars))
         height = max(70.0, 26.0 * len(bars))
-        own_fit = bool(np.isfinite(found.r2))
+        own_fit = bool(np.isfinite(swings.r2))
         fitted = fitted or own_fit
         across = PlotAxis(labelled("mean" if own_fit else "result", number.units))
-        heading = number.name + (f"\nR² {found.r2:.2f}" if own_fit else "")
+        heading = number.name + (f"\nR² {swings.r2:.2f}" if own_fit else "")
         subplots.append(Subplot(across, upright, layers, heading, height=height))
     about = "Results with one input at its low (orange) and at its high end (blue), around one centre."
     if fitted:
@@ -87,7 +87,8 @@ def _tornadoes(numbers: StudyNumbers, name: str, title: str) -> Picture:
     about = about if subplots else ""
     about += f" The first {_PANELS} of {_PANELS + left} results." if left else ""
     for reason in dict.fromkeys(reasons.values()):
-        about += f" No bars for {', '.join(own for own in reasons if reasons[own] == reason)}: {reason}."
+        inputs = ", ".join(input_name for input_name in reasons if reasons[input_name] == reason)
+        about += f" No bars for {inputs}: {reason}."
     about = about.strip()
     svg = _in_pairs(name, title, about, subplots, "no result depends on an input")
     columns = ("number", "input", "low", "high", "at low", "at high", "slope", "R²")
@@ -98,23 +99,26 @@ def _indices(numbers: StudyNumbers, name: str, title: str) -> Picture:
     influences = Influences(numbers.table)
     short_names = {number.path: number.name for number in numbers.inputs}
     names = [
-        ", ".join(short_names.get(part, part) for part in factor.split(", ")) for factor in influences.factors
+        ", ".join(short_names.get(input_name, input_name) for input_name in factor.split(", "))
+        for factor in influences.factors
     ]
     subplots, rows, estimator = list[Subplot](), list[tuple[CellValue, ...]](), ""
     with_total = negative = False
     for number in numbers.outputs:
-        found = influences.of(number.values)
-        if found is None:
+        indices = influences.of(number.values)
+        if indices is None:
             continue
-        estimator = found.estimator
-        first, error = found.first, found.first_error
+        estimator = indices.estimator
+        first, error = indices.first, indices.first_error
         none = np.full(len(names), np.nan)
-        total, total_error = (one if one is not None else none for one in (found.total, found.total_error))
+        total, total_error = (
+            array if array is not None else none for array in (indices.total, indices.total_error)
+        )
         both = bool(np.isfinite(total).any())
         with_total = with_total or both
         rows += [
-            (number.label, own, *map(float, parts))
-            for own, *parts in zip(names, first, error, total, total_error, strict=True)
+            (number.label, factor_name, *map(float, parts))
+            for factor_name, *parts in zip(names, first, error, total, total_error, strict=True)
         ]
         negative = negative or bool((first < 0).any() or (total < 0).any())
         if len(subplots) == _PANELS:
@@ -123,13 +127,14 @@ def _indices(numbers: StudyNumbers, name: str, title: str) -> Picture:
         place, zero = np.arange(len(order), dtype=float), np.zeros(len(order))
         shift, thick = (0.2, 0.35) if both else (0.0, 0.55)
         layers = list[Layer]()
-        for part, spread, label, off in (
+        for input_name, spread, label, off in (
             (first, error, "alone", shift),
             (total, total_error, "with interactions (total)", -shift),
         )[: 1 + both]:
-            percent, half = 100 * part[order], 100 * spread[order]
+            percent, half = 100 * input_name[order], 100 * spread[order]
             tips = [
-                f"{names[k]}: {general(100 * part[k], 3)} ± {general(100 * spread[k], 2)} %" for k in order
+                f"{names[k]}: {general(100 * input_name[k], 3)} ± {general(100 * spread[k], 2)} %"
+                for k in order
             ]
             cls = series_class(off < 0)
             layers.append(Bars(place + off, zero, np.clip(percent, 0, 100), label, cls, thick, True, tips))
@@ -153,9 +158,9 @@ def _indices(numbers: StudyNumbers, name: str, title: str) -> Picture:
     return Picture(svg, about, FigureTable(columns, tuple(rows)))
 
 
-def _whiskers(place: Array, low: Array, high: Array) -> Curve:
+def _whiskers(height: Array, low: Array, high: Array) -> Curve:
     """Return horizontal lines between the ends of standard errors, of parts from 0 to 100 %."""
-    gap = np.full(len(place), np.nan)
+    gap = np.full(len(height), np.nan)
     x = np.column_stack([np.clip(low, 0, 100), np.clip(high, 0, 100), gap]).ravel()
-    y = np.column_stack([place, place, gap]).ravel()
+    y = np.column_stack([height, height, gap]).ravel()
     return Curve(x, y, "± standard error", "line", spans=False)

@@ -71,8 +71,8 @@ class StudyVariable(NamedTuple):
 
     def axis(self, label: str) -> PlotAxis:
         """Return its axis: logarithmic where it is spaced by its logarithm, with whole ticks for counts."""
-        whole = bool((self.values[self.known] == np.round(self.values[self.known])).all())
-        return PlotAxis(label, log=self.log, step=float(whole))
+        integral = bool((self.values[self.known] == np.round(self.values[self.known])).all())
+        return PlotAxis(label, log=self.log, step=float(integral))
 
 
 class StudyNumbers:
@@ -107,22 +107,26 @@ class StudyNumbers:
 
         Magnitudes that repeat the column before, such as those of a conjugate pair, are omitted.
         """
-        found: list[StudyVariable] = []
+        variables: list[StudyVariable] = []
         magnitudes = set()
         for path in sorted(filter(self.table.is_number, self.table.paths)):
-            if self.table.size(path) > LONGEST or len(found) >= COLUMNS:
+            if self.table.size(path) > LONGEST or len(variables) >= COLUMNS:
                 continue
             for column in islice(self.table.columns(path), ENTRIES):
-                known = column.values[np.isfinite(column.values)]
-                if known.size > 1 and np.ptp(known) > _ROUNDING * np.abs(known).max():
+                finite = column.values[np.isfinite(column.values)]
+                if finite.size > 1 and np.ptp(finite) > _ROUNDING * np.abs(finite).max():
                     size = self.table.variable(path).dtype.kind == "c"
-                    if size and found and np.array_equal(found[-1].values, column.values, equal_nan=True):
+                    if (
+                        size
+                        and variables
+                        and np.array_equal(variables[-1].values, column.values, equal_nan=True)
+                    ):
                         continue  # of a conjugate pair, or the natural frequencies
-                    found.append(StudyVariable(column.name, column.name, column.units, column.values))
+                    variables.append(StudyVariable(column.name, column.name, column.units, column.values))
                     if size:
                         magnitudes.add(column.name)
-        found = found[:COLUMNS]
-        names = paths = [number.path for number in found]
+        variables = variables[:COLUMNS]
+        names = paths = [number.path for number in variables]
         for count in range(1, max((path.count("/") for path in paths), default=0) + 2):
             ends = ["/".join(path.split("/")[-count:]) for path in paths]
             if len(set(ends)) == len(ends):
@@ -130,7 +134,7 @@ class StudyNumbers:
                 break
         return [
             number._replace(name=f"|{name}|" if number.path in magnitudes else name)
-            for number, name in zip(found, names, strict=True)
+            for number, name in zip(variables, names, strict=True)
         ]
 
 
@@ -158,12 +162,12 @@ def figures(result: Result) -> Iterator[Figure]:
 
 
 def _selected(
-    inputs: Sequence[StudyVariable], outputs: Sequence[StudyVariable], most: int
+    inputs: Sequence[StudyVariable], outputs: Sequence[StudyVariable], limit: int
 ) -> list[StudyVariable]:
     """Return inputs first, then results, at most so many in all."""
-    room = max(1, most // 2) if len(outputs) >= most // 2 else most - len(outputs)
+    room = max(1, limit // 2) if len(outputs) >= limit // 2 else limit - len(outputs)
     first = list(inputs[:room])
-    return first + list(outputs[: most - len(first)])
+    return first + list(outputs[: limit - len(first)])
 
 
 def _complete(numbers: Sequence[StudyVariable]) -> np.ndarray:
@@ -172,10 +176,10 @@ def _complete(numbers: Sequence[StudyVariable]) -> np.ndarray:
 
 
 def _columns_of(
-    inputs: Sequence[StudyVariable], outputs: Sequence[StudyVariable], most: int
+    inputs: Sequence[StudyVariable], outputs: Sequence[StudyVariable], limit: int
 ) -> tuple[list[StudyVariable], str]:
     """Return the columns that a figure shows, and what it omits in words."""
-    numbers = _selected(inputs, outputs, most)
+    numbers = _selected(inputs, outputs, limit)
     count = len(inputs) + len(outputs)
     return numbers, f" {len(numbers)} of {count} columns." if len(numbers) < count else ""
 
@@ -184,17 +188,17 @@ def _parallel(inputs: Sequence[StudyVariable], outputs: Sequence[StudyVariable])
     done = np.any([number.known for number in outputs], axis=0)
     # A result that some samples lack would leave these samples without a line.
     best = max((number.known & done).sum() for number in outputs)
-    whole = [number for number in outputs if (number.known & done).sum() == best]
-    numbers, cut = _columns_of(inputs, whole, _AXES)
-    if len(whole) < len(outputs):
-        lacking = len(outputs) - len(whole)
+    complete = [number for number in outputs if (number.known & done).sum() == best]
+    numbers, cut = _columns_of(inputs, complete, _AXES)
+    if len(complete) < len(outputs):
+        lacking = len(outputs) - len(complete)
         cut += f" {counted(lacking, 'result')} with missing values {'is' if lacking == 1 else 'are'} omitted."
-    known = _complete(numbers)
-    rows = known[evenly_spaced(len(known), LINES)]
-    if len(rows) < len(known):
-        cut = f" {len(rows)} of {len(known):,} samples are drawn, evenly spaced.{cut}"
-    elif len(known) < len(done):
-        cut = f" {len(known)} of {len(done):,} samples are drawn, the others lack a value.{cut}"
+    samples = _complete(numbers)
+    rows = samples[evenly_spaced(len(samples), LINES)]
+    if len(rows) < len(samples):
+        cut = f" {len(rows)} of {len(samples):,} samples are drawn, evenly spaced.{cut}"
+    elif len(samples) < len(done):
+        cut = f" {len(samples)} of {len(done):,} samples are drawn, the others lack a value.{cut}"
     about = f"Each line is a sample; blue to green to orange: low to high values on the last axis.{cut}"
     values = np.array([number.values[rows] for number in numbers]).T
     axes = [number.axis(number.label) for number in numbers]
@@ -207,9 +211,11 @@ def _scatter(inputs: Sequence[StudyVariable], outputs: Sequence[StudyVariable]) 
     numbers, cut = _columns_of(inputs, outputs, _MATRIX)
     size = max(105.0, 640.0 / len(numbers))
     ranks = np.eye(len(numbers))
-    for i, one in enumerate(numbers):
-        for j, other in enumerate(numbers[:i]):
-            ranks[i, j] = ranks[j, i] = correlations([one.values], [other.values], ranks=True)[0, 0]
+    for i, across_number in enumerate(numbers):
+        for j, down_number in enumerate(numbers[:i]):
+            ranks[i, j] = ranks[j, i] = correlations(
+                [across_number.values], [down_number.values], ranks=True
+            )[0, 0]
     rows = []
     for i, down in enumerate(numbers):
         row = []
@@ -229,15 +235,18 @@ def _scatter(inputs: Sequence[StudyVariable], outputs: Sequence[StudyVariable]) 
                 if len(x) <= POINTS:
                     layers = [Markers(x, y, "", "s1", "o", 1.6)]
                 else:  # a two-dimensional histogram
-                    edges = [_histogram(one, BINS, log)[1] for one, log in ((x, across.log), (y, down.log))]
+                    edges = [
+                        _histogram(across_number, BINS, log)[1]
+                        for across_number, log in ((x, across.log), (y, down.log))
+                    ]
                     cells, *bins = np.histogram2d(x, y, bins=edges)
                     filled = np.where(cells > 0, np.sqrt(cells), np.nan).T
                     layers = [Heatmap(filled, 0.0, float(np.nanmax(filled)), edges=(bins[0], bins[1]))]
             row.append(Subplot(x_axis, y_axis, layers, height=size))
         rows.append(row)
-    count, whole = int(np.any([number.known for number in outputs], axis=0).sum()), len(_complete(numbers))
-    if whole < count:
-        cut = f" {whole:,} of them have all values.{cut}"
+    count, complete = int(np.any([number.known for number in outputs], axis=0).sum()), len(_complete(numbers))
+    if complete < count:
+        cut = f" {complete:,} of them have all values.{cut}"
     binned = " The opacity of a cell is the number of samples in it." if count > POINTS else ""
     about = (
         f"Pairwise scatter plots, with the rank correlations above the diagonal; {count:,} samples."
@@ -260,31 +269,31 @@ def _counts(number: StudyVariable) -> Bars:
     return Bars(middles, np.full(len(counts), low), tops, "", "s1", thick)
 
 
-def _histogram(values: Array, most: int, log: bool = False) -> tuple[NDArray[np.intp], Array]:
+def _histogram(values: Array, max_bins: int, log: bool = False) -> tuple[NDArray[np.intp], Array]:
     """Return the counts of values in at most so many bins, and the edges; also of nearly equal values."""
     if log:
-        counts, edges = _histogram(np.log(values), most)
+        counts, edges = _histogram(np.log(values), max_bins)
         return counts, np.exp(edges)
     low, high = float(values.min()), float(values.max())
     size = max(abs(low), abs(high))
     if not high - low > 1e-12 * size:
         low, high = low - (1e-3 * size or 0.5), high + (1e-3 * size or 0.5)
-    return np.histogram(values, bins=int(np.clip(np.sqrt(len(values)), 5, most)), range=(low, high))
+    return np.histogram(values, bins=int(np.clip(np.sqrt(len(values)), 5, max_bins)), range=(low, high))
 
 
 def _distributions(outputs: Sequence[StudyVariable], title: str) -> Picture:
     subplots = []
     for number in outputs[:_HISTOGRAMS]:
         values = number.values[np.isfinite(number.values)]
-        found = statistics(values)
+        moments = statistics(values)
         counts, edges = _histogram(values, 60)
         middles, thick = (edges[1:] + edges[:-1]) / 2, float(edges[1] - edges[0]) * 0.92
         tips = [f"{short(a)} … {short(b)}: {c}" for a, b, c in zip(edges, edges[1:], counts, strict=False)]
         layers: list[Layer] = [
             Bars(middles, np.zeros(len(counts)), counts, "samples", "s1", thick, False, tips),
-            ReferenceLine(float(found["median"]), "median", "s2", upright=True),
-            ReferenceLine(float(found["p05"]), "5 % and 95 %", "s3 dashed", upright=True),
-            ReferenceLine(float(found["p95"]), "", "s3 dashed", upright=True),
+            ReferenceLine(float(moments["median"]), "median", "s2", upright=True),
+            ReferenceLine(float(moments["p05"]), "5 % and 95 %", "s3 dashed", upright=True),
+            ReferenceLine(float(moments["p95"]), "", "s3 dashed", upright=True),
         ]
         upright = PlotAxis("samples", step=1, low=0)
         subplots.append(Subplot(PlotAxis(number.label), upright, layers, height=120.0))
@@ -296,8 +305,8 @@ def _distributions(outputs: Sequence[StudyVariable], title: str) -> Picture:
     svg = chart("distributions", title, grid, about, width=760.0 if len(subplots) > 1 else 480.0)
     rows: list[tuple[CellValue, ...]] = []
     for number in outputs:
-        found = statistics(number.values)
-        rows.append((number.label, *(found[name].item() for name in NAMES)))
+        moments = statistics(number.values)
+        rows.append((number.label, *(moments[name].item() for name in NAMES)))
     return Picture(svg, about, FigureTable(("number", *NAMES), tuple(rows)))
 
 
@@ -314,21 +323,23 @@ def _maps(
         values = np.full((len(y), len(x)), np.nan)
         values[rows, columns] = number.values
         stride = max(1, -(-max(values.shape) // _CELLS))
-        a, b, part = x[::stride], y[::stride], values[::stride, ::stride]
-        low, high = float(np.nanmin(part)), float(np.nanmax(part))
+        a, b, shade = x[::stride], y[::stride], values[::stride, ::stride]
+        low, high = float(np.nanmin(shade)), float(np.nanmax(shade))
         tips = [
             [
                 f"{inputs[0].name} {short(p)}, {inputs[1].name} {short(q)}: {short(float(value))}"
                 for p, value in zip(a, line, strict=True)
             ]
-            for q, line in zip(b, part, strict=True)
+            for q, line in zip(b, shade, strict=True)
         ]
         # As many digits as tell neighbouring values apart.
         size, span = max(abs(low), abs(high)), high - low
         digits = int(np.clip(np.ceil(np.log10(size / span)) + 2 if span > 0 else 2, 2, 5))
-        texts = [[short(float(value), digits) for value in line] for line in part] if part.size <= 120 else ()
+        texts = (
+            [[short(float(value), digits) for value in line] for line in shade] if shade.size <= 120 else ()
+        )
         edges = (_edges(a, across.log), _edges(b, up.log))
-        cells = Heatmap(part, low - 0.05 * (high - low), high, texts, tips, edges)
+        cells = Heatmap(shade, low - 0.05 * (high - low), high, texts, tips, edges)
         heading = f"{number.label}\n{short(low, max(3, digits))} … {short(high, max(3, digits))}"
         subplots.append(Subplot(across, up, [cells], heading, height=260.0))
     wide = 1 if len(subplots) == 1 else 2

@@ -39,7 +39,7 @@ def figures(result: Result) -> Iterator[Figure]:
         names = dict.fromkeys(
             path.split("/")[2] for path in result if path.startswith(f"{group}/") and path.endswith("/time")
         )
-        found = {
+        alternatives = {
             name: {
                 column: result[f"{group}/{name}/{column}"]
                 for column in (*_COLUMNS, "default", "chosen")
@@ -48,39 +48,41 @@ def figures(result: Result) -> Iterator[Figure]:
             for name in names
         }
         name, title = group.replace("/", "-"), group.partition("/")[2]
-        if any("error" in columns for columns in found.values()):
+        if any("error" in columns for columns in alternatives.values()):
             draw = partial(
-                _over_error, result, group, f"{name}-precision", f"{title}: time against error", found
+                _over_error, result, group, f"{name}-precision", f"{title}: time against error", alternatives
             )
             yield Figure(f"{name}-precision", f"{title}: time against error", draw)
-        if any(len(set(columns["size"].data.tolist())) > 1 for columns in found.values()):
-            draw = partial(_over_size, result, group, f"{name}-growth", f"{title}: time over size", found)
+        if any(len(set(columns["size"].data.tolist())) > 1 for columns in alternatives.values()):
+            draw = partial(
+                _over_size, result, group, f"{name}-growth", f"{title}: time over size", alternatives
+            )
             yield Figure(f"{name}-growth", f"{title}: time over size", draw)
 
 
-def _over_error(result: Result, group: str, name: str, title: str, found: Alternatives) -> Picture:
+def _over_error(result: Result, group: str, name: str, title: str, alternatives: Alternatives) -> Picture:
     layers: list[Layer] = []
     marked: dict[str, list[tuple[float, float]]] = {}
     absent = []
-    for index, (own, columns) in enumerate(found.items()):
+    for index, (label, columns) in enumerate(alternatives.items()):
         if "error" not in columns:
             continue
         error, time = columns["error"].data, columns["time"].data
         shown = np.isfinite(error)
         if not shown.all():
-            absent.append(own)
+            absent.append(label)
         if not shown.any():
             continue
         x, y = np.maximum(error[shown], _LEAST), time[shown]
         tips = [
-            f"{own}, {size:,}: {short(t, 3)} s, error {short(e, 2)}"
+            f"{label}, {size:,}: {short(t, 3)} s, error {short(e, 2)}"
             for size, t, e in zip(columns["size"].data[shown].tolist(), y, error[shown], strict=True)
         ]
         layers += [
-            Curve(x, y, "", f"{series_class(index)} fine", name=own),
-            Markers(x, y, own, series_class(index), _SYMBOLS[index % len(_SYMBOLS)], 4, tips),
+            Curve(x, y, "", f"{series_class(index)} fine", name=label),
+            Markers(x, y, label, series_class(index), _SYMBOLS[index % len(_SYMBOLS)], 4, tips),
         ]
-        for column in columns.keys() & {each[0] for each in _MARKED}:
+        for column in columns.keys() & {mark[0] for mark in _MARKED}:
             which = columns[column].data[shown].astype(bool)
             marked.setdefault(column, []).extend(zip(x[which].tolist(), y[which].tolist(), strict=True))
     for column, words, symbol, size, cls in _MARKED:
@@ -91,12 +93,12 @@ def _over_error(result: Result, group: str, name: str, title: str, found: Altern
     about = f"{measure[:1].upper()}{measure[1:]}" if measure.startswith("error") else f"Error: {measure}"
     about += ". Errors of zero are drawn at 10⁻¹⁷"
     about += f"; infinite ones of {', '.join(absent)} are only in the table." if absent else "."
-    return _picture(result, group, name, title, found, PlotAxis("error", log=True), layers, about)
+    return _picture(result, group, name, title, alternatives, PlotAxis("error", log=True), layers, about)
 
 
-def _over_size(result: Result, group: str, name: str, title: str, found: Alternatives) -> Picture:
+def _over_size(result: Result, group: str, name: str, title: str, alternatives: Alternatives) -> Picture:
     layers: list[Layer] = []
-    for index, (own, columns) in enumerate(found.items()):
+    for index, (own, columns) in enumerate(alternatives.items()):
         size, time = columns["size"].data, columns["time"].data
         power = result.group_attrs.get(f"{group}/{own}", {}).get("exponent")
         label = own if power is None else f"{own}, power {float(power):.2f}"
@@ -106,7 +108,7 @@ def _over_size(result: Result, group: str, name: str, title: str, found: Alterna
         ]
     across = PlotAxis(str(result.group_attrs.get(group, {}).get("size", "size")), log=True)
     about = "The legend has the power of the size with which time grows."
-    return _picture(result, group, name, title, found, across, layers, about)
+    return _picture(result, group, name, title, alternatives, across, layers, about)
 
 
 def _picture(
@@ -114,7 +116,7 @@ def _picture(
     group: str,
     name: str,
     title: str,
-    found: Alternatives,
+    alternatives: Alternatives,
     across: PlotAxis,
     layers: list[Layer],
     remark: str,
@@ -127,10 +129,10 @@ def _picture(
     about = f"{about} {remark}"
     plot = Subplot(across, PlotAxis("time (s)", log=True), layers, height=320.0)
     rows: list[tuple[CellValue, ...]] = []
-    for own, columns in found.items():
+    for label, columns in alternatives.items():
         blank = [""] * len(columns["size"].data)
         data = [columns[column].data.tolist() if column in columns else blank for column in _COLUMNS]
-        rows += [(own, *row) for row in zip(*data, strict=True)]
+        rows += [(label, *row) for row in zip(*data, strict=True)]
     size, measure = str(attrs.get("size", "size")), str(attrs.get("measure", "error"))
     heads = ("alternative", size, "time (s)", "memory (B)", measure, "Pareto-optimal")
     return Picture(chart(name, title, [[plot]], about), about, FigureTable(heads, tuple(rows)))

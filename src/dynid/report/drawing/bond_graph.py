@@ -178,9 +178,9 @@ def figures(result: Result) -> Iterator[Figure]:
     drawn = drawn_graph(result)
     if len(drawn.graph.nodes) > LARGEST_WHOLE:
         return
-    whole = sketch_of(drawn)
+    outermost = sketch_of(drawn)
     for within in ["", *islice(instances(drawn.graph.nodes), MOST_INSTANCES)]:
-        sketch = folded(whole, within)
+        sketch = folded(outermost, within)
         if len(sketch.nodes) <= LARGEST:
             name, title = (f"inside-{within}", f"Inside {within}") if within else ("bond-graph", "Bond graph")
             yield Figure(name, title, partial(_graph_picture, name, title, result.title, sketch, drawn))
@@ -211,7 +211,7 @@ def _graph_picture(name: str, title: str, result_title: str, sketch: Sketch, dra
         caption = "Power is positive along the half arrows. A box is a field or structure of many nodes."
     if drawn.loops:
         caption += " Dashed arrows are feedback, from what is measured to the source that it drives."
-    if any(read != name for name, every in drawn.laws.items() for read in every):
+    if any(read != name for name, variables in drawn.laws.items() for read in variables):
         caption += " Dashed arrows are variables that laws depend on."
     if any(node.opens for node in sketch.nodes):
         caption += " The box of a sub-model leads to the drawing of its inside."
@@ -243,8 +243,8 @@ def sketch_of(drawn: DrawnGraph) -> Sketch:
     bonds += [SketchBond(*loop, signal=True) for loop in drawn.loops]
     bonds += [
         SketchBond(read, name, signal=True)
-        for name, every in drawn.laws.items()
-        for read in every
+        for name, variables in drawn.laws.items()
+        for read in variables
         if read != name
     ]
     source = next((name for name in drawn.inputs if graph.bonds_of(name)), None)
@@ -334,7 +334,7 @@ def reduction_strip(drawn: DrawnGraph, port: Port) -> list[Sketch]:
     seen, source = {node.key for node in first.nodes}, first.source
     strip = [replace(sketch_of(drawn), cut=None)]
     for index, shot in enumerate(shots[1:], 1):
-        rules = [one.step.rule if one.step else "" for one in shots[index : index + 2]]
+        rules = [snapshot.step.rule if snapshot.step else "" for snapshot in shots[index : index + 2]]
         merges = rules == ["source swap", "merge"]
         shown = _before_merging(shots[index - 1], shot) if merges else shot
         sketch = _SnapshotSketch(drawn, reduced, port, shown, seen, source).sketch()
@@ -394,9 +394,12 @@ class _SnapshotSketch:
     def sketch(self) -> Sketch:
         """Return the sketch, with causal strokes where every coupling is a bond."""
         for name, state in self.shot.junctions.items():
-            found = {self.drawn.domains.get(node, "") for node in state.nodes}
+            domains_of_nodes = {self.drawn.domains.get(node, "") for node in state.nodes}
             lines = (TextLine(state.kind, "glyph"), TextLine(", ".join(state.nodes) or name, "note"))
-            self._add(SketchNode(name, lines, found.pop() if len(found) == 1 else ""), state.kind)
+            self._add(
+                SketchNode(name, lines, domains_of_nodes.pop() if len(domains_of_nodes) == 1 else ""),
+                state.kind,
+            )
         for tie in self.shot.links:
             tail, head = (tie.head, tie.tail) if self._is_negative(tie.forward) else (tie.tail, tie.head)
             two_port, domains = tie.two_port, [self.nodes[end].domain for end in (tail, head)]
@@ -439,11 +442,11 @@ class _SnapshotSketch:
         """Add the sources that drive a junction, its elements and reduced immittances."""
         state, domain = self.shot.junctions[name], self.nodes[name].domain
         feeding, fixing = ("Sf", "Se") if state.kind == "0" else ("Se", "Sf")
-        given = [(source, feeding) for source in state.drives]
+        driving = [(source, feeding) for source in state.drives]
         fixed = self.junctions[name].fixing
         if fixed is not None and self.shot.known is not None and name == self.shot.root:
-            given.append((fixed, fixing))
-        for source, kind in given:
+            driving.append((fixed, fixing))
+        for source, kind in driving:
             is_input = source in self.drawn.inputs
             notes = (TextLine("input", "note"),) if is_input else ()
             key = source

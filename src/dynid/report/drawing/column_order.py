@@ -35,19 +35,19 @@ def ranks(graph: Graph, first: int, last: int) -> dict[int, int]:
     first, last
         The vertices of the first and the last column.
     """
-    whole = _biconnected(graph, (first, last))
-    potential = _potentials(whole, first, last)
+    network = _biconnected(graph, (first, last))
+    potential = _potentials(network, first, last)
     before = {v: [u for u in near if potential[u] < potential[v]] for v, near in graph.items()}
     after = {v: [u for u in near if potential[u] > potential[v]] for v, near in graph.items()}
     order = sorted(potential, key=lambda vertex: (potential[vertex], vertex))
     rank: dict[int, int] = {}
     for vertex in order:
-        rank[vertex] = max((rank[other] + 1 for other in before[vertex]), default=0)
+        rank[vertex] = max((rank[neighbour] + 1 for neighbour in before[vertex]), default=0)
     rank[last] = max(rank[last], max((rank[vertex] for vertex in order[:-1]), default=0) + 1)
     for _ in range(4):  # towards the neighbours
         for vertex in (*order[-2:0:-1], *order[1:-1]):
-            low = max((rank[other] for other in before[vertex]), default=rank[first]) + 1
-            high = min((rank[other] for other in after[vertex]), default=rank[last]) - 1
+            low = max((rank[neighbour] for neighbour in before[vertex]), default=rank[first]) + 1
+            high = min((rank[neighbour] for neighbour in after[vertex]), default=rank[last]) - 1
             balance = len(after[vertex]) - len(before[vertex])
             rank[vertex] = high if balance > 0 else low if balance < 0 else (low + high) // 2
     return rank
@@ -55,17 +55,17 @@ def ranks(graph: Graph, first: int, last: int) -> dict[int, int]:
 
 def _biconnected(graph: Graph, ends: tuple[int, int]) -> Graph:
     """Return a graph with edges that make it biconnected, one of them between its ends."""
-    whole = {vertex: set(near) for vertex, near in graph.items()}
+    network = {vertex: set(near) for vertex, near in graph.items()}
 
     def tie(a: int, b: int) -> None:
-        whole[a].add(b)
-        whole[b].add(a)
+        network[a].add(b)
+        network[b].add(a)
 
     tie(*ends)
     for vertex in graph:
-        for one, other in pairwise(_parts_without(whole, vertex)):
-            tie(one, other)
-    return whole
+        for first_part, second_part in pairwise(_parts_without(network, vertex)):
+            tie(first_part, second_part)
+    return network
 
 
 def _parts_without(graph: Graph, vertex: int) -> list[int]:
@@ -114,9 +114,9 @@ class ColumnOrder(Generic[T]):
         self.columns = columns
         self._left: dict[T, list[T]] = {item: [] for items in columns for item in items}
         self._right: dict[T, list[T]] = {item: [] for item in self._left}
-        for one, other in links:
-            self._right[one].append(other)
-            self._left[other].append(one)
+        for left_item, right_item in links:
+            self._right[left_item].append(right_item)
+            self._left[right_item].append(left_item)
         self._position = {item: k for items in columns for k, item in enumerate(items)}
 
     def improve(self) -> int:

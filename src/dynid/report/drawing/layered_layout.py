@@ -107,9 +107,9 @@ def _preferred_height(item: LayoutItem, ties: list[tuple[LayoutItem, float, bool
     """Return the height at which an item's bonds rise least; of several, the middle or the straightest."""
     if not ties:
         return item.y
-    heights = sorted(other.y + offset for other, offset, _ in ties)
+    heights = sorted(neighbour.y + offset for neighbour, offset, _ in ties)
     low, high = heights[(len(heights) - 1) // 2], heights[len(heights) // 2]
-    before = sorted(other.y + offset for other, offset, is_before in ties if is_before)
+    before = sorted(neighbour.y + offset for neighbour, offset, is_before in ties if is_before)
     if not straight or not before:
         return (low + high) / 2
     return min(max(before[len(before) // 2], low), high)
@@ -130,8 +130,8 @@ def _place_apart(items: list[LayoutItem], preferred: list[float]) -> None:
         mean = preferred[index] - shift
         weight, members = (1.0 if item.name is not None else _LANE_WEIGHT), 1
         while pools and pools[-1][0] > mean:
-            other, heavy, count = pools.pop()
-            mean = (mean * weight + other * heavy) / (weight + heavy)
+            pool, heavy, count = pools.pop()
+            mean = (mean * weight + pool * heavy) / (weight + heavy)
             weight, members = weight + heavy, members + count
         pools.append((mean, weight, members))
     heights = [mean for mean, _, members in pools for _ in range(members)]
@@ -148,9 +148,9 @@ def layered_layouts(sketch: Sketch) -> Iterator[LayeredLayout]:
     seen: set[str] = set()
     for start in ties:
         if start not in seen:
-            part = _predecessors(start, ties)
-            seen.update(part)
-            yield _LayoutBuilder(sketch, {name: ties[name] for name in part}).layout()
+            component = _predecessors(start, ties)
+            seen.update(component)
+            yield _LayoutBuilder(sketch, {name: ties[name] for name in component}).layout()
 
 
 def _predecessors(start: str, ties: Ties, without: str | None = None) -> dict[str, str]:
@@ -159,10 +159,10 @@ def _predecessors(start: str, ties: Ties, without: str | None = None) -> dict[st
     queue = deque([start])
     while queue:
         name = queue.popleft()
-        for other, _ in ties[name]:
-            if other not in above and other != without:
-                above[other] = name
-                queue.append(other)
+        for neighbour, _ in ties[name]:
+            if neighbour not in above and neighbour != without:
+                above[neighbour] = name
+                queue.append(neighbour)
     return above
 
 
@@ -178,10 +178,10 @@ class _LayoutBuilder:
         leaves = [name for name, count in degree.items() if count < 2]
         for name in leaves:  # which grows while leaves are removed
             degree[name] = 0
-            for other, _ in self.ties[name]:
-                degree[other] -= 1
-                if degree[other] == 1:
-                    leaves.append(other)
+            for neighbour, _ in self.ties[name]:
+                degree[neighbour] -= 1
+                if degree[neighbour] == 1:
+                    leaves.append(neighbour)
         gone = set(leaves)
         core = [name for name in self.ties if name not in gone]
         if core:
@@ -190,8 +190,8 @@ class _LayoutBuilder:
         if cut is not None and cut[0] in self.ties:
             path = [*self._longest_path(cut[0], cut[1])[::-1], *self._longest_path(cut[1], cut[0])]
         else:
-            one = self._longest_path(next(iter(self.ties)))[-1]
-            path = self._longest_path(one)
+            end = self._longest_path(next(iter(self.ties)))[-1]
+            path = self._longest_path(end)
             if source in self.ties:
                 from_source = self._longest_path(str(source))
                 path = from_source if len(from_source) * 2 > len(path) else path
@@ -215,7 +215,9 @@ class _LayoutBuilder:
     def _of_loops(self, core: list[str]) -> LayeredLayout:
         """Return the layout of a graph with loops, which the core is without its trees."""
         number = {name: k for k, name in enumerate(core)}
-        bonds = sorted({index for name in core for other, index in self.ties[name] if other in number})
+        bonds = sorted(
+            {index for name in core for neighbour, index in self.ties[name] if neighbour in number}
+        )
         ends = {index: (self.sketch.bonds[index].tail, self.sketch.bonds[index].head) for index in bonds}
         graph: dict[int, set[int]] = {k: set() for k in range(len(core))}
         for tail, head in ends.values():
@@ -225,28 +227,33 @@ class _LayoutBuilder:
         rank = ranks(graph, number[left[-1]], number[right[0]])
         first = len(left) - 1
         count = first + max(rank.values()) + 1
-        place = {name: first + rank[number[name]] for name in core}
-        place |= {name: k for k, name in enumerate(left[:-1])}
-        place |= {name: k for k, name in enumerate(right[1:], count)}
+        column_of = {name: first + rank[number[name]] for name in core}
+        column_of |= {name: k for k, name in enumerate(left[:-1])}
+        column_of |= {name: k for k, name in enumerate(right[1:], count)}
         columns: list[list[LayoutItem]] = [[] for _ in range(count + len(right) - 1)]
-        item = {name: LayoutItem(name) for name in place}
-        for name, column in place.items():
+        item = {name: LayoutItem(name) for name in column_of}
+        for name, column in column_of.items():
             columns[column].append(item[name])
         routes: dict[int, list[Waypoint]] = {}
         for index, (tail, head) in ends.items():
-            step = 1 if place[head] > place[tail] else -1
+            step = 1 if column_of[head] > column_of[tail] else -1
             lanes = [
-                Waypoint(LayoutItem(), column) for column in range(place[tail] + step, place[head], step)
+                Waypoint(LayoutItem(), column)
+                for column in range(column_of[tail] + step, column_of[head], step)
             ]
             for lane in lanes:
                 columns[lane.column].append(lane.item)
-            routes[index] = [Waypoint(item[tail], place[tail]), *lanes, Waypoint(item[head], place[head])]
+            routes[index] = [
+                Waypoint(item[tail], column_of[tail]),
+                *lanes,
+                Waypoint(item[head], column_of[head]),
+            ]
         links = [
             (a.item, b.item) if a.column < b.column else (b.item, a.item)
             for route in routes.values()
             for a, b in pairwise(route)
         ]
-        return self._finish(columns, place, routes, ColumnOrder(columns, links).improve())
+        return self._finish(columns, column_of, routes, ColumnOrder(columns, links).improve())
 
     def _ends(self, core: list[str]) -> tuple[list[str], list[str]]:
         """Return the paths from the source into the loops, and out of them to the target."""
@@ -271,38 +278,38 @@ class _LayoutBuilder:
     def _finish(
         self,
         columns: list[list[LayoutItem]],
-        place: dict[str, int],
+        column_of: dict[str, int],
         routes: dict[int, list[Waypoint]],
         crossings: int,
     ) -> LayeredLayout:
         """Route the other bonds of the spine, spread the bonds at its nodes, and attach the trees."""
         item = {i.name: i for column in columns for i in column if i.name is not None}
-        for name in place:
+        for name in column_of:
             for _, index in self.ties[name]:
                 bond = self.sketch.bonds[index]
-                if index not in routes and bond.tail in place and bond.head in place:
-                    routes[index] = [Waypoint(item[end], place[end]) for end in (bond.tail, bond.head)]
+                if index not in routes and bond.tail in column_of and bond.head in column_of:
+                    routes[index] = [Waypoint(item[end], column_of[end]) for end in (bond.tail, bond.head)]
         _spread_bonds(columns, routes)
-        ports = {name: [0, 0] for name in place}
+        ports = {name: [0, 0] for name in column_of}
         for route in routes.values():
             for end, near in ((route[0], route[1]), (route[-1], route[-2])):
                 ports[str(end.item.name)][near.column > end.column] += 1
         children: dict[str, list[str]] = {name: [] for name in self.ties}
         hanging: dict[str, int] = {}
-        queue = list(place)
+        queue = list(column_of)
         for name in queue:
-            for other, index in self.ties[name]:
-                if other not in place and other not in hanging and index != hanging.get(name):
-                    children[name].append(other)
-                    hanging[other] = index
-                    queue.append(other)
+            for neighbour, index in self.ties[name]:
+                if neighbour not in column_of and neighbour not in hanging and index != hanging.get(name):
+                    children[name].append(neighbour)
+                    hanging[neighbour] = index
+                    queue.append(neighbour)
         sides = {name: (west, east) for name, (west, east) in ports.items()}
         return LayeredLayout(columns, routes, sides, children, hanging, crossings)
 
 
 def _spread_bonds(columns: list[list[LayoutItem]], routes: dict[int, list[Waypoint]]) -> None:
     """Spread the bonds on either side of an item, in the order of the items they lead to."""
-    order = {item: place for column in columns for place, item in enumerate(column)}
+    order = {item: position for column in columns for position, item in enumerate(column)}
     sides: dict[tuple[LayoutItem, bool], list[tuple[int, int, Waypoint, bool]]] = {}
     for index, route in routes.items():
         for a, b in pairwise(route):

@@ -119,15 +119,15 @@ def _tree_layout(
     size
         Width and height of a node.
     """
-    found = _TreeLayout()
+    layout = _TreeLayout()
     order: list[str] = []
     stack = [(name, root, 0) for name in reversed(trees)]
     while stack:
         name, parent, level = stack.pop()
-        found.parent[name] = parent
-        if level == len(found.levels):
-            found.levels.append([])
-        found.levels[level].append(name)
+        layout.parent[name] = parent
+        if level == len(layout.levels):
+            layout.levels.append([])
+        layout.levels[level].append(name)
         order.append(name)
         stack += [
             (child, name, level + 1) for child in reversed(_deepest_in_middle(children[name], children))
@@ -139,11 +139,11 @@ def _tree_layout(
         half = size(name)[0] / 2
         outlines[name] = [(-half, half), *below]
     offsets[root], _ = _side_by_side(trees, outlines)
-    found.x[root] = 0.0
+    layout.x[root] = 0.0
     for name in order:
-        parent = found.parent[name]
-        found.x[name] = found.x[parent] + offsets[parent][name]
-    return found
+        parent = layout.parent[name]
+        layout.x[name] = layout.x[parent] + offsets[parent][name]
+    return layout
 
 
 def depth(name: str, children: Mapping[str, list[str]]) -> int:
@@ -170,33 +170,35 @@ def _side_by_side(names: list[str], outlines: Mapping[str, _Outline]) -> tuple[d
     places: list[float] = []
     joint: _Outline = []
     for name in names:
-        own = outlines[name]
-        least = places[-1] + PORT if places else 0.0
-        shift = max([least, *(right + GAP - left for (_, right), (left, _) in zip(joint, own, strict=False))])
+        outline = outlines[name]
+        first = places[-1] + PORT if places else 0.0
+        shift = max(
+            [first, *(right + GAP - left for (_, right), (left, _) in zip(joint, outline, strict=False))]
+        )
         shift = shift if places else 0.0
         places.append(shift)
-        moved = [(left + shift, right + shift) for left, right in own]
+        moved = [(left + shift, right + shift) for left, right in outline]
         shared = [(a[0], b[1]) for a, b in zip(joint, moved, strict=False)]
         joint = [*shared, *joint[len(shared) :], *moved[len(shared) :]]
     centre = places[len(places) // 2] if len(places) % 2 else (places[0] + places[-1]) / 2
-    offsets = {name: place - centre for name, place in zip(names, places, strict=True)}
+    offsets = {name: position - centre for name, position in zip(names, places, strict=True)}
     return offsets, [(left - centre, right - centre) for left, right in joint]
 
 
 def lay_out(sketch: Sketch) -> GraphLayout:
     """Lay out a sketch; its connected parts are placed below each other."""
-    whole = GraphLayout(routes=[[] for _ in sketch.bonds])
+    layout = GraphLayout(routes=[[] for _ in sketch.bonds])
     below = 0.0
     for spine in layered_layouts(sketch):
-        part = _PartLayout(sketch, spine)
-        frame = GraphLayout(part.boxes, list(part.routes.values())).frame
-        for name, box in part.boxes.items():
-            whole.boxes[name] = box.moved(-frame.left, below - frame.top)
-        for index, route in part.routes.items():
-            whole.routes[index] = [(x - frame.left, y + below - frame.top) for x, y in route]
-        whole.crossings += spine.crossings
+        component = _PartLayout(sketch, spine)
+        frame = GraphLayout(component.boxes, list(component.routes.values())).frame
+        for name, box in component.boxes.items():
+            layout.boxes[name] = box.moved(-frame.left, below - frame.top)
+        for index, route in component.routes.items():
+            layout.routes[index] = [(x - frame.left, y + below - frame.top) for x, y in route]
+        layout.crossings += spine.crossings
         below += frame.bottom - frame.top + 2 * GAP
-    return whole
+    return layout
 
 
 class _PartLayout:
@@ -286,13 +288,19 @@ class _PartLayout:
             rights.append(right)
         channels = [CHANNEL if column else 0.0 for column in self.spine.columns]
         for route in self.spine.routes.values():
-            for one, other in pairwise(route):
-                rise, place = abs(one.y_out - other.y_in), min(one.column, other.column)
-                channels[place] = max(channels[place], CHANNEL + rise / SLOPE if rise > 0.5 else CHANNEL)
+            for start, end in pairwise(route):
+                rise, column_index = abs(start.y_out - end.y_in), min(start.column, end.column)
+                channels[column_index] = max(
+                    channels[column_index], CHANNEL + rise / SLOPE if rise > 0.5 else CHANNEL
+                )
         x, places = 0.0, []
-        for place in range(len(lefts)):
-            x = x + channels[place - 1] + rights[place - 1] - lefts[place] if place else -lefts[0]
-            places.append((x, (x + lefts[place], x + rights[place])))
+        for column_index in range(len(lefts)):
+            x = (
+                x + channels[column_index - 1] + rights[column_index - 1] - lefts[column_index]
+                if column_index
+                else -lefts[0]
+            )
+            places.append((x, (x + lefts[column_index], x + rights[column_index])))
         return places
 
     def _levels(self, tree: _TreeLayout) -> list[tuple[float, float]]:
@@ -330,12 +338,12 @@ class _PartLayout:
                 for name in names:
                     parent = self.boxes[tree.parent[name]]
                     leave = parent.bottom if sign > 0 else parent.top
-                    port, own = x + tree.port(name), x + tree.x[name]
-                    if abs(port - own) < 0.5:
-                        points = [(own, leave), (own, near)]
+                    port, centre = x + tree.port(name), x + tree.x[name]
+                    if abs(port - centre) < 0.5:
+                        points = [(centre, leave), (centre, near)]
                     else:
                         points = [(port, leave), (port, near - sign * (RUN + turn))]
-                        points += [(own, near - sign * RUN), (own, near)]
+                        points += [(centre, near - sign * RUN), (centre, near)]
                     bond = self.spine.hanging[name]
                     self.routes[bond] = points if self.sketch.bonds[bond].head == name else points[::-1]
 

@@ -84,9 +84,9 @@ class _BlockDiagram:
 
     def draw(self, svg: Svg, x: float, y: float) -> None:
         """Draw it with its upper left corner at a point."""
-        width, side, (whole, _) = self._width, self._side, self.size
+        width, side, (full_width, _) = self._width, self._side, self.size
         top, low = y + 20 + _HEIGHT / 2, y + 48 + 1.5 * _HEIGHT
-        left, end = x + side + 2 * _GAP, x + whole
+        left, end = x + side + 2 * _GAP, x + full_width
         if self.kind == "feedback":
             middle, node, tap = top, x + side + _GAP, left + width + _GAP
             _arrow(svg, (x + side, top), (node - _SUM, top))
@@ -150,13 +150,13 @@ def prototypes(result: Result) -> Iterator[Figure]:
     if f"{group}/prototype" in result:
         letters = result[f"{group}/prototype"].data.reshape(-1)
         for index, output in enumerate(result[f"{group}/output"].data):
-            formulas = [str(result[f"{group}/{part}_latex"].data[index]) for part in parts]
+            formulas = [str(result[f"{group}/{formula}_latex"].data[index]) for formula in parts]
             name = f"prototype-{output}"
             draw = partial(prototype_picture, name, str(letters[index]), formulas, f"at {output}")
             yield Figure(name, f"Prototype at {output}", draw)
     if f"{PORT}/prototype_equation_latex" in result:
         letter = str(result.value(f"{PORT}/prototype"))
-        formulas = [str(result.value(f"{PORT}/{part}_latex")) for part in parts]
+        formulas = [str(result.value(f"{PORT}/{formula}_latex")) for formula in parts]
         draw = partial(prototype_picture, "prototype-port", letter, formulas, "at the port")
         yield Figure("prototype-port", "Prototype at the port", draw)
 
@@ -231,14 +231,14 @@ def equivalents(result: Result) -> Iterator[Figure]:
 
 def _dynamics(result: Result) -> Picture:
     letter = str(result.value(f"{PORT}/prototype"))
-    whole = prototype_sketch(letter)
+    prototype = prototype_sketch(letter)
     along, response = _PATHS[letter]
     path = replace(
-        whole,
-        bonds=tuple(replace(b, changed=b.tail == "source" or b.head in along) for b in whole.bonds),
-        nodes=tuple(replace(n, role="output" if n.key in response else n.role) for n in whole.nodes),
+        prototype,
+        bonds=tuple(replace(b, changed=b.tail == "source" or b.head in along) for b in prototype.bonds),
+        nodes=tuple(replace(n, role="output" if n.key in response else n.role) for n in prototype.nodes),
     )
-    free = replace(whole.without({"source"}), source="A")
+    free = replace(prototype.without({"source"}), source="A")
     equations = {what: _text(result, f"{PORT}/{what}_dynamics/equation") for what in ("zero", "pole")}
     roots = {what: _text(result, f"{PORT}/{what}_dynamics/polynomial") for what in ("zero", "pole")}
     panels = []
@@ -257,7 +257,7 @@ def _dynamics(result: Result) -> Picture:
     svg = Svg("port-dynamics", title, about)
     size = draw_panels(svg, panels)
     rows = [(f"{what} dynamics", equations[what], roots[what]) for what in ("zero", "pole")]
-    name, exact = (_text(result, f"{PORT}/zero_dynamics/response{part}") for part in ("_name", "/exact"))
+    name, exact = (_text(result, f"{PORT}/zero_dynamics/response{suffix}") for suffix in ("_name", "/exact"))
     if exact:
         rows.append((name, "the response whose zeros are the zero dynamics", exact))
     table = FigureTable(("quantity", "equation", "polynomial or ratio"), tuple(rows))
@@ -268,18 +268,20 @@ def _equivalents(result: Result, side: str, title: str) -> Picture:
     here = f"{PORT}/{side}"
     texts = {name: _in_unicode(_text(result, f"{here}/{name}/exact")) for name in ("Z_eq", "Y_eq")}
     sources = [
-        (own, kind, _in_unicode(str(result.value(path))))
+        (source_name, kind, _in_unicode(str(result.value(path))))
         for kind in ("e_eq", "f_eq")
         for path in result
         if path.startswith(f"{here}/{kind}/") and path.endswith("/exact")
-        for own in [path.removeprefix(f"{here}/{kind}/").removesuffix("/exact")]
+        for source_name in [path.removeprefix(f"{here}/{kind}/").removesuffix("/exact")]
     ]
     panels = []
     for heading, junction, source, kind, relation, immittance in (
         ("Norton, on a 0-junction (Fig. 5a, eq 15)", "0", "Sf : f_eq", "f_eq", "f = f_eq − Y_eq e", "Y_eq"),
         ("Thévenin, on a 1-junction (Fig. 5b, eq 16)", "1", "Se : e_eq", "e_eq", "e = e_eq − Z_eq f", "Z_eq"),
     ):
-        amounts = "; ".join(f"{kind} of {own} = {text}" for own, what, text in sources if what == kind)
+        amounts = "; ".join(
+            f"{kind} of {source_name} = {text}" for source_name, what, text in sources if what == kind
+        )
         text = f"{relation}; {immittance} = {texts[immittance]}" + (f"; {amounts}" if amounts else "")
         active = any(what == kind for _, what, _ in sources)
         flow = junction == "0"
@@ -307,7 +309,7 @@ def _equivalents(result: Result, side: str, title: str) -> Picture:
     svg = Svg(f"equivalent-{side}", title, about)
     size = draw_panels(svg, panels)
     rows = [(name, "", text) for name, text in texts.items()]
-    rows += [(kind, own, text) for own, kind, text in sources]
+    rows += [(kind, source_name, text) for source_name, kind, text in sources]
     return Picture(svg.render(*size), about, FigureTable(("quantity", "source", "value"), tuple(rows)))
 
 

@@ -149,7 +149,7 @@ class Panel:
     @cached_property
     def formulas(self) -> list[TypesetFormula]:
         """Its equations, one a line."""
-        return [typeset(part) for part in self.latex.split(r";\quad ") if part]
+        return [typeset(latex) for latex in self.latex.split(r";\quad ") if latex]
 
     @property
     def full_width(self) -> float:
@@ -205,7 +205,7 @@ def draw_panels(svg: Svg, panels: Sequence[Panel]) -> tuple[float, float]:
     rows: list[list[Panel]] = []
     widest = _WIDTH if embedded.get() is None else 0.0
     for panel in panels:
-        if rows and sum(other.full_width + _PAD for other in rows[-1]) + panel.full_width <= widest:
+        if rows and sum(neighbour.full_width + _PAD for neighbour in rows[-1]) + panel.full_width <= widest:
             rows[-1].append(panel)
         else:
             rows.append([panel])

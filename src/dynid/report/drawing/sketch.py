@@ -222,13 +222,13 @@ def instances(names: Iterable[str]) -> Iterator[str]:
 
     Of the copies `line.1`, `line.2` … only the first is yielded: they are alike.
     """
-    found = dict.fromkeys(
+    prefixes = dict.fromkeys(
         ".".join(parts[:level])
         for parts in (name.split(".") for name in names)
         for level in range(1, len(parts))
     )
-    for name in sorted(found, key=lambda one: one.split(".")):
-        if all(part == "1" for part in name.split(".") if part.isdecimal()):
+    for name in sorted(prefixes, key=lambda path: path.split(".")):
+        if all(number == "1" for number in name.split(".") if number.isdecimal()):
             yield name
 
 
@@ -249,21 +249,23 @@ def folded(sketch: Sketch, within: str = "") -> Sketch:
         for bond in sketch.bonds
         if places[bond.tail] != places[bond.head]
     )
-    own = {place for place in places.values() if not within or place.startswith(f"{within}.")}
-    shown = own.union(*({bond.tail, bond.head} for bond in bonds if bond.tail in own or bond.head in own))
+    inside = {box for box in places.values() if not within or box.startswith(f"{within}.")}
+    shown = inside.union(
+        *({bond.tail, bond.head} for bond in bonds if bond.tail in inside or bond.head in inside)
+    )
     sizes = Counter(places.values())
     nodes: dict[str, SketchNode] = {}
     for node in sketch.nodes:
-        place = places[node.key]
-        if place not in shown:
+        box = places[node.key]
+        if box not in shown:
             continue
-        role = node.role if place not in nodes else _both(nodes[place].role, node.role)
-        if place == node.key:
-            nodes[place] = node
+        role = node.role if box not in nodes else _both(nodes[box].role, node.role)
+        if box == node.key:
+            nodes[box] = node
         else:
-            text = counted(sizes[place], "node")
-            nodes[place] = SketchNode(
-                place, (TextLine(place), TextLine(text, "note")), "", role, opens=f"inside-{place}"
+            text = counted(sizes[box], "node")
+            nodes[box] = SketchNode(
+                box, (TextLine(box), TextLine(text, "note")), "", role, opens=f"inside-{box}"
             )
     source, target = (
         places[end] if end is not None and places[end] in shown else None
@@ -279,10 +281,15 @@ def folded(sketch: Sketch, within: str = "") -> Sketch:
 def _shown(name: list[str], above: list[str]) -> str:
     """Return the node or box that stands for a node: one part of its name below the place that is shown."""
     common = next(
-        (k for k, (one, other) in enumerate(zip(name, above, strict=False)) if one != other), len(above)
+        (
+            k
+            for k, (part_of_name, part_above) in enumerate(zip(name, above, strict=False))
+            if part_of_name != part_above
+        ),
+        len(above),
     )
     return ".".join(name[: common + 1])
 
 
-def _both(one: str, other: str) -> str:
-    return one if not other or one == other else other if not one else "both"
+def _both(role: str, added: str) -> str:
+    return role if not added or role == added else added if not role else "both"

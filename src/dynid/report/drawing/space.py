@@ -66,8 +66,8 @@ class Space:
         for what in ("sensor", "load"):
             turns, along = self.array(f"{what}_turns", 1).ravel(), self.array(f"{what}_direction", 3)
             flat = flat and not any(
-                np.abs(one[:2] if turning else one[2:]).max() > 1e-9
-                for turning, one in zip(turns, along, strict=True)
+                np.abs(direction[:2] if turning else direction[2:]).max() > 1e-9
+                for turning, direction in zip(turns, along, strict=True)
             )
         return flat and not self.array("displacement", 3)[..., 2].any()
 
@@ -84,17 +84,17 @@ class Space:
         """Return points or displacements (… x 3) on the paper (… x 2), y upwards."""
         return np.asarray(points @ self.view.T)
 
-    def polylines(self, mode: int | None = None, most: int = _MOST) -> list[tuple[Array, Array]]:
+    def polylines(self, mode: int | None = None, limit: int = _MOST) -> list[tuple[Array, Array]]:
         """Return lines at rest and their displacements on the paper; those of beams bend (Hermite).
 
         Parameters
         ----------
         mode
             The mode, from 0; absent: at rest only.
-        most
+        limit
             Most lines, the outer ones.
         """
-        edges = outer_lines(self.edges, most)
+        edges = outer_lines(self.edges, limit)
         moved, turned = np.zeros_like(self.position), None
         if mode is not None:
             moved, rotation = self.array("displacement", 3)[mode], self.array("rotation", 3)
@@ -172,8 +172,8 @@ class _SpaceDrawing:
         for what, cls in (("load", "s2"), ("sensor", "s3"), ("shape_sensor", "s3")):
             self._draw_arrows(what, cls)
         if len(space.nodes) <= _NUMBERED:
-            each = zip(space.nodes, space.position, strict=True)
-            self.texts += [(self.at(point), name, "small muted") for name, point in each]
+            named_points = zip(space.nodes, space.position, strict=True)
+            self.texts += [(self.at(point), name, "small muted") for name, point in named_points]
         for text in self.texts:
             self._write(*text)
         self._draw_axes()
@@ -265,7 +265,7 @@ class _SpaceDrawing:
         ways = space.array(f"{what}_direction", 3)
         for k, (name, point) in enumerate(zip(names, space.array(f"{what}_position", 3), strict=True)):
             x, y = self.at(point)
-            dx, dy = (float(one) for one in space.flat(ways[k]))
+            dx, dy = (float(component) for component in space.flat(ways[k]))
             size = float(np.hypot(dx, dy))
             self.svg.open(tip=f"{what.removeprefix('shape_')} {name}")
             if size < 0.15:  # along the line of sight, or about it
@@ -290,7 +290,7 @@ class _SpaceDrawing:
         left, bottom = min(box[0] for box in self.boxes), max(box[3] for box in self.boxes)
         x, y = left + 24.0, bottom + 44.0
         for name, way in zip("xyz", np.eye(3), strict=True):
-            dx, dy = (float(one) for one in self.space.flat(way))
+            dx, dy = (float(component) for component in self.space.flat(way))
             if dx or dy:
                 self.svg.line((x, y), (x + 22 * dx, y - 22 * dy), cls="frame")
                 self.svg.text(x + 30 * dx, y - 30 * dy + 3, name, "small muted")
@@ -307,8 +307,11 @@ class _SpaceDrawing:
             if ((strokes > box[:2]) & (strokes < box[2:])).all(axis=1).any():
                 continue
             if all(
-                box[2] <= other[0] or other[2] <= box[0] or box[3] <= other[1] or other[3] <= box[1]
-                for other in self.boxes
+                box[2] <= drawn_box[0]
+                or drawn_box[2] <= box[0]
+                or box[3] <= drawn_box[1]
+                or drawn_box[3] <= box[1]
+                for drawn_box in self.boxes
             ):
                 self.boxes.append(box)
                 self.svg.text(x, y, text, cls, anchor=anchor)

@@ -97,27 +97,27 @@ class _ChainDrawing:
         top = 58 + len(self.over) * 44.0
         self.y = top + self.half
         x, self.centres = _PAD, list[float]()
-        for place, gap in enumerate(self.between):
+        for index, gap in enumerate(self.between):
             width = _PAD
-            if gap or 0 < place < len(self.masses):
+            if gap or 0 < index < len(self.masses):
                 width = max([70.0, *(text_width(text, SMALL) + 14 for tie in gap for text in tie.texts)])
             end = x + width
             if gap:
-                self._draw_gap(gap, x, end, place)
+                self._draw_gap(gap, x, end, index)
             x = end
-            if place < len(self.masses):
+            if index < len(self.masses):
                 self.centres.append(x + _MASS / 2)
                 x += _MASS
         drop = max((sum(map(_rows, under)) for under in self.below), default=0)
         bottom = self.y + self.half + max(texts * _LEADING + 12, 100 if drop else 0, 20)
-        for place in range(len(self.masses)):
-            self._draw_mass(place)
+        for index in range(len(self.masses)):
+            self._draw_mass(index)
         for lane, tie in enumerate(self.over):
             # Between masses that are not neighbours: above the chain.
             y, places = top - 40 - 44.0 * lane, sorted(int(dof) - 1 for dof in tie.dofs)
             left, right = self.centres[places[0]] + 10, self.centres[places[-1]] - 10
-            for place in places:
-                leg = min(max(self.centres[place], left), right)
+            for index in places:
+                leg = min(max(self.centres[index], left), right)
                 self.svg.line((leg, self.y - self.half), (leg, y), cls=_line_class(tie))
             for drawn, draw, height in ((tie.stiff, spring, y), (tie.damped, damper, y + 18)):
                 if drawn:
@@ -125,11 +125,11 @@ class _ChainDrawing:
             self.svg.text((left + right) / 2, y - 10, ", ".join(tie.texts), tie.text_class)
         return self.svg.render(x + _PAD, bottom + _PAD)
 
-    def _draw_gap(self, gap: Sequence[SpringDamper], left: float, right: float, place: int) -> None:
+    def _draw_gap(self, gap: Sequence[SpringDamper], left: float, right: float, index: int) -> None:
         """Draw springs and dampers between neighbours, or to ground at an end, with their values below."""
-        inner = 0 < place < len(self.masses)
+        inner = 0 < index < len(self.masses)
         if not inner:
-            ground(self.svg, (left if place == 0 else right, self.y), "left" if place == 0 else "right")
+            ground(self.svg, (left if index == 0 else right, self.y), "left" if index == 0 else "right")
         rows = sum(map(_rows, gap))
         y = self.y - (rows - 1) * _ROW / 2
         text = self.y + self.half + _LEADING
@@ -142,17 +142,17 @@ class _ChainDrawing:
                 self.svg.text((left + right) / 2, text, line, tie.text_class)
                 text += _LEADING
         if rows > 1:
-            for end in {left, right} if inner else {left if place == 0 else right}:
+            for end in {left, right} if inner else {left if index == 0 else right}:
                 reach = (rows - 1) * _ROW / 2
                 self.svg.line((end, self.y - reach), (end, self.y + reach), cls="line")
 
-    def _draw_mass(self, place: int) -> None:
+    def _draw_mass(self, index: int) -> None:
         """Draw a mass with its force, sensors, and springs to ground."""
-        x, svg, dof = self.centres[place], self.svg, place + 1
+        x, svg, dof = self.centres[index], self.svg, index + 1
         for cls, more in (("paper", {}), ("node", {}), ("line", {"rx": 2})):
             svg.rect(x - _MASS / 2, self.y - self.half, _MASS, 2 * self.half, cls, **more)
         svg.text(x, self.y - 2, f"{dof}", "strong")
-        mass = self.masses[place]
+        mass = self.masses[index]
         if mass.endswith("?") and text_width(mass, SMALL) > _MASS:  # the table has its name
             mass = "m = ?"
         svg.text(x, self.y + 12, mass, "small muted")
@@ -167,7 +167,7 @@ class _ChainDrawing:
             svg.text(x - 20, above - 16, ", ".join(q[0] for q in quantities), "small s3")
         if dof in self.attached.masters:
             master(svg, x - _MASS / 2 + 8, low - 8)
-        under = self.below[place]
+        under = self.below[index]
         column = x - (sum(map(_rows, under)) - 1) * 11
         for tie in under:
             for drawn, draw in ((tie.stiff, spring), (tie.damped, damper)):
@@ -219,8 +219,8 @@ class _FrameDrawing:
                 held = {_way(tie.dofs[0]) for tie in self.attached.springs if _node_of(tie.dofs[0]) == node}
                 off = 22 if "rz" in held or node in supports else 15 if held else 6
                 inwards = "x" in held and x > self.middle  # a spring to ground is on the right
-                place, anchor = (x - 6, "end") if inwards else (x + off, "start")
-                svg.text(place, y + 14, str(node), "small muted", anchor=anchor)
+                text_x, anchor = (x - 6, "end") if inwards else (x + off, "start")
+                svg.text(text_x, y + 14, str(node), "small muted", anchor=anchor)
         for node in self.geometry.carrying:
             svg.circle(*self.points[node], 7, "solid")
         for node, fixed in supports.items():
@@ -229,8 +229,8 @@ class _FrameDrawing:
             self._draw_spring(tie)
         self._draw_loads_and_sensors()
         xs, ys = zip(*self.points.values(), strict=True)
-        beside = [text for tie in self.attached.springs if len(tie.dofs) == 1 for text in tie.texts]
-        side = max([90.0, *(text_width(text, SMALL) + 34 for text in beside)])
+        side_texts = [text for tie in self.attached.springs if len(tie.dofs) == 1 for text in tie.texts]
+        side = max([90.0, *(text_width(text, SMALL) + 34 for text in side_texts)])
         left, right, top = min(xs) - side, max(xs) + side, min(ys) - 80
         return svg.render(right - left, max(ys) + 110 - top, left, top)
 
@@ -343,7 +343,7 @@ def damper(svg: Svg, start: Point, end: Point, cls: str = "line") -> None:
     """Draw a dashpot between two points."""
     cup = [(0.66, -_WIND), (0.38, -_WIND), (0.38, _WIND), (0.66, _WIND)]
     svg.line(_offset(start, end, 0, 0), _offset(start, end, 0.38, 0), cls=cls)
-    svg.line(*(_offset(start, end, *place) for place in cup), cls=cls)
+    svg.line(*(_offset(start, end, *corner) for corner in cup), cls=cls)
     svg.line(_offset(start, end, 0.54, -_WIND + 2), _offset(start, end, 0.54, _WIND - 2), cls=cls)
     svg.line(_offset(start, end, 0.54, 0), _offset(start, end, 1, 0), cls=cls)
 
@@ -408,10 +408,10 @@ def master(svg: Svg, x: float, y: float) -> None:
 
 
 def _offset(
-    start: Point, end: Point, part: float, aside: float, *, along: float = 0.0, across: float = 0.0
+    start: Point, end: Point, share: float, aside: float, *, along: float = 0.0, across: float = 0.0
 ) -> Point:
     """Return the point at a part of a line and an offset aside, or at px along and across it."""
     dx, dy = end[0] - start[0], end[1] - start[1]
     length = max((dx * dx + dy * dy) ** 0.5, 1e-9)
-    way, off = part * length + along, aside + across
+    way, off = share * length + along, aside + across
     return start[0] + (dx * way - dy * off) / length, start[1] + (dy * way + dx * off) / length

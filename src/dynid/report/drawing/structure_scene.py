@@ -71,21 +71,21 @@ def geometry_of(scene: Scene) -> StructureGeometry | None:
         masses = [text if text.endswith("?") else f"{text} kg" for text in masses]
         labels = chain.labels()
         return StructureGeometry({n: (float(n), 0.0) for n in labels}, labels, masses)
-    part = structure.beam or structure.frame
-    if part is None:
+    members_model = structure.beam or structure.frame
+    if members_model is None:
         return None
     supports: dict[int, tuple[str, ...]] = {}
-    for support in part.supports:
+    for support in members_model.supports:
         supports[support.node] = (*supports.get(support.node, ()), *support.fix)
     if structure.beam is not None:
-        size, count = part.length, part.elements
+        size, count = members_model.length, members_model.elements
         steps = map(float, size) if isinstance(size, list) else [float(size) / count] * count
         points = {node: (x, 0.0) for node, x in enumerate(accumulate(steps, initial=0.0), 1)}
         members = [list(points)]
     else:
-        points, members = _frame(part)
-    carrying = [mass.node for mass in part.masses]
-    return StructureGeometry(points, part.labels(), (), members, supports, carrying)
+        points, members = _frame(members_model)
+    carrying = [mass.node for mass in members_model.masses]
+    return StructureGeometry(points, members_model.labels(), (), members, supports, carrying)
 
 
 def _frame(frame: FrameModel) -> tuple[dict[int, Point], list[list[int]]]:
@@ -163,8 +163,8 @@ def attachments_of(scene: Scene, labels: Sequence[Label]) -> Attachments:
         return _spring(scene, tie, ends, kinds, joint)
 
     ties = [tied(link, link.dofs) for link in (structure.lumped.links if structure.lumped else ())]
-    for part in filter(None, (structure.beam, structure.frame)):
-        ties += [tied(spring, [f"{spring.direction}_{spring.node}"]) for spring in part.springs]
+    for sprung in filter(None, (structure.beam, structure.frame)):
+        ties += [tied(spring, [f"{spring.direction}_{spring.node}"]) for spring in sprung.springs]
     ties += [tied(joint, joint.dofs, name) for name, joint in model.joints.items()]
     driven = [signal.dof for signal in getattr(model, "excitation", ()) if signal.dof is not None]
     driven += getattr(model, "inputs", None) or ()

@@ -75,35 +75,40 @@ def page(result: Result, *, live: int | None = None, note: str = "") -> str:
     str
         HTML; the same for the same result.
     """
-    found = content(result)
+    answer = content(result)
     scripts = ["samples.js"] if result.kind == "study" else []
     scripts += ["watch.js"] if live is not None else []
-    every = figures(result)
-    first, drawn = leading(result.kind, every), dict[str, Markup]()
+    drawable = figures(result)
+    first, drawn = leading(result.kind, drawable), dict[str, Markup]()
     previews = dict[str, Markup]()
-    for figure in tracked(every, "figure"):
+    for figure in tracked(drawable, "figure"):
         if figure in first:
             drawn[figure.name], omitted = _drawn(figure, _TALL)
             if omitted:
                 previews[figure.name] = drawn[figure.name]
         if figure not in first or figure.name in previews:
             drawn[figure.name], _ = _drawn(figure, math.inf)
-    beside = drawn | previews
+    leading_pictures = drawn | previews
     # A wide figure would push the others down.
-    first = [one for one in first if one is first[0] or 'class="wide"' not in beside[one.name]]
-    others = [figure for figure in every if figure not in first or figure.name in previews]
-    most = None if result.kind == "bench" else _SHOWN  # of a benchmark every row is an answer
+    first = [one for one in first if one is first[0] or 'class="wide"' not in leading_pictures[one.name]]
+    others = [figure for figure in drawable if figure not in first or figure.name in previews]
+    unfolded = None if result.kind == "bench" else _SHOWN  # of a benchmark every row is an answer
     parts = [
-        _answer(page_sections(found.sections, "answer"), [beside[one.name] for one in first], note, most)
+        _answer(
+            page_sections(answer.sections, "answer"),
+            [leading_pictures[one.name] for one in first],
+            note,
+            unfolded,
+        )
     ]
     parts[0] = parts[0]._replace(entries=[_entry(one) for one in first if one.name not in previews])
     if shown := [figure for figure in others if not figure.derivation]:
         cells = tag("div", *(drawn[figure.name] for figure in shown), class_="figures")
         parts.append(_PagePart("Figures", cells, [_entry(figure) for figure in shown]))
-    for place, heading in (("details", "Details"), ("derivation", "Derivations")):
-        sections = page_sections(found.sections, place)
-        derived = [figure for figure in others if figure.derivation] if place == "derivation" else []
-        names = [(f"{place}-{number}", section.title) for number, section in enumerate(sections, 1)]
+    for kind, heading in (("details", "Details"), ("derivation", "Derivations")):
+        sections = page_sections(answer.sections, kind)
+        derived = [figure for figure in others if figure.derivation] if kind == "derivation" else []
+        names = [(f"{kind}-{number}", section.title) for number, section in enumerate(sections, 1)]
         inside = [
             _folded(name, title, *(node(block, title) for block in section.blocks))
             for (name, title), section in zip(names, sections, strict=True)
@@ -123,16 +128,18 @@ def page(result: Result, *, live: int | None = None, note: str = "") -> str:
         scene = scrolling(tag("pre", tag("code", numbered), class_="scene"), "Text of the scene")
         parts.append(_PagePart("Scene", _folded("scene-text", counted(len(lines), "line"), scene, more)))
     parts.append(_PagePart("Provenance", _provenance(result)))
-    return document(result.title or "A result of dynid", found.method, parts, scripts, live)
+    return document(result.title or "A result of dynid", answer.method, parts, scripts, live)
 
 
 def _answer(
-    sections: Iterable[ReportSection], first: Sequence[Markup], note: str, most: int | None
+    sections: Iterable[ReportSection], first: Sequence[Markup], note: str, unfolded: int | None
 ) -> _PagePart:
-    """Return the answer with the figures that show it; all but the first `most` rows of tables are folded."""
+    """Return the answer with the figures that show it; tables fold all but the first `unfolded` rows."""
     cells = []
     for section in sections:
-        blocks = (tag("div", node(block, section.title, most), class_="block") for block in section.blocks)
+        blocks = (
+            tag("div", node(block, section.title, unfolded), class_="block") for block in section.blocks
+        )
         # Sentences need no heading.
         head = (
             "" if all(isinstance(block, Statement) for block in section.blocks) else tag("h3", section.title)
@@ -181,7 +188,7 @@ def document(
         return (files("dynid.report.page") / name).read_text(encoding="utf-8")
 
     code = [asset(name) for name in ("page.js", "print.js", *scripts)]
-    every = [(part, part.heading.lower()) for part in parts if part.inside]
+    sections = [(section, section.heading.lower()) for section in parts if section.inside]
     theme = tag(
         "button",
         "Dark",
@@ -190,8 +197,8 @@ def document(
         class_="no-script",
         title="Switch between light and dark",
     )
-    links = (tag("li", tag("a", part.heading, href=f"#{name}")) for part, name in every)
-    listed = [(part.heading, part.entries) for part, _ in every if part.entries]
+    links = (tag("li", tag("a", section.heading, href=f"#{name}")) for section, name in sections)
+    listed = [(section.heading, section.entries) for section, _ in sections if section.entries]
     index = ""
     if listed:
         lists = (
@@ -210,10 +217,10 @@ def document(
         state.append(tag("div", id="state", class_="quiet", role="status", data_version=str(live)))
         state.append(tag("div", id="fault", class_="card", role="alert"))
     cards = []
-    for part, name in every:
-        top = tag("h2", part.heading, id=f"{name}-title")
+    for section, name in sections:
+        top = tag("h2", section.heading, id=f"{name}-title")
         cards.append(
-            tag("section", top, part.inside, id=name, class_="card", aria_labelledby=f"{name}-title")
+            tag("section", top, section.inside, id=name, class_="card", aria_labelledby=f"{name}-title")
         )
     body = join(
         header,
@@ -280,9 +287,9 @@ def _figure(figure: Figure, space: PageSpace) -> Markup:
 
 def _provenance(result: Result) -> Markup:
     """Return the attributes of a result and the list of all its arrays, folded."""
-    known = {name: str(value) for name, value in result.attrs.items() if name not in ("scene", "status")}
-    names = [name for name in _FIRST if name in known] + sorted(known.keys() - set(_FIRST))
-    items = (join(tag("dt", name.replace("_", " ")), tag("dd", known[name])) for name in names)
+    attributes = {name: str(value) for name, value in result.attrs.items() if name not in ("scene", "status")}
+    names = [name for name in _FIRST if name in attributes] + sorted(attributes.keys() - set(_FIRST))
+    items = (join(tag("dt", name.replace("_", " ")), tag("dd", attributes[name])) for name in names)
     rows = array_rows(result)
     body = join(*(tag("tr", *(tag("td", value) for value in row)) for row in rows[:_ARRAYS]))
     more = f", of which the first {_ARRAYS} are listed" if len(rows) > _ARRAYS else ""

@@ -57,14 +57,14 @@ def tag(name: str, *content: str, **attrs: str | bool | None) -> Markup:
         Attributes: `class_` stands for class, `aria_label` for aria-label; True has no value, and None or
         False omits the attribute.
     """
-    given = "".join(
+    attributes = "".join(
         f" {key.rstrip('_').replace('_', '-')}" + ("" if value is True else f'="{text(value)}"')
         for key, value in attrs.items()
         if value is not None and value is not False
     )
     if name in _VOID:
-        return Markup(f"<{name}{given}>")
-    return Markup(f"<{name}{given}>{join(*content)}</{name}>")
+        return Markup(f"<{name}{attributes}>")
+    return Markup(f"<{name}{attributes}>{join(*content)}</{name}>")
 
 
 _POWER = re.compile(r"(?:\*\*|\^)(-?\d+(?:\.\d+)?|\([^()]*\))")
@@ -96,9 +96,9 @@ def _with_code(safe: str) -> Markup:
     return Markup(_CODE.sub(r"<code>\1</code>", safe))
 
 
-def shown_rows(count: int, columns: int, most: int = ROWS) -> list[int]:
+def shown_rows(count: int, columns: int, limit: int = ROWS) -> list[int]:
     """Return the indices of the rows of a table that are shown: all, or evenly spaced ones."""
-    return evenly_spaced(count, max(2, most if columns <= 1 else min(most, CELLS // columns)))
+    return evenly_spaced(count, max(2, limit if columns <= 1 else min(limit, CELLS // columns)))
 
 
 def cell_text(value: CellValue) -> str:
@@ -123,7 +123,7 @@ def figure_table(table: FigureTable, title: str) -> Markup:
     count = f"{total:,} rows" if total != 1 else "1 row"
     if len(shown) < total:
         count = f"{len(shown):,} of {total:,} rows, evenly spaced; the file has all"
-    rows = [table.rows[place] for place in shown]
+    rows = [table.rows[index] for index in shown]
     numeric = [all(not isinstance(row[k], str) for row in rows) for k in range(len(table.columns))]
     opening = ['<td class="n">' if right else "<td>" for right in numeric]
     lines = []

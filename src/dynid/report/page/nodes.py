@@ -102,7 +102,7 @@ def _table(block: TextTable, title: str, unfolded: int | None, most: int) -> Mar
     caption = tag("p", label, class_="quiet") if table.caption else Markup("")
     if unfolded is None or len(lines) <= unfolded + 2:
         return join(caption, scrolling(grid(table.columns, join(*lines), numeric), label))
-    first, whole = (grid(table.columns, join(*some), numeric) for some in (lines[:unfolded], lines))
+    first, every_row = (grid(table.columns, join(*some), numeric) for some in (lines[:unfolded], lines))
     summary = tag("summary", f"All {len(lines):,} rows")
-    folded = tag("details", summary, scrolling(whole, f"{label}, all rows"), class_="rows")
+    folded = tag("details", summary, scrolling(every_row, f"{label}, all rows"), class_="rows")
     return join(caption, scrolling(first, f"{label}, first rows"), folded)

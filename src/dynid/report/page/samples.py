@@ -30,12 +30,12 @@ def samples(result: Result) -> Markup:
     count = len(table.numbers)
     rows = np.array(shown_rows(count, 1, _SAMPLES), dtype=np.intp)
     kept, left, size = [], [], 0
-    every = list(_columns(table))
+    columns = list(_columns(table))
     inputs, others = (
-        [name for name, _, role, _ in every if (role == "input") is own] for own in (True, False)
+        [name for name, _, role, _ in columns if (role == "input") is is_input] for is_input in (True, False)
     )
     heads = dict(zip([*inputs, *others], [*short_paths(inputs), *distinct_ends(others)], strict=True))
-    for name, units, role, values in every:
+    for name, units, role, values in columns:
         said = {"name": visible(name), "short": visible(heads[name]), "units": visible(units), "role": role}
         column = {**said, **_packed(values[rows])}
         size += len(column["data"]) + len(json.dumps(column.get("levels", ""), ensure_ascii=False).encode())
@@ -87,8 +87,8 @@ def _packed(values: NDArray[Any]) -> dict[str, Any]:
         sizes = np.abs(numbers[np.isfinite(numbers) & (numbers != 0)])
         kind = "<f4"
         if sizes.size:
-            whole = bool(np.all(sizes == np.floor(sizes)))
-            fits = sizes.max() < _LARGE and sizes.min() > _SMALL and not (whole and sizes.max() > _WHOLE)
+            integral = bool(np.all(sizes == np.floor(sizes)))
+            fits = sizes.max() < _LARGE and sizes.min() > _SMALL and not (integral and sizes.max() > _WHOLE)
             kind = "<f4" if fits else "<f8"
         return {"type": kind, "data": b64encode(numbers.astype(kind).tobytes()).decode()}
     texts = [visible(str(value)) for value in values]

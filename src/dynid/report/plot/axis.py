@@ -82,23 +82,23 @@ class PlotAxis:
         The labels of upright axes are stacked.
         """
         if self.names:
-            found = Ticks((), ())
+            ticks = Ticks((), ())
             for step in range(1, len(self.names) + 1):  # every n-th name where not all fit
                 places = range(0, len(self.names), step)
-                labels = tuple(shortened(self.names[place]) for place in places)
-                found = Ticks(tuple(map(float, places)), labels)
-                if found.fit(scale, length, upright):
+                labels = tuple(shortened(self.names[index]) for index in places)
+                ticks = Ticks(tuple(map(float, places)), labels)
+                if ticks.fit(scale, length, upright):
                     break
-            return found
-        most = max(2, int(length / (24.0 if upright else 60.0)))
-        found = Ticks((), ())
-        for count in range(most, 0, -1):
-            found = _logarithmic(scale, count) if scale.log else _linear(scale, count, self.step)
-            if len(found.values) <= most and found.fit(scale, length, upright):
+            return ticks
+        limit = max(2, int(length / (24.0 if upright else 60.0)))
+        ticks = Ticks((), ())
+        for count in range(limit, 0, -1):
+            ticks = _logarithmic(scale, count) if scale.log else _linear(scale, count, self.step)
+            if len(ticks.values) <= limit and ticks.fit(scale, length, upright):
                 break
-        if len(found.values) > 1:
-            return found
-        return next((few for few in _ends(scale, self.step) if few.fit(scale, length, upright)), found)
+        if len(ticks.values) > 1:
+            return ticks
+        return next((few for few in _ends(scale, self.step) if few.fit(scale, length, upright)), ticks)
 
 
 @dataclass(frozen=True)
@@ -148,8 +148,8 @@ class Ticks:
             return bool(np.all(np.abs(np.diff(places)) >= _LINE))
         halves = [text_width(label, SMALL) / 2 for label in self.labels]
         return all(
-            b - a >= one + other + _APART
-            for a, b, one, other in zip(places, places[1:], halves, halves[1:], strict=False)
+            b - a >= left_half + right_half + _APART
+            for a, b, left_half, right_half in zip(places, places[1:], halves, halves[1:], strict=False)
         )
 
     @property
@@ -158,22 +158,22 @@ class Ticks:
         return max((text_width(label, SMALL) for label in self.labels), default=0.0)
 
 
-def shortened(name: str, most: int = 28) -> str:
+def shortened(name: str, limit: int = 28) -> str:
     """Return a name that is too long for a label without its middle."""
-    return name if len(name) <= most else f"{name[: most // 2 - 1]}…{name[-(most // 2) :]}"
+    return name if len(name) <= limit else f"{name[: limit // 2 - 1]}…{name[-(limit // 2) :]}"
 
 
-def _linear(scale: Scale, count: int, least: float) -> Ticks:
+def _linear(scale: Scale, count: int, min_step: float) -> Ticks:
     """Return ticks at multiples of a round step, labelled with a common power of ten."""
     span = scale.high - scale.low
-    raw = max(span / count, least or 0.0)
-    if least >= 15 and raw > least:  # angles
+    raw = max(span / count, min_step or 0.0)
+    if min_step >= 15 and raw > min_step:  # angles
         step = next((s for s in _ANGLES if s >= raw), 360.0 * math.ceil(raw / 360))
     else:
         unit = 10.0 ** math.floor(math.log10(raw))
         step = next(unit * factor for factor in (1, 2, 2.5, 5, 10) if unit * factor >= raw * (1 - 1e-9))
-        if least:
-            step = max(round(step / least), 1) * least
+        if min_step:
+            step = max(round(step / min_step), 1) * min_step
     values = _multiples(scale, step)
     return Ticks(values, *_labels(values, step)) if values else Ticks((), ())
 
@@ -200,13 +200,13 @@ def _labels(values: tuple[float, ...], step: float) -> tuple[tuple[str, ...], tu
     return tuple(labels), (), power
 
 
-def _ends(scale: Scale, least: float) -> Iterator[Ticks]:
+def _ends(scale: Scale, min_step: float) -> Iterator[Ticks]:
     """Yield ticks near both ends of a scale, at rounder values first."""
     if scale.log:
         around = range(math.floor(math.log10(scale.low)), math.ceil(math.log10(scale.high)) + 1)
         for last in (1, 9):
-            every = sorted(k * 10.0**p for p in around for k in range(1, last + 1))
-            inside = tuple(value for value in every if scale.low <= value <= scale.high)
+            candidates = sorted(k * 10.0**p for p in around for k in range(1, last + 1))
+            inside = tuple(value for value in candidates if scale.low <= value <= scale.high)
             if len(inside) > 1:
                 ends = (inside[0], inside[-1])
                 decades = tuple(10.0**p for p in around if inside[0] < 10.0**p < inside[-1])
@@ -214,10 +214,10 @@ def _ends(scale: Scale, least: float) -> Iterator[Ticks]:
                     yield Ticks(kept, tuple(short(value, 1) for value in kept), inside[1:-1])
     unit = 10.0 ** math.ceil(math.log10(scale.high - scale.low))
     steps = [unit * factor / 10**power for power in range(_FINER) for factor in (1, 0.5, 0.25, 0.2)]
-    if least >= 15:  # angles
+    if min_step >= 15:  # angles
         steps = list(_ANGLES[::-1])
-    elif least:
-        steps = [max(round(step / least), 1) * least for step in steps]
+    elif min_step:
+        steps = [max(round(step / min_step), 1) * min_step for step in steps]
     for step in steps:
         inside = _multiples(scale, step)
         if len(inside) > 1:

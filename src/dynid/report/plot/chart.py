@@ -106,9 +106,9 @@ class Subplot:
         A label that is longer than its axis is above, but for its units.
         """
         ticks = self.y.ticks(self.scales[1], height, upright=True)
-        beside = with_power(self.y.label, ticks)
-        if self.title or text_width(beside, SMALL) <= height + _OVER:
-            return self.title, beside
+        heading = with_power(self.y.label, ticks)
+        if self.title or text_width(heading, SMALL) <= height + _OVER:
+            return self.title, heading
         name, units = in_parts(self.y.label)
         return name, " ".join(filter(None, (f"10{raised(ticks.power)}" if ticks.power else "", units)))
 
@@ -164,14 +164,16 @@ class Subplot:
                 svg.text(float(x), bottom + SMALL + 4, text, "small tick")
         for y, text in zip(np.round(area.at_y(up.values), 1), up.labels, strict=True):
             svg.text(area.left - GAP, float(y) + 0.35 * SMALL, text, "small tick", anchor="end")
-        title, beside = self.headings(area.height)
+        title, heading = self.headings(area.height)
         below = with_power(self.x.label, across)
         if below and labelled:
             text, cls = fitted_label(below, area.width + _BESIDE)
             svg.text(area.left + area.width / 2, bottom + BELOW + SMALL + 5, text, cls)
-        if beside:
+        if heading:
             text, cls = (
-                fitted_label(beside, area.height + _OVER) if title == self.title else (beside, "label small")
+                fitted_label(heading, area.height + _OVER)
+                if title == self.title
+                else (heading, "label small")
             )
             x, y = area.left - margin + LABEL - 4, area.top + area.height / 2
             svg.text(x, y, text, cls, transform=f"rotate(-90 {x:.6g} {y:.6g})")
@@ -183,8 +185,8 @@ def _draw_title(svg: Svg, area: PlotArea, title: str) -> None:
     """Write the title of a plot above it, its first line strong."""
     x, space = area.left + area.width / 2, area.width + _BETWEEN
     first, *others = title.splitlines() or [""]
-    for line, whole in enumerate(reversed(others)):
-        svg.text(x, area.top - 7 - line * _TITLE_LINE, fitted(whole, space / BOLD_WIDTH), "small")
+    for line, line_text in enumerate(reversed(others)):
+        svg.text(x, area.top - 7 - line * _TITLE_LINE, fitted(line_text, space / BOLD_WIDTH), "small")
     if first:
         text, cls = fitted_title(first, space)
         svg.text(x, area.top - 7 - len(others) * _TITLE_LINE, text, cls)
@@ -260,24 +262,26 @@ def _fitting(
     """Return the rows that fit into a height, px, scaled down to it; grids of unlabelled axes stay whole."""
     if math.isinf(space):
         return list(groups)
-    found = [(place, row) for place, group in enumerate(groups) for row in group]
-    whole = any(not (plot.x.label or plot.x.names) for _, row in found for plot in row)
+    rows_of_groups = [(group_index, row) for group_index, group in enumerate(groups) for row in group]
+    unlabelled = any(not (plot.x.label or plot.x.names) for _, row in rows_of_groups for plot in row)
     while True:
-        sizes = sum(max(plot.height or height for plot in row) for _, row in found)
-        around = sum(_around(row, _LOWEST, shared) for _, row in found)
-        around += (BELOW + LABEL) * len({place for place, _ in found}) if shared else 0.0
-        least = sum(_SQUARE if any(plot.square for plot in row) else _LOWEST for _, row in found)
-        if whole or len(found) == 1 or space - around >= least:
+        sizes = sum(max(plot.height or height for plot in row) for _, row in rows_of_groups)
+        around = sum(_around(row, _LOWEST, shared) for _, row in rows_of_groups)
+        around += (BELOW + LABEL) * len({group_index for group_index, _ in rows_of_groups}) if shared else 0.0
+        min_height = sum(
+            _SQUARE if any(plot.square for plot in row) else _LOWEST for _, row in rows_of_groups
+        )
+        if unlabelled or len(rows_of_groups) == 1 or space - around >= min_height:
             break
-        page.omitted += len(found.pop()[1])
-    scale = min(1.0, max(space - around, least) / sizes)
+        page.omitted += len(rows_of_groups.pop()[1])
+    scale = min(1.0, max(space - around, min_height) / sizes)
     return [
         [
             [replace(plot, height=scale * (plot.height or height)) for plot in row]
-            for own, row in found
-            if own == k
+            for row_group, row in rows_of_groups
+            if row_group == k
         ]
-        for k in sorted({place for place, _ in found})
+        for k in sorted({group_index for group_index, _ in rows_of_groups})
     ]
 
 
@@ -306,16 +310,16 @@ def _narrowed(
         named = max(
             sum(text_width(name, SMALL) + 12 for name in plot.x.names) for row in rows for plot in row
         )
-        width, most = min(width, max(NARROW, named + 110)), 1
+        width, limit = min(width, max(NARROW, named + 110)), 1
     else:
         few_squares = sum(map(len, rows)) <= 2 and any(plot.square for row in rows for plot in row)
-        width, most = min(width, NARROW), 1 if few_squares else int(NARROW / _LEAST)
-    if count <= most:
+        width, limit = min(width, NARROW), 1 if few_squares else int(NARROW / _LEAST)
+    if count <= limit:
         return [rows], width
-    starts = range(0, count, most)
+    starts = range(0, count, limit)
     if shared:
-        return [[row[k : k + most] for row in rows if row[k : k + most]] for k in starts], width
-    return [[row[k : k + most] for row in rows for k in range(0, len(row), most)]], width
+        return [[row[k : k + limit] for row in rows if row[k : k + limit]] for k in starts], width
+    return [[row[k : k + limit] for row in rows for k in range(0, len(row), limit)]], width
 
 
 def _draw_rows(

@@ -78,8 +78,8 @@ class Heatmap:
         signed = self.low < 0
         top = max(abs(self.low), abs(self.high)) if signed else self.high - self.low
         share = abs(value) / top if signed else (value - self.low) / top if top > 0 else 1.0
-        most = WRITTEN if self.texts else BLANK
-        return most * float(np.clip(share, 0, 1))
+        max_opacity = WRITTEN if self.texts else BLANK
+        return max_opacity * float(np.clip(share, 0, 1))
 
     def draw(self, svg: Svg, area: PlotArea) -> None:
         """Draw the cells one by one where they have texts, else cells of about the same value as one path."""
@@ -151,8 +151,8 @@ def matrix_picture(
         )
     grid = [subplots[start : start + _ROW] for start in range(0, len(subplots), _ROW)]
     widest = max(text_width(str(text), SMALL) + 14 for m in matrices for text in m[3][:MOST])
-    own = max(len(m[3][:MOST]) for m in matrices) * max(44.0, min(widest, 110.0)) + 160
-    width = float(np.clip(own * min(len(subplots), _ROW), 340, 900))
+    full_width = max(len(m[3][:MOST]) for m in matrices) * max(44.0, min(widest, 110.0)) + 160
+    width = float(np.clip(full_width * min(len(subplots), _ROW), 340, 900))
     svg = chart(name, title, grid, about, width=width)
     head = (("matrix",) if len(matrices) > 1 else ()) + ("row", "column", "value")
     cut = any(max(m[1].shape) > MOST for m in matrices)

@@ -17,10 +17,10 @@ from dynid.report.svg import SERIES, SMALL, Point, Svg, path_of, plain, text_wid
 Extent = tuple[Sequence[ArrayLike], Sequence[ArrayLike]]
 
 
-def series_class(place: int, dash: bool | None = None) -> str:
+def series_class(number: int, dash: bool | None = None) -> str:
     """Return the classes of the n-th series; after the last colour they begin again with dashes."""
-    turn, place = divmod(place, len(SERIES))
-    name = SERIES[place]
+    turn, number = divmod(number, len(SERIES))
+    name = SERIES[number]
     return f"{name} dash" if (turn > 0 if dash is None else dash) else name
 
 
@@ -180,8 +180,8 @@ class BandLayer(_GriddedLayer):
         """Fill it."""
         x = area.at_x(self.x)
         low, high = (np.clip(area.at_y(side), -1e4, 1e4) for side in (self.low, self.high))
-        known = np.isfinite(low) & np.isfinite(high)
-        low, high = np.where(known, low, np.nan), np.where(known, high, np.nan)
+        finite = np.isfinite(low) & np.isfinite(high)
+        low, high = np.where(finite, low, np.nan), np.where(finite, high, np.nan)
         for (x_low, y_low), (x_high, y_high) in zip(runs(x, low), runs(x, high), strict=True):
             there, back = _rounded(*decimated(x_low, y_low, 0.5)), _rounded(*decimated(x_high, y_high, 0.5))
             svg.element("path", f"{self.cls} band", d=path_of([*there, *back[::-1]], closed=True))
@@ -227,10 +227,10 @@ class Markers(_GriddedLayer):
                 d = "".join(symbol_path(self.symbol, a, b, self.size) for a, b in sorted(seen))
                 svg.element("path", cls, d=d)
             return
-        for place in shown.tolist():
-            tip = f"<title>{plain(self.tips[place])}</title>" if len(self.tips) else ""
-            faint = {"opacity": self.opacity[place]} if len(self.opacity) else {}
-            d = symbol_path(self.symbol, float(x[place]), float(y[place]), self.size)
+        for index in shown.tolist():
+            tip = f"<title>{plain(self.tips[index])}</title>" if len(self.tips) else ""
+            faint = {"opacity": self.opacity[index]} if len(self.opacity) else {}
+            d = symbol_path(self.symbol, float(x[index]), float(y[index]), self.size)
             svg.element("path", cls, tip, d=d, **faint)
 
 
@@ -273,10 +273,10 @@ class Bars(_GriddedLayer):
         a, b = across(at - half), across(at + half)
         low = along(np.broadcast_to(np.asarray(self.low, dtype=float), at.shape))
         high = along(np.broadcast_to(np.asarray(self.high, dtype=float), at.shape))
-        for place in np.flatnonzero(np.isfinite(low) & np.isfinite(high)).tolist():
-            tip = f"<title>{plain(self.tips[place])}</title>" if len(self.tips) else ""
-            start, size = min(low[place], high[place]), abs(high[place] - low[place])
-            side, thick = min(a[place], b[place]), abs(b[place] - a[place])
+        for index in np.flatnonzero(np.isfinite(low) & np.isfinite(high)).tolist():
+            tip = f"<title>{plain(self.tips[index])}</title>" if len(self.tips) else ""
+            start, size = min(low[index], high[index]), abs(high[index] - low[index])
+            side, thick = min(a[index], b[index]), abs(b[index] - a[index])
             box = (start, side, size, thick) if self.flat else (side, start, thick, size)
             x, y, width, height = map(float, box)
             svg.element("rect", f"{self.cls} dot", tip, x=x, y=y, width=width, height=height)
@@ -294,8 +294,8 @@ class ReferenceLine(_GriddedLayer):
 
     def extent(self) -> Extent:
         """Return its value."""
-        own = [[self.value]] if self.spans else []
-        return (own, []) if self.upright else ([], own)
+        values = [[self.value]] if self.spans else []
+        return (values, []) if self.upright else ([], values)
 
     def draw(self, svg: Svg, area: PlotArea) -> None:
         """Draw it."""
@@ -347,8 +347,8 @@ NEAR = 0.08
 
 def runs(x: Array, y: Array, *also: Array) -> Iterator[tuple[Array, ...]]:
     """Yield the runs of finite points of a line, with other values at the points."""
-    known = np.isfinite(x) & np.isfinite(y)
-    edges = np.flatnonzero(np.diff(known.astype(np.int8), prepend=0, append=0))
+    finite = np.isfinite(x) & np.isfinite(y)
+    edges = np.flatnonzero(np.diff(finite.astype(np.int8), prepend=0, append=0))
     for start, stop in zip(edges[::2], edges[1::2], strict=True):
         yield x[start:stop], y[start:stop], *(values[start:stop] for values in also)
 
@@ -425,6 +425,6 @@ def decimated(x: Array, y: Array, near: float = NEAR) -> tuple[Array, Array]:
 def spread(x: Array, y: Array) -> NDArray[np.intp]:
     """Return the indices of points of a line every 0.5 px along it, and of its end."""
     moved = np.hypot(np.diff(x), np.diff(y))
-    place = np.floor(np.concatenate([[0.0], np.cumsum(moved)]) / 0.5).astype(np.int64)
-    kept = _firsts(place)
+    cell = np.floor(np.concatenate([[0.0], np.cumsum(moved)]) / 0.5).astype(np.int64)
+    kept = _firsts(cell)
     return kept if kept[-1] == len(x) - 1 else np.append(kept, len(x) - 1)
