@@ -16,7 +16,7 @@ import click
 from dynid.errors import DynidError, FileError, UsageError
 from dynid.suggestions import printable
 
-_LONGEST = 200  # characters of an error's own words
+_ERROR_LENGTH = 200  # characters of an error's own words
 #: What users want who name the HDF5 file so.
 _OTHER_FILES = dict.fromkeys((".csv", ".parquet", ".json", ".mat"), "To export it: dynid export {}.h5")
 _OTHER_FILES |= dict.fromkeys((".html", ".htm"), "For a page: --report {}.html")
@@ -84,7 +84,7 @@ def reads_results(*parameters: str) -> Callable[[Callable[..., int]], Callable[.
                     name for value in values for name in (value if isinstance(value, tuple) else [value])
                 ]
                 verb = "do" if len(files) > 1 else "does"
-                cause = " ".join(f"{type(error).__name__} {error}".split())[:_LONGEST]
+                cause = " ".join(f"{type(error).__name__} {error}".split())[:_ERROR_LENGTH]
                 raise FileError(
                     f"{' or '.join(files)} {verb} not hold what a result of dynid holds ({cause})",
                     remedy="Run its scene again; if dynid wrote the file as it is, please report it.",

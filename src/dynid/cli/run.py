@@ -210,7 +210,6 @@ def plan(
       dynid plan suspension.yaml --sensors 3
     """  # noqa: D301 - click's mark against wrapping
     from dynid.cli.progress import showing
-    from dynid.cli.run import LocatedError
     from dynid.scene.kinds.planning import run_plan
     from dynid.scene.load import load_scene
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from dynid.study.plan import Plan
     from dynid.study.scheduler import Notice
 
-_LONGEST = 1e6  # longest time limit of a sample, s: more than a week
+_TIME_LIMIT = 1e6  # longest time limit of a sample, s: more than a week
 _LISTED = 5  # most samples of a plan that are listed
 
 
@@ -43,8 +43,8 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str | None) -> tup
 
 
 def _seconds(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:
-    if value is not None and not 0 < value <= _LONGEST:
-        problem = f"{value:g} is no time limit; give seconds above 0, at most {_LONGEST:g}"
+    if value is not None and not 0 < value <= _TIME_LIMIT:
+        problem = f"{value:g} is no time limit; give seconds above 0, at most {_TIME_LIMIT:g}"
         raise click.BadParameter(problem, ctx, param)
     return value
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from dynid.study.plan import Plan
 
 #: Longest text of a scene that may be the name of a file, and depth to which scenes name scenes.
-_LONGEST, _DEEPEST = 1000, 4
+_NAME_LENGTH, _DEPTH = 1000, 4
 
 _Stamp = tuple[tuple[str, int, int, int], ...]
 
@@ -36,7 +36,7 @@ def files_of(scene: str) -> list[Path]:
     Files that cannot be read are skipped: a scene with faults is watched, too.
     """
     files: dict[Path, None] = {}
-    _collect_files(Path(scene), files, _DEEPEST)
+    _collect_files(Path(scene), files, _DEPTH)
     return list(files)
 
 
@@ -54,7 +54,7 @@ def _collect_files(file: Path, files: dict[Path, None], depth: int) -> None:
         item = stack.pop()
         if isinstance(item, (dict, list)):
             stack += item.values() if isinstance(item, dict) else item
-        if not isinstance(item, str) or not 0 < len(item) <= _LONGEST:
+        if not isinstance(item, str) or not 0 < len(item) <= _NAME_LENGTH:
             continue
         path = file.parent / item
         try:

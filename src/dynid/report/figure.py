@@ -314,7 +314,7 @@ _LEADING = {
     "plan": ("sensors", "excitation"),
 }
 #: Most figures that stand beside the answer.
-_MOST = 3
+_LEADERS = 3
 
 
 def leading(kind: str, drawable: Sequence[Figure]) -> list[Figure]:
@@ -322,7 +322,7 @@ def leading(kind: str, drawable: Sequence[Figure]) -> list[Figure]:
     leaders = []
     for start in _LEADING.get(kind, ("",)):
         leaders += [figure for figure in drawable if figure.name.startswith(start)][:1]
-    return leaders[:_MOST]
+    return leaders[:_LEADERS]
 
 
 def _figures_of(family: _FigureFamily, result: Result) -> list[Figure]:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from dynid.result import Result, Variable
 
 #: Most rows of a table that are shown.
-_ROWS = 12
+_ENTRIES = 12
 #: Markers of matplotlib by the symbols of figures; hollow ones are not filled.
 _SYMBOLS = {
     "o": "o",
@@ -60,7 +60,7 @@ def html(result: Result) -> str:
     parts = [f"<p><strong>{escape(result.title or result.kind)}</strong><br>{escape(answer.method)}</p>"]
     places = (page_sections(answer.sections, name) for name in ("answer", "details", "derivation"))
     for k, section in enumerate(chain.from_iterable(places)):
-        blocks = "".join(node(block, section.title, most=_ROWS) for block in section.blocks)
+        blocks = "".join(node(block, section.title, most=_ENTRIES) for block in section.blocks)
         state = " open" if k == 0 else ""
         parts.append(f"<details{state}><summary>{escape(section.title)}</summary>{blocks}</details>")
     return f"<div>{''.join(parts)}</div>"

@@ -40,7 +40,7 @@ PORT, POINT = "bond_graph/port", "bond_graph/operating_point"
 _STEPS, _OUTPUTS, _STATES, _REMARKS, _BONDS = 60, 12, 12, 12, 24
 _REDUCTION, _CAUSALITY = "bond_graph/reduction", "bond_graph/causality"
 #: Longest formula that is shown.
-_LONGEST = 400
+_FORMULA_LENGTH = 400
 #: Most variables and slopes of an operating point.
 _POINTS, _FEW = 40, 3
 #: Margins of a loop, with their units, and where the frequency of each is.
@@ -308,7 +308,9 @@ def _loop_remarks(result: Result, k: int) -> Iterator[str]:
 
 
 def _formulas(lines: list[str]) -> NumberedList:
-    return NumberedList(tuple(line if len(line) < _LONGEST else f"{line[:_LONGEST]}…" for line in lines))
+    return NumberedList(
+        tuple(line if len(line) < _FORMULA_LENGTH else f"{line[:_FORMULA_LENGTH]}…" for line in lines)
+    )
 
 
 def _reduction(result: Result) -> Iterator[ReportSection]:

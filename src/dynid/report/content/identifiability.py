@@ -20,7 +20,7 @@ from dynid.result import Result
 GROUP = "identification/identifiability"
 _CONSIDERED = "identification/considered"
 #: Least relative change that is shown as a number; least effect, in standard errors, that has a sentence.
-_LEAST, _WORTH = 1e-6, 0.1
+_MIN_CHANGE, _MIN_STANDARD_ERRORS = 1e-6, 0.1
 #: Most rows and parameters of the table of known masses, stiffnesses and the clock.
 _KNOWN, _COLUMNS = 6, 5
 #: Deviations of a Gaussian that `defaults.LACK_OF_FIT`, 1e-3, stands for.
@@ -136,7 +136,7 @@ def _modal_shifts(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]
     by_omega = result[f"{group}/omega_by_parameter"].data * values / omega[:, None]
     by_zeta = result[f"{group}/zeta_by_parameter"].data * values
     joints = all(_letter(name) for name in names)
-    moves = (np.abs(by_omega) >= _LEAST) | (np.abs(by_zeta) >= _LEAST)
+    moves = (np.abs(by_omega) >= _MIN_CHANGE) | (np.abs(by_zeta) >= _MIN_CHANGE)
     kept = [j for j, name in enumerate(names) if joints or moves[:, j].any()]
     rows: list[tuple[str, ...]] = []
     for k in range(len(omega)):
@@ -157,7 +157,7 @@ def shift_text(percent: float, symbol: str = "") -> str:
     """Return a change in per cent as text, with its symbol; a dash for none."""
     if not np.isfinite(percent):
         return "∞"
-    return _NO_SHIFT if abs(percent) < _LEAST else f"{symbol}{percent:+.2g} %"
+    return _NO_SHIFT if abs(percent) < _MIN_CHANGE else f"{symbol}{percent:+.2g} %"
 
 
 class _CalibrationEffects(NamedTuple):
@@ -266,7 +266,9 @@ def known_parts_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, 
     path = f"{group}/standard_error" if estimated else f"{GROUP}/relative_bound"
     bars = result[path].data / np.where(size > 0, size, 1.0)
     effect = np.nan_to_num(np.abs(effects.moves) / np.where(bars > 0, bars, np.inf)[:, None]).max(axis=0)
-    indices = np.flatnonzero((effects.kinds == "known") & (effect > _WORTH) & (effect < _UNTOLD))
+    indices = np.flatnonzero(
+        (effects.kinds == "known") & (effect > _MIN_STANDARD_ERRORS) & (effect < _UNTOLD)
+    )
     total = f"{group}/standard_error_total"
     if not (indices.size or total in result):
         return (), [], []
@@ -275,7 +277,7 @@ def known_parts_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, 
     rows += [
         (
             effects.changes[j],
-            *("-" if abs(move) < _LEAST else _percent(move) for move in effects.moves[:, j]),
+            *("-" if abs(move) < _MIN_CHANGE else _percent(move) for move in effects.moves[:, j]),
             percent(100 * effects.seen_from[j]) if effects.seen_from[j] < 1 else "-",
         )
         for j in shown.tolist()
@@ -299,9 +301,9 @@ def calibration_sentences(result: Result) -> Iterator[str]:
     worst: list[tuple[int, int]] = []  # parameter and quantity, by the effect in standard errors if known
     for kind in ("load", "sensor", "delay", "parameter"):
         size = np.where(effects.kinds == kind, np.nan_to_num(np.abs(effects.moves)), 0.0)
-        size[size < _LEAST] = 0.0
+        size[size < _MIN_CHANGE] = 0.0
         weight = np.where(size > 0, np.nan_to_num(effects.deviations), 0.0)
-        ranked = np.where(weight > _WORTH, weight, 0.0) if weight.any() else size
+        ranked = np.where(weight > _MIN_STANDARD_ERRORS, weight, 0.0) if weight.any() else size
         if ranked.any():
             row, column = np.unravel_index(int(np.argmax(ranked)), ranked.shape)
             worst.append((int(row), int(column)))
@@ -346,7 +348,11 @@ def calibration_sections(result: Result) -> Iterator[ReportSection]:
         (
             change,
             *(
-                "not identifiable" if not np.isfinite(move) else "-" if abs(move) < _LEAST else _percent(move)
+                "not identifiable"
+                if not np.isfinite(move)
+                else "-"
+                if abs(move) < _MIN_CHANGE
+                else _percent(move)
                 for move in effects.moves[:, j]
             ),
         )

@@ -28,7 +28,7 @@ from dynid.report.scenes import frequency_unit
 from dynid.result import Result
 
 #: Most massless DOFs that are listed.
-_SHOWN = 12
+_MASSLESS_DOFS = 12
 #: Redundancy below which errors in masses and stiffnesses tend to stay unseen.
 _LITTLE = 10
 #: Most channels whose residuals a sentence lists.
@@ -40,7 +40,7 @@ _HALF_WIDTH = 1.959963984540054
 #: Condition number of the information above which parameters are badly conditioned.
 _BADLY = 1e3
 #: Residuals, relative to the signal, below which they are rounding of doubles over thousands of steps.
-_ROUND_OFF = 1e-11
+_RESIDUAL_ROUND_OFF = 1e-11
 _MEASURED, _DIAGNOSTICS = "identification/measurement", "identification/diagnostics"
 _PARAMETERS, _REJECTED = "identification/parameters", "identification/rejected"
 
@@ -125,7 +125,7 @@ def _computed_modes(result: Result) -> ReportSection:
     ]
     caption = f"{counted(len(omega), 'mode')} of {counted(size, 'DOF')}; {', '.join(counts)}"
     table = TextTable(("mode", "rad/s", "Hz", "ζ", ""), rows, caption=caption, noun="mode").filled()
-    remark = [Statement(f"massless: {joined(massless, _SHOWN)}")] if massless else []
+    remark = [Statement(f"massless: {joined(massless, _MASSLESS_DOFS)}")] if massless else []
     asked = not _has_estimates(result) and "bond_graph" not in result.group_attrs
     return ReportSection("Modes", (table, *remark), "answer" if asked else "details", screen="")
 
@@ -313,7 +313,7 @@ def lacks_fit(result: Result) -> bool:
 def _is_round_off(result: Result) -> bool:
     """Return True if all residuals are round-off, as of a record without noise."""
     ratio = result.get(f"{_DIAGNOSTICS}/residual_ratio")
-    return ratio is not None and not is_rejected(result) and bool(np.all(ratio.data < _ROUND_OFF))
+    return ratio is not None and not is_rejected(result) and bool(np.all(ratio.data < _RESIDUAL_ROUND_OFF))
 
 
 def cautions(result: Result) -> Iterator[str]:

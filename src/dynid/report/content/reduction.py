@@ -15,7 +15,7 @@ from dynid.result import Result
 from dynid.units import FrequencyUnit
 
 #: Most frequencies of a row.
-_SHOWN = 4
+_FREQUENCIES = 4
 
 
 def method(result: Result) -> str:
@@ -40,7 +40,7 @@ def _method_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]
     """Return headings and rows: natural frequencies with the joints, errors and costs of each method."""
     reference, common, unit = _reference(result), _common(result), frequency_unit(result)
     elastic = [number for number in sorted(reference) if reference[number]]
-    shown = (elastic or sorted(reference))[:_SHOWN]
+    shown = (elastic or sorted(reference))[:_FREQUENCIES]
     with_frac = "reduction/frf/frac" in result
     frequencies = (f"{unit.symbol}{number}" for number in shown)
     columns = ["", "size", *frequencies, "worst error", "least MAC", *(["least FRAC"] if with_frac else [])]

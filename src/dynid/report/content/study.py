@@ -31,11 +31,11 @@ COLUMNS = ("mean", "min (sample)", "max (sample)", "std", "p05", "median", "p95"
 #: Most entries of an array that are shown one by one; of longer arrays, only the size is shown.
 _ENTRIES = 12
 _FEW = 6  # lines of constants, verdicts and texts beside the answer
-_ROWS = 40  # numbers in the table
+_NUMBERS = 40  # numbers in the table
 _EXAMINED = 400  # numbers of which it is examined whether they vary
 _FACTORS = 4  # inputs shown of each
 _LEVELS = 20  # different texts, of which the most frequent are shown
-_LEAST = 0.01  # least part of a variance that is shown
+_MIN_VARIANCE_SHARE = 0.01  # least part of a variance that is shown
 _EXACT = 0.0005  # greatest error of such a part that is not shown
 _RANKED = 24  # numbers whose inputs are ranked
 _REASONS, _ERRORS = 20, 5  # reasons of failures on a page, on a screen
@@ -123,7 +123,7 @@ def _statistics(
     numbers = [TextTable(("", *COLUMNS), tuple(rows), brief=ALL, most=ALL)] if rows else []
     samples = [on_screen(Statement("samples count from 0"))] if rows else []
     approximate = map(Statement, _approximate_texts(table))
-    others = [definitions(*items, noun="number", brief=_ROWS, most=ALL)] if items else []
+    others = [definitions(*items, noun="number", brief=_NUMBERS, most=ALL)] if items else []
     if blocks := (*numbers, *samples, *approximate, *(others if few else [])):
         yield ReportSection("Statistics", blocks, "answer", screen="")
     if not few:
@@ -197,7 +197,7 @@ def variance_sources(
         parts = []
         for factor in np.argsort(-largest, kind="stable")[:_FACTORS]:
             first, error = indices.first[factor], indices.first_error[factor]
-            if not largest[factor] > max(_LEAST, 2 * error if indices.total is None else 0):
+            if not largest[factor] > max(_MIN_VARIANCE_SHARE, 2 * error if indices.total is None else 0):
                 continue
             direction = influences.direction(int(factor), column.values)
             arrow = "" if not abs(direction) > 0.3 else " ↑" if direction > 0 else " ↓"
@@ -263,7 +263,7 @@ def shown_numbers(table: StudyTable) -> tuple[list[tuple[str, StudyColumn]], lis
             continue
         columns = list(table.columns(path))
         more = sum(_constant_text(table, path, column) is None for column in columns)
-        if more and varying + more > _ROWS:
+        if more and varying + more > _NUMBERS:
             hidden.append(path)
             continue
         varying += more

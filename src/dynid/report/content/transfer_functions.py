@@ -18,7 +18,7 @@ from dynid.result import Result
 #: Most channels shown in full, and columns of sensitivities.
 _FULL, _COLUMNS = 6, 6
 #: Most roots of a channel in the table of all.
-_SHOWN = 2
+_ROOTS = 2
 #: Properties that are numbers, with their headings.
 _NUMBERS = {
     "order": "order",
@@ -168,8 +168,8 @@ def _channel_table(result: Result, pairs: list[Channel], *, poles: bool) -> Text
 def _few_roots(roots: NDArray[Any], hertz: bool) -> str:
     """Return at most a few roots as text, and the number of the others."""
     upper = [root for root in roots if root.imag >= 0]
-    text = roots_text(np.array(upper[:_SHOWN]), hertz=hertz)
-    return f"{text}, … ({len(roots)})" if len(upper) > _SHOWN else roots_text(roots, hertz=hertz)
+    text = roots_text(np.array(upper[:_ROOTS]), hertz=hertz)
+    return f"{text}, … ({len(roots)})" if len(upper) > _ROOTS else roots_text(roots, hertz=hertz)
 
 
 def _channel_items(result: Result, output: str, source: str, *, poles: bool) -> Iterator[Definition]:

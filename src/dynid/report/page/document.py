@@ -47,7 +47,7 @@ _TALL = 370.0
 _FIRST = ("created", "dynid_version", "python", "packages", "seed", "folder")
 
 #: Most rows of a table of the answer that are not folded.
-_SHOWN = 6
+_UNFOLDED_ROWS = 6
 
 
 class _PagePart(NamedTuple):
@@ -92,7 +92,7 @@ def page(result: Result, *, live: int | None = None, note: str = "") -> str:
     # A wide figure would push the others down.
     first = [one for one in first if one is first[0] or 'class="wide"' not in leading_pictures[one.name]]
     others = [figure for figure in drawable if figure not in first or figure.name in previews]
-    unfolded = None if result.kind == "bench" else _SHOWN  # of a benchmark every row is an answer
+    unfolded = None if result.kind == "bench" else _UNFOLDED_ROWS  # of a benchmark every row is an answer
     parts = [
         _answer(
             page_sections(answer.sections, "answer"),
