@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from dynid.bondgraph.controller_circuits import Loop, close_loops, pade
-from dynid.bondgraph.feedback import CutLoops, delayed_response
+from dynid.bondgraph.cut_loops import CutLoops
+from dynid.bondgraph.delayed_response import delayed_response
 from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.bondgraph.results.margin_results import add_margins
 from dynid.errors import Singular

@@ -29,7 +29,7 @@ from dynid.progress import report_progress
 from dynid.result import Result
 
 if TYPE_CHECKING:
-    from dynid.bondgraph.feedback import CutLoops
+    from dynid.bondgraph.cut_loops import CutLoops
 
 
 def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
@@ -119,7 +119,7 @@ def _cut_loops(analysis: Analysis) -> CutLoops | None:
     """
     if analysis.opened is None:
         return None
-    from dynid.bondgraph.feedback import CutLoops
+    from dynid.bondgraph.cut_loops import CutLoops
 
     try:
         cut = CutLoops(_opened(analysis), analysis.loops)
@@ -208,7 +208,7 @@ def _add_responses(result: Result, reduced: ReducedGraph, analysis: Analysis) ->
         report_progress("frequency response")
         evaluate = None
         if analysis.opened is not None and any(loop.delayed for loop in analysis.loops):
-            from dynid.bondgraph.feedback import delayed_response
+            from dynid.bondgraph.delayed_response import delayed_response
 
             evaluate = delayed_response(_opened(analysis), analysis.loops, reduced.inputs, reduced.outputs)
         add_frequency_response(result, reduced, analysis.omega, evaluate)

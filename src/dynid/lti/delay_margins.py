@@ -176,10 +176,10 @@ class _Loop:
             (value,) = self._rounded([omega])
             angle = lag(value)
             lags.append((angle, math.radians(angle) / omega, omega))
-        least = [min((entry[k] for entry in lags), default=math.inf) for k in (0, 1)]
+        limits = [min((entry[k] for entry in lags), default=math.inf) for k in (0, 1)]
         refined = []
         for rough, delay, omega in lags:
-            if rough <= least[0] + 360 * _REFINED_MARGIN_RTOL or delay <= least[1] * (
+            if rough <= limits[0] + 360 * _REFINED_MARGIN_RTOL or delay <= limits[1] * (
                 1 + _REFINED_MARGIN_RTOL
             ):
                 exact = self._refined(omega, self._difference_at)
@@ -199,7 +199,7 @@ class _Loop:
     def _difference_at(self, omega: Any) -> tuple[Any, Any]:
         from flint import acb
 
-        (a, da), (b, db) = (part.balls.values(acb(0, omega), 2) for part in (self.top, self.bottom))
+        (a, da), (b, db) = (function.balls.values(acb(0, omega), 2) for function in (self.top, self.bottom))
         size = a.real**2 + a.imag**2 - b.real**2 - b.imag**2
         # d|A|²/dω = 2 Re(conj(A) j A') = 2 (Im A Re A' - Re A Im A')
         slope = 2 * (a.imag * da.real - a.real * da.imag - b.imag * db.real + b.real * db.imag)
@@ -241,7 +241,11 @@ class _Loop:
             if value < 0:
                 factor = float(-1 / value)
                 above = min(above, (factor, 0.0)) if factor >= 1 - LIMIT else above
-                below = max(below, (factor, 0.0), key=lambda each: each[0]) if factor < 1 - LIMIT else below
+                below = (
+                    max(below, (factor, 0.0), key=lambda crossing: crossing[0])
+                    if factor < 1 - LIMIT
+                    else below
+                )
         above = self._nearest(above, high, up=True)
         below = self._nearest(below, low, up=False)
         margins |= {
@@ -280,10 +284,10 @@ class _Loop:
             negative = (a.total.value * b.total.value.conj()).real - measure.error
             slope = a.total.slope * b.total.value.conj() + a.total.value * b.total.slope.conj()
             negative -= np.abs(slope.real) * width + measure.bend * width**2 / 2
-            least, largest = _gains(a, b)
+            smallest, largest = _gains(a, b)
             if up:
-                return (negative > 0) | (largest < (1 + spare) / factor) | (least > 1)
-            return (negative > 0) | (largest < 1) | (least > (1 - spare) / factor)
+                return (negative > 0) | (largest < (1 + spare) / factor) | (smallest > 1)
+            return (negative > 0) | (largest < 1) | (smallest > (1 - spare) / factor)
 
         for omega in _zeros(self.functions, _imaginary, top, work, start, hopeless):
             (value,) = self._rounded([omega])
@@ -300,13 +304,13 @@ class _Loop:
                     if up and refined >= 1 - LIMIT:
                         best = min(best, (refined, exact))
                     elif not up and refined < 1 - LIMIT:
-                        best = max(best, (refined, exact), key=lambda each: each[0])
+                        best = max(best, (refined, exact), key=lambda maximum: maximum[0])
         return best
 
     def _imaginary_at(self, omega: Any) -> tuple[Any, Any]:
         from flint import acb
 
-        (a, da), (b, db) = (part.balls.values(acb(0, omega), 2) for part in (self.top, self.bottom))
+        (a, da), (b, db) = (function.balls.values(acb(0, omega), 2) for function in (self.top, self.bottom))
         # of A conj(B), whose derivative by ω is j A' conj(B) + A conj(j B')
         value = a.imag * b.real - a.real * b.imag
         slope = (da.real * b.real + da.imag * b.imag) - (a.real * db.real + a.imag * db.imag)
@@ -321,31 +325,31 @@ class _Loop:
         modulus = 1 / Ms if Ms else math.inf
         margins |= {"Ms": Ms, "modulus": modulus, "modulus_at": Ms_at, "Mt": Mt, "Mt_at": Mt_at}
 
-    def _largest(self, part: QuasiPolynomial, number: int) -> tuple[float, float]:
+    def _largest(self, function: QuasiPolynomial, number: int) -> tuple[float, float]:
         if self.closed.at_origin() == 0:
             return math.inf, 0.0
         assert self.apart is not None
         work = Work(self.search)
         limit = self._limit(number, work)
         top = self.beyond(self.apart * Fraction(_LEAST_GAIN) / Fraction(2 + 2 * limit))
-        at_rest = float(abs(Fraction(part.at_origin(), self.closed.at_origin())))
+        at_rest = float(abs(Fraction(function.at_origin(), self.closed.at_origin())))
         best = largest_of([(limit, math.inf), (at_rest, 0.0)])
         best = _search_largest(self.functions, number, best, top, work)
         if not 0 < best[1] < math.inf:
             return best
-        exact = self._refined(best[1], lambda at: self._slope(part, at), _NEAR_MAXIMUM)
-        size = abs(complex(part(1j * exact)) / complex(self.closed(1j * exact)))
+        exact = self._refined(best[1], lambda at: self._slope(function, at), _NEAR_MAXIMUM)
+        size = abs(complex(function(1j * exact)) / complex(self.closed(1j * exact)))
         return largest_of([(size, exact), best]) if size >= best[0] * (1 - _EXCESS) else best
 
     def _limit(self, number: int, work: Work) -> float:
         """Return the supremum of |S| or |T| at ω → ∞, where s^n D prevails with the delays as they are."""
         parts = (self.top, self.bottom, self.closed)
-        a, b, _ = (Balls.constant(part.balls, self.degree) for part in parts)
+        a, b, _ = (Balls.constant(function.balls, self.degree) for function in parts)
         if not a.terms or not b.terms:
             return float(bool(b.terms)) if number else float(bool(a.terms))
-        whole = Balls.constant(self.closed.balls, self.degree)
-        delays = {delay for part in parts for delay in part.terms if delay}
-        functions = AxisFunctions([a, b, whole])
+        closed = Balls.constant(self.closed.balls, self.degree)
+        delays = {delay for function in parts for delay in function.terms if delay}
+        functions = AxisFunctions([a, b, closed])
         if not delays:
             top = 1.0
         else:
@@ -359,12 +363,12 @@ class _Loop:
         best = largest_of([(float(size), float(at)) for size, at in zip(sizes, ends, strict=True)])
         return _search_largest(functions, number, best, top, work)[0]
 
-    def _slope(self, part: QuasiPolynomial, at: Any) -> tuple[Any, Any]:
+    def _slope(self, function: QuasiPolynomial, at: Any) -> tuple[Any, Any]:
         """Return the first two derivatives of log |part/(A + B)| by ω."""
         from flint import acb
 
         slope, bend = acb(0), acb(0)
-        for balls, sign in ((part.balls, 1), (self.closed.balls, -1)):
+        for balls, sign in ((function.balls, 1), (self.closed.balls, -1)):
             value, first, second = balls.values(acb(0, at), 3)
             slope += sign * first / value
             bend += sign * (second / value - (first / value) ** 2)
@@ -377,18 +381,18 @@ def _gains(a: Sum, b: Sum) -> tuple[Array, Array]:
         quotient = a.total.over(b.total)
         shares, left = _shares(a, b)
         largest = np.fmin(_finite(_ends(quotient)), _finite(shares / left))
-        least = np.fmax(0.0, np.where(np.isfinite(quotient.rest), quotient.smallest, 0.0))
+        smallest = np.fmax(0.0, np.where(np.isfinite(quotient.rest), quotient.smallest, 0.0))
         if len(a.terms) == 1:
             single = a.terms[0].over(b.terms[0]).smallest / (2 - left)
-            least = np.fmax(least, np.where(left > 0, single, 0.0))
-    return least, largest
+            smallest = np.fmax(smallest, np.where(left > 0, single, 0.0))
+    return smallest, largest
 
 
-def _shares(part: Sum, whole: Sum) -> tuple[Array, Array]:
+def _shares(function: Sum, closed: Sum) -> tuple[Array, Array]:
     """Return bounds with any delays, over the prompt term: on a part, and what the whole has at least."""
-    prompt, nothing = whole.terms[0], np.zeros(len(whole.total.width))
-    left = 1 - sum((_ends(term.over(prompt)) for term in whole.terms[1:]), nothing)
-    shares = sum((_ends(term.over(prompt)) for term in part.terms), nothing)
+    prompt, nothing = closed.terms[0], np.zeros(len(closed.total.width))
+    left = 1 - sum((_ends(term.over(prompt)) for term in closed.terms[1:]), nothing)
+    shares = sum((_ends(term.over(prompt)) for term in function.terms), nothing)
     return np.asarray(shares), np.where(left > 0, left, np.nan)
 
 
@@ -399,12 +403,12 @@ def _finite(bound: Array) -> Array:
 def _difference(a: Sum, b: Sum) -> _Measure:
     """Return |A|² - |B|²."""
     value, slope, bend, error = (np.zeros(len(a.total.width)) for _ in range(4))
-    for part, sign in ((a.total, 1), (b.total, -1)):
-        size = np.abs(part.value)
+    for expansion, sign in ((a.total, 1), (b.total, -1)):
+        size = np.abs(expansion.value)
         value = value + sign * size**2
-        slope = slope + sign * 2 * (part.value.conj() * part.slope).real
-        bend = bend + 2 * (part.largest_slope**2 + part.largest * part.bend)
-        error = error + 2 * (size + part.error) * part.error + 4 * 2.0**-52 * size**2
+        slope = slope + sign * 2 * (expansion.value.conj() * expansion.slope).real
+        bend = bend + 2 * (expansion.largest_slope**2 + expansion.largest * expansion.bend)
+        error = error + 2 * (size + expansion.error) * expansion.error + 4 * 2.0**-52 * size**2
     return _Measure(value, slope, bend, error)
 
 
@@ -465,10 +469,10 @@ def _zeros(
             zeros += ((lows + highs) / 2)[touching].tolist()
             open_ones &= ~touching
             rest.append((lows[open_ones], highs[open_ones]))
-        low, high = halves(*(np.concatenate(part) for part in zip(*rest, strict=True)))
+        low, high = halves(*(np.concatenate(ends) for ends in zip(*rest, strict=True)))
     if not any(len(lows) for lows, _ in brackets):
         return zeros
-    low, high = (np.concatenate(part) for part in zip(*brackets, strict=True))
+    low, high = (np.concatenate(ends) for ends in zip(*brackets, strict=True))
     rising = signs(high)
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2
@@ -487,30 +491,35 @@ def _search_largest(
         rest: list[tuple[Array, Array]] = []
         for lows, highs in chunks(low, high):
             sums = functions.expand(lows, highs, work)
-            part, whole = sums[number], sums[2]
+            numerator, closed = sums[number], sums[2]
             with np.errstate(all="ignore"):
-                sizes = np.abs(part.total.value / whole.total.value)
-            sizes = np.where(whole.total.error < np.abs(whole.total.value), sizes, 0.0)
+                sizes = np.abs(numerator.total.value / closed.total.value)
+            sizes = np.where(closed.total.error < np.abs(closed.total.value), sizes, 0.0)
             at = int(sizes.argmax())
             if sizes[at] > best[0] * (1 + 1e-13):
                 best = (float(sizes[at]), float((lows[at] + highs[at]) / 2))
             excess = _EXCESS if math.isfinite(best[1]) else _LEAST_GAIN
-            above = ~(_upper(part, sums[1 - number], whole) <= best[0] * (1 + excess))
+            above = ~(_upper(numerator, sums[1 - number], closed) <= best[0] * (1 + excess))
             above &= highs - lows > _TOUCH * highs
             above &= highs > top * _ORIGIN
             rest.append((lows[above], highs[above]))
-        low, high = halves(*(np.concatenate(part) for part in zip(*rest, strict=True)))
+        low, high = halves(*(np.concatenate(ends) for ends in zip(*rest, strict=True)))
     return best
 
 
-def _upper(part: Sum, other: Sum, whole: Sum) -> Array:
+def _upper(function: Sum, complement_function: Sum, closed: Sum) -> Array:
     """Return an upper bound on |part/whole| over intervals, where part + other = whole."""
     with np.errstate(all="ignore"):
-        own, rest = part.total.over(whole.total), other.total.over(whole.total)
+        quotient, rest = function.total.over(closed.total), complement_function.total.over(closed.total)
         turned = rest.slope * rest.width
         complement = np.maximum(np.abs(1 - rest.value - turned), np.abs(1 - rest.value + turned)) + rest.rest
-        direct, left = _shares(part, whole)
-        bounds = [_ends(own), complement, direct / left, 1 + _shares(other, whole)[0] / left]
+        direct, left = _shares(function, closed)
+        bounds = [
+            _ends(quotient),
+            complement,
+            direct / left,
+            1 + _shares(complement_function, closed)[0] / left,
+        ]
     return np.asarray(np.minimum.reduce([_finite(bound) for bound in bounds]))
 
 

@@ -75,7 +75,7 @@ def _at_infinity(closed: QuasiPolynomial, work: Work) -> Verdict | None:
     """Return the verdict where roots of high frequency decide it; else None."""
     if not closed.terms:
         return Verdict("undecided", "the characteristic function is zero", math.nan)
-    degrees = {delay: int(part.degree()) for delay, part in closed.terms.items()}
+    degrees = {delay: int(polynomial.degree()) for delay, polynomial in closed.terms.items()}
     if degrees.get(Fraction(0), -1) < max(degrees.values()):
         reason = f"a delayed term differentiates more often than any prompt one: {_INFINITELY_MANY}"
         return Verdict("unstable", reason, math.inf)
@@ -89,18 +89,18 @@ def _at_infinity(closed: QuasiPolynomial, work: Work) -> Verdict | None:
     if apart:
         return None
     try:
-        inside, least = _operator_zeros(closed, work)
+        inside, lag = _operator_zeros(closed, work)
     except Undecided:
-        inside, least = _fast_zeros(closed, work), Fraction(0)
+        inside, lag = _fast_zeros(closed, work), Fraction(0)
     if inside:
         reason = f"the loop has a gain above 1 at high frequencies and a delay; {_INFINITELY_MANY}"
         return Verdict("unstable", reason, math.inf)
-    if not least:
+    if not lag:
         return Verdict(
             "at the limit", f"the loops have a gain of 1 or more at high frequencies; {_NEAR}", math.nan
         )
     try:
-        right = _count(closed.balls, closed, least / 2, work)
+        right = _count(closed.balls, closed, lag / 2, work)
     except Undecided:
         return Verdict("at the limit", f"the gain at high frequencies is too large; {_NEAR}", math.nan)
     if right:
@@ -124,31 +124,35 @@ def _operator_zeros(closed: QuasiPolynomial, work: Work, line: float = 0.0) -> t
     """
     from flint import fmpz_poly
 
-    degree = max(int(part.degree()) for part in closed.terms.values())
+    degree = max(int(polynomial.degree()) for polynomial in closed.terms.values())
     operator = QuasiPolynomial(
-        {delay: fmpz_poly([int(part[degree])]) for delay, part in closed.terms.items() if part[degree]}
+        {
+            delay: fmpz_poly([int(polynomial[degree])])
+            for delay, polynomial in closed.terms.items()
+            if polynomial[degree]
+        }
     )
     delays = [delay for delay in operator.terms if delay]
     step = Fraction(math.gcd(*(d.numerator for d in delays)), math.lcm(*(d.denominator for d in delays)))
     if max(delays) / step > work.left / 100:
         raise Undecided("the delays have no common divisor that is not small")
     balls = Balls.of(operator, line)
-    turned, least = _turns(AxisFunctions([balls]), balls, 0.0, math.pi / float(step), work)
+    turned, lag = _turns(AxisFunctions([balls]), balls, 0.0, math.pi / float(step), work)
     if abs(math.remainder(turned, math.pi)) > 1e-6:
         raise Undecided("a zero lies on the line")
-    sizes = sum(abs(int(part[0])) for part in operator.terms.values())
-    return round(-turned / math.pi), Fraction(least) * sizes
+    sizes = sum(abs(int(polynomial[0])) for polynomial in operator.terms.values())
+    return round(-turned / math.pi), Fraction(lag) * sizes
 
 
 # --- number of roots right of a line ----------------------------------------------------------------
 
 
-def roots_right_of(given: QuasiPolynomial, line: float = 0.0, work: Work | None = None) -> int:
+def roots_right_of(function: QuasiPolynomial, line: float = 0.0, work: Work | None = None) -> int:
     """Return the number of roots with real part above `line`, multiple ones counted so.
 
     Parameters
     ----------
-    given
+    function
         The quasi-polynomial. A root at the origin is not counted where the line is the axis.
     line
         Real part of the line.
@@ -161,11 +165,11 @@ def roots_right_of(given: QuasiPolynomial, line: float = 0.0, work: Work | None 
         Where a root lies on the line, or too near to be told from one that does; where infinitely many roots
         may lie right of it; or where the count would cost too much.
     """
-    return _roots_right(given, work or Work(COUNT), line)
+    return _roots_right(function, work or Work(COUNT), line)
 
 
-def _roots_right(given: QuasiPolynomial, work: Work, line: float = 0.0) -> int:
-    leading = given.leading(given.degree)
+def _roots_right(function: QuasiPolynomial, work: Work, line: float = 0.0) -> int:
+    leading = function.leading(function.degree)
     if line:
         growth = {loops: -line * float(sum(loop.seconds for loop in loops)) for loops in leading}
         if max(map(abs, growth.values())) > _MAX_EXPONENT:
@@ -176,25 +180,25 @@ def _roots_right(given: QuasiPolynomial, work: Work, line: float = 0.0) -> int:
         raise Undecided(
             "the delayed terms do not vanish at high frequencies: the equation is of neutral type"
         )
-    return _count(given.balls if not line else Balls.of(given, line), given, apart, work, line)
+    return _count(function.balls if not line else Balls.of(function, line), function, apart, work, line)
 
 
-def _count(balls: Balls, given: QuasiPolynomial, apart: Fraction, work: Work, line: float = 0.0) -> int:
+def _count(balls: Balls, function: QuasiPolynomial, apart: Fraction, work: Work, line: float = 0.0) -> int:
     """Return the number of roots right of the line on which the balls are; D is at least `apart` there."""
     from flint import acb, ctx
 
-    degree = max(int(part.degree()) for part in given.terms.values())
+    degree = max(int(polynomial.degree()) for polynomial in function.terms.values())
     with ctx.workprec(PRECISION):
         top = lower_powers_below([(balls, 1.0)], degree, apart / 2)
-        at_origin = 0 if line else next(order for order in range(degree + 2) if given.taylor(order))
-        start = _lowest(given, at_origin, top) if at_origin else 0.0
+        at_origin = 0 if line else next(order for order in range(degree + 2) if function.taylor(order))
+        start = _lowest(function, at_origin, top) if at_origin else 0.0
         operator = Balls.constant(balls, degree)
         s = acb(0, top)
         ratio = balls.values(s)[0] / (s**degree * operator.values(s)[0])
         turned = float(ratio.arg().mid()) + (degree - at_origin) * math.pi / 2
         if at_origin:  # around the origin on its right
             s = acb(0, start)
-            rest = balls.values(s)[0] / (s**at_origin * acb(_ball(given.taylor(at_origin))))
+            rest = balls.values(s)[0] / (s**at_origin * acb(_ball(function.taylor(at_origin))))
             turned -= float(rest.arg().mid())
     if len(operator.terms) > 1:
         turned += _turns(AxisFunctions([operator]), operator, 0.0, top, work)[0]
@@ -245,12 +249,12 @@ def lower_powers_below(parts: Iterable[tuple[Balls, float]], degree: int, limit:
     return float(2.0**radius)
 
 
-def _lowest(given: QuasiPolynomial, order: int, top: float) -> float:
+def _lowest(function: QuasiPolynomial, order: int, top: float) -> float:
     """Return a frequency below which the first power of Q at the origin prevails."""
-    first, frequency = abs(given.taylor(order)), Fraction(top)
+    first, frequency = abs(function.taylor(order)), Fraction(top)
     for _ in range(_HALVINGS):
         rest = Fraction(0)  # bounds |Q^(order + 1)| on the axis, over (order + 1)!
-        for delay, polynomial in given.terms.items():
+        for delay, polynomial in function.terms.items():
             for k in range(order + 2):
                 derivative = sum(
                     abs(int(polynomial[j])) * math.comb(j, k) * frequency ** (j - k)
@@ -273,32 +277,35 @@ def _turns(
     low, high = grid(start or top * _LOW, top)
     if not start:
         low, high = np.append(low, 0.0), np.append(high, top * _LOW)
-    total, least = 0.0, math.inf
+    total, smallest = 0.0, math.inf
     narrow: list[tuple[float, float]] = []
     while len(low):
         rest: list[tuple[Array, Array]] = []
         for lows, highs in chunks(low, high):
             (expanded,) = functions.expand(lows, highs, work)
-            first, whole = expanded.terms[0], expanded.total
-            clear = whole.smallest > 0
+            first, total_expansion = expanded.terms[0], expanded.total
+            clear = total_expansion.smallest > 0
             others = sum((term.largest for term in expanded.terms[1:]), np.zeros(len(lows)))
             prevails = ~clear & (first.smallest > others)
             if clear.any():
-                least = min(least, float(whole.smallest[clear].min()))
+                smallest = min(smallest, float(total_expansion.smallest[clear].min()))
                 total += _change(functions, lows[clear], highs[clear], work)
             if prevails.any():
                 total += _change(functions, lows[prevails], highs[prevails], work, prompt=True)
             left = ~(clear | prevails)
             fine = highs - lows <= _NARROW_DOUBLE * highs
-            rounding = np.abs(whole.value) + np.abs(whole.slope) * whole.width <= 4 * whole.error
-            stuck = left & (fine | rounding | ~np.isfinite(whole.error))
+            rounding = (
+                np.abs(total_expansion.value) + np.abs(total_expansion.slope) * total_expansion.width
+                <= 4 * total_expansion.error
+            )
+            stuck = left & (fine | rounding | ~np.isfinite(total_expansion.error))
             narrow += zip(lows[stuck].tolist(), highs[stuck].tolist(), strict=True)
             rest.append((lows[left & ~stuck], highs[left & ~stuck]))
-        low, high = halves(*(np.concatenate(part) for part in zip(*rest, strict=True)))
+        low, high = halves(*(np.concatenate(ends) for ends in zip(*rest, strict=True)))
     for interval in narrow:
         total += sum(_ball_turns(balls, *interval, work))
-        least = 0.0
-    return total, least
+        smallest = 0.0
+    return total, smallest
 
 
 def _change(functions: AxisFunctions, low: Array, high: Array, work: Work, *, prompt: bool = False) -> float:
@@ -306,10 +313,10 @@ def _change(functions: AxisFunctions, low: Array, high: Array, work: Work, *, pr
     (before,), (after,) = (functions.expand(end, end, work) for end in (low, high))
     if not prompt:
         return float(np.angle(after.total.value / before.total.value).sum())
-    whole = np.angle(after.total.value / after.terms[0].value) - np.angle(
+    total_angle = np.angle(after.total.value / after.terms[0].value) - np.angle(
         before.total.value / before.terms[0].value
     )
-    return float((np.angle(after.terms[0].value / before.terms[0].value) + whole).sum())
+    return float((np.angle(after.terms[0].value / before.terms[0].value) + total_angle).sum())
 
 
 def _ball_turns(balls: Balls, start: float, top: float, work: Work) -> Iterator[float]:
@@ -321,12 +328,12 @@ def _ball_turns(balls: Balls, start: float, top: float, work: Work) -> Iterator[
         while intervals:
             work.spend(_BALL)
             low, high = intervals.pop()
-            middle, whole = (low + high) / 2, low.union(high)
-            slope = balls.values(acb(0, whole), 2)[1]
-            value = balls.values(acb(0, middle))[0] + slope * acb(0, whole - middle)
+            middle, interval = (low + high) / 2, low.union(high)
+            slope = balls.values(acb(0, interval), 2)[1]
+            value = balls.values(acb(0, middle))[0] + slope * acb(0, interval - middle)
             if value.abs_lower() > 0:
-                one, other = (balls.values(acb(0, end))[0] for end in (low, high))
-                yield float((other / one).arg().mid())
+                start_value, end_value = (balls.values(acb(0, end))[0] for end in (low, high))
+                yield float((end_value / start_value).arg().mid())
             elif high - low <= _NARROW * high or high <= arb(top) * _NARROW**2:
                 where = float(high.mid())
                 raise Undecided(
@@ -341,31 +348,31 @@ def _ball_turns(balls: Balls, start: float, top: float, work: Work) -> Iterator[
 
 
 def rightmost_roots(
-    given: QuasiPolynomial, starts: Iterable[complex], most: int, work: Work | None = None
+    function: QuasiPolynomial, starts: Iterable[complex], max_roots: int, work: Work | None = None
 ) -> tuple[list[RefinedRoot], float]:
     """Return the rightmost roots, and a line right of which none is missing (inf where that is not proved).
 
     Parameters
     ----------
-    given
+    function
         As in `roots_right_of`.
     starts
         First values, of which many may lead to one root.
-    most
+    max_roots
         About the number of roots that are wanted.
     work
         What the proof may cost.
     """
     work = work or Work(COUNT)
-    roots = [RefinedRoot(0j, 0.0)] if given.at_origin() == 0 else []
+    roots = [RefinedRoot(0j, 0.0)] if function.at_origin() == 0 else []
     for start in sorted(starts, key=lambda s: -s.real):
         if start.imag < 0:
             continue
-        root = refined_root(given, start)
+        root = refined_root(function, start)
         if (
             root is None
             or (roots and abs(root.value) < _ORIGIN_ROOT_SIZE and not roots[0].radius)
-            or any(abs(root.value - other.value) <= root.radius + other.radius for other in roots)
+            or any(abs(root.value - neighbour.value) <= root.radius + neighbour.radius for neighbour in roots)
         ):
             continue
         if abs(root.value.imag) <= root.radius:
@@ -376,15 +383,15 @@ def rightmost_roots(
         if root.value.imag:
             roots.append(RefinedRoot(root.value.conjugate(), root.radius))
     roots.sort(key=lambda root: (-root.value.real, abs(root.value.imag), -root.value.imag))
-    for count in range(min(most, len(roots) - 1), 0, -1):
+    for count in range(min(max_roots, len(roots) - 1), 0, -1):
         upper, lower = roots[count - 1].value.real, roots[count].value.real
         line = (upper + lower) / 2
         if not upper > line > lower:
             continue
         try:
-            if roots_right_of(given, line, work) == count:
+            if roots_right_of(function, line, work) == count:
                 return roots[:count], line
         except Undecided:
             if work.left < 0:
                 break
-    return roots[:most], math.inf
+    return roots[:max_roots], math.inf

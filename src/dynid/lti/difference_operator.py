@@ -103,18 +103,18 @@ def _least_on_torus(coefficients: Coefficients, variables: list[Hashable]) -> Fr
     total = sum(map(abs, coefficients.values()))
     sizes = np.array([float(value / total) for value in coefficients.values()])
     steepness = float(np.abs(sizes) @ exponents.sum(axis=1) ** 2)
-    middles, half, least = np.zeros((1, len(variables))), math.pi, math.inf
+    middles, half, smallest = np.zeros((1, len(variables))), math.pi, math.inf
     corners = np.array(list(product((-1, 1), repeat=len(variables))))
     while len(middles):
         if len(middles) > _MAX_TORUS_BOXES:
             return Fraction(0)
         turned = np.exp(1j * middles @ exponents.T) * sizes
         size, slopes = np.abs(turned.sum(axis=1)), np.abs(turned @ exponents)
-        least = min(least, float(size.min()))
+        smallest = min(smallest, float(size.min()))
         lower = size - half * slopes.sum(axis=1) - steepness * half**2 / 2
         half /= 2
-        middles = (middles[lower < least / 2][:, None] + half * corners).reshape(-1, len(variables))
-    return total * Fraction(least) * Fraction(49, 100)  # the rest of the half exceeds round-off
+        middles = (middles[lower < smallest / 2][:, None] + half * corners).reshape(-1, len(variables))
+    return total * Fraction(smallest) * Fraction(49, 100)  # the rest of the half exceeds round-off
 
 
 def _torus_work() -> Work:
@@ -123,13 +123,13 @@ def _torus_work() -> Work:
 
 def gap(larger: Coefficients, smaller: Coefficients, work: Work | None = None) -> Fraction | None:
     """Return a lower bound on |a| - |b| over the torus; 0 where it is not positive, None if undecided."""
-    sizes = [sum((abs(value) for value in part.values()), Fraction(0)) for part in (larger, smaller)]
+    sizes = [sum((abs(value) for value in weights.values()), Fraction(0)) for weights in (larger, smaller)]
     prompt = abs(larger.get(frozenset(), Fraction(0)))
     if 2 * prompt > sum(sizes):
         return 2 * prompt - sum(sizes)
     variables = _variables(larger, smaller)
     if len(variables) >= VARIABLES:
-        corners = ([_corner(part, signs) for part in (larger, smaller)] for signs in _signs(variables))
+        corners = ([_corner(weights, signs) for weights in (larger, smaller)] for signs in _signs(variables))
         if any(abs(a) <= abs(b) for a, b in corners):
             return Fraction(0)
         try:
@@ -156,31 +156,31 @@ def _least_difference(
     |a|² - |b|² is a sum of cosines, of which value and slopes in the middle of a box, and a bound on the
     second derivatives, bound the least value there. `Undecided` where it is too near to 0, or takes too long.
     """
-    total = sum((abs(value) for part in (larger, smaller) for value in part.values()), Fraction(0))
+    total = sum((abs(value) for weights in (larger, smaller) for value in weights.values()), Fraction(0))
     cosines: dict[tuple[int, ...], Fraction] = {}
-    for part, sign in ((larger, 1), (smaller, -1)):
-        for key, value in part.items():
-            for other, factor in part.items():
-                order = tuple((name in key) - (name in other) for name in variables)
+    for weights, sign in ((larger, 1), (smaller, -1)):
+        for key, value in weights.items():
+            for other_key, factor in weights.items():
+                order = tuple((name in key) - (name in other_key) for name in variables)
                 cosines[order] = cosines.get(order, Fraction(0)) + sign * value * factor / total**2
     orders = np.array(list(cosines), float)
     sizes = np.array([float(value) for value in cosines.values()])
     steepness = float(np.abs(sizes) @ np.abs(orders).sum(axis=1) ** 2)
     rounding = 2.0**-44 * float(np.abs(sizes).sum())
-    middles, half, least = np.zeros((1, len(variables))), math.pi, math.inf
+    middles, half, smallest = np.zeros((1, len(variables))), math.pi, math.inf
     corners = np.array(list(product((-1, 1), repeat=len(variables))))
     for _ in range(_HALVINGS):
         work.spend(middles.shape[0] * len(orders))
         angles = middles @ orders.T
         values, slopes = np.cos(angles) @ sizes, np.abs((np.sin(angles) * sizes) @ orders)
-        least = min(least, float(values.min()))
-        if least < -rounding:
+        smallest = min(smallest, float(values.min()))
+        if smallest < -rounding:
             return Fraction(0)
         lower = values - half * slopes.sum(axis=1) - steepness * half**2 / 2 - rounding
         half /= 2
-        middles = (middles[lower < least / 2][:, None] + half * corners).reshape(-1, len(variables))
-        if not len(middles) and least > 2 * rounding:
-            return Fraction(least) / 2
+        middles = (middles[lower < smallest / 2][:, None] + half * corners).reshape(-1, len(variables))
+        if not len(middles) and smallest > 2 * rounding:
+            return Fraction(smallest) / 2
     raise Undecided("the least difference on the torus is that of round-off")
 
 
@@ -213,8 +213,8 @@ def critical_gains(smaller: Coefficients, larger: Coefficients) -> tuple[float, 
     below = [gain for gain in ordered if gain <= 1][::-1]
 
     def free(gain: Fraction) -> bool | None:
-        found = separation(_at_gain(smaller, larger, gain))
-        return None if found is None else found > 0
+        distance = separation(_at_gain(smaller, larger, gain))
+        return None if distance is None else distance > 0
 
     now = free(Fraction(1))
     results = []
@@ -263,7 +263,7 @@ def least_separation(
     0 where there is a zero, or nearly; None if undecided.
     """
     steepness, work = sum((abs(value) for value in smaller.values()), Fraction(0)), _torus_work()
-    intervals, least, count = [(Fraction(low), Fraction(high))], None, 0
+    intervals, smallest, count = [(Fraction(low), Fraction(high))], None, 0
     while intervals:
         start, end = intervals.pop()
         middle, count = (start + end) / 2, count + 1
@@ -272,12 +272,12 @@ def least_separation(
             return None
         lost = steepness * (end - start) / 2
         if apart > 2 * lost:
-            least = apart - lost if least is None else min(least, apart - lost)
+            smallest = apart - lost if smallest is None else min(smallest, apart - lost)
         elif not apart or count > _GAINS:
             return Fraction(0)
         else:
             intervals += [(start, middle), (middle, end)]
-    return least
+    return smallest
 
 
 def _at_gain(smaller: Coefficients, larger: Coefficients, gain: Fraction) -> dict[frozenset[Any], Fraction]:
@@ -295,7 +295,7 @@ def _touching_gains(
 
     exact = dict[frozenset[Any], Any]()
     for key in {**smaller, **larger}:
-        pair = (part.get(key, Fraction(0)) for part in (larger, smaller))
+        pair = (weights.get(key, Fraction(0)) for weights in (larger, smaller))
         exact[key] = fmpq_poly([fmpq(c.numerator, c.denominator) for c in pair])
     *rest, last = variables
     without = {key: value for key, value in exact.items() if last not in key}
@@ -317,9 +317,9 @@ def _least_square(
     """
     first, second = [*variables, None, None][:2]
     mean, harmonic = [0, 0], [0, 0, 0]
-    for part, sign in ((larger, 1), (smaller, -1)):
+    for weights, sign in ((larger, 1), (smaller, -1)):
         a0, a1, a2, a12 = (
-            part.get(frozenset(name for name in key if name is not None), 0) if None not in key else 0
+            weights.get(frozenset(name for name in key if name is not None), 0) if None not in key else 0
             for key in ((), (first,), (second,), (first, second))
         )
         mean[0] += sign * (a0 * a0 + a1 * a1 + a2 * a2 + a12 * a12)
@@ -336,7 +336,7 @@ def _least_square(
 
 
 def _variables(*parts: Mapping[frozenset[Any], Any]) -> list[Any]:
-    return sorted(set().union(*(key for part in parts for key, value in part.items() if value)))
+    return sorted(set().union(*(key for weights in parts for key, value in weights.items() if value)))
 
 
 def _signs(variables: list[Hashable]) -> Iterator[dict[Hashable, int]]:

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from dynid.bondgraph.analysis_request import Analysis
 from dynid.bondgraph.controller_circuits import PADE_ORDER, close_loops
+from dynid.bondgraph.cut_loops import CutLoops, rational, rounded
 from dynid.bondgraph.exact_engine import TransferFunction
-from dynid.bondgraph.feedback import CutLoops, rational, rounded
+from dynid.bondgraph.loop_stability import approximants_agree, loops_verdict, shown_verdict
 from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.bondgraph.results.system import SYSTEM, add_system, system_text
 from dynid.errors import Undecided
@@ -67,8 +68,9 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
     """
     names = [f"{loop.measured} -> {loop.source}" for loop in cut.loops]
     functions = [cut.loop(index) for index in range(len(names))]
-    system = cut.verdict()
-    loop_margins = _within_limit(functions, cut, system)
+    shown = shown_verdict(cut)
+    system = loops_verdict(cut, shown)
+    loop_margins = _within_limit(functions, cut, shown, system)
     functions = [(above, below) for above, below in map(rounded, functions)]
     result.add_axis(f"{MARGINS}/loop", names)
     for name in (field.name for field in fields(Margins)):
@@ -91,7 +93,7 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
     work = Work(_ROOT_WORK, EVALUATIONS)
     if not closed.is_rational:
         _add_roots(result, closed, system.unstable_poles, work)
-        result.annotate(MARGINS, approximants_agree=cut.approximants_agree(work))
+        result.annotate(MARGINS, approximants_agree=approximants_agree(cut, shown, work))
     omega = _frequencies(functions, loop_margins, work) if omega is None else omega
     _add_functions(result, names, functions, omega)
     poles = 0
@@ -110,7 +112,7 @@ def add_margins(result: Result, cut: CutLoops, omega: NDArray[np.float64] | None
 
 
 def _within_limit(
-    functions: list[tuple[QuasiPolynomial, QuasiPolynomial]], cut: CutLoops, system: Verdict
+    functions: list[tuple[QuasiPolynomial, QuasiPolynomial]], cut: CutLoops, shown: Verdict, system: Verdict
 ) -> list[Margins]:
     """Return the margins of the loops, in order, as long as their polynomials have at most `ROOTS` roots."""
     roots, hidden, loop_margins = 0, cut.hidden(), list[Margins]()
@@ -127,7 +129,7 @@ def _within_limit(
                 f"polynomials, more than {ROOTS}; those of the first {first} are computed"
             )
             return loop_margins + [_left_out(reason, system)] * (len(functions) - len(loop_margins))
-        loop_margins.append(_with_hidden(_margins(*loop, cut), hidden))
+        loop_margins.append(_with_hidden(_margins(*loop, cut, shown), hidden))
     return loop_margins
 
 
@@ -139,14 +141,14 @@ def _left_out(reason: str, system: Verdict) -> Margins:
     return Margins(system.stable, verdict, **numbers, undecided=reason)
 
 
-def _margins(above: QuasiPolynomial, below: QuasiPolynomial, cut: CutLoops) -> Margins:
+def _margins(above: QuasiPolynomial, below: QuasiPolynomial, cut: CutLoops, shown: Verdict) -> Margins:
     if above.is_rational and below.is_rational:
         (bottom,) = below.terms.values()
         return margins(above.terms.get(Fraction(0), 0 * bottom), bottom)
     above, below = rounded([above, below])
     closed = above + below
     alike = closed.products == rounded([cut.closed])[0].products
-    verdict = cut.loop_verdict if alike else stability(closed, cut.work)
+    verdict = shown if alike else stability(closed, cut.work)
     return delay_margins(above, below, verdict, SEARCH // len(cut.loops))
 
 

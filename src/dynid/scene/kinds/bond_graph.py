@@ -166,7 +166,7 @@ def _check_sources(scene: Scene[BondGraphScene]) -> None:
 
 def _check_loops(opened: BondGraph, loops: Sequence[Loop]) -> None:
     """Raise where a loop is algebraic and has no solution; what is wrong without loops is found elsewhere."""
-    from dynid.bondgraph.feedback import CutLoops
+    from dynid.bondgraph.cut_loops import CutLoops
 
     try:
         cut = CutLoops(opened, loops)
