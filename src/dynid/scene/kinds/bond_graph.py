@@ -265,7 +265,7 @@ def graph_analysis(
     built
         The graph, and the requested variables as it has them.
     variables
-        Variables of the sensitivities; absent: the values of the nodes.
+        Variables of the sensitivities; default: the values of the nodes.
     """
     model, graph = scene.model, built.graph
     flat = built.linearisation.flat if built.linearisation is not None else ()

@@ -204,9 +204,9 @@ def identified(
     scene, prepared
         The scene, and the input of its estimator.
     common
-        The precomputed part that its records share with others; absent: it is computed.
+        The precomputed part that its records share with others; default: it is computed.
     into
-        The result to which the estimates are added; absent: a new one.
+        The result to which the estimates are added; default: a new one.
     """
     from dynid.identification.identify import identify
 

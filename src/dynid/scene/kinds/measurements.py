@@ -61,7 +61,7 @@ def experiments(
 ) -> list[Experiment]:
     """Return the records of a scene, prepared, with the loads of each.
 
-    `model` is the graph or structure, by whose labels DOFs are named in results; absent: as in the scene.
+    `model` is the graph or structure, by whose labels DOFs are named in results; default: as in the scene.
     """
     from dynid.identification.records.measurement import Experiment
     from dynid.identification.records.preparation import BandPass, Decimate, Detrend, prepare

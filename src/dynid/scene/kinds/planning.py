@@ -36,7 +36,7 @@ def run_plan(
     scene
         The scene.
     sensors, lines
-        The numbers to choose; absent: those of the scene, else as many as it has.
+        The numbers to choose; default: those of the scene, else as many as it has.
 
     Raises
     ------

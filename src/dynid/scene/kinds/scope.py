@@ -169,7 +169,7 @@ def add_geometry(
     structure
         Its structure.
     reduced
-        The reduced one, of which the modes are; absent: the structure.
+        The reduced one, of which the modes are; default: the structure.
     """
     if structure.nodes is None:
         return

@@ -217,7 +217,7 @@ def recorded_factor(sensor: Sensor, heading: Heading | None, measured: Any, path
     sensor
         The channel or the signal in a file.
     heading
-        The heading of its column; absent: the record is simulated.
+        The heading of its column; default: the record is simulated.
     measured
         The channel, load or function that it records.
     path

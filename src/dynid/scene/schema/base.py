@@ -42,7 +42,7 @@ class Section(BaseModel):
 
 
 def once(what: str = "") -> AfterValidator:
-    """Return the check that a list has no entry twice; `what` is the noun for one, absent: it is quoted."""
+    """Return the check that a list has no entry twice; `what` is the noun for one, default: it is quoted."""
 
     def check(listed: list[Any]) -> list[Any]:
         for index, item in enumerate(listed):

@@ -18,7 +18,7 @@ class Later:
     Parameters
     ----------
     reference
-        The model as ``module:name``; absent: the annotated class.
+        The model as ``module:name``; default: the annotated class.
     """
 
     reference: str = ""

@@ -136,7 +136,7 @@ def read_names(source: Source, free: Mapping[str, float] | None = None) -> tuple
     source
         The scene.
     free
-        Parameters of a design that quantities depend on, with their reference values; absent: of an
+        Parameters of a design that quantities depend on, with their reference values; default: of an
         identification the unknown and considered ones.
 
     Returns

@@ -64,13 +64,13 @@ Modes = Annotated[
 
 
 class _Mastered(Section):
-    """Masters; absent: from joints, sensors and loads."""
+    """Masters; default: from joints, sensors and loads."""
 
     masters: Masters | None = None
 
 
 class _Modal(Section):
-    """Modes; absent: from the masters, or the band of excitation and response."""
+    """Modes; default: from the masters, or the band of excitation and response."""
 
     modes: Modes | None = None
 
@@ -111,7 +111,7 @@ class SerepModel(_OnModes):
 class JointAwareModel(_OnModes):
     """Modes of the structure with its joints at their current values, with residual vectors or at masters.
 
-    Absent, an identification that names no masters has residual vectors, if its excitation ends at a
+    By default an identification that names no masters has residual vectors, if its excitation ends at a
     frequency below half the sampling rate. A comparison takes the basis as it is named.
     """
 
@@ -134,7 +134,7 @@ class GuyanModel(_Mastered):
 
 
 class DynamicModel(_Mastered):
-    """Dynamic condensation at a frequency; absent: the middle of the band."""
+    """Dynamic condensation at a frequency; default: the middle of the band."""
 
     method: Literal["dynamic"]
     frequency: NotNegative | None = None
@@ -155,7 +155,7 @@ class CraigBamptonModel(_Mastered, _Modal):
 
 
 class ModalModel(_Modal):
-    """Modes, with residual vectors for loads; absent or ``auto``: at joints, sensors and loads."""
+    """Modes, with residual vectors for loads; default or ``auto``: at joints, sensors and loads."""
 
     method: Literal["modal"]
     residuals: _Residuals | None = None
