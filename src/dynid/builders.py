@@ -57,12 +57,12 @@ def scene_from(data: Mapping[str, Any], folder: str | os.PathLike[str] = ".") ->
 
 def _with_path(source: Source, fault: Fault) -> Fault:
     """Return a fault with the path of its value in the message: nobody sees the lines of a built scene."""
-    place = (fault.line, fault.column)
-    paths = [path for path, marks in source.marks.items() if place in (marks.key, marks.value)]
+    position = (fault.line, fault.column)
+    paths = [path for path, marks in source.marks.items() if position in (marks.key, marks.value)]
     shortest = min(paths, key=len) if paths else ()
     dotted = ".".join(map(str, shortest))
-    known = not dotted or dotted in fault.message
-    return fault if known else replace(fault, message=f"{dotted}: {fault.message}")
+    named = not dotted or dotted in fault.message
+    return fault if named else replace(fault, message=f"{dotted}: {fault.message}")
 
 
 class SceneBuilder:
@@ -78,14 +78,14 @@ class SceneBuilder:
 
     def expect(self, path: str, value: Any = None, **bounds: Any) -> Self:
         """Expect a result at a path (`rtol`, `atol`, `min`, `max`, `max_abs`, `part`, `at`, `unit`)."""
-        given = {"path": path, **({} if value is None else {"value": value}), **bounds}
-        self._data.setdefault("expect", []).append(given)
+        expectation = {"path": path, **({} if value is None else {"value": value}), **bounds}
+        self._data.setdefault("expect", []).append(expectation)
         return self
 
     @staticmethod
-    def _refuse_twice(what: str, name: str, known: Mapping[str, Any]) -> None:
+    def _refuse_twice(what: str, name: str, present: Mapping[str, Any]) -> None:
         """Refuse a second definition, as YAML refuses a key that is given twice."""
-        if name in known:
+        if name in present:
             from dynid.errors import UsageError
 
             raise UsageError(f"the {what} '{name}' is given twice; use another name")
@@ -93,8 +93,8 @@ class SceneBuilder:
     def _scene(self, folder: str | os.PathLike[str], **parts: Any) -> Scene:
         from copy import deepcopy
 
-        given = {name: part for name, part in parts.items() if part is not None}
-        return scene_from(deepcopy({**self._data, **given}), folder)
+        data = {name: section for name, section in parts.items() if section is not None}
+        return scene_from(deepcopy({**self._data, **data}), folder)
 
 
 class GraphBuilder(SceneBuilder):
@@ -120,8 +120,8 @@ class GraphBuilder(SceneBuilder):
             If the graph has a node of this name.
         """
         self._refuse_twice("node", name, self._nodes)
-        given = {} if value is None else {"value": value}
-        self._nodes[name] = {"type": type, **given, **more} if given or more else type
+        keys = {} if value is None else {"value": value}
+        self._nodes[name] = {"type": type, **keys, **more} if keys or more else type
         return self
 
     def bond(self, chain: str) -> Self:
@@ -185,9 +185,9 @@ class StructureBuilder(SceneBuilder):
 
     def link(self, dofs: Sequence[int], k: Number | None = None, c: Number | None = None) -> Self:
         """Add a spring (N/m) and damper (N s/m) between masses, or from one to ground."""
-        given = {"dofs": list(dofs), "k": k, "c": c}
+        keys = {"dofs": list(dofs), "k": k, "c": c}
         links = self._data["structure"]["lumped"]["links"]
-        links.append({name: value for name, value in given.items() if value is not None})
+        links.append({name: value for name, value in keys.items() if value is not None})
         return self
 
     def joint(self, name: str, dofs: Sequence[int | str], **parts: Any) -> Self:

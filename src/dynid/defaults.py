@@ -231,4 +231,6 @@ LEVELS: dict[str, Level[object]] = {
 
 def of_benchmark(name: str) -> list[str]:
     """Return the sentences of the choices that a benchmark justifies."""
-    return [each.sentence.format(value=each.value) for each in CHOICES.values() if each.benchmark == name]
+    return [
+        choice.sentence.format(value=choice.value) for choice in CHOICES.values() if choice.benchmark == name
+    ]

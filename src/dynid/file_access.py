@@ -71,19 +71,19 @@ def descriptor_of(path: str, flags: int = 0, *, links: bool = False) -> int:
     return os.open(path, os.O_RDWR | _BINARY | (0 if links else _NO_LINK) | flags, 0o666)
 
 
-def read_at(descriptor: int, count: int, place: int) -> bytes:
+def read_at(descriptor: int, count: int, offset: int) -> bytes:
     """Return at most `count` bytes of an open file from a place on."""
     if hasattr(os, "pread"):
-        return os.pread(descriptor, count, place)
-    os.lseek(descriptor, place, os.SEEK_SET)  # Windows
+        return os.pread(descriptor, count, offset)
+    os.lseek(descriptor, offset, os.SEEK_SET)  # Windows
     return os.read(descriptor, count)
 
 
-def write_at(descriptor: int, content: memoryview, place: int) -> int:
+def write_at(descriptor: int, content: memoryview, offset: int) -> int:
     """Write to an open file from a place on, and return how many bytes it took."""
     if hasattr(os, "pwrite"):
-        return os.pwrite(descriptor, content, place)
-    os.lseek(descriptor, place, os.SEEK_SET)  # Windows
+        return os.pwrite(descriptor, content, offset)
+    os.lseek(descriptor, offset, os.SEEK_SET)  # Windows
     return os.write(descriptor, content)
 
 
@@ -105,7 +105,7 @@ def file_names(names: Iterable[str]) -> list[str]:
     >>> file_names(["m.f-F", "a/b", "A:B", "a_b", "con"])
     ['m.f-F', 'a_b', 'A_B_2', 'a_b_3', '_con']
     """
-    taken: set[str] = set()
+    used: set[str] = set()
     result = []
     for name in names:
         plain = re.sub(r"[^\w.+-]", "_", name)
@@ -113,10 +113,10 @@ def file_names(names: Iterable[str]) -> list[str]:
             plain = f"_{plain}"
         plain = plain.encode()[:_MAX_NAME].decode(errors="ignore").rstrip(".")
         unique, number = plain, 1
-        while unique.casefold() in taken:
+        while unique.casefold() in used:
             number += 1
             unique = f"{plain}_{number}"
-        taken.add(unique.casefold())
+        used.add(unique.casefold())
         result.append(unique)
     return result
 
@@ -170,7 +170,7 @@ def replace_file(path: str | os.PathLike[str], content: bytes) -> None:
     FileError
         When it cannot be written; the old file is untouched then.
     """
-    with replacing(path) as part, os.fdopen(os.open(part, os.O_WRONLY), "wb") as file:
+    with replacing(path) as temporary, os.fdopen(os.open(temporary, os.O_WRONLY), "wb") as file:
         file.write(content)
 
 
@@ -188,22 +188,22 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[str]:
         target = os.path.realpath(name)
         _check_target(target, name)
         folder = os.path.dirname(target)  # noqa: PTH120 - bytes of odd names pass through os.path untouched
-        part = f".dynid-{_host()}-{os.getpid()}-{os.urandom(8).hex()}.part"
-        part = os.path.join(folder, part)  # noqa: PTH118
+        temporary = f".dynid-{_host()}-{os.getpid()}-{os.urandom(8).hex()}.part"
+        temporary = os.path.join(folder, temporary)  # noqa: PTH118
         try:
-            os.close(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
+            os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
             with contextlib.suppress(FileNotFoundError):
-                os.chmod(part, stat.S_IMODE(os.stat(target).st_mode))  # noqa: PTH101, PTH116
-            yield part
-            descriptor = os.open(part, os.O_RDWR)
+                os.chmod(temporary, stat.S_IMODE(os.stat(target).st_mode))  # noqa: PTH101, PTH116
+            yield temporary
+            descriptor = os.open(temporary, os.O_RDWR)
             try:
                 os.fsync(descriptor)
             finally:
                 os.close(descriptor)
-            os.replace(part, target)  # noqa: PTH105
+            os.replace(temporary, target)  # noqa: PTH105
         except BaseException:
             with contextlib.suppress(OSError):
-                os.unlink(part)  # noqa: PTH108
+                os.unlink(temporary)  # noqa: PTH108
             raise
         sync_folder(folder)
     except (OSError, ValueError) as error:

@@ -78,10 +78,10 @@ def open_hdf5(path: str | os.PathLike[str]) -> h5py.File:
 
 def checksum(blocks: Iterable[bytes]) -> bytes:
     """Return the checksum of the content of a file, as it stands behind the content."""
-    found = 0
+    crc = 0
     for block in blocks:
-        found = zlib.crc32(block, found)
-    return b"%b%08x\n" % (_MARK, found)
+        crc = zlib.crc32(block, crc)
+    return b"%b%08x\n" % (_MARK, crc)
 
 
 def _matches(name: str, size: int) -> bool | None:
@@ -173,12 +173,12 @@ def _missing_filter(dataset: Any) -> str:
     import h5py
 
     properties = dataset.id.get_create_plist()
-    for place in range(properties.get_nfilters()):
-        number, _, _, named = properties.get_filter(place)
+    for index in range(properties.get_nfilters()):
+        number, _, _, named = properties.get_filter(index)
         if h5py.h5z.filter_avail(number):
             continue
         chunks = dataset.id.get_num_chunks() if dataset.chunks else 0
-        if chunks and dataset.id.get_chunk_info(0).filter_mask & (1 << place):
+        if chunks and dataset.id.get_chunk_info(0).filter_mask & (1 << index):
             continue  # an optional one that was left out
         name = _FILTERS.get(number) or named.partition(b"\0")[0].decode(errors="replace")
         return f"{name} ({number})" if name else f"number {number}"
@@ -247,8 +247,8 @@ def _scales(dataset: Any) -> None:
     """Follow the axes to what scales them, and ask where the values are stored."""
     for axis in dataset.dims:
         with suppress(Exception):
-            for place in range(len(axis)):
-                dict(axis[place].attrs)
+            for index in range(len(axis)):
+                dict(axis[index].attrs)
     with suppress(Exception):
         _ = dataset.is_virtual, dataset.external, dataset.id.get_storage_size()
 

@@ -30,10 +30,10 @@ class ScopePart(NamedTuple):
     why: str
 
 
-def divided(name: str, known: Iterable[str], kept: Iterable[str], why: str) -> ScopePart:
+def divided(name: str, all_names: Iterable[str], kept: Iterable[str], why: str) -> ScopePart:
     """Return a part of named items: those kept, and all other known ones as omitted."""
     inside = set(kept)
-    names = list(dict.fromkeys(known))
+    names = list(dict.fromkeys(all_names))
     return ScopePart(name, [n for n in names if n in inside], [n for n in names if n not in inside], why)
 
 
@@ -55,13 +55,15 @@ def add_model_scope(result: Result, holder: str, parts: Sequence[ScopePart]) -> 
     the items have them.
     """
     group, dims = f"{holder}/need", ("part",)
-    result.add_axis(f"{group}/part", [part.name for part in parts])
+    result.add_axis(f"{group}/part", [row.name for row in parts])
     for column in ("kept", "left_out"):
-        each = [getattr(part, column) for part in parts]
-        result.add(f"{group}/{column}", [one if isinstance(one, int) else len(one) for one in each], dims)
-        names = ["" if isinstance(one, int) else listed_names(one) for one in each]
+        values = [getattr(row, column) for row in parts]
+        result.add(
+            f"{group}/{column}", [value if isinstance(value, int) else len(value) for value in values], dims
+        )
+        names = ["" if isinstance(value, int) else listed_names(value) for value in values]
         result.add(f"{group}/{column}_names", names, dims)
-    any_left = (bool(part.left_out) for part in parts)
+    any_left = (bool(row.left_out) for row in parts)
     result.add(f"{group}/why", [p.why if yes else "" for p, yes in zip(parts, any_left, strict=True)], dims)
 
 

@@ -88,7 +88,7 @@ def limit(value: float) -> str:
 def unit_text(unit: str) -> str:
     """Return a unit in mathematical notation: `N.s/m` is N·s/m, `m/s2` is m/s², `1` is nothing."""
     text = "" if unit == "1" else unit.replace(".", "·").replace("^0·5", "^½")
-    return re.sub(r"(?<=[A-Za-z])\^?(-?\d)", lambda found: found[1].translate(_RAISED), text)
+    return re.sub(r"(?<=[A-Za-z])\^?(-?\d)", lambda match: match[1].translate(_RAISED), text)
 
 
 def sentence(text: str) -> str:
@@ -173,15 +173,15 @@ def p_text(p: float, digits: int = 2) -> str:
     return f"p = {p:.{digits}g}" if not p < _LEAST_P else f"p < {_LEAST_P:g}"
 
 
-def share_text(part: float) -> str:
+def share_text(share: float) -> str:
     """Return a part of a whole as a percentage, with so many digits that less than all is not 100 %."""
-    missing = 100 * (1 - part)
+    missing = 100 * (1 - share)
     if missing <= 0:
         return "100 %"
     decimals = max(2, -math.floor(math.log10(missing)))
     if decimals > _MOST_DECIMALS:
         return f"more than {100 - 10.0**-_MOST_DECIMALS:.{_MOST_DECIMALS}f} %"
-    return f"{100 * part:.{decimals}f} %"
+    return f"{100 * share:.{decimals}f} %"
 
 
 def time_text(seconds: float) -> str:

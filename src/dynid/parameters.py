@@ -40,8 +40,8 @@ class ParameterPrior(NamedTuple):
     @property
     def relative(self) -> float:
         """Standard deviation over the expected value."""
-        given = self.relative_deviation
-        return given if not math.isnan(given) else self.deviation / abs(self.value)
+        deviation = self.relative_deviation
+        return deviation if not math.isnan(deviation) else self.deviation / abs(self.value)
 
     @property
     def absolute(self) -> float:
@@ -162,17 +162,17 @@ class Parameter:
 
 def starts(parameters: Sequence[Parameter]) -> Array:
     """Return the coordinates of the starts (p)."""
-    return np.array([one.coordinate(one.start) for one in parameters])
+    return np.array([parameter.coordinate(parameter.start) for parameter in parameters])
 
 
 def truths(parameters: Sequence[Parameter]) -> Array:
     """Return the true values (p), NaN where they are not known."""
-    return np.array([math.nan if one.true is None else one.true for one in parameters])
+    return np.array([math.nan if parameter.true is None else parameter.true for parameter in parameters])
 
 
 def logarithmic(parameters: Sequence[Parameter]) -> NDArray[np.bool_]:
     """Return the mask of parameters whose logarithms are estimated (p)."""
-    return np.array([one.logarithmic for one in parameters], dtype=bool)
+    return np.array([parameter.logarithmic for parameter in parameters], dtype=bool)
 
 
 def coordinates(parameters: Sequence[Parameter], values: Array) -> Array:
@@ -195,12 +195,14 @@ def rates(parameters: Sequence[Parameter], eta: Array) -> Array:
 
 def named(parameters: Sequence[Parameter], eta: Array) -> dict[str, float]:
     """Return the values at coordinates (p) by name."""
-    return dict(zip([one.name for one in parameters], values(parameters, eta).tolist(), strict=True))
+    return dict(
+        zip([parameter.name for parameter in parameters], values(parameters, eta).tolist(), strict=True)
+    )
 
 
 def expected(parameters: Sequence[Parameter]) -> Mapping[str, float]:
     """Return the true values where they are known, else the starts, by name."""
-    return {one.name: one.expected for one in parameters}
+    return {parameter.name: parameter.expected for parameter in parameters}
 
 
 def true_values(parameters: Sequence[Parameter]) -> dict[str, float]:
@@ -211,11 +213,11 @@ def true_values(parameters: Sequence[Parameter]) -> dict[str, float]:
     UsageError
         If one is not known.
     """
-    missing = [one.name for one in parameters if one.true is None]
+    missing = [parameter.name for parameter in parameters if parameter.true is None]
     if missing:
         raise UsageError(
             f"no true value is known of {', '.join(missing)}",
             remedy="Give `true` beside `start`: records are simulated with it.",
             names=missing,
         )
-    return {one.name: one.expected for one in parameters}
+    return {parameter.name: parameter.expected for parameter in parameters}

@@ -297,13 +297,13 @@ class Result(Mapping[str, Variable]):
 
     def without(self, beginning: str) -> Result:
         """Return the result without the arrays whose paths begin so."""
-        other = Result(self.kind, self.title, self.attrs)
+        kept = Result(self.kind, self.title, self.attrs)
         for path, variable in self.items():
             if not path.startswith(beginning):
-                other.put(path, variable)
+                kept.put(path, variable)
         for group, attrs in self.group_attrs.items():
-            other.annotate(group, **attrs)
-        return other
+            kept.annotate(group, **attrs)
+        return kept
 
     def equals(self, other: Result) -> bool:
         """Return True if two results hold the same arrays, attributes and names, of any origin."""
@@ -469,10 +469,10 @@ def _xarray_dataset(result: Result, group: str) -> xarray.Dataset:
             above = group
             while above and dim not in arrays:  # its coordinate in the nearest group above
                 above = above.rpartition("/")[0]
-                found = result.get(f"{above}/{dim}" if above else dim)
-                if found is not None and found.dims == (dim,):
-                    if found.data.size == length:
-                        arrays[dim] = _xarray_variable(found)
+                axis = result.get(f"{above}/{dim}" if above else dim)
+                if axis is not None and axis.dims == (dim,):
+                    if axis.data.size == length:
+                        arrays[dim] = _xarray_variable(axis)
                     break
     attrs: dict[str, Any] = dict(result.group_attrs.get(group, {}))
     return xarray.Dataset(arrays, attrs={"title": result.title, **attrs})

@@ -19,13 +19,13 @@ _BARE = frozenset({"value", "start", "true", "min", "max"})
 
 def printable(text: str) -> str:
     """Return a text with its control characters written as escapes; line feeds and tabs stay."""
-    return _CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+    return _CONTROL.sub(lambda match: match[0].encode("unicode_escape").decode(), text)
 
 
-def shortened(texts: Sequence[str], most: int = 12, separator: str = ", ") -> str:
+def shortened(texts: Sequence[str], max_items: int = 12, separator: str = ", ") -> str:
     """Write a list of texts: of a long one the first, and the number of the others."""
-    more = len(texts) - most
-    return separator.join([*texts[:most], *([f"and {more} more"] if more > 0 else [])])
+    more = len(texts) - max_items
+    return separator.join([*texts[:max_items], *([f"and {more} more"] if more > 0 else [])])
 
 
 def did_you_mean(word: str, candidates: Iterable[str]) -> str:
@@ -37,32 +37,34 @@ def did_you_mean(word: str, candidates: Iterable[str]) -> str:
         return ""
     lowered = word.lower()
 
-    def bonus(other: str) -> float:
+    def bonus(candidate: str) -> float:
         # Short names (TF, GY, m_1) share few characters; their length and first letter distinguish them.
-        alike = len(other) == len(lowered) or lowered.startswith(other)
-        return 0.2 * (other[:1] == lowered[:1]) + 0.1 * alike
+        alike = len(candidate) == len(lowered) or lowered.startswith(candidate)
+        return 0.2 * (candidate[:1] == lowered[:1]) + 0.1 * alike
 
-    def at_most(other: str) -> float:
-        return 2 * min(len(other), len(lowered)) / max(len(other) + len(lowered), 1) + bonus(other)
+    def at_most(candidate: str) -> float:
+        return 2 * min(len(candidate), len(lowered)) / max(len(candidate) + len(lowered), 1) + bonus(
+            candidate
+        )
 
-    near = [(name, other) for name in candidates if at_most(other := name.lower()) > _CLOSE]
+    near = [(name, lowered_name) for name in candidates if at_most(lowered_name := name.lower()) > _CLOSE]
     if len(near) > _MOST:
-        near = heapq.nlargest(_MOST, near, key=lambda each: _shared_ends(each[1], lowered) - len(each[1]) / 2)
+        near = heapq.nlargest(_MOST, near, key=lambda pair: _shared_ends(pair[1], lowered) - len(pair[1]) / 2)
     matcher = SequenceMatcher(None, "", lowered, autojunk=False)
     best, closest = _CLOSE, ""
-    for name, other in near:
-        matcher.set_seq1(other)
-        if at_most(other) > best and matcher.ratio() + bonus(other) > best:
-            best, closest = matcher.ratio() + bonus(other), name
+    for name, lowered_name in near:
+        matcher.set_seq1(lowered_name)
+        if at_most(lowered_name) > best and matcher.ratio() + bonus(lowered_name) > best:
+            best, closest = matcher.ratio() + bonus(lowered_name), name
     return f"; did you mean '{closest}'?" if closest else ""
 
 
-def _shared_ends(one: str, other: str) -> int:
+def _shared_ends(a: str, b: str) -> int:
     """Return the number of common characters at the beginnings and ends of two words."""
-    least, ahead, behind = min(len(one), len(other)), 0, 0
-    while ahead < least and one[ahead] == other[ahead]:
+    shorter, ahead, behind = min(len(a), len(b)), 0, 0
+    while ahead < shorter and a[ahead] == b[ahead]:
         ahead += 1
-    while behind < least - ahead and one[-1 - behind] == other[-1 - behind]:
+    while behind < shorter - ahead and a[-1 - behind] == b[-1 - behind]:
         behind += 1
     return ahead + behind
 
@@ -73,17 +75,19 @@ def did_you_mean_path(path: str, candidates: Iterable[str]) -> str:
     The name counts first: `bond_graph/poles` is nearer to the poles of a transfer function than to
     `bond_graph/properties`. Without a similar name, the contents of the nearest group are listed.
     """
-    every = _with_groups(candidates, "/")
-    if alike := _alike_paths(path, every, "/"):
+    paths = _with_groups(candidates, "/")
+    if alike := _alike_paths(path, paths, "/"):
         group, _, name = alike[0].rpartition("/")
         count = len(alike) - 1
         more = f" ({count} more {'ends' if count == 1 else 'end'} so: */{name})"
         return f"; did you mean '{alike[0]}'{more if '/' not in path and count else ''}?"
     group = path.rpartition("/")[0]
-    while group and group not in every:
+    while group and group not in paths:
         group = group.rpartition("/")[0]
-    held = [known.rpartition("/")[2] for known in every if group and known.rpartition("/")[0] == group]
-    return f"; '{group}' holds {shortened(held, 8)}" if held else did_you_mean(path, every)
+    held = [
+        candidate.rpartition("/")[2] for candidate in paths if group and candidate.rpartition("/")[0] == group
+    ]
+    return f"; '{group}' holds {shortened(held, 8)}" if held else did_you_mean(path, paths)
 
 
 def nearest_values(path: str, data: object) -> list[str]:
@@ -91,28 +95,30 @@ def nearest_values(path: str, data: object) -> list[str]:
 
     Of a node, joint or unknown parameter they are its `value` or `start`. Parameters stand first.
     """
-    values = [known for known in _values(data, "") if known != path]
-    values.sort(key=lambda known: not known.startswith("parameters."))
+    values = [candidate for candidate in _values(data, "") if candidate != path]
+    values.sort(key=lambda candidate: not candidate.startswith("parameters."))
     above, _, last = path.rpartition(".")
     path = above if above and last in _BARE else path
     alike = _alike_paths(path, _with_groups(values, "."), ".")
     nearest = [
-        known
-        for known in alike
-        if _shared_parts(known, path, ".")[0] == _shared_parts(alike[0], path, ".")[0]
+        candidate
+        for candidate in alike
+        if _shared_parts(candidate, path, ".")[0] == _shared_parts(alike[0], path, ".")[0]
     ]
-    parameters = [known for known in nearest if known.startswith("parameters.")]  # which nodes refer to
-    whole: dict[str, None] = {}
-    for known in parameters or nearest:
-        below = [value for value in values if value == known or value.startswith(f"{known}.")]
+    parameters = [
+        candidate for candidate in nearest if candidate.startswith("parameters.")
+    ]  # which nodes refer to
+    branches: dict[str, None] = {}
+    for candidate in parameters or nearest:
+        below = [value for value in values if value == candidate or value.startswith(f"{candidate}.")]
         first = [value for value in below if value.rpartition(".")[2] in ("value", "start")]
-        whole |= dict.fromkeys(first or below)
-    return list(whole)
+        branches |= dict.fromkeys(first or below)
+    return list(branches)
 
 
 def _values(data: object, above: str) -> Iterator[str]:
     """Yield the dotted paths of the values in nested mappings, and in lists of these."""
-    if isinstance(data, list) and any(isinstance(each, dict) for each in data):
+    if isinstance(data, list) and any(isinstance(item, dict) for item in data):
         data = dict(enumerate(data))
     if not isinstance(data, dict):
         yield above
@@ -123,33 +129,35 @@ def _values(data: object, above: str) -> Iterator[str]:
 
 def _with_groups(candidates: Iterable[str], separator: str) -> dict[str, None]:
     """Return paths, each followed by the groups that hold it."""
-    every: dict[str, None] = {}
+    paths: dict[str, None] = {}
     for candidate in candidates:
-        while candidate and candidate not in every:
-            every[candidate] = None
+        while candidate and candidate not in paths:
+            paths[candidate] = None
             candidate = candidate.rpartition(separator)[0]  # noqa: PLW2901 - from the path to its groups
-    return every
+    return paths
 
 
-def _alike_paths(path: str, every: Iterable[str], separator: str) -> list[str]:
+def _alike_paths(path: str, listed: Iterable[str], separator: str) -> list[str]:
     """Return the paths whose name is that of a path, or else a similar one; the nearest first."""
     names: dict[str, list[str]] = {}
-    for known in every:
-        names.setdefault(known.rpartition(separator)[2], []).append(known)
+    for candidate in listed:
+        names.setdefault(candidate.rpartition(separator)[2], []).append(candidate)
     group, _, name = path.rpartition(separator)
     if name not in names:  # a similar name, in a group of which the path has a part
         near = {
             last: None
             for last, paths in names.items()
-            if not group or any(_shared_parts(known, path, separator)[0] for known in paths)
+            if not group or any(_shared_parts(candidate, path, separator)[0] for candidate in paths)
         }
         name = did_you_mean(name, near).removeprefix("; did you mean '").removesuffix("'?")
-    return sorted(names.get(name, []), key=lambda known: _shared_parts(known, path, separator), reverse=True)
+    return sorted(
+        names.get(name, []), key=lambda candidate: _shared_parts(candidate, path, separator), reverse=True
+    )
 
 
-def _shared_parts(one: str, other: str, separator: str) -> tuple[int, int]:
+def _shared_parts(a: str, b: str, separator: str) -> tuple[int, int]:
     """Return the number of common parts of two paths, and of common characters at their ends."""
-    return len(set(one.split(separator)) & set(other.split(separator))), _shared_ends(one, other)
+    return len(set(a.split(separator)) & set(b.split(separator))), _shared_ends(a, b)
 
 
 def short_paths(paths: Sequence[str]) -> list[str]:
@@ -157,7 +165,7 @@ def short_paths(paths: Sequence[str]) -> list[str]:
     ends = []
     for path in paths:  # the last parts, from one that is neither a number nor a bare word
         parts = path.split(".")
-        names = [place for place, part in enumerate(parts) if not part.isdigit() and part not in _BARE]
+        names = [index for index, word in enumerate(parts) if not word.isdigit() and word not in _BARE]
         ends.append(path if "," in path else ".".join(parts[names[-1] if names else 0 :]))
     return ends if len(set(ends)) == len(ends) else list(paths)
 
@@ -167,15 +175,15 @@ def distinct_ends(paths: Sequence[str]) -> list[str]:
 
     Labels in brackets may have slashes too; they belong to the last part.
     """
-    every = []
+    ends = []
     for path in paths:
         groups, bracket, labels = path.partition("[")
         parts = groups.split("/")
-        every.append([*parts[:-1], f"{parts[-1]}{bracket}{labels}"])
-    counts = Counter("/".join(parts[k:]) for parts in every for k in range(len(parts)))
+        ends.append([*parts[:-1], f"{parts[-1]}{bracket}{labels}"])
+    counts = Counter("/".join(parts[k:]) for parts in ends for k in range(len(parts)))
     return [
         next((end for k in range(len(parts), 0, -1) if counts[end := "/".join(parts[k - 1 :])] == 1), path)
-        for path, parts in zip(paths, every, strict=True)
+        for path, parts in zip(paths, ends, strict=True)
     ]
 
 
@@ -186,5 +194,5 @@ def without_decimal_comma(text: str) -> str:
         return ""
     number = f"{match[1]}.{match[2]}"
     # Three digits behind a comma may be thousands.
-    other = f" or {match[1]}{match[2]}" if re.fullmatch(r"\d{3}", match[2]) and int(match[1]) else ""
-    return f"decimals stand behind a point: did you mean {number}{other}?"
+    alternative = f" or {match[1]}{match[2]}" if re.fullmatch(r"\d{3}", match[2]) and int(match[1]) else ""
+    return f"decimals stand behind a point: did you mean {number}{alternative}?"

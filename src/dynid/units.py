@@ -241,7 +241,7 @@ class UnknownUnitError(ValueError):
 def unit_fits(text: str, expected: Sequence[str]) -> bool:
     """Return True if a text is a unit of the dimension of one of these units; none: if it is a unit."""
     try:
-        return any(_fitting(one, expected) for one in readings(text))
+        return any(_fitting(reading, expected) for reading in readings(text))
     except UnknownUnitError:
         return False
 
@@ -266,11 +266,13 @@ def si_factor(text: str, expected: Sequence[str] = (), *, over: str = "", what: 
         If the text is no unit, or has another dimension; it names units that fit.
     """
     try:
-        given = [above / below for above, below in product(readings(text), readings(over or "1"))]
+        factors = [above / below for above, below in product(readings(text), readings(over or "1"))]
     except UnknownUnitError as error:
-        known = f"; units that fit: {', '.join(units_that_fit(expected))}" if expected and not over else ""
-        raise UsageError(f"{error}{known}") from None
-    fitting = [one for one in given if _fitting(one, expected)]
+        fitting_units = (
+            f"; units that fit: {', '.join(units_that_fit(expected))}" if expected and not over else ""
+        )
+        raise UsageError(f"{error}{fitting_units}") from None
+    fitting = [factor for factor in factors if _fitting(factor, expected)]
     if fitting:
         return fitting[0].factor
     _refuse(text, expected, over, what)
@@ -290,17 +292,17 @@ def split_value(text: str) -> tuple[float, str, Unit] | None:
     if match is None:
         return None
     try:
-        found = readings(match[2])
+        units = readings(match[2])
     except UnknownUnitError:
         return None
-    return (float(match[1]), match[2].strip(), found[0]) if len(found) == 1 else None
+    return (float(match[1]), match[2].strip(), units[0]) if len(units) == 1 else None
 
 
 def si_unit(unit: str, meaning: Unit) -> str:
     """Return the unit in SI of a quantity that is given in another one; empty where it has no usual name."""
     if meaning.factor == 1:
         return unit
-    return next((one for one in _IN_SI.split() if readings(one)[0].dimension == meaning.dimension), "")
+    return next((name for name in _IN_SI.split() if readings(name)[0].dimension == meaning.dimension), "")
 
 
 def angular_factor(text: str | None) -> float:
@@ -320,10 +322,10 @@ def angular_factor(text: str | None) -> float:
 def _refuse(text: str, expected: Sequence[str], over: str, what: str) -> NoReturn:
     kind = f"{what} is" if what else "the values are"
     if over:
-        whole = f"{text}/{as_factor(expected[0])}"
+        product = f"{text}/{as_factor(expected[0])}"
         raise UsageError(
             f"values in {text} over a sensitivity in {over} are no {' or '.join(expected)}, in which {kind}",
-            remedy=f"A sensitivity is in the recorded unit over that of the quantity: {whole}.",
+            remedy=f"A sensitivity is in the recorded unit over that of the quantity: {product}.",
         )
     raise UsageError(
         f"the unit {text} does not fit: {kind} in {' or '.join(expected)}",
@@ -343,7 +345,9 @@ def units_that_fit(expected: Sequence[str]) -> list[str]:
 
 
 def _fitting(unit: Unit, expected: Sequence[str]) -> bool:
-    return not expected or any(unit.dimension == one.dimension for si in expected for one in readings(si))
+    return not expected or any(
+        unit.dimension == si_reading.dimension for si in expected for si_reading in readings(si)
+    )
 
 
 @cache
@@ -374,10 +378,10 @@ def readings(text: str) -> tuple[Unit, ...]:
         tokens.append(match)
         at = match.end()
     stream = _Tokens(text, tokens)
-    found = stream.product()
+    units = stream.product()
     if stream.rest:
         raise UnknownUnitError(f"'{text}' is no unit: a parenthesis is not balanced")
-    return tuple(dict.fromkeys(found))
+    return tuple(dict.fromkeys(units))
 
 
 def _plain(text: str) -> str:
@@ -392,7 +396,7 @@ class _Tokens:
 
     def product(self) -> tuple[Unit, ...]:
         """Return the readings of factors and divisors up to the end or a closing parenthesis."""
-        found: tuple[Unit, ...] = (Unit(1.0, _NONE),)
+        units: tuple[Unit, ...] = (Unit(1.0, _NONE),)
         sign, pending = 1, True
         while self.rest and self.rest[0]["mark"] != ")":
             mark = self.rest[0]["mark"]
@@ -403,24 +407,24 @@ class _Tokens:
                 sign, pending = -1 if mark == "/" else 1, True
                 continue
             factor = self._factor()
-            found = tuple(a * b**sign for a, b in product(found, factor))
+            units = tuple(a * b**sign for a, b in product(units, factor))
             sign, pending = 1, False
         if pending:
             self._fail(self.rest[0][0] if self.rest else "")
-        return found
+        return units
 
     def _factor(self) -> tuple[Unit, ...]:
         token = self.rest.pop(0)
         power = token["attached"]
         if token["mark"] == "(":
-            found = self.product()
+            units = self.product()
             if not self.rest:
                 raise UnknownUnitError(f"'{self.text}' is no unit: a parenthesis is not balanced")
             self.rest.pop(0)
         elif token["one"]:
-            found = (Unit(1.0, _NONE),)
+            units = (Unit(1.0, _NONE),)
         elif token["name"]:
-            found = _named(token["name"], self.text)
+            units = _named(token["name"], self.text)
         else:
             self._fail(token[0])
         if self.rest and self.rest[0]["power"] and power is None:
@@ -428,7 +432,7 @@ class _Tokens:
         exponent = int(power or 1)
         if abs(exponent) > _MOST_POWER:
             raise UnknownUnitError(f"'{self.text}' is no unit: the power {exponent} is too large")
-        return tuple(one**exponent for one in found)
+        return tuple(unit**exponent for unit in units)
 
     def _fail(self, at: str) -> NoReturn:
         where = f" before '{at.strip()}'" if at.strip() else " at its end"
@@ -442,7 +446,7 @@ def _named(name: str, text: str) -> tuple[Unit, ...]:
     if name in _CAPITALS and text.upper() == text:
         return _TABLE[_CAPITALS[name]]
     hint = f": '{name}' is unknown" if name != text else ""
-    alike = [other for other in _TABLE if other.lower() == name.lower()]
+    alike = [candidate for candidate in _TABLE if candidate.lower() == name.lower()]
     meant = f"; did you mean {' or '.join(alike)}?" if alike else ""
     raise UnknownUnitError(f"'{text}' is no unit{hint}{meant}")
 
@@ -472,7 +476,7 @@ def split_heading(heading: str) -> tuple[str, str]:
 
 def is_units_row(fields: Sequence[str]) -> bool:
     """Return True if fields are units and empty ones or dashes."""
-    return any(_units_in(fields)) and all(one is not None for one in _units_in(fields))
+    return any(_units_in(fields)) and all(unit is not None for unit in _units_in(fields))
 
 
 def unit_of_field(field: str) -> str:

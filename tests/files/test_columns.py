@@ -73,7 +73,7 @@ def test_a_missing_sample_keeps_its_row(written, text, rows):
 
 
 def test_a_signal_has_every_sample(written):
-    message, names = refusal(read_signal, written("1\n\n3"), None, place="excitation.0")
+    message, names = refusal(read_signal, written("1\n\n3"), None, scene_key="excitation.0")
     assert "x.csv:2: a sample of the signal is missing" in message
     assert names == ("excitation.0.path",)
 
@@ -100,7 +100,7 @@ def test_a_signal_has_every_sample(written):
     ],
 )
 def test_what_cannot_be_read_is_named_with_its_line(written, text, message):
-    said, names = refusal(read_columns, written(text), None, place="measurement.file")
+    said, names = refusal(read_columns, written(text), None, scene_key="measurement.file")
     assert message in said
     assert names == ("measurement.file.path",)
 
@@ -118,7 +118,7 @@ def test_a_file_that_fails_while_it_is_read_is_told_so(written, monkeypatch):
 
     path = written("1\n2\n")
     monkeypatch.setattr("pathlib.Path.read_text", fail)
-    said, names = refusal(read_columns, path, None, place="measurement.file")
+    said, names = refusal(read_columns, path, None, scene_key="measurement.file")
     assert said.endswith("x.csv cannot be read: Input/output error")
     assert names == ("measurement.file.path",)
 
@@ -132,7 +132,7 @@ def test_datasets_of_a_record_are_of_one_length(stored):
 
 def test_datasets_have_no_numbered_times(stored):
     said, names = refusal(
-        read_columns, stored(measured=[1.0, 2]), None, layout=TableLayout(time=1), place="file"
+        read_columns, stored(measured=[1.0, 2]), None, layout=TableLayout(time=1), scene_key="file"
     )
     assert "has datasets, no numbered columns of times. Give its name." in said
     assert names == ("file.time",)
@@ -162,7 +162,7 @@ def test_an_infinite_value_in_hdf5_is_named_with_its_row(stored):
 )
 def test_a_column_that_is_not_there_is_located_at_the_columns(written, columns, message):
     path = written("time,v,w\n0,1,2\n")
-    said, names = refusal(read_columns, path, columns, place="measurement.file")
+    said, names = refusal(read_columns, path, columns, scene_key="measurement.file")
     assert message in said
     assert names == ("measurement.file.columns",)
 
@@ -196,7 +196,7 @@ def test_a_signal_is_by_default_the_only_column_that_is_not_the_time(written, te
     ],
 )
 def test_several_columns_that_could_drive_are_named(written, text, message):
-    said, names = refusal(read_signal, written(text), None, place="excitation.0")
+    said, names = refusal(read_signal, written(text), None, scene_key="excitation.0")
     assert message in said
     assert names == ("excitation.0.column",)
 
@@ -234,7 +234,7 @@ def test_a_step_that_disagrees_with_the_times_is_refused_with_both_numbers(writt
     times = 0.002 * np.arange(800)
     csv, hdf5 = written(table_of(times, "%.6f")), stored(time=times, measured=np.ones((800, 1)))
     for read, path in ((read_columns, csv), (read_columns, hdf5), (read_signal, csv), (read_signal, hdf5)):
-        said, names = refusal(read, path, None, step=wrong, place="excitation")
+        said, names = refusal(read, path, None, step=wrong, scene_key="excitation")
         assert f"the times are 0.002 s apart, but 'step' is {wrong:.9g} s" in said
         assert names == ("excitation.path",)
         assert len(read(path, None, step=0.002)) == 800

@@ -56,7 +56,7 @@ def test_separators_and_decimal_marks_are_recognised(written, text, rows):
 )
 def test_what_could_be_read_in_two_ways_is_refused(written, text, said):
     with pytest.raises(FileError) as caught:
-        read_columns(written(text), None, place="measurement.file")
+        read_columns(written(text), None, scene_key="measurement.file")
     assert said in str(caught.value)
     assert caught.value.names == ("measurement.file.path",)
 
@@ -120,7 +120,7 @@ def test_names_that_differ_by_their_unit_alone_are_refused_without_it(written):
 def test_a_column_of_times_in_another_unit_is_refused(written):
     path = written("clock [V];v\n0;1\n1;1\n")
     with pytest.raises(FileError, match=r"has 'clock' in V, which is no time"):
-        read_columns(path, ["v"], step=1, layout=TableLayout(time="clock"), place="f")
+        read_columns(path, ["v"], step=1, layout=TableLayout(time="clock"), scene_key="f")
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252", "utf-16"])

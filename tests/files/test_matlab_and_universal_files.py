@@ -209,7 +209,7 @@ def test_what_a_universal_file_claims_is_checked(tmp_path, old, new, said):
     text = path.read_text()
     assert old in text
     path.write_text(text.replace(old, new, 1))
-    message = refusal(path, None, place="measurement.file")
+    message = refusal(path, None, scene_key="measurement.file")
     assert said in message
 
 
@@ -227,7 +227,7 @@ def test_both_forms_of_a_measured_universal_file_agree():
 def test_a_damaged_universal_file_is_refused(tmp_path, binary, cut):
     path = stored(tmp_path / "x.uff", binary, [(T, Y[:, 0], 1)])
     path.write_bytes(path.read_bytes()[: int(cut * path.stat().st_size)])
-    assert str(path) in refusal(path, None, place="measurement.file")
+    assert str(path) in refusal(path, None, scene_key="measurement.file")
 
 
 def test_a_file_of_something_else_is_refused(tmp_path):

@@ -121,6 +121,6 @@ def test_without_times_nothing_is_resampled(tmp_path):
     (tmp_path / "x.csv").write_text("v\n1\n2\n")
     with pytest.raises(FileError, match="has no times to resample by") as caught:
         read_measured.read_columns(
-            tmp_path / "x.csv", None, step=1, place="f", layout=TableLayout(resample=True)
+            tmp_path / "x.csv", None, step=1, scene_key="f", layout=TableLayout(resample=True)
         )
     assert caught.value.names == ("f.resample",)

@@ -58,24 +58,24 @@ def compare(
     elementwise
         True: each entry of every array is compared by its own size.
     """
-    found = [Difference("kind", f"{a.kind} against {b.kind}")] if a.kind != b.kind else []
+    differences = [Difference("kind", f"{a.kind} against {b.kind}")] if a.kind != b.kind else []
     if a.rejected != b.rejected:
-        found.append(Difference("status", f"the {'first' if a.rejected else 'second'} is rejected"))
+        differences.append(Difference("status", f"the {'first' if a.rejected else 'second'} is rejected"))
     for path in sorted((a.keys() | b.keys()) - PROVENANCE_ARRAYS):
         if path not in a or path not in b:
-            found.append(Difference(path, f"only in the {'second' if path not in a else 'first'}"))
+            differences.append(Difference(path, f"only in the {'second' if path not in a else 'first'}"))
         elif is_cost(path):
             continue
         elif message := _difference(
             a[path], b[path], rtol, atol, None if elementwise else _scale(a, b, path)
         ):
-            found.append(Difference(path, message))
+            differences.append(Difference(path, message))
         else:
-            found += _attr_differences(path, a[path].attrs, b[path].attrs, rtol, atol)
+            differences += _attr_differences(path, a[path].attrs, b[path].attrs, rtol, atol)
     for group in sorted(a.group_attrs.keys() | b.group_attrs.keys()):
         mine, theirs = (without_costs(result.group_attrs.get(group, {})) for result in (a, b))
-        found += _attr_differences(group, mine, theirs, rtol, atol)
-    return found
+        differences += _attr_differences(group, mine, theirs, rtol, atol)
+    return differences
 
 
 def close(a: NDArray[Any], b: NDArray[Any], rtol: float, atol: NDArray[np.float64] | float) -> NDArray[Any]:
@@ -100,12 +100,12 @@ def word(value: Any) -> str:
     return f"'{value}'" if isinstance(value, str) else repr(value)
 
 
-def _words_apart(one: Any, other: Any) -> str:
+def _words_apart(a: Any, b: Any) -> str:
     """Return two different values, numbers with as many digits as show that they differ, and two more."""
-    if all(isinstance(value, float | np.floating) for value in (one, other)):
-        digits = next((k for k in range(4, 16) if f"{one:.{k}g}" != f"{other:.{k}g}"), 17)
-        return f"{one:.{min(17, digits + 2)}g} against {other:.{min(17, digits + 2)}g}"
-    return f"{word(one)} against {word(other)}"
+    if all(isinstance(value, float | np.floating) for value in (a, b)):
+        digits = next((k for k in range(4, 16) if f"{a:.{k}g}" != f"{b:.{k}g}"), 17)
+        return f"{a:.{min(17, digits + 2)}g} against {b:.{min(17, digits + 2)}g}"
+    return f"{word(a)} against {word(b)}"
 
 
 def words_of(data: NDArray[Any]) -> str:
@@ -199,9 +199,9 @@ def _value_difference(
             tolerance = atol + rtol * rows
         misses = np.argwhere(~_agree(a, b, rtol if scale is None else 0.0, tolerance))
         if len(misses) and not count:
-            place = tuple(misses[0])
-            entry = ", ".join(str(step + 1 + start * (not axis)) for axis, step in enumerate(place))
-            first = f"{_words_apart(a[place], b[place])}{f' at entry {entry}' if entry else ''}"
+            index = tuple(misses[0])
+            entry = ", ".join(str(step + 1 + start * (not axis)) for axis, step in enumerate(index))
+            first = f"{_words_apart(a[index], b[index])}{f' at entry {entry}' if entry else ''}"
         count += len(misses)
     size = math.prod(shape)
     return first + (f" ({count} of {size} entries differ)" if count and size > 1 else "")
@@ -221,14 +221,14 @@ def _is_numeric(data: NDArray[Any]) -> bool:
 def _attr_differences(
     path: str, a: Mapping[str, Scalar], b: Mapping[str, Scalar], rtol: float, atol: float
 ) -> list[Difference]:
-    found = []
+    differences = []
     for name in sorted(a.keys() | b.keys()):
         where = f"{path}/{name}" if path else name
         if name not in a or name not in b:
-            found.append(Difference(where, f"only in the {'second' if name not in a else 'first'}"))
+            differences.append(Difference(where, f"only in the {'second' if name not in a else 'first'}"))
         elif message := _value_difference([(0, as_array(a[name]), as_array(b[name]))], (), rtol, atol):
-            found.append(Difference(where, message))
-    return found
+            differences.append(Difference(where, message))
+    return differences
 
 
 def as_array(value: Scalar) -> NDArray[Any]:
@@ -274,11 +274,11 @@ def _same_record(a: Result, b: Result) -> bool:
     if paths[0] != paths[1] or not any(path.endswith("/measured") for path in paths[0]):
         return False
     for path in paths[0]:
-        one, other = a[path].data, b[path].data
-        if one.shape != other.shape:
+        a_values, b_values = a[path].data, b[path].data
+        if a_values.shape != b_values.shape:
             return False
-        scale = float(np.nanmax(np.abs(one), initial=0.0))
-        if not np.allclose(one, other, rtol=_RECORD_TOL, atol=_RECORD_TOL * scale, equal_nan=True):
+        scale = float(np.nanmax(np.abs(a_values), initial=0.0))
+        if not np.allclose(a_values, b_values, rtol=_RECORD_TOL, atol=_RECORD_TOL * scale, equal_nan=True):
             return False
     return True
 
@@ -337,6 +337,6 @@ def _evidence(a: Result, b: Result) -> str:
     reasons = []
     for which, result in (("first", a), ("second", b)):
         if path not in result:
-            given = result.group_attrs.get(_POSTERIOR, {}).get("no_evidence")
-            reasons.append(f"{which}: {given or 'computed with posterior_check: true'}")
+            reason = result.group_attrs.get(_POSTERIOR, {}).get("no_evidence")
+            reasons.append(f"{which}: {reason or 'computed with posterior_check: true'}")
     return f"no ratio of evidence ({'; '.join(reasons)})"

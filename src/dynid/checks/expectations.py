@@ -43,7 +43,7 @@ class LabelledAxis:
     def find(self, label: Any) -> int | None:
         """Return the index of a label: texts are compared exactly, numbers to rounding."""
         if self.labels.dtype.kind == "O" or isinstance(label, str):
-            hits = [place for place, own in enumerate(self.labels) if own == label]
+            hits = [index for index, entry in enumerate(self.labels) if entry == label]
         else:
             hits = list(np.flatnonzero(np.isclose(self.labels, label, rtol=RTOL, atol=0)))
         return int(hits[0]) if hits else None
@@ -51,7 +51,7 @@ class LabelledAxis:
     def hint(self, label: Any) -> str:
         """Return what may be meant by a label that is absent: a similar text, else the labels there are."""
         similar = did_you_mean(label, map(str, self.labels)) if isinstance(label, str) else ""
-        return similar or f"; there are: {shortened([word(own) for own in self.labels]) or 'none'}"
+        return similar or f"; there are: {shortened([word(entry) for entry in self.labels]) or 'none'}"
 
 
 def axis_of(result: Mapping[str, Variable], path: str, dim: str, length: int) -> LabelledAxis:
@@ -93,15 +93,15 @@ def check_expectations(result: Result, expectations: Iterable[Mapping[str, Any]]
 
 def _check(result: Result, expectation: Mapping[str, Any]) -> CheckOutcome:
     path = str(expectation["path"]).strip("/")
-    expected, found = expected_words(expectation), "nothing"
+    expected, answer = expected_words(expectation), "nothing"
     unit = f" {expectation['unit']}" if "unit" in expectation else ""
     try:
-        place, axes = _select(result, path, expectation.get("at", {}))
+        index, axes = _select(result, path, expectation.get("at", {}))
         picked = _lookup(result, path)
-        data = _compared(picked, np.asarray(picked.data[place], dtype=picked.dtype), expectation)
+        data = _compared(picked, np.asarray(picked.data[index], dtype=picked.dtype), expectation)
         verb = f"has the {_PARTS[expectation['part']]}" if "part" in expectation else "is"
         unit = unit or (f" {picked.units}" if picked.units else "")
-        found = short if (short := _short_words(data)) == "-" else short + unit
+        answer = short if (short := _short_words(data)) == "-" else short + unit
         named: dict[tuple[int, ...], str] = {}
         for demand in _demands(data, data.shape, expectation):
             misses = demand.misses()
@@ -116,8 +116,8 @@ def _check(result: Result, expectation: Mapping[str, Any]) -> CheckOutcome:
         if named:
             raise _Unmet("; ".join(named.values()))
     except _Unmet as unmet:
-        return CheckOutcome(False, path, expected, found, f"{path.rpartition('/')[2]} {unmet}")
-    return CheckOutcome(True, path, expected, found, f"{path.rpartition('/')[2]} is {found}")
+        return CheckOutcome(False, path, expected, answer, f"{path.rpartition('/')[2]} {unmet}")
+    return CheckOutcome(True, path, expected, answer, f"{path.rpartition('/')[2]} is {answer}")
 
 
 def _short_words(data: NDArray[Any]) -> str:
@@ -143,12 +143,12 @@ def _undefined(variable: Variable, value: Any) -> str:
 
 def _missing_word(value: Any, bound: Any) -> str:
     """Return a value that misses what is expected, with the fewest digits, at least four, that show it."""
-    real = all(np.asarray(one).dtype.kind == "f" and np.isfinite(one) for one in (value, bound))
+    real = all(np.asarray(number).dtype.kind == "f" and np.isfinite(number) for number in (value, bound))
     if not real or float(value).is_integer():
         return word(value)
-    most = abs(value - bound) / 10
+    tolerance = abs(value - bound) / 10
     texts = (f"{value:.{digits}g}" for digits in range(4, 17))
-    return next((text for text in texts if abs(float(text) - value) <= most), word(value))
+    return next((text for text in texts if abs(float(text) - value) <= tolerance), word(value))
 
 
 #: Parts of complex numbers that an expectation may be of, in words.
@@ -157,10 +157,14 @@ _PARTS = {"real": "real part", "imaginary": "imaginary part", "magnitude": "magn
 
 def _compared(variable: Variable, data: NDArray[Any], expectation: Mapping[str, Any]) -> NDArray[Any]:
     """Return the part of entries that is expected, in the unit of the expectation: rad/s or Hz."""
-    if part := expectation.get("part"):
+    if component := expectation.get("part"):
         if data.dtype.kind != "c":
             raise _Unmet(f"is {words_of(data)}, which is not complex: leave out 'part'")
-        data = np.abs(data) if part == "magnitude" else np.asarray(data.real if part == "real" else data.imag)
+        data = (
+            np.abs(data)
+            if component == "magnitude"
+            else np.asarray(data.real if component == "real" else data.imag)
+        )
     if "unit" not in expectation:
         return data
     if variable.units != "rad/s":
@@ -174,8 +178,8 @@ def expected_words(expectation: Mapping[str, Any]) -> str:
     parts = [f"{sign} {word(expectation[key])}" for key, sign in words.items() if key in expectation]
     where = ", ".join(f"{dim} {_label(label)}" for dim, label in expectation.get("at", {}).items())
     unit = f" {expectation['unit']}" if "unit" in expectation else ""
-    part = f"{_PARTS[expectation['part']]} " if "part" in expectation else ""
-    return f"{'at ' + where + ' ' if where else ''}{part}{' and '.join(parts)}{unit}"
+    prefix = f"{_PARTS[expectation['part']]} " if "part" in expectation else ""
+    return f"{'at ' + where + ' ' if where else ''}{prefix}{' and '.join(parts)}{unit}"
 
 
 def _label(label: object) -> object:
@@ -186,7 +190,7 @@ def _label(label: object) -> object:
 def samples_meet(
     samples: Mapping[str, Variable],
     count: int,
-    one: Callable[[int], Result],
+    sample: Callable[[int], Result],
     expectations: Iterable[Mapping[str, Any]],
 ) -> NDArray[np.bool_]:
     """Return a mask of the expectations that each sample meets, for all samples at once.
@@ -197,7 +201,7 @@ def samples_meet(
         Arrays by path, the samples along their first axis.
     count
         Number of samples.
-    one
+    sample
         Returns the result of one sample.
     expectations
         As for `check_expectations`.
@@ -207,7 +211,7 @@ def samples_meet(
     ndarray
         Sample x expectation.
     """
-    first = one(0)
+    first = sample(0)
     columns = []
     for expectation in expectations:
         dims = expectation.get("at", {})
@@ -215,7 +219,7 @@ def samples_meet(
             variable.data for variable in samples.values() for dim in dims if variable.dims[1:] == (dim,)
         ]
         if any(not np.array_equal(data, np.broadcast_to(data[0], data.shape)) for data in labels):
-            columns.append(np.array([_check(one(place), expectation).passed for place in range(count)]))
+            columns.append(np.array([_check(sample(index), expectation).passed for index in range(count)]))
         else:
             columns.append(_met(samples, count, first, expectation))
     return np.column_stack(columns)
@@ -230,8 +234,8 @@ def _met(
         met[:] = _check(first, expectation).passed
         return met
     try:
-        place, _ = _select(first, path, expectation.get("at", {}))
-        data = _compared(samples[path], samples[path].data[(slice(None), *place)], expectation)
+        index, _ = _select(first, path, expectation.get("at", {}))
+        data = _compared(samples[path], samples[path].data[(slice(None), *index)], expectation)
         for demand in _demands(data, data.shape[1:], expectation):
             met &= demand.met.reshape(count, -1).all(axis=1)
     except _Unmet:
@@ -244,7 +248,7 @@ def _select(result: Result, path: str, at: Mapping[str, Any]) -> tuple[tuple[Any
     variable = _lookup(result, path)
     shape = variable.data.shape
     axes = [axis_of(result, path, dim, length) for dim, length in zip(variable.dims, shape, strict=True)]
-    place: list[Any] = [slice(None)] * len(axes)
+    index: list[Any] = [slice(None)] * len(axes)
     names = [axis.dim for axis in axes]
     for dim, label in at.items():
         if dim not in names:
@@ -253,24 +257,24 @@ def _select(result: Result, path: str, at: Mapping[str, Any]) -> tuple[tuple[Any
         entry = axes[number].find(label)
         if entry is None:
             raise _Unmet(f"has no {dim} {_label(label)}{axes[number].hint(label)}")
-        place[number] = entry
-    return tuple(place), [axis for axis, entry in zip(axes, place, strict=True) if isinstance(entry, slice)]
+        index[number] = entry
+    return tuple(index), [axis for axis, entry in zip(axes, index, strict=True) if isinstance(entry, slice)]
 
 
 def _lookup(result: Result, path: str) -> Variable:
     if path in result:
         return result[path]
     attrs = {name: value for name, value in result.attrs.items() if name != "scene"}
-    known: dict[str, Scalar] = {"kind": result.kind, "title": result.title, **attrs}
+    scalars: dict[str, Scalar] = {"kind": result.kind, "title": result.title, **attrs}
     for group, values in result.group_attrs.items():
-        known |= {f"{group}/{name}": value for name, value in values.items()}
+        scalars |= {f"{group}/{name}": value for name, value in values.items()}
     for name, variable in result.items():
-        known |= {f"{name}/{attr}": value for attr, value in variable.attrs.items()}
-    if path not in known:
+        scalars |= {f"{name}/{attr}": value for attr, value in variable.attrs.items()}
+    if path not in scalars:
         if status := _status(result, path):
             raise _Unmet(f"has no value; {status}")
-        raise _Unmet(f"is not in the result: no '{path}'{did_you_mean_path(path, [*result, *known])}")
-    value = known[path]
+        raise _Unmet(f"is not in the result: no '{path}'{did_you_mean_path(path, [*result, *scalars])}")
+    value = scalars[path]
     return Variable((), as_array(value))
 
 
@@ -308,17 +312,20 @@ class _Demand:
             miss = np.abs(self.compared[missing] - self.expected[missing])
             excess = miss / self.tolerance[missing]
         # NaN, and any miss where nothing is tolerated, is beyond all others; of those the largest is worst.
-        order = np.lexsort([-np.where(np.isnan(one), np.inf, one) for one in (miss, excess)])
+        order = np.lexsort([-np.where(np.isnan(key), np.inf, key) for key in (miss, excess)])
         return places[order]
 
 
 def _status(result: Result, path: str) -> str:
     """Return the status that says why an array was left out, where its group has one; else ''."""
     group, _, name = path.rpartition("/")
-    for other, variable in result.items():
-        if other.rpartition("/")[0] == group and name in str(variable.attrs.get("status_of", "")).split():
+    for path_of_status, variable in result.items():
+        if (
+            path_of_status.rpartition("/")[0] == group
+            and name in str(variable.attrs.get("status_of", "")).split()
+        ):
             said = str(variable.data)
-            return "" if said == "defined" else f"{other.rpartition('/')[2]}: {said}"
+            return "" if said == "defined" else f"{path_of_status.rpartition('/')[2]}: {said}"
     return ""
 
 

@@ -115,14 +115,14 @@ def nodes_of(path: Path, cards: Mapping[str, Sequence[Card]], orders: Sequence[D
         if output and not np.array_equal(turned := system(output).at(point), np.eye(3)):
             axes[node] = turned
     elements = (
-        (shape, [whole(field) for field in card[first + 1 : first + 1 + corners(shape)]])
+        (shape, [integer(field) for field in card[first + 1 : first + 1 + corners(shape)]])
         for name, (shape, first) in _ELEMENTS.items()
         for card in cards.get(name, ())
     )
     lines = {edge for shape, ends in elements if physical.keys() >= {*ends} for edge in edges(shape, ends)}
-    every = {**dict.fromkeys(grids, "123456"), **dict.fromkeys(scalars, "0")}
-    every |= {node: "0" for node in grids if node not in physical}
-    found = [*orders, *_orders(cards, every)]
+    components = {**dict.fromkeys(grids, "123456"), **dict.fromkeys(scalars, "0")}
+    components |= {node: "0" for node in grids if node not in physical}
+    dof_orders = [*orders, *_orders(cards, components)]
     used = {grid.output for grid in physical.values()} | {grid.input for grid in physical.values()}
     notes = [counted(len(scalars), "scalar point")] * bool(scalars)
     fluid = len(grids) - len(physical)
@@ -137,32 +137,34 @@ def nodes_of(path: Path, cards: Mapping[str, Sequence[Card]], orders: Sequence[D
         listed = ", ".join(f"{count} {name}" for name, count in held.items())
         notes.append(f"constraints, which are not applied: {listed}")
     nodes = Nodes(tuple(numbers), xyz, axes, {}, tuple(sorted(lines)), tuple(notes))
-    return NodeFile(nodes, tuple(found))
+    return NodeFile(nodes, tuple(dof_orders))
 
 
-def _orders(cards: Mapping[str, Sequence[Card]], every: Mapping[int, str]) -> Iterator[DofOrder]:
+def _orders(cards: Mapping[str, Sequence[Card]], all_components: Mapping[int, str]) -> Iterator[DofOrder]:
     """Yield the orders of DOFs: of an external superelement, of the a-set, of the g-set."""
     outside = [
-        (whole(node), components)
+        (integer(node), components)
         for card in cards.get("EXTRN", ())
         for node, components in zip(card[1::2], card[2::2], strict=False)
         if node
     ]
     if outside:
-        yield DofOrder("EXTRN", tuple(label for one in outside for label in component_labels(*one)), True)
+        yield DofOrder("EXTRN", tuple(label for pair in outside for label in component_labels(*pair)), True)
     kept: dict[int, set[str]] = {}
     for name in _ASETS:
         for card in cards.get(name, ()):
             if name.endswith("1"):
                 pairs = [(node, card[1]) for node in listed_points(card[1:])]
             else:
-                pairs = [(whole(n), c) for n, c in zip(card[1::2], card[2::2], strict=False) if n]
+                pairs = [(integer(n), c) for n, c in zip(card[1::2], card[2::2], strict=False) if n]
             for node, components in pairs:
                 kept.setdefault(node, set()).update(components or "0")
     if kept:
         analysed = (component_labels(node, "".join(sorted(kept[node]))) for node in sorted(kept))
-        yield DofOrder("a-set", tuple(label for own in analysed for label in own), True)
-    labels = tuple(label for node in sorted(every) for label in component_labels(node, every[node]))
+        yield DofOrder("a-set", tuple(label for labels_of_node in analysed for label in labels_of_node), True)
+    labels = tuple(
+        label for node in sorted(all_components) for label in component_labels(node, all_components[node])
+    )
     yield DofOrder("g-set", labels, True)
     held = set(_constrained(cards, _HELD))
     dependent = set(_constrained(cards, _DEPENDENT))
@@ -187,15 +189,15 @@ def _constrained(cards: Mapping[str, Sequence[Card]], kinds: _Places) -> Iterato
                 along = card[at] or (default if name == "GRID" else "")
                 if not along.isdecimal():
                     continue
-                nodes = [whole(card[node])] if node is not None else listed_points(card[at:])
-                for each in nodes:
-                    yield from component_labels(each, along)
+                nodes = [integer(card[node])] if node is not None else listed_points(card[at:])
+                for grid in nodes:
+                    yield from component_labels(grid, along)
 
 
 def component_labels(node: int, components: str) -> list[Label]:
     """Return the labels of a node's DOFs by components ``1`` … ``6``; of a scalar point its number."""
     along = [DIRECTIONS[int(digit) - 1] for digit in components if digit in "123456"]
-    return [f"{node}:{each}" for each in along] if along else [node]
+    return [f"{node}:{direction}" for direction in along] if along else [node]
 
 
 class _Grid(NamedTuple):
@@ -208,18 +210,18 @@ class _Grid(NamedTuple):
 
 def _grids(path: Path, cards: Mapping[str, Sequence[Card]]) -> dict[int, _Grid]:
     base = (cards.get("GRDSET") or [[""] * 9])[0]
-    found: dict[int, _Grid] = {}
+    grids: dict[int, _Grid] = {}
     for card in cards.get("GRID", ()):
-        node = whole(card[1])
-        place = np.array([real(field) for field in card[3:6]])
-        grid = _Grid(whole(card[2] or base[2]), place, whole(card[6] or base[6]))
-        old = found.setdefault(node, grid)
-        if old is not grid and (old[::2] != grid[::2] or not np.allclose(old.position, place)):
+        node = integer(card[1])
+        position = np.array([real(field) for field in card[3:6]])
+        grid = _Grid(integer(card[2] or base[2]), position, integer(card[6] or base[6]))
+        old = grids.setdefault(node, grid)
+        if old is not grid and (old[::2] != grid[::2] or not np.allclose(old.position, position)):
             raise FileError(
                 f"{path} has two different nodes {node}",
                 remedy="Give a file with one superelement.",
             )
-    return found
+    return grids
 
 
 def _systems(cards: Mapping[str, Sequence[Card]], grids: Mapping[int, _Grid]) -> dict[int, _System]:
@@ -228,30 +230,30 @@ def _systems(cards: Mapping[str, Sequence[Card]], grids: Mapping[int, _Grid]) ->
     for name in _SYSTEMS:
         for card in cards.get(name, ()):
             if name[4] == "2":
-                waiting[whole(card[1])] = name, card[2:12]
+                waiting[integer(card[1])] = name, card[2:12]
             else:
                 for start in (1, 5):
                     if card[start]:
-                        waiting[whole(card[start])] = name, card[start + 1 : start + 4]
-    found = {0: _BASIC}
+                        waiting[integer(card[start])] = name, card[start + 1 : start + 4]
+    systems = {0: _BASIC}
     while waiting:
         done = []
         for number, (name, fields) in waiting.items():
             if name[4] == "2":
-                within = [whole(fields[0])] * 3
+                within = [integer(fields[0])] * 3
                 points = [np.array([real(f) for f in fields[k : k + 3]]) for k in (1, 4, 7)]
             else:
-                ends = [grids[whole(field)] for field in fields]
+                ends = [grids[integer(field)] for field in fields]
                 within, points = [end.input for end in ends], [end.position for end in ends]
-            if all(one in found for one in within):
-                basic = [found[w].basic(point) for w, point in zip(within, points, strict=True)]
-                found[number] = _System(name[5], basic[0], _frame(number, *basic))
+            if all(reference in systems for reference in within):
+                basic = [systems[w].basic(point) for w, point in zip(within, points, strict=True)]
+                systems[number] = _System(name[5], basic[0], _frame(number, *basic))
                 done.append(number)
         if not done:
             raise ValueError(f"coordinate system {min(waiting)} refers to one that is not there")
         for number in done:
             del waiting[number]
-    return found
+    return systems
 
 
 def _frame(number: int, a: Array, b: Array, c: Array) -> Array:
@@ -271,7 +273,7 @@ Card = list[str]
 
 def read_cards(path: Path, kept: Set[str], reference: Reference = check_reference) -> dict[str, list[Card]]:
     """Return the cards of some names in a file, each as its fields, the name first, padded by blanks."""
-    found: dict[str, list[Card]] = {}
+    cards_by_name: dict[str, list[Card]] = {}
     current: Card | None = None
     for line in _lines(path, reference, 0, [0]):
         fields = _fields(line)
@@ -281,13 +283,13 @@ def read_cards(path: Path, kept: Set[str], reference: Reference = check_referenc
         if name and not name.startswith(("+", "*")):
             current = [name] if name in kept else None
             if current is not None:
-                found.setdefault(name, []).append(current)
+                cards_by_name.setdefault(name, []).append(current)
         if current is not None:
             current += fields[1:]
-    for cards in found.values():
+    for cards in cards_by_name.values():
         for card in cards:
             card.extend([""] * (13 - len(card)))
-    return found
+    return cards_by_name
 
 
 def _lines(path: Path, reference: Reference, depth: int, size: list[int]) -> Iterator[str]:
@@ -327,16 +329,16 @@ def _fields(line: str) -> list[str]:
 
 def listed_points(fields: Iterable[str]) -> list[int]:
     """Return the points of a list of fields behind a name, with ``THRU``."""
-    given = [field.upper() for field in list(fields)[1:] if field and "." not in field]
-    if "THRU" in given:
-        first, last = whole(given[0]), whole(given[-1])
+    words = [field.upper() for field in list(fields)[1:] if field and "." not in field]
+    if "THRU" in words:
+        first, last = integer(words[0]), integer(words[-1])
         if last - first > 10_000_000:
             raise ValueError(f"{first} THRU {last} are too many points")
         return list(range(first, last + 1))
-    return [whole(field) for field in given]
+    return [integer(field) for field in words]
 
 
-def whole(field: str) -> int:
+def integer(field: str) -> int:
     """Return a whole number; a blank is 0."""
     return int(field) if field else 0
 
@@ -344,8 +346,8 @@ def whole(field: str) -> int:
 def shapes(path: Path) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the DMIG matrices of a file, by name."""
     with read_errors(path, WHAT):
-        found = _dmig(read_cards(path, {"DMIG"}))
-        return {name: matrix.matrix.shape for name, matrix in found.items()}
+        matrices = _dmig(read_cards(path, {"DMIG"}))
+        return {name: matrix.matrix.shape for name, matrix in matrices.items()}
 
 
 def load(path: Path, name: str) -> ImportedMatrix:
@@ -358,16 +360,16 @@ def others(path: Path) -> dict[str, str]:
     """Return what the other DMIG matrices of a file are, by name."""
     with read_errors(path, WHAT):
         heads, entries = _columns(read_cards(path, {"DMIG"}))
-        found = {}
+        contents = {}
         for name, rows in entries.items():
             form, kind = _form(heads.get(name))
             if kind in _COMPLEX:
-                found[name] = COMPLEX
+                contents[name] = COMPLEX
             elif form not in _SQUARE:
-                found[name] = f"a matrix of form {form}, not square (1) or symmetric (6)"
+                contents[name] = f"a matrix of form {form}, not square (1) or symmetric (6)"
             elif not rows:
-                found[name] = "no entry"
-        return found | {name: "no entry" for name in heads if name not in entries}
+                contents[name] = "no entry"
+        return contents | {name: "no entry" for name in heads if name not in entries}
 
 
 MATRICES = Container(shapes, load, others)
@@ -379,7 +381,7 @@ _SQUARE = (1, 6)
 
 def _form(head: Card | None) -> tuple[int, int]:
     """Return form and type of a matrix, as its first card says."""
-    return (1, 2) if head is None else (whole(head[3] or "1"), whole(head[4] or "1"))
+    return (1, 2) if head is None else (integer(head[3] or "1"), integer(head[4] or "1"))
 
 
 def _columns(
@@ -393,27 +395,27 @@ def _columns(
     heads: dict[str, Card] = {}
     entries: dict[str, list[tuple[int, int, int, int, float]]] = {}
     for card in cards.get("DMIG", ()):
-        name, column = card[1].upper(), whole(card[2])
+        name, column = card[1].upper(), integer(card[2])
         if column == 0:
             heads[name] = card
             continue
         rows = entries.setdefault(name, [])
-        at = (column, whole(card[3] or "0"))
+        at = (column, integer(card[3] or "0"))
         for k in range(5, len(card) - 2, 4):
             if card[k]:
-                rows.append((*at, whole(card[k]), whole(card[k + 1] or "0"), real(card[k + 2])))
+                rows.append((*at, integer(card[k]), integer(card[k + 1] or "0"), real(card[k + 2])))
     return heads, entries
 
 
 def _dmig(cards: Mapping[str, Sequence[Card]]) -> dict[str, ImportedMatrix]:
     """Return the square real matrices of DMIG cards by name."""
     heads, entries = _columns(cards)
-    found = {}
+    matrices = {}
     for name, rows in entries.items():
         form, kind = _form(heads.get(name))
         if kind in _REAL and form in _SQUARE and rows:
-            found[name] = _labelled(rows, symmetric=form == 6)
-    return found
+            matrices[name] = _labelled(rows, symmetric=form == 6)
+    return matrices
 
 
 def _labelled(rows: Sequence[tuple[int, int, int, int, float]], *, symmetric: bool) -> ImportedMatrix:

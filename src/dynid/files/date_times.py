@@ -65,21 +65,21 @@ def read_stamps(fields: Sequence[str]) -> Stamps:
     DateTimeError
         If a field is no stamp as the others are, does not exist, or day and month cannot be distinguished.
     """
-    given = [(row, text) for row, field in enumerate(fields) if (text := field.strip())]
-    dated = any(kind_of(text) == "date and time" for _, text in given)
+    filled = [(row, text) for row, field in enumerate(fields) if (text := field.strip())]
+    dated = any(kind_of(text) == "date and time" for _, text in filled)
     form = _DATE_TIME if dated else _TIME_ALONE
-    found: list[tuple[int, re.Match[str]]] = []
-    for row, text in given:
+    matches: list[tuple[int, re.Match[str]]] = []
+    for row, text in filled:
         match = form.fullmatch(text)
         if match is None:
             raise DateTimeError(f"'{text[:40]}' is no {'date and time' if dated else 'time of day'}", row)
-        found.append((row, match))
-    day_first = _day_first([match for _, match in found]) if dated else True
-    decimals = max((len(match["frac"] or "") for _, match in found), default=0)
+        matches.append((row, match))
+    day_first = _day_first([match for _, match in matches]) if dated else True
+    decimals = max((len(match["frac"] or "") for _, match in matches), default=0)
     scale, midnights = 10**decimals, 0
     ticks: list[int] = []
     before: int | None = None
-    for row, match in found:
+    for row, match in matches:
         try:
             second = _second(match)
             days = _ordinal(match, day_first) if dated else 0
@@ -92,8 +92,8 @@ def read_stamps(fields: Sequence[str]) -> Stamps:
         ticks.append(((days + midnights) * _DAY + second) * scale + fraction)
     seconds = np.full(len(fields), np.nan)
     # Whole numbers, so that no digit is lost to the date.
-    seconds[[row for row, _ in found]] = [(tick - ticks[0]) / scale for tick in ticks]
-    return Stamps(seconds, 1 / scale if found and found[0][1]["sec"] else 60.0)
+    seconds[[row for row, _ in matches]] = [(tick - ticks[0]) / scale for tick in ticks]
+    return Stamps(seconds, 1 / scale if matches and matches[0][1]["sec"] else 60.0)
 
 
 def _second(match: re.Match[str]) -> int:
@@ -122,7 +122,7 @@ def _ordinal(match: re.Match[str], day_first: bool) -> int:
         year, month = int(match["named_year"]), _MONTHS.index(match["name"].lower()) + 1
         day = int(match["day"])
     else:
-        day, month = (int(match[part]) for part in (("one", "two") if day_first else ("two", "one")))
+        day, month = (int(match[group]) for group in (("one", "two") if day_first else ("two", "one")))
         year = int(match["year"])
     return date(year if year > 99 else 2000 + year, month, day).toordinal()
 
@@ -131,11 +131,11 @@ def _day_first(matches: Sequence[re.Match[str]]) -> bool:
     """Return True if the day stands before the month in dates that end with the year."""
     pairs = {(int(match["one"]), int(match["two"])) for match in matches if match["one"]}
     points = any(match["r"] == "." for match in matches if match["one"])
-    over = any(one > 12 for one, _ in pairs), any(two > 12 for _, two in pairs)
+    over = any(first > 12 for first, _ in pairs), any(second > 12 for _, second in pairs)
     if over[0] and over[1]:
         raise DateTimeError("its dates have numbers above 12 at the places of day and month")
     # Of one day only differences count.
     if not points and not any(over) and len(pairs) > 1:
-        (one, two), *_ = sorted(pairs)
-        raise DateTimeError(f"day and month of '{one}/{two}' cannot be distinguished")
+        (first, second), *_ = sorted(pairs)
+        raise DateTimeError(f"day and month of '{first}/{second}' cannot be distinguished")
     return not over[1]

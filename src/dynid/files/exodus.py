@@ -65,8 +65,8 @@ class _Stored:
 
     def attribute(self, name: str, key: str) -> str:
         item = self.variables[name]
-        found = item.attrs.get(key, b"") if self.hdf5 else getattr(item, key, b"")
-        return found.decode(errors="replace") if isinstance(found, bytes) else str(found)
+        text = item.attrs.get(key, b"") if self.hdf5 else getattr(item, key, b"")
+        return text.decode(errors="replace") if isinstance(text, bytes) else str(text)
 
     def texts(self, name: str) -> list[str]:
         if name not in self.variables:
@@ -107,23 +107,23 @@ def _positions(stored: _Stored) -> Array:
     else:
         columns = [stored.array(f"coord{axis}") for axis in "xyz" if f"coord{axis}" in stored.variables]
     xyz = np.zeros((len(columns[0]) if columns else 0, 3))
-    for place, column in enumerate(columns):
-        xyz[:, place] = column
+    for column_number, column in enumerate(columns):
+        xyz[:, column_number] = column
     return xyz
 
 
 def _sets(stored: _Stored, numbers: list[int]) -> Iterator[tuple[str, tuple[int, ...]]]:
     """Yield names and nodes of the node sets; those without a name are called by their number."""
     names = stored.texts("ns_names")
-    for place, number in enumerate(_values(stored, "ns_prop1", np.empty(0)).tolist()):
-        if f"node_ns{place + 1}" in stored.variables:
-            members = stored.array(f"node_ns{place + 1}").tolist()
-            name = names[place] if place < len(names) else ""
+    for index, number in enumerate(_values(stored, "ns_prop1", np.empty(0)).tolist()):
+        if f"node_ns{index + 1}" in stored.variables:
+            members = stored.array(f"node_ns{index + 1}").tolist()
+            name = names[index] if index < len(names) else ""
             yield name or str(number), tuple(numbers[member - 1] for member in members)
 
 
 def _lines(stored: _Stored, numbers: list[int]) -> list[tuple[int, int]]:
-    found: set[tuple[int, int]] = set()
+    pairs: set[tuple[int, int]] = set()
     for block in range(1, 1 + len(_values(stored, "eb_prop1", np.empty(0)))):
         name = f"connect{block}"
         if name not in stored.variables:
@@ -132,22 +132,22 @@ def _lines(stored: _Stored, numbers: list[int]) -> list[tuple[int, int]]:
         if shape is None:
             continue
         for element in stored.array(name).tolist():
-            found.update(edges(shape, [numbers[node - 1] for node in element]))
-            if len(found) > _MOST_LINES:
+            pairs.update(edges(shape, [numbers[node - 1] for node in element]))
+            if len(pairs) > _MOST_LINES:
                 return []
-    return sorted(found)
+    return sorted(pairs)
 
 
 def _modes(stored: _Stored, n: int) -> ModeShapes | None:
     """Return the modes, where the file has displacements, and frequencies as a global variable, Hz."""
     spatial = [name.lower() for name in stored.texts("name_nod_var")]
     places = [[word + axis for word in ("disp", "displ_", "displacement_", "disp_")] for axis in "xyz"]
-    found = [next((k for k, name in enumerate(spatial, 1) if name in words), 0) for words in places]
+    columns = [next((k for k, name in enumerate(spatial, 1) if name in words), 0) for words in places]
     overall = [name.lower() for name in stored.texts("name_glo_var")]
-    if not all(found) or "eigenfrequency" not in overall or "vals_glo_var" not in stored.variables:
+    if not all(columns) or "eigenfrequency" not in overall or "vals_glo_var" not in stored.variables:
         return None
     frequencies = 2 * np.pi * stored.array("vals_glo_var")[:, overall.index("eigenfrequency")]
-    shapes = np.stack([stored.array(f"vals_nod_var{k}") for k in found], axis=-1)  # m x N x 3
+    shapes = np.stack([stored.array(f"vals_nod_var{k}") for k in columns], axis=-1)  # m x N x 3
     if shapes.shape != (len(frequencies), n, 3) or not np.isfinite(shapes).all():
         return None
     return ModeShapes(np.moveaxis(shapes, 0, -1), frequencies)

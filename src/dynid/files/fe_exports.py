@@ -176,7 +176,7 @@ def read_script(path: Path) -> ImportedMatrix:
     with read_errors(path, "a MATLAB script of a sparse matrix"):
         if path.stat().st_size > _MAX_SCRIPT_BYTES:
             raise FileError(f"{path} is too large for a script of a matrix")
-        inside, found = False, None
+        inside, call = False, None
         numbers: list[str] = []
         with path.open(encoding="utf-8") as lines:
             for line in lines:
@@ -189,14 +189,14 @@ def read_script(path: Path) -> ImportedMatrix:
                 elif re.fullmatch(r"\w+\s*=\s*\[", text) and not numbers:
                     inside = True
                 else:
-                    found = found or _SPARSE.match(text)
-        if inside or found is None:
+                    call = call or _SPARSE.match(text)
+        if inside or call is None:
             raise ValueError("the triplets have no end, or are not passed to 'sparse'")
         table = np.loadtxt([row.rstrip(";, ") for row in numbers], ndmin=2) if numbers else np.empty((0, 3))
         if table.shape[1] != 3:
             raise ValueError(f"its rows have {table.shape[1]} numbers, not row, column, value")
         ends = whole_places(path, table[:, :2])
-        size = (int(found["rows"]), int(found["columns"])) if found["rows"] else None
+        size = (int(call["rows"]), int(call["columns"])) if call["rows"] else None
         shape = size or (int(ends.max(initial=1)),) * 2
         if max(shape) > max(path.stat().st_size, 1000):
             raise ValueError(f"it claims {shape[0]} x {shape[1]}, more rows than its bytes")

@@ -64,8 +64,8 @@ class MeasuredResponses(NamedTuple):
     @property
     def columns(self) -> dict[str, NDArray[Any]]:
         """Arrays with one column for each channel, by name."""
-        every = {"values": self.values, "deviation": self.deviation, "coherence": self.coherence}
-        return {name: part for name, part in every.items() if part is not None}
+        arrays = {"values": self.values, "deviation": self.deviation, "coherence": self.coherence}
+        return {name: array for name, array in arrays.items() if array is not None}
 
     def at(self, lines: NDArray[np.bool_]) -> MeasuredResponses:
         """Return some of the lines."""
@@ -126,7 +126,7 @@ def _paired(table: _ResponseFile, columns: Sequence[ColumnName | list[ColumnName
             parts.append(real + 1j * imaginary)
         else:
             parts.append(table.column(column, "columns"))
-    if len({len(part) for part in parts}) > 1:
+    if len({len(values) for values in parts}) > 1:
         table.file.refuse("has columns of different lengths", key="columns")
     return np.concatenate(parts, axis=1).astype(complex)
 
@@ -165,8 +165,8 @@ class _TextResponses(_ResponseFile):
     def frequency(self, name: ColumnName | None) -> NDArray[Any]:
         """Return the lines; without a name and a header the first column."""
         if name is None and self.table.names and not _is_frequency(self.table.names[self.at]):
-            known = ", ".join(self.table.names)
-            self.file.refuse(f"has no column of frequencies; it has {known}", "Name it: frequency: NAME.")
+            columns = ", ".join(self.table.names)
+            self.file.refuse(f"has no column of frequencies; it has {columns}", "Name it: frequency: NAME.")
         self.at = self.at if name is None else self.table.find(name, "frequency")
         return self.table.values[:, [self.at]]
 
@@ -213,8 +213,8 @@ class _Hdf5Responses(_ResponseFile):
             return self._read([str(name)], "frequency")
         at = next(iter(present(self.file, _MEASURED)), "")
         folder = at.rpartition("/")[0]
-        beside = [f"{folder}/{known}".lstrip("/") for known in _FREQUENCY]
-        return self._read([*beside, *_FREQUENCY], "frequency")
+        siblings = [f"{folder}/{standard}".lstrip("/") for standard in _FREQUENCY]
+        return self._read([*siblings, *_FREQUENCY], "frequency")
 
     def column(self, name: ColumnName, key: str) -> NDArray[Any]:
         """Return a dataset: one column or several."""
@@ -248,13 +248,13 @@ class _MatlabResponses(_ResponseFile):
 
 def from_universal(file: DataFile, layout: ResponseLayout) -> MeasuredResponses:
     """Return the frequency responses in a Universal File, and the coherences that the scene names."""
-    every = read_functions(file)
-    found = _chosen(file, every, _FRF, "frequency response", layout.columns, "columns")
-    lines = found[0].x
+    functions = read_functions(file)
+    responses = _chosen(file, functions, _FRF, "frequency response", layout.columns, "columns")
+    lines = responses[0].x
     coherence = None
-    parts = list(found)
+    parts = list(responses)
     if layout.coherence:
-        parts += (several := _chosen(file, every, _COHERENCE, "coherence", layout.coherence, "coherence"))
+        parts += (several := _chosen(file, functions, _COHERENCE, "coherence", layout.coherence, "coherence"))
         coherence = np.column_stack([function.values.real for function in several])
     if layout.deviation:
         file.refuse("holds functions, no deviations", "Give their coherence.", key="deviation")
@@ -264,33 +264,33 @@ def from_universal(file: DataFile, layout: ResponseLayout) -> MeasuredResponses:
                 f"the function {function.name} has other lines than the first",
                 "Put responses at different lines into files of their own.",
             )
-    values = np.column_stack([function.values for function in found]).astype(complex)
-    quantities = [function.quantity for function in found]
-    headings = [Heading(one.name, one.units.stated, one.units.doubt) for one in found]
+    values = np.column_stack([function.values for function in responses]).astype(complex)
+    quantities = [function.quantity for function in responses]
+    headings = [Heading(response.name, response.units.stated, response.units.doubt) for response in responses]
     return MeasuredResponses(lines, values, None, coherence, quantities, in_hertz=True, headings=headings)
 
 
 def _chosen(
     file: DataFile,
-    every: Sequence[UniversalFunction],
+    functions: Sequence[UniversalFunction],
     kind: int,
     what: str,
-    wanted: Sequence[Any] | None,
+    columns: Sequence[Any] | None,
     key: str,
 ) -> list[UniversalFunction]:
     """Return the functions of a type by name, or by number among those of the type; absent: all."""
-    known = [function for function in every if function.kind == kind]
-    if not known:
+    candidates = [function for function in functions if function.kind == kind]
+    if not candidates:
         file.refuse(f"holds no {what}", f"Data sets 58 of function type {kind} are read.")
     chosen = []
-    for name in range(1, len(known) + 1) if wanted is None else wanted:
+    for name in range(1, len(candidates) + 1) if columns is None else columns:
         if isinstance(name, list):
             file.refuse("holds complex functions, no pairs of columns", key=key)
-        named = [function for function in known if function.name == name]
-        if isinstance(name, int) and 1 <= name <= len(known):
-            named = [known[name - 1]]
+        named = [function for function in candidates if function.name == name]
+        if isinstance(name, int) and 1 <= name <= len(candidates):
+            named = [candidates[name - 1]]
         if len(named) != 1:
             has = f"{len(named) or 'no'} {what} '{name}'"
-            file.refuse(f"has {has}; there are {len(known)}", "Give its number among them.", key=key)
+            file.refuse(f"has {has}; there are {len(candidates)}", "Give its number among them.", key=key)
         chosen += named
     return chosen

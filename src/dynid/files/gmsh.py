@@ -108,13 +108,13 @@ class _Numbers:
             left = len(self.values) - self.at
             if not 0 <= count <= left:
                 raise ValueError(f"{count} numbers are stated where {left} stand")
-            found: Numbers = self.values[self.at : self.at + count]
+            numbers: Numbers = self.values[self.at : self.at + count]
             self.at += count
-            return found if form == "f8" else _whole(found)
+            return numbers if form == "f8" else _whole(numbers)
         check_count(self.path, count, "numbers", len(self.content) - self.at, dtype.itemsize)
-        found = np.frombuffer(self.content, dtype, count, self.at)
+        numbers = np.frombuffer(self.content, dtype, count, self.at)
         self.at += count * dtype.itemsize
-        return found.astype(float if form == "f8" else np.int64)
+        return numbers.astype(float if form == "f8" else np.int64)
 
 
 class _File:
@@ -125,8 +125,8 @@ class _File:
         self.order: str | None = None
         self.at = head.end()
         if head[2] == b"1":
-            one = content[self.at : self.at + 4]
-            self.order = {(1).to_bytes(4, "little"): "<", (1).to_bytes(4, "big"): ">"}[one]
+            marker = content[self.at : self.at + 4]
+            self.order = {(1).to_bytes(4, "little"): "<", (1).to_bytes(4, "big"): ">"}[marker]
             self.at += 4
         self.size = f"u{head[3].decode()}"
         self.names: dict[tuple[int, int], str] = {}
@@ -147,9 +147,9 @@ class _File:
                 raise FileError(f"{self.path} is partitioned", remedy="Save it as one part.", names=("mesh",))
             if name == "PhysicalNames":
                 for line in self.content[start:end].decode("utf-8", errors="replace").splitlines()[1:]:
-                    found = re.fullmatch(r'\s*(\d+)\s+(\d+)\s+"(.*)"\s*', line)
-                    if found is not None:
-                        self.names[int(found[1]), int(found[2])] = found[3]
+                    match = re.fullmatch(r'\s*(\d+)\s+(\d+)\s+"(.*)"\s*', line)
+                    if match is not None:
+                        self.names[int(match[1]), int(match[2])] = match[3]
             elif name in readers:
                 if not self.blocks and self.order is not None:  # counts are text
                     count, _, rest = self.content[start:end].partition(b"\n")
@@ -229,13 +229,13 @@ class _File:
                 run = int(differ[0]) if len(differ) else min(left, len(rows))
                 if not run:
                     raise ValueError(f"{left} elements are missing at the end")
-                found = numbers.take(run * width, "i4").reshape(-1, width)
+                table = numbers.take(run * width, "i4").reshape(-1, width)
             else:
                 kind, run, tags = (int(n) for n in numbers.take(3, "i4"))
                 width, ahead = 1 + tags + _nodes(kind), 1
-                found = numbers.take(run * width, "i4").reshape(-1, width)
-            groups = np.abs(found[:, ahead : ahead + min(tags, 1)])
-            self.elements.append(_Elements(kind, found[:, ahead + tags :], groups))
+                table = numbers.take(run * width, "i4").reshape(-1, width)
+            groups = np.abs(table[:, ahead : ahead + min(tags, 1)])
+            self.elements.append(_Elements(kind, table[:, ahead + tags :], groups))
             left -= run
 
     def _element_blocks(self, numbers: _Numbers) -> None:
@@ -245,10 +245,14 @@ class _File:
             dimension, tag, kind = (int(n) for n in numbers.take(3, "i4"))
             (rows,) = numbers.take(1, self.size)
             width = 1 + _nodes(kind)
-            found = numbers.take(int(rows) * width, self.size).reshape(-1, width)
+            rows_of_block = numbers.take(int(rows) * width, self.size).reshape(-1, width)
             groups = self.entities.get((dimension, tag), [])
             self.elements.append(
-                _Elements(kind, found[:, 1:], np.tile(np.array(groups, dtype=np.int64), (len(found), 1)))
+                _Elements(
+                    kind,
+                    rows_of_block[:, 1:],
+                    np.tile(np.array(groups, dtype=np.int64), (len(rows_of_block), 1)),
+                )
             )
 
     def _assembled(self) -> MeshData:
@@ -260,7 +264,7 @@ class _File:
         cells: list[tuple[str, Places]] = []
         grouped: dict[str, list[Places]] = {}
         kinds = list(dict.fromkeys(block.kind for block in self.elements))
-        for place, kind in enumerate(kinds):
+        for index, kind in enumerate(kinds):
             name, _ = _KINDS[kind]
             blocks = [block for block in self.elements if block.kind == kind]
             rows = np.concatenate([block.nodes for block in blocks])
@@ -278,7 +282,7 @@ class _File:
                     for tag in np.unique(column[column != 0]).tolist():
                         group = self.names.get((_dimension(name), tag), str(tag))
                         parts = grouped.setdefault(group, [members(()) for _ in kinds])
-                        parts[place] = np.union1d(parts[place], back[first + np.flatnonzero(column == tag)])
+                        parts[index] = np.union1d(parts[index], back[first + np.flatnonzero(column == tag)])
                 first += len(block.nodes)
         groups = {name: tuple(parts) for name, parts in grouped.items()}
         return MeshData(self.xyz, tuple(self.numbers.tolist()), tuple(cells), groups, {})
@@ -293,9 +297,9 @@ def _whole(values: Numbers) -> Numbers:
 
 def _ahead(numbers: _Numbers) -> Numbers:
     """Return the next three numbers of text, which are taken once more."""
-    found = numbers.take(3, "i4")
+    header = numbers.take(3, "i4")
     numbers.at -= 3
-    return found
+    return header
 
 
 def _nodes(kind: int) -> int:
@@ -314,6 +318,6 @@ def _unique_rows(rows: Places) -> tuple[Places, Places]:
         return rows.astype(np.intp), np.empty(0, dtype=np.intp)
     _, first, back = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     kept = np.sort(first)
-    place = np.empty(len(first), dtype=np.intp)
-    place[np.argsort(first)] = np.arange(len(first))
-    return rows[kept].astype(np.intp), place[np.ravel(back)]
+    rank = np.empty(len(first), dtype=np.intp)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return rows[kept].astype(np.intp), rank[np.ravel(back)]

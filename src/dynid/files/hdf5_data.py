@@ -38,20 +38,20 @@ def _hdf5_members(path: Path) -> dict[str, tuple[int, ...] | str]:
     """Return the shapes of the matrices of a file, and what else stands there, by their paths."""
     import h5py
 
-    found: dict[str, tuple[int, ...] | str] = {}
+    members: dict[str, tuple[int, ...] | str] = {}
 
     def visit(name: str, item: Any) -> bool | None:
-        if "#" not in name and not any(name.startswith(f"{above}/") for above in found):
+        if "#" not in name and not any(name.startswith(f"{above}/") for above in members):
             what = _contents(item)
             if not what and isinstance(item, h5py.Dataset):
-                found[name] = tuple(item.shape)
+                members[name] = tuple(item.shape)
             elif what or (isinstance(item, h5py.Group) and _is_sparse(item)):
-                found[name] = what or _sparse_shape(item)
-        return True if len(found) > _MAX_NAMES else None
+                members[name] = what or _sparse_shape(item)
+        return True if len(members) > _MAX_NAMES else None
 
     with read_errors(path, "HDF5"), open_hdf5(path) as store:
         store.visititems(visit)
-    return found
+    return members
 
 
 _CLASSES = {"char": "text", "function_handle": "a function", "string": "text", "cell": "a cell array"}
@@ -158,7 +158,7 @@ def _hdf5_sparse(path: Path, group: Any) -> Matrix:
     for name in names:
         check_claim(path, getattr(inside(group, name), "shape", None) or (1,))
     parts = tuple(_member(group, name) for name in names)
-    indices, pointers = (np.asarray(part).astype(np.int64) for part in parts[1:])
+    indices, pointers = (np.asarray(array).astype(np.int64) for array in parts[1:])
     return compressed(path, shape, (parts[0], indices, pointers), layout.replace("matlab", "csc"))
 
 
@@ -166,11 +166,11 @@ def _member(group: Any, name: str) -> Any:
     """Return the values of a dataset of a group."""
     import h5py
 
-    found = inside(group, name)
-    if not isinstance(found, h5py.Dataset):
+    dataset = inside(group, name)
+    if not isinstance(dataset, h5py.Dataset):
         raise ValueError(f"'{group.name}' has no dataset '{name}'")
-    check_stored(found)
-    return found[()]
+    check_stored(dataset)
+    return dataset[()]
 
 
 def _value(group: Any, name: str, default: Any) -> Any:
@@ -199,9 +199,9 @@ def read_columns(file: DataFile, request: ColumnRequest) -> DataTable:
         elif single and columns is None:
             names = [name for name in _numeric(store) if name not in TIME]
             if len(names) != 1:
-                beside = f": {', '.join(names)}" if names else ""
+                listed = f": {', '.join(names)}" if names else ""
                 file.refuse(
-                    f"has {len(names) or 'no'} datasets of numbers beside the time{beside}",
+                    f"has {len(names) or 'no'} datasets of numbers beside the time{listed}",
                     "Name the one that drives: column: NAME.",
                     key="column",
                 )
@@ -212,8 +212,8 @@ def read_columns(file: DataFile, request: ColumnRequest) -> DataTable:
         parts = [np.asarray(_numbers(file, store, name, key, rows=rows), dtype=float) for name in names]
         if (
             len(lengths) > 1
-            or any(len(part) != len(parts[0]) for part in parts)
-            or (len(parts) > 1 and any(part.ndim != 1 for part in parts))
+            or any(len(column) != len(parts[0]) for column in parts)
+            or (len(parts) > 1 and any(column.ndim != 1 for column in parts))
         ):
             file.refuse(f"has no columns of one length in {', '.join(names)}", key=key)
         if single and (named or columns is None) and parts[0][:1].size > 1:
@@ -262,11 +262,11 @@ def _times(
     if time is not None and _found(file, store, time, "time", "iuf").shape != (length,):
         file.refuse(f"has {length} rows of data, but another number of times in '{time}'", key="time")
     folder = names[0].rpartition("/")[0]
-    for name in [f"{folder}/{known}".lstrip("/") for known in TIME] if time is None else [time]:
-        beside = _unless_elsewhere(store, name)
-        if _is_table(beside, "iuf") and beside.shape == (length,):
-            check_stored(beside)
-            stored = beside[:rows]
+    for name in [f"{folder}/{standard}".lstrip("/") for standard in TIME] if time is None else [time]:
+        dataset = _unless_elsewhere(store, name)
+        if _is_table(dataset, "iuf") and dataset.shape == (length,):
+            check_stored(dataset)
+            stored = dataset[:rows]
             times = np.asarray(stored, dtype=float)
             coarse = float(np.finfo(stored.dtype).eps) if stored.dtype.kind == "f" else 0.0
             return times, np.abs(np.nan_to_num(times, posinf=0, neginf=0)) * coarse
@@ -282,24 +282,24 @@ def present(file: DataFile, names: Sequence[str]) -> list[str]:
 def complex_datasets(file: DataFile, name: str, key: str) -> NDArray[Any]:
     """Return a dataset of real or complex numbers as columns."""
     with _opened(file) as store:
-        found = _numbers(file, store, name, key, "iufc")
-    return found.reshape(len(found), -1)
+        values = _numbers(file, store, name, key, "iufc")
+    return values.reshape(len(values), -1)
 
 
 def _numbers(
     file: DataFile, store: Any, name: str, key: str, kinds: str = "iuf", rows: int | None = None
 ) -> NDArray[Any]:
     """Return the first rows of a dataset of one or two axes, of numbers of these NumPy kinds; absent: all."""
-    found = _found(file, store, name, key, kinds)
-    check_stored(found)
-    return np.asarray(found[:rows])
+    dataset = _found(file, store, name, key, kinds)
+    check_stored(dataset)
+    return np.asarray(dataset[:rows])
 
 
 def _found(file: DataFile, store: Any, name: str, key: str, kinds: str) -> Any:
     """Return a dataset of one or two axes, of numbers of these NumPy kinds, unread."""
-    found = inside(store, name)
-    if not _is_table(found, kinds):
-        known = _numeric(store, kinds)
-        hint = did_you_mean(name, known) or (f"; it has {', '.join(known)}" if known else "")
+    dataset = inside(store, name)
+    if not _is_table(dataset, kinds):
+        datasets = _numeric(store, kinds)
+        hint = did_you_mean(name, datasets) or (f"; it has {', '.join(datasets)}" if datasets else "")
         file.refuse(f"has no dataset of numbers '{name}'{hint}", key=key)
-    return found
+    return dataset

@@ -96,12 +96,14 @@ def read_nodes(path: Path, reference: Reference = check_reference) -> NodeFile:
             raise FileError(f"{path} has no nodes (*NODE)")
         numbers = list(places)
         xyz = np.array([places[number] for number in numbers])
-        known = {
+        node_sets = {
             name: tuple(dict.fromkeys(node for node in members if node in places))
             for name, members in sets.named.items()
         }
         lines = {edge for shape, ends in elements if places.keys() >= {*ends} for edge in edges(shape, ends)}
-        return NodeFile(Nodes(tuple(numbers), xyz, {}, known, tuple(sorted(lines)), tuple(_notes(held))), ())
+        return NodeFile(
+            Nodes(tuple(numbers), xyz, {}, node_sets, tuple(sorted(lines)), tuple(_notes(held))), ()
+        )
 
 
 def _notes(held: Counter[str]) -> Iterator[str]:
@@ -200,8 +202,8 @@ def blocks(path: Path, reference: Reference = check_reference) -> Iterator[Block
             yield current
         keyword, *parameters = (word.strip() for word in continued[1:].split(","))
         pairs = (word.partition("=") for word in parameters)
-        given = {name.strip().upper(): value.strip().strip('"') for name, _, value in pairs}
-        current = Block(" ".join(keyword.upper().split()), given, [])
+        options = {name.strip().upper(): value.strip().strip('"') for name, _, value in pairs}
+        current = Block(" ".join(keyword.upper().split()), options, [])
         continued = ""
     if current is not None:
         yield current
@@ -214,11 +216,11 @@ def _lines(path: Path, reference: Reference, depth: int, size: list[int]) -> Ite
             line = raw.strip()
             if not line or line.startswith("**"):
                 continue
-            other = re.match(
+            reference_line = re.match(
                 r"\*(?:INCLUDE|NODE|ELEMENT|NSET|ELSET)\b.*,\s*INPUT\s*=\s*([^,]+)", line, re.IGNORECASE
             )
-            if other is None or not line[1:].upper().startswith("INCLUDE"):
+            if reference_line is None or not line[1:].upper().startswith("INCLUDE"):
                 yield line
-            if other is not None:
-                file = reference(path, other[1].strip().strip("\"'"))
+            if reference_line is not None:
+                file = reference(path, reference_line[1].strip().strip("\"'"))
                 yield from _lines(file, reference, depth + 1, size)

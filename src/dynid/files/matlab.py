@@ -56,18 +56,18 @@ def is_hdf5(start: bytes) -> bool:
 def shapes(path: Path) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the numeric variables of a file, by name."""
     return {
-        name: found.shape
-        for name, found in _variables(path).items()
-        if found.kind in _MATRICES and 0 not in found.shape
+        name: variable.shape
+        for name, variable in _variables(path).items()
+        if variable.kind in _MATRICES and 0 not in variable.shape
     }
 
 
 def others(path: Path) -> dict[str, str]:
     """Return what stands in a file beside its numeric variables, by name."""
     return {
-        name: _contents(found)
-        for name, found in _variables(path).items()
-        if found.kind not in _MATRICES or 0 in found.shape
+        name: _contents(variable)
+        for name, variable in _variables(path).items()
+        if variable.kind not in _MATRICES or 0 in variable.shape
     }
 
 
@@ -84,8 +84,8 @@ def _contents(variable: MatlabVariable) -> str:
 
 def names(path: Path) -> list[str]:
     """Return the names of the full numeric variables and the cell arrays of a file."""
-    found = _variables(path).items()
-    return [name for name, variable in found if variable.kind in ("full", "cell") and "/" not in name]
+    variables = _variables(path).items()
+    return [name for name, variable in variables if variable.kind in ("full", "cell") and "/" not in name]
 
 
 def load(path: Path, name: str) -> Matrix:
@@ -93,7 +93,7 @@ def load(path: Path, name: str) -> Matrix:
     variable = _variables(path)[name]
     check_claim(path, variable.shape, 0 if variable.kind == "sparse" else None)
     values = _values(path, variable.arrays)
-    if any(part.dtype.kind == "c" for part in values):
+    if any(array.dtype.kind == "c" for array in values):
         problem = f"{path}: '{name}' holds complex numbers; a structural matrix is real"
         raise FileError(problem, remedy=USE_REAL_PART)
     if variable.kind == "sparse":
@@ -113,13 +113,13 @@ def arrays(path: Path, name: str) -> tuple[tuple[int, ...] | None, list[Array]]:
     variable = _variables(path)[name]
     check_claim(path, variable.shape)
     cells = variable.kind == "cell"
-    found = []
+    contents = []
     for number, values in enumerate(_values(path, variable.arrays), 1):
-        place = f"{name}{{{number}}}" if cells else name
+        label = f"{name}{{{number}}}" if cells else name
         if values.dtype.kind not in "iufb":
-            raise FileError(f"{path}: '{place}' is no matrix of real numbers")
-        found.append(np.asarray(as_numbers(path, place, values)))
-    return variable.shape if cells else None, found
+            raise FileError(f"{path}: '{label}' is no matrix of real numbers")
+        contents.append(np.asarray(as_numbers(path, label, values)))
+    return variable.shape if cells else None, contents
 
 
 def complex_matrix(path: Path, name: str) -> np.ndarray[Any, np.dtype[Any]]:
@@ -144,7 +144,7 @@ def _variables(path: Path) -> dict[str, MatlabVariable]:
 def _values(path: Path, parts: list[str]) -> list[np.ndarray[Any, np.dtype[Any]]]:
     """Return arrays of the archive of a file; what is no numbers as text."""
     with np.load(_archive(path), allow_pickle=False) as stored:
-        return [stored[part] if part else np.asarray("") for part in parts]
+        return [stored[array] if array else np.asarray("") for array in parts]
 
 
 def _archive(path: Path) -> Path:
@@ -195,12 +195,12 @@ def archive(path: str, target: str) -> None:
                     name,
                     MatlabVariable("full" if count > MOST_NUMBERS and kind != "sparse" else "", shape, []),
                 )
-            wanted = [name for name, variable in index.items() if not variable.kind]
-            stored = loadmat(path, variable_names=wanted)
-            found = {name: variable for name, variable in index.items() if variable.kind}
-            for name in wanted:
-                _add(name, stored[name], 0, found, members)
-        np.savez(target, index=json.dumps(found), **members)
+            names = [name for name, variable in index.items() if not variable.kind]
+            stored = loadmat(path, variable_names=names)
+            variables = {name: variable for name, variable in index.items() if variable.kind}
+            for name in names:
+                _add(name, stored[name], 0, variables, members)
+        np.savez(target, index=json.dumps(variables), **members)
     except Exception as error:  # whatever SciPy raises on a damaged file
         said = " ".join(str(error).split())[:200] or type(error).__name__
         lack = "it claims more than the memory"
@@ -251,18 +251,18 @@ def read_columns(file: DataFile, request: ColumnRequest) -> DataTable:
     named = columns is not None and not are_numbers(columns)
     if columns is not None and named:
         layout.only(file, "time")
-        wanted = [str(name) for name in columns]
-        parts = [_vector(file, name, _cells(file, name, "columns", None)[0]) for name in wanted]
+        columns_read = [str(name) for name in columns]
+        parts = [_vector(file, name, _cells(file, name, "columns", None)[0]) for name in columns_read]
         if isinstance(layout.time, str):
-            wanted.append(layout.time)
+            columns_read.append(layout.time)
             parts.append(_vector(file, layout.time, _cells(file, layout.time, "time", None)[0]))
     else:
-        known = names(file.path) if layout.variable is None else [layout.variable]
-        if len(known) != 1:
-            listed = f": {', '.join(known[:20])}" if known else ""
-            file.refuse(f"has {len(known) or 'no'} variables{listed}", "Name it: variable: NAME.")
-        variable = known[0]
-        wanted, parts = [], _cells(file, variable, "variable", layout.row)
+        variables = names(file.path) if layout.variable is None else [layout.variable]
+        if len(variables) != 1:
+            listed = f": {', '.join(variables[:20])}" if variables else ""
+            file.refuse(f"has {len(variables) or 'no'} variables{listed}", "Name it: variable: NAME.")
+        variable = variables[0]
+        columns_read, parts = [], _cells(file, variable, "variable", layout.row)
         if len(parts) > 1:
             numbers = {number for number in (*(columns or ()), layout.time) if isinstance(number, int)}
             used = numbers if columns else set()
@@ -273,19 +273,19 @@ def read_columns(file: DataFile, request: ColumnRequest) -> DataTable:
             ]
         elif min(parts[0].shape) == 1:
             parts = [parts[0].reshape(-1, 1)]
-    if any(len(part) != len(parts[0]) for part in parts):
-        lengths = ", ".join(str(len(part)) for part in parts)
+    if any(len(column) != len(parts[0]) for column in parts):
+        lengths = ", ".join(str(len(column)) for column in parts)
         file.refuse(f"has columns of different lengths: {lengths}", key="columns" if named else "variable")
-    table = DataTable(file, wanted, np.column_stack(parts), selected=named)
+    table = DataTable(file, columns_read, np.column_stack(parts), selected=named)
     return table if layout.time is None else table.timed_by(table.find(layout.time, "time"))
 
 
-def complex_columns(file: DataFile, wanted: Sequence[str], key: str) -> NDArray[Any]:
+def complex_columns(file: DataFile, candidates: Sequence[str], key: str) -> NDArray[Any]:
     """Return the first variable of these names as columns of real or complex numbers."""
-    known = names(file.path)
-    name = next((name for name in wanted if name in known), wanted[0])
-    if name not in known:
-        hint = did_you_mean(name, known) or (f"; it has {', '.join(known[:20])}" if known else "")
+    variables = names(file.path)
+    name = next((name for name in candidates if name in variables), candidates[0])
+    if name not in variables:
+        hint = did_you_mean(name, variables) or (f"; it has {', '.join(variables[:20])}" if variables else "")
         file.refuse(f"has no variable '{name}'{hint}", key=key)
     values = complex_matrix(file.path, name)
     return values.reshape(-1, 1) if min(values.shape) == 1 else values
@@ -305,20 +305,20 @@ def whole_numbers(file: DataFile, name: str, key: str) -> list[int]:
 
 def _cells(file: DataFile, name: str, key: str, row: int | None) -> list[Array]:
     """Return the arrays of a variable: one, or those of a row of cells."""
-    known = names(file.path)
-    if name not in known:
-        hint = did_you_mean(name, known) or (f"; it has {', '.join(known[:20])}" if known else "")
+    variables = names(file.path)
+    if name not in variables:
+        hint = did_you_mean(name, variables) or (f"; it has {', '.join(variables[:20])}" if variables else "")
         file.refuse(f"has no variable '{name}'{hint}", key=key)
-    shape, found = arrays(file.path, name)
+    shape, contents = arrays(file.path, name)
     if shape is None:
         if row is not None:
             file.refuse(f"holds a matrix in '{name}', no rows of cells", key="row")
-        return found
+        return contents
     if row is None and shape[0] > 1:
         file.refuse(f"has {shape[0]} rows of cells in '{name}'", "Give it: row: NUMBER.", key=key)
     if row is not None and row > shape[0]:
         file.refuse(f"has {shape[0]} rows of cells in '{name}', no row {row}", key="row")
-    return found[(row or 1) - 1 :: shape[0]]
+    return contents[(row or 1) - 1 :: shape[0]]
 
 
 def _vector(file: DataFile, name: str, values: Array) -> Array:

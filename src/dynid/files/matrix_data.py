@@ -100,7 +100,7 @@ def compressed(path: Path, shape: Any, parts: tuple[Any, Any, Any], layout: str)
     rows, columns = (int(number) for number in np.asarray(shape).ravel())
     if layout not in _LAYOUTS:
         raise FileError(f"{path} holds a sparse matrix of layout {layout!r}; {', '.join(_LAYOUTS)} are read")
-    data, *places = (np.asarray(part).ravel() for part in parts)
+    data, *places = (np.asarray(array).ravel() for array in parts)
     check_claim(path, (rows, columns), len(data))
     numbers = as_numbers(path, "data", data[None, :])
     assert isinstance(numbers, np.ndarray)

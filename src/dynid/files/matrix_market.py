@@ -57,8 +57,8 @@ def read_matrix_market(path: Path) -> ImportedMatrix:
     """
     with read_errors(path, "Matrix Market"):
         header = _matrix_market_header(path)
-        if header.layout == "coordinate" and (found := _by_scipy(path, header)) is not None:
-            return ImportedMatrix(found)
+        if header.layout == "coordinate" and (matrix_read := _by_scipy(path, header)) is not None:
+            return ImportedMatrix(matrix_read)
         table = _numbers(path, header.lines, "%") if header.entries else np.empty((0, 3))
         columns = 3 if header.layout == "coordinate" else 1
         if header.entries and (len(table) != header.entries or table.shape[1] != columns):
@@ -114,9 +114,9 @@ def _matrix_market_header(path: Path) -> _MatrixMarketHeader:
         if len(words) != 5:
             raise FileError(f"{path}:1: a Matrix Market header has five words")
         _, _, layout, field, symmetry = words
-        for word, known in ((layout, ("coordinate", "array")), (field, _FIELDS), (symmetry, _SYMMETRIES)):
-            if word not in known:
-                raise FileError(f"{path}:1: the matrix is {word}; what is read is {' or '.join(known)}")
+        for word, accepted in ((layout, ("coordinate", "array")), (field, _FIELDS), (symmetry, _SYMMETRIES)):
+            if word not in accepted:
+                raise FileError(f"{path}:1: the matrix is {word}; what is read is {' or '.join(accepted)}")
         number, line = 2, lines.readline(100_000)
         while line.startswith("%") or (line and not line.strip()):
             number, line = number + 1, lines.readline(100_000)
@@ -125,14 +125,14 @@ def _matrix_market_header(path: Path) -> _MatrixMarketHeader:
         size.isascii() and size.isdigit() for size in sizes
     ):
         raise FileError(f"{path}:{number}: the sizes of the matrix belong here, not {line.strip()[:40]!r}")
-    rows, columns, *given = (int(size) for size in sizes)
+    rows, columns, *count = (int(size) for size in sizes)
     symmetric = symmetry == "symmetric"
     if symmetric and rows != columns:
         raise FileError(f"{path}:{number}: a symmetric matrix is square, not {rows} x {columns}")
     if layout == "array":
         check_claim(path, (rows, columns))
-    entries = given[0] if given else rows * (rows + 1) // 2 if symmetric else rows * columns
-    check_backed(path, max(rows, columns), entries, 6 if given else 2)
+    entries = count[0] if count else rows * (rows + 1) // 2 if symmetric else rows * columns
+    check_backed(path, max(rows, columns), entries, 6 if count else 2)
     return _MatrixMarketHeader(layout, symmetric, (rows, columns), entries, number)
 
 
@@ -288,11 +288,11 @@ def whole_places(path: Path, table: NDArray[np.float64]) -> NDArray[np.int64]:
         Where a number is not whole.
     """
     with np.errstate(invalid="ignore"):
-        whole = (np.abs(table) < 2**53) & (table == np.floor(table))
-    if not whole.all():
-        at = int(np.argmin(whole.all(axis=1)))
-        found = ", ".join(f"{value:g}" for value in table[at])
-        raise FileError(f"{path}: row {at + 1} of the numbers names no row and column: {found}")
+        integral = (np.abs(table) < 2**53) & (table == np.floor(table))
+    if not integral.all():
+        at = int(np.argmin(integral.all(axis=1)))
+        values = ", ".join(f"{value:g}" for value in table[at])
+        raise FileError(f"{path}: row {at + 1} of the numbers names no row and column: {values}")
     return table.astype(np.int64)
 
 

@@ -71,5 +71,5 @@ def edges(shape: str, nodes: Sequence[int]) -> Iterator[tuple[int, int]]:
     """
     if len(nodes) >= corners(shape):
         for a, b in _EDGES[shape]:
-            one, other = nodes[a], nodes[b]
-            yield (one, other) if one < other else (other, one)
+            start, end = nodes[a], nodes[b]
+            yield (start, end) if start < end else (end, start)

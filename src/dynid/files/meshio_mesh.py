@@ -106,15 +106,15 @@ def read_foreign(path: Path, includes: Sequence[Path]) -> MeshData:
 
 
 def _check_counts(path: Path, size: int) -> None:
-    pattern, least = _COUNTS.get(path.suffix.lower(), (None, 1))
+    pattern, bytes_each = _COUNTS.get(path.suffix.lower(), (None, 1))
     if pattern is None:
         return
     with path.open("rb") as stream:
         start = stream.read(_START)
-    for found in pattern.finditer(start):
-        for count in found.groups():
+    for match in pattern.finditer(start):
+        for count in match.groups():
             if count is not None:
-                check_count(path, int(int(count) * least), "points or cells", size)
+                check_count(path, int(int(count) * bytes_each), "points or cells", size)
 
 
 def _references(path: Path, includes: Sequence[Path]) -> list[Path]:
@@ -127,7 +127,7 @@ def _references(path: Path, includes: Sequence[Path]) -> list[Path]:
         raise FileError(f"{path} defines entities of XML, which are not read")
     if path.suffix.lower() == ".vtu":
         return []
-    found: dict[Path, None] = {}
+    files: dict[Path, None] = {}
     for attributes, text in _DATA_ITEM.findall(content.decode("utf-8", errors="replace")):
         form = re.search(r"\bFormat\s*=\s*[\"'](\w+)", attributes)
         shape = re.search(r"\bDimensions\s*=\s*[\"']([\d\s]+)", attributes)
@@ -140,21 +140,21 @@ def _references(path: Path, includes: Sequence[Path]) -> list[Path]:
                 remedy="Write it with its numbers as HDF or XML.",
             )
         else:
-            name, _, place = text.strip().partition(":")
+            name, _, dataset = text.strip().partition(":")
             file = check_reference(path, name, includes)
-            found[file] = None
-            _check_dataset(path, file, place)
-    return list(found)
+            files[file] = None
+            _check_dataset(path, file, dataset)
+    return list(files)
 
 
-def _check_dataset(path: Path, file: Path, place: str) -> None:
+def _check_dataset(path: Path, file: Path, dataset_path: str) -> None:
     if not file.is_file():
         raise FileError(f"{path} has its numbers in {file}, which is no file")
     try:
         with open_hdf5(file) as store:
-            dataset = inside(store, place)
+            dataset = inside(store, dataset_path)
             if dataset is None:
-                raise FileError(f"{path} has its numbers in {file}, which has no dataset '{place}'")
+                raise FileError(f"{path} has its numbers in {file}, which has no dataset '{dataset_path}'")
             check_stored(dataset)
     except (OSError, Refused) as error:
         raise FileError(f"{file} cannot be read: {error}") from None
@@ -199,7 +199,7 @@ def _write(mesh: meshio.Mesh, target: str) -> None:
             raise ValueError(f"it has elements of the kind {block.type} with different numbers of nodes")
         arrays[f"cells{k}"] = cells.astype(np.intp).reshape(len(cells), -1 if len(cells) else 1)
     for g, parts in enumerate(groups.values()):
-        arrays |= {f"group{g}_{k}": part for k, part in enumerate(parts)}
+        arrays |= {f"group{g}_{k}": rows for k, rows in enumerate(parts)}
     arrays |= {f"set{k}": members(nodes) for k, nodes in enumerate(mesh.point_sets.values())}
     kinds = [block.type for block in mesh.cells]
     index = {"kinds": kinds, "groups": [*groups], "sets": [str(name) for name in mesh.point_sets]}
@@ -208,12 +208,12 @@ def _write(mesh: meshio.Mesh, target: str) -> None:
 
 def _groups(mesh: meshio.Mesh) -> dict[str, list[Places]]:
     """Return the groups of cells of all dimensions by name: for each block of cells the places in it."""
-    found: dict[str, list[Places]] = {}
+    groups: dict[str, list[Places]] = {}
     tagged = ((name, value) for name, value in mesh.field_data.items() if np.shape(value) == (2,))
     names = {(int(tag), int(dimension)): name for name, (tag, dimension) in tagged}
 
     def add(name: str, at: int, rows: Any) -> None:
-        parts = found.setdefault(name, [members(()) for _ in mesh.cells])
+        parts = groups.setdefault(name, [members(()) for _ in mesh.cells])
         parts[at] = members([*parts[at], *rows])
 
     for name, parts in mesh.cell_sets.items():
@@ -226,4 +226,4 @@ def _groups(mesh: meshio.Mesh) -> dict[str, list[Places]]:
                 name = names.get((int(tag), mesh.cells[at].dim), str(tag))
                 if tag:  # 0: of no group
                     add(name, at, np.flatnonzero(tags == tag))
-    return found
+    return groups

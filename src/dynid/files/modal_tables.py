@@ -73,25 +73,25 @@ def _mean_scatter(file: DataFile, scatter: Array | None, tests: Array | None, ke
         file.refuse(f"'{key}' has the shape {tests.shape}, the scatter {scatter.shape}", key=key)
 
 
-def _by_eigenvalue(given: Mapping[str, Array]) -> tuple[Array, Array | None, str] | None:
+def _by_eigenvalue(vectors: Mapping[str, Array]) -> tuple[Array, Array | None, str] | None:
     """Return frequencies, scatter and unit of eigenvalues, rad^2/s^2, if these are given."""
-    if "eigenvalue" not in given:
+    if "eigenvalue" not in vectors:
         return None
-    omega, scatter = np.sqrt(given["eigenvalue"]), given.get("eigenvalue_std")
+    omega, scatter = np.sqrt(vectors["eigenvalue"]), vectors.get("eigenvalue_std")
     return omega, None if scatter is None else scatter / (2 * omega), "rad/s"
 
 
 def from_matlab(file: DataFile, names: Mapping[str, str]) -> ModalTable:
     """Return the modes in a MATLAB file."""
-    known, found = matlab.names(file.path), {}
+    variables, arrays = matlab.names(file.path), {}
     for key in (*QUANTITIES, *_OF_SHAPES):
         name = names.get(key, key)
-        if name in known or key in names:
-            found[key] = complex_columns(file, [name], key)
+        if name in variables or key in names:
+            arrays[key] = complex_columns(file, [name], key)
     vectors = {
-        key: np.asarray(found[key].real, dtype=float).ravel()
+        key: np.asarray(arrays[key].real, dtype=float).ravel()
         for key in (*QUANTITIES[:-1], "frequency_tests")
-        if key in found
+        if key in arrays
     }
     if any(np.any(vectors.get(key, np.ones(1)) <= 0) for key in ("eigenvalue", "frequency_tests")):
         file.refuse("has an eigenvalue or a number of tests that is not positive", colon=True)
@@ -101,17 +101,18 @@ def from_matlab(file: DataFile, names: Mapping[str, str]) -> ModalTable:
             "has no variable 'frequency'", "Name it: frequency: NAME, or eigenvalue: NAME.", key="path"
         )
     frequency, scatter, unit = by_eigenvalue or (vectors["frequency"], vectors.get("frequency_std"), "")
-    r, shape, shape_std = len(frequency), found.get("shape"), found.get("shape_std")
+    r, shape, shape_std = len(frequency), arrays.get("shape"), arrays.get("shape_std")
     for key in ("shape", "shape_std"):
-        if key in found and found[key].shape[1] != r:
+        if key in arrays and arrays[key].shape[1] != r:
             file.refuse(
-                f"'{names.get(key, key)}' has {found[key].shape[1]} columns, but there are {r} modes", key=key
+                f"'{names.get(key, key)}' has {arrays[key].shape[1]} columns, but there are {r} modes",
+                key=key,
             )
     if shape is not None and shape_std is not None and shape.shape != shape_std.shape:
         file.refuse(f"'{names.get('shape_std', 'shape_std')}' is not as large as the shapes", key="shape_std")
-    of_tests = found.get("tests")
+    of_tests = arrays.get("tests")
     tests = None if of_tests is None else np.asarray(of_tests.real, dtype=float)
-    dofs = whole_numbers(file, names.get("dofs", "dofs"), "dofs") if "dofs" in found else []
+    dofs = whole_numbers(file, names.get("dofs", "dofs"), "dofs") if "dofs" in arrays else []
     return ModalTable(
         frequency,
         shape,
@@ -184,9 +185,9 @@ def _factors(file: DataFile, stated: Mapping[str, str], unit: str) -> dict[str, 
     A scatter without a unit is in that of its quantity.
     """
     factors = {}
-    for key, own in stated.items():
+    for key, unit_of_key in stated.items():
         quantity = key.removesuffix("_std")
-        text = own or stated.get(quantity, "")
+        text = unit_of_key or stated.get(quantity, "")
         if not text:
             continue
         if not stated.get(quantity):
@@ -227,7 +228,7 @@ def from_universal(file: DataFile, names: Mapping[str, str]) -> ModalTable:
     damping = [math.nan if mode.damping is None else mode.damping for mode in modes]
     return ModalTable(
         np.array([mode.frequency for mode in modes]),
-        np.array([[mode.shape.get(place, math.nan) for mode in modes] for place in places]),
+        np.array([[mode.shape.get(sensor, math.nan) for mode in modes] for sensor in places]),
         [f"{node}:{direction}" for node, direction in places],
         None if all(mode.damping is None for mode in modes) else np.array(damping),
         unit="rad/s",

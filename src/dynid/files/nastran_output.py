@@ -42,13 +42,13 @@ def load_op2(path: Path, name: str) -> Matrix:
 
 def _listed(stored: Any) -> dict[str, tuple[tuple[int, ...], int]]:
     """Return size and number (from 0) of the matrices by name."""
-    found: dict[str, tuple[tuple[int, ...], int]] = {}
+    matrices: dict[str, tuple[tuple[int, ...], int]] = {}
     for name, blocks in stored.dbnames.items():
         sizes = [tuple(int(number) for number in block[2]) for block in blocks]
         for number, size in enumerate(sizes):
             if min(size) > 0:
-                found[name if len(sizes) == 1 else f"{name}@{number + 1}"] = size, number
-    return found
+                matrices[name if len(sizes) == 1 else f"{name}@{number + 1}"] = size, number
+    return matrices
 
 
 def read_nodes(path: Path) -> NodeFile:
@@ -101,9 +101,9 @@ def _of_table(table: Any, sets: Sequence[str]) -> NodeFile:
     numbers = [int(node) for node in index[first, 0]]
     axes: dict[Node, Array] = {}
     for node, row in zip(numbers, first, strict=True):
-        own = motions[row : row + 3, :3]
-        if not np.array_equal(own, np.eye(3)):
-            axes[node] = own
+        axes_of_node = motions[row : row + 3, :3]
+        if not np.array_equal(axes_of_node, np.eye(3)):
+            axes[node] = axes_of_node
     labels: list[Label] = [
         f"{int(node)}:{DIRECTIONS[int(component) - 1]}" if component else int(node)
         for node, component in index
@@ -112,7 +112,7 @@ def _of_table(table: Any, sets: Sequence[str]) -> NodeFile:
     for name in sets:
         kept = np.flatnonzero(n2p.mksetpv(table, "p", name)) if name != "g" else np.arange(len(labels))
         if len(kept):
-            orders.append(DofOrder(f"{name}-set", tuple(labels[place] for place in kept), stated=True))
+            orders.append(DofOrder(f"{name}-set", tuple(labels[kept_row] for kept_row in kept), stated=True))
     return NodeFile(Nodes(tuple(numbers), rows[first], axes), tuple(orders))
 
 
@@ -162,19 +162,19 @@ def _check_records(path: Path) -> None:
         if order is None:
             return  # of text
         total, waiting = path.stat().st_size, 0
-        place = 0
-        while place < total:
-            stream.seek(place)
+        offset = 0
+        while offset < total:
+            stream.seek(offset)
             size = int.from_bytes(stream.read(4), order)
             word = 8 if int.from_bytes(start, order) == _HEADERS[1] else 4
             first = int.from_bytes(stream.read(word), order)
-            stream.seek(place + 4 + size)
-            if place + 8 + size > total or int.from_bytes(stream.read(4), order) != size:
+            stream.seek(offset + 4 + size)
+            if offset + 8 + size > total or int.from_bytes(stream.read(4), order) != size:
                 raise ValueError(
-                    f"the record at byte {place} is not complete: the file is truncated, or damaged"
+                    f"the record at byte {offset} is not complete: the file is truncated, or damaged"
                 )
             waiting = first + 1 if not waiting else 0 if first == waiting else waiting
-            place += 8 + size
+            offset += 8 + size
         if waiting:
             raise ValueError("it ends within a matrix: the file is truncated")
 

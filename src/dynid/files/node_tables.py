@@ -99,15 +99,15 @@ def _number(path: Path, line: int, word: str) -> float:
 
 
 def _directions(path: Path, line: int, words: str) -> list[str]:
-    found = []
+    directions = []
     for word in words.replace("-", " ").split():
-        place = node_direction(f"1:{word}")
-        if place is None or place[1] in found:
+        node = node_direction(f"1:{word}")
+        if node is None or node[1] in directions:
             raise FileError(
                 f"{path}:{line}: '{words}' are no directions", remedy=f"Write some of {' '.join(DIRECTIONS)}."
             )
-        found.append(place[1])
-    return found
+        directions.append(node[1])
+    return directions
 
 
 POSITIONS = ("node", "nodes", "xyz", "coord", "coords", "coordinates")

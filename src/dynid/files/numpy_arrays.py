@@ -28,15 +28,15 @@ def numpy_shapes(path: Path) -> dict[str, tuple[int, ...]]:
             with path.open("rb") as stream:
                 return {ONLY: _numpy_header(stream)[0]}
         with zipfile.ZipFile(path) as archive:
-            found = {}
+            shapes = {}
             for info in archive.infolist():
                 if info.filename.endswith(".npy"):
                     if info.file_size > 8 * MOST_NUMBERS:
                         raise FileError(f"{path}: {info.filename} claims {info.file_size} bytes")
                     with archive.open(info) as stream:
-                        found[info.filename.removesuffix(".npy")] = _numpy_header(stream)[0]
-            if not set(found) >= _SPARSE:
-                return found
+                        shapes[info.filename.removesuffix(".npy")] = _numpy_header(stream)[0]
+            if not set(shapes) >= _SPARSE:
+                return shapes
             with archive.open("shape.npy") as stream:
                 _check_numpy(path, stream, archive.getinfo("shape.npy").file_size)
         with np.load(path, allow_pickle=False) as stored:
@@ -53,17 +53,17 @@ def load_numpy(path: Path, name: str) -> Matrix:
         with zipfile.ZipFile(path) as archive:
             members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
             sparse = name == ONLY and set(members) >= _SPARSE
-            for part in members if sparse else [name]:
-                with archive.open(members[part]) as stream:
-                    _check_numpy(path, stream, members[part].file_size)
+            for member in members if sparse else [name]:
+                with archive.open(members[member]) as stream:
+                    _check_numpy(path, stream, members[member].file_size)
         with np.load(path, allow_pickle=False) as stored:
             if not sparse:
                 return as_numbers(path, name, stored[name])
             layout = stored["format"].item()
             layout = layout.decode() if isinstance(layout, bytes) else str(layout)
             names = _PARTS.get(layout, ("data", "indices", "indptr"))
-            data, one, other = (stored.get(part) for part in names)
-            return compressed(path, stored["shape"], (data, one, other), layout)
+            data, indices, pointers = (stored.get(member) for member in names)
+            return compressed(path, stored["shape"], (data, indices, pointers), layout)
 
 
 MATRICES = Container(numpy_shapes, load_numpy)

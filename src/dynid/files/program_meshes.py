@@ -53,7 +53,7 @@ class _Cells:
         listed.append(nodes)
 
     def mesh(self, numbers: Sequence[int], xyz: Array, sets: dict[str, Places]) -> MeshData:
-        places = {number: place for place, number in enumerate(numbers)}
+        places = {number: index for index, number in enumerate(numbers)}
         missing = next(
             (node for rows in self.nodes.values() for row in rows for node in row if node not in places), 0
         )
@@ -94,7 +94,7 @@ def read_abaqus(path: Path, includes: Sequence[Path]) -> MeshData:
                     cells.groups.add(name, [number for number, *_ in elements])
             elif block.keyword == "ELSET" and name:
                 cells.groups.add(name, cells.groups.listed(block))
-        places = {number: place for place, number in enumerate(nodes.numbers)}
+        places = {number: index for index, number in enumerate(nodes.numbers)}
         sets = {name: members(places[node] for node in listed) for name, listed in nodes.sets.items() if name}
         return cells.mesh([int(number) for number in nodes.numbers], nodes.xyz, sets)
 
@@ -133,12 +133,12 @@ def read_nastran(path: Path, includes: Sequence[Path]) -> MeshData:
         cards = bulk_data.read_cards(path, {*bulk_data.KEPT, *_MOST_NODES}, allowed)
         nodes = bulk_data.nodes_of(path, cards).nodes
         cells = _Cells()
-        for card_name, most in _MOST_NODES.items():
+        for card_name, max_nodes in _MOST_NODES.items():
             for card in cards.get(card_name, ()):
-                ends = [bulk_data.whole(field) for field in card[3 : 3 + most]]
+                ends = [bulk_data.integer(field) for field in card[3 : 3 + max_nodes]]
                 while ends and not ends[-1]:
                     ends.pop()
-                number = bulk_data.whole(card[1])
+                number = bulk_data.integer(card[1])
                 kind = _NASTRAN.get((card_name, len(ends)))
                 if kind is None or 0 in ends:
                     raise FileError(
@@ -146,9 +146,9 @@ def read_nastran(path: Path, includes: Sequence[Path]) -> MeshData:
                         "edges have a node, or none",
                         names=("mesh",),
                     )
-                cells.add(number, kind, [ends[place] for place in _ORDERS.get(kind, range(len(ends)))])
+                cells.add(number, kind, [ends[index] for index in _ORDERS.get(kind, range(len(ends)))])
                 cells.groups.add(card[2] or card[1], [number])
-        listed = list(dict.fromkeys(bulk_data.whole(card[1]) for card in cards.get("GRID", ())))
-        at = {number: place for place, number in enumerate(nodes.numbers)}
+        listed = list(dict.fromkeys(bulk_data.integer(card[1]) for card in cards.get("GRID", ())))
+        at = {number: index for index, number in enumerate(nodes.numbers)}
         listed = [number for number in listed if number in at]
         return cells.mesh(listed, nodes.xyz[[at[number] for number in listed]], {})

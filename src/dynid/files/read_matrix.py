@@ -63,15 +63,15 @@ def read_matrix(file: MatrixFile, role: str) -> ImportedMatrix:
     FileError
         If the file cannot be read, does not say which matrix is meant, or has no entry in it.
     """
-    found = _read(file, role)
-    entries = found.matrix.data if is_sparse(found.matrix) else found.matrix
+    imported = _read(file, role)
+    entries = imported.matrix.data if is_sparse(imported.matrix) else imported.matrix
     if not np.any(entries):
         without = " Leave 'damping' out where there is none." if role == "damping" else ""
         raise FileError(
             f"{file.path}: the {role} has no entry but 0",
             remedy=f"Export it again, and compare the size of the file with the model.{without}",
         )
-    return found
+    return imported
 
 
 def _read(file: MatrixFile, role: str) -> ImportedMatrix:
@@ -116,7 +116,7 @@ def read_state_space(path: Path, names: Mapping[str, str]) -> dict[str, Matrix]:
     if format_of(path, "matrix", "matrices").matrix is not None:
         raise FileError(f"{path} holds one matrix; a state space takes several")
     shapes = shapes_in(path)
-    there = {found.rpartition("/")[2].upper() for found in shapes}
+    there = {name.rpartition("/")[2].upper() for name in shapes}
     roles = ["A", *(role for role in ("B", "C") if role in names or role in there)]
     return {role: load_matrix(path, _choose(path, names.get(role), role, shapes)).matrix for role in roles}
 
@@ -151,7 +151,7 @@ def _choose(path: Path, name: str | None, role: str, shapes: Mapping[str, Sequen
     if first and (len(first) == 1 or _rank(first[0], role) != _rank(first[1], role)):
         return first[0]
     only = next(iter(shapes), "")
-    others = (USUAL[other] for other in ("mass", "stiffness") if other != role)
+    others = (USUAL[another] for another in ("mass", "stiffness") if another != role)
     named_as_another = len(role) > 1 and any(
         only.rpartition("/")[2].lower() in (name.lower() for name in names) for names in others
     )
@@ -214,8 +214,8 @@ def check_real(path: Path, role: str, real: Sequence[str], *, required: bool = T
 def named_as(shapes: Iterable[str], role: str) -> list[str]:
     """Return the matrices that have a usual name of a role, the likeliest first."""
     usual = [word.lower() for word in USUAL[role]]
-    named = (found for found in shapes if found.rpartition("/")[2].lower() in usual)
-    return sorted(named, key=lambda found: _rank(found, role))
+    named = (name for name in shapes if name.rpartition("/")[2].lower() in usual)
+    return sorted(named, key=lambda name: _rank(name, role))
 
 
 def _rank(name: str, role: str) -> tuple[int, int]:

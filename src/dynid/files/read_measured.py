@@ -37,7 +37,7 @@ def read_columns(
     columns: Sequence[str | int] | None,
     *,
     step: float | None = None,
-    place: str = "",
+    scene_key: str = "",
     layout: TableLayout = _PLAIN,
     rows: int | None = None,
 ) -> MeasuredColumns:
@@ -61,7 +61,7 @@ def read_columns(
     step
         The step that the rows are taken to have, s; compared with the times of a table, in an HDF5 file with
         the dataset `time` or `t` beside the data.
-    place
+    scene_key
         The dotted place of the file in the scene, for errors.
     layout
         Where in the file the table is.
@@ -74,7 +74,7 @@ def read_columns(
         Where the file cannot be read, a column is missing, a value is infinite, or the times are not those
         of the step.
     """
-    table = _table(path, place, ColumnRequest(columns, layout, rows=rows))
+    table = _table(path, scene_key, ColumnRequest(columns, layout, rows=rows))
     if columns is None or table.selected:
         chosen = table.data
     else:
@@ -88,14 +88,14 @@ def read_signal(
     column: str | int | None,
     *,
     step: float | None = None,
-    place: str = "",
+    scene_key: str = "",
     layout: TableLayout = _PLAIN,
 ) -> tuple[NDArray[np.float64], Heading]:
     """Read one column without missing samples, and its heading; by default the only one that is not the time.
 
     Parameters
     ----------
-    path, step, place, layout
+    path, step, scene_key, layout
         As of `read_columns`.
     column
         Its name, with or without the unit, or its number from 1. Absent: the only column but that of the
@@ -107,7 +107,7 @@ def read_signal(
         As `read_columns`; also where a sample is missing, or several columns could be meant.
     """
     columns = None if column is None else [column]
-    table = _table(path, place, ColumnRequest(columns, layout, single=True))
+    table = _table(path, scene_key, ColumnRequest(columns, layout, single=True))
     if column is not None and not table.selected:
         index = table.find(column, "column")
     elif table.selected or len(table.data) == 1:
@@ -129,18 +129,20 @@ def read_signal(
     return values, table.heading(index)
 
 
-def _table(path: Path, place: str, request: ColumnRequest) -> DataTable:
-    file, form = _opened(path, place, "columns")
+def _table(path: Path, scene_key: str, request: ColumnRequest) -> DataTable:
+    file, form = _opened(path, scene_key, "columns")
     assert form.columns is not None
     table = form.columns(file, request)
     return table if request.layout.first is None else table.since(request.layout.first)
 
 
-def _opened(path: Path, place: str, content: Content) -> tuple[DataFile, FileFormat]:
-    return DataFile(path, place), format_of(path, content, names=[f"{place}.path"] if place else ())
+def _opened(path: Path, scene_key: str, content: Content) -> tuple[DataFile, FileFormat]:
+    return DataFile(path, scene_key), format_of(
+        path, content, names=[f"{scene_key}.path"] if scene_key else ()
+    )
 
 
-def read_responses(path: Path, layout: ResponseLayout, place: str) -> MeasuredResponses:
+def read_responses(path: Path, layout: ResponseLayout, scene_key: str) -> MeasuredResponses:
     """Return measured frequency response functions.
 
     Parameters
@@ -150,7 +152,7 @@ def read_responses(path: Path, layout: ResponseLayout, place: str) -> MeasuredRe
         numbers are columns of such (in text ``1.5-2e-3j``), or pairs of columns.
     layout
         The columns that the scene names.
-    place
+    scene_key
         The dotted place of the file in the scene, for errors.
 
     Raises
@@ -158,7 +160,7 @@ def read_responses(path: Path, layout: ResponseLayout, place: str) -> MeasuredRe
     FileError
         Where the file cannot be read, a column is missing, or numbers are invalid.
     """
-    file, form = _opened(path, place, "responses")
+    file, form = _opened(path, scene_key, "responses")
     assert form.responses is not None
     measured = form.responses(file, layout)
     omega = measured.omega
@@ -172,7 +174,7 @@ def read_responses(path: Path, layout: ResponseLayout, place: str) -> MeasuredRe
     return measured
 
 
-def read_modes(path: Path, names: Mapping[str, str], place: str) -> ModalTable:
+def read_modes(path: Path, names: Mapping[str, str], scene_key: str) -> ModalTable:
     """Return the modes in a file.
 
     Parameters
@@ -183,7 +185,7 @@ def read_modes(path: Path, names: Mapping[str, str], place: str) -> ModalTable:
         The names of quantities in the file, where they differ from `QUANTITIES`, ``shape_std``, ``tests``
         (of each value of a shape, or of each mode: the scatter is that of a single test, and the mean of n
         tests scatters by a root of n less), ``frequency_tests`` and ``dofs``.
-    place
+    scene_key
         The dotted place of the file in the scene, for errors.
 
     Raises
@@ -191,7 +193,7 @@ def read_modes(path: Path, names: Mapping[str, str], place: str) -> ModalTable:
     FileError
         Where the file cannot be read, a quantity is missing, or numbers are invalid.
     """
-    file, form = _opened(path, place, "modes")
+    file, form = _opened(path, scene_key, "modes")
     assert form.modes is not None
     modes = form.modes(file, names)
     bad = ~(np.isfinite(modes.frequency) & (modes.frequency >= 0))

@@ -133,8 +133,8 @@ def _numbers(path: Path, xyz: Array) -> tuple[int, ...] | None:
     with contextlib.suppress(FileError):
         nodes = exodus.read_nodes(path).nodes
         numbers = _at(xyz, nodes.xyz, nodes.numbers)
-    known = numbers is not None and len(set(numbers)) == len(xyz)
-    return tuple(int(number) for number in numbers) if numbers is not None and known else None
+    complete = numbers is not None and len(set(numbers)) == len(xyz)
+    return tuple(int(number) for number in numbers) if numbers is not None and complete else None
 
 
 def _at(xyz: Array, places: Array, numbers: Sequence[Any]) -> Sequence[Any] | None:
@@ -143,9 +143,9 @@ def _at(xyz: Array, places: Array, numbers: Sequence[Any]) -> Sequence[Any] | No
         return None
     if np.array_equal(places, xyz):
         return numbers
-    one, other = np.lexsort(xyz.T), np.lexsort(places.T)
-    if not np.array_equal(xyz[one], places[other]) or len(np.unique(xyz, axis=0)) < len(xyz):
+    order, order_in_file = np.lexsort(xyz.T), np.lexsort(places.T)
+    if not np.array_equal(xyz[order], places[order_in_file]) or len(np.unique(xyz, axis=0)) < len(xyz):
         return None
-    found = np.empty(len(xyz), dtype=int)
-    found[one] = np.asarray(numbers)[other]
-    return found.tolist()
+    sorted_numbers = np.empty(len(xyz), dtype=int)
+    sorted_numbers[order] = np.asarray(numbers)[order_in_file]
+    return sorted_numbers.tolist()

@@ -79,30 +79,35 @@ def imported(
     UsageError
         If the matrices are not those of a structure.
     """
-    given = {"mass": mass, "damping": damping, "stiffness": stiffness}
-    files = {(role, place): part for role, parts in given.items() for place, part in enumerate(_parts(parts))}
+    roles = {"mass": mass, "damping": damping, "stiffness": stiffness}
+    files = {(role, index): term for role, parts in roles.items() for index, term in enumerate(_parts(parts))}
     parts = {}
     for key in sorted(files, key=lambda key: ["mass", "stiffness", "damping"].index(key[0])):
         try:
             parts[key] = read_matrix(files[key].file, key[0])
         except FileError as error:
             raise FileError(error.problem, remedy=error.remedy, names=(key[0], *error.names)) from None
-    found, matrices = _aligned(parts)
+    labels_of_files, matrices = _aligned(parts)
     n = matrices["stiffness", 0].shape[0]
-    names = tuple(labels) or found
+    names = tuple(labels) or labels_of_files
     if len(names) not in (0, n):
         raise UsageError(f"{counted(len(names), 'DOF label')} for {counted(n, 'DOF')}", names=("labels",))
     dense = n <= DENSE_STRUCTURES.value or all(isinstance(matrix, np.ndarray) for matrix in matrices.values())
     size = matrices["mass", 0].shape[0]
     M, K, C = (
-        _sum(role, [(files[key].factor, one) for key, one in matrices.items() if key[0] == role], size, dense)
+        _sum(
+            role,
+            [(files[key].factor, summand) for key, summand in matrices.items() if key[0] == role],
+            size,
+            dense,
+        )
         for role in ("mass", "stiffness", "damping")
     )
-    known = None
+    known_nodes = None
     if nodes is not None:
-        names, known = _with_nodes(nodes, M.reference, K.reference, names)
+        names, known_nodes = _with_nodes(nodes, M.reference, K.reference, names)
     law = damping if isinstance(damping, ProportionalDamping | ModalDamping) else None
-    return damped_structure(M, C, K, law, joints, names, parameters, known)
+    return damped_structure(M, C, K, law, joints, names, parameters, known_nodes)
 
 
 def _with_nodes(
@@ -117,11 +122,11 @@ def _with_nodes(
 
 
 def _parts(
-    given: MatrixFile | Sequence[MatrixPart] | ProportionalDamping | ModalDamping | None,
+    source: MatrixFile | Sequence[MatrixPart] | ProportionalDamping | ModalDamping | None,
 ) -> Sequence[MatrixPart]:
-    if isinstance(given, MatrixFile):
-        return [MatrixPart(given)]
-    return given if isinstance(given, Sequence) else []
+    if isinstance(source, MatrixFile):
+        return [MatrixPart(source)]
+    return source if isinstance(source, Sequence) else []
 
 
 def _sum(role: str, parts: Sequence[tuple[Real, Matrix]], n: int, dense: bool) -> DependentMatrix:
@@ -130,8 +135,8 @@ def _sum(role: str, parts: Sequence[tuple[Real, Matrix]], n: int, dense: bool) -
     total = None
     for factor, matrix in parts:
         sized = as_matrix(letter, as_array(matrix) if dense else matrix, n, sparse=not dense)
-        part = DependentMatrix(sized).times(factor)
-        total = part if total is None else total + part
+        term = DependentMatrix(sized).times(factor)
+        total = term if total is None else total + term
     return total or DependentMatrix(nothing(n, sparse=not dense))
 
 
@@ -172,17 +177,17 @@ def _aligned(parts: Mapping[Key, ImportedMatrix]) -> tuple[tuple[Label, ...], di
     """Bring matrices into one order and size; return the labels, if the files have any."""
     roles = sorted(parts, key=lambda key: ["stiffness", "mass", "damping"].index(key[0]))
     order = list(dict.fromkeys(label for key in roles for label in parts[key].labels))
-    places = {label: place for place, label in enumerate(order)}
-    n = max([len(order), *(part.matrix.shape[0] for part in parts.values())])
+    places = {label: index for index, label in enumerate(order)}
+    n = max([len(order), *(matrix_read.matrix.shape[0] for matrix_read in parts.values())])
     matrices: dict[Key, Matrix] = {}
-    for key, part in parts.items():
-        if not (part.labels or part.at_least):
-            matrices[key] = part.matrix
+    for key, matrix_read in parts.items():
+        if not (matrix_read.labels or matrix_read.at_least):
+            matrices[key] = matrix_read.matrix
             continue
         from scipy.sparse import coo_array  # loaded already: the reader made a sparse matrix
 
-        moved = np.array([places[label] for label in part.labels], dtype=int)
-        rows, columns, values = triplets(part.matrix)
+        moved = np.array([places[label] for label in matrix_read.labels], dtype=int)
+        rows, columns, values = triplets(matrix_read.matrix)
         if len(moved):
             rows, columns = moved[rows], moved[columns]
         matrices[key] = coo_array((values, (rows, columns)), shape=(n, n)).tocsc()
@@ -259,10 +264,15 @@ def model_files(path: Path) -> ModelFiles:
             remedy=f"Those end in .inp, {', '.join(endings)}; else name mass, stiffness and nodes.",
         )
     shapes = shapes_in(path)
-    own = named_as(shapes, "stiffness")
+    stiffnesses = named_as(shapes, "stiffness")
     check_real(path, "damping", named_as(shapes, "damping"), required=False)
     damping = next(
-        (name for name in named_as(shapes, "damping") if own and shapes[name] == shapes[own[0]]), ""
+        (
+            name
+            for name in named_as(shapes, "damping")
+            if stiffnesses and shapes[name] == shapes[stiffnesses[0]]
+        ),
+        "",
     )
     matrices = MatrixFile(path)
     return ModelFiles(
@@ -276,6 +286,6 @@ def _nodes_beside(path: Path, names: list[str]) -> Path | None:
         return next((file for end in _BESIDE if (file := path.with_suffix(end)).is_file()), None)
     if kind in (".mat", ".h5", ".hdf5"):
         there = any(name.rpartition("/")[2].lower() in POSITIONS for name in names)
-        beside = path.with_suffix(".csv")
-        return path if there else beside if beside.is_file() else None
+        table = path.with_suffix(".csv")
+        return path if there else table if table.is_file() else None
     return path

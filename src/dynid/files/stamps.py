@@ -64,18 +64,22 @@ class Clock(NamedTuple):
 
     def warnings(self, noun: str = "the record") -> list[str]:
         """Return warnings of dropped and duplicated samples and of uneven stamps."""
-        found = []
+        sentences = []
         if self.dropped:
-            found.append(f"by its times {noun} has dropped {_samples(self.dropped)}: they count as missing")
+            sentences.append(
+                f"by its times {noun} has dropped {_samples(self.dropped)}: they count as missing"
+            )
         if self.duplicated:
-            found.append(f"by its times {noun} has {_samples(self.duplicated)} twice: one of each is used")
+            sentences.append(
+                f"by its times {noun} has {_samples(self.duplicated)} twice: one of each is used"
+            )
         if self.rows is not None and self.jitter > _EVEN * self.step:
-            found.append(
+            sentences.append(
                 f"the times of {noun} are uneven: {self.jitter:.2g} s RMS from even ones "
                 f"({100 * self.jitter / self.step:.2g} % of a step), which acts as noise; resample: true "
                 "takes the samples at their times"
             )
-        return found
+        return sentences
 
 
 def _samples(count: int) -> str:
@@ -127,9 +131,9 @@ def step_disagreement(
     rows = np.flatnonzero(~np.isnan(times))
     if len(rows) < 2:
         return None
-    given, counts = times[rows], np.diff(rows)
-    rounding = resolution[rows] + 4 * np.spacing(np.abs(given).max())
-    steps = np.diff(given) / counts
+    measured_times, counts = times[rows], np.diff(rows)
+    rounding = resolution[rows] + 4 * np.spacing(np.abs(measured_times).max())
+    steps = np.diff(measured_times) / counts
     usual = float(np.median(steps))
     jump = np.abs(steps - usual) * counts - _EVEN * step - np.maximum(rounding[1:], rounding[:-1])
     if np.any(jump > 0):
@@ -139,7 +143,7 @@ def step_disagreement(
             f"'step' is {step:.9g} s",
             int(rows[row + 1]),
         )
-    return _drift(given, rows, step, rounding)
+    return _drift(measured_times, rows, step, rounding)
 
 
 def clock_of(
@@ -167,7 +171,7 @@ def clock_of(
         len(rows) < len(times)
         or np.any(np.diff(times) < 0)
         or rounding > _COARSE * step
-        or min(abs(one - step) for one in typical) > _USUAL * step
+        or min(abs(typical_step - step) for typical_step in typical) > _USUAL * step
     ):
         return wrong
     places = np.round((times - times[0]) / step).astype(np.intp)
@@ -198,12 +202,12 @@ def _rms(values: NDArray[np.float64]) -> float:
 
 
 def _drift(
-    given: NDArray[np.float64], rows: NDArray[np.intp], step: float, rounding: NDArray[np.float64]
+    times: NDArray[np.float64], rows: NDArray[np.intp], step: float, rounding: NDArray[np.float64]
 ) -> StepDisagreement | None:
     """Compare times, at their rows and rounded by so much, with those that lie step after step."""
     span = int(rows[-1] - rows[0])
-    mean = float(given[-1] - given[0]) / span
-    away = np.abs(given - given[0] - mean * (rows - rows[0]))
+    mean = float(times[-1] - times[0]) / span
+    away = np.abs(times - times[0] - mean * (rows - rows[0]))
     # Times that are even as printed are not rounded, unless they are too few to show it.
     rounded = float(rounding.max()) if len(rows) < 4 else min(2 * float(away.max()), float(rounding.max()))
     if abs(mean - step) > _MEAN * step + rounded / span:

@@ -179,20 +179,22 @@ class DataTable:
                 columns = f"{count} columns" if count != 1 else "one column"
                 self.file.refuse(f"has {columns}, no column {name}", key=key)
             return name - 1
-        bare = [split_heading(own)[0] for own in self.names]
+        bare = [split_heading(column)[0] for column in self.names]
         listings = ((self.names, name), (bare, name), (bare, split_heading(name)[0]))
-        found = next((own for own, sought in listings if sought in own), None)
-        if found is None:
+        listing = next((column for column, sought in listings if sought in column), None)
+        if listing is None:
             # Names that differ in their numbers alone are those of other sensors.
-            others = [own for own, short in zip(self.names, bare, strict=True) if not _numbered(name, short)]
+            others = [
+                column for column, short in zip(self.names, bare, strict=True) if not _numbered(name, short)
+            ]
             hint = did_you_mean(name, others)
-            known = f"has {shortened(self.names, 20)}" if self.names else "has no header"
-            problem = f"has no column '{name}'{hint or f'; it {known}'}"
-            self.file.refuse(problem, f"It {known}." if hint else "", key=key)
-        sought = name if name in found else split_heading(name)[0]
-        if found.count(sought) > 1:
-            self.file.refuse(f"has {found.count(sought)} columns '{sought}'", "Give its number.", key=key)
-        return found.index(sought)
+            listed = f"has {shortened(self.names, 20)}" if self.names else "has no header"
+            problem = f"has no column '{name}'{hint or f'; it {listed}'}"
+            self.file.refuse(problem, f"It {listed}." if hint else "", key=key)
+        sought = name if name in listing else split_heading(name)[0]
+        if listing.count(sought) > 1:
+            self.file.refuse(f"has {listing.count(sought)} columns '{sought}'", "Give its number.", key=key)
+        return listing.index(sought)
 
     def checked(
         self, columns: Iterable[int], step: float | None, *, resample: bool = False
@@ -282,10 +284,10 @@ class DataTable:
         return np.asarray(CubicSpline(times, values)(np.minimum(even, times[-1])))
 
 
-def _numbered(one: str, other: str) -> bool:
+def _numbered(name: str, other_name: str) -> bool:
     """Return True for two names that differ in numbers alone."""
-    bare, _ = split_heading(one)
-    return bare != other and re.sub(r"\d+", "0", bare) == re.sub(r"\d+", "0", other)
+    bare, _ = split_heading(name)
+    return bare != other_name and re.sub(r"\d+", "0", bare) == re.sub(r"\d+", "0", other_name)
 
 
 def time_column(names: Sequence[str]) -> int | None:
@@ -294,13 +296,13 @@ def time_column(names: Sequence[str]) -> int | None:
     Beside `t`, `T` is another quantity; so is what has a unit that is none of time.
     """
     bare = [re.sub(r"[\[(].*", "", split_heading(name)[0]).strip() for name in names]
-    known = [
+    columns = [
         k
         for k, name in enumerate(names)
         if re.fullmatch(_TIMES, bare[k], re.IGNORECASE)
         and not ((unit := split_heading(name)[1]) and not unit_fits(unit, ["s"]))
     ]
-    return min(known, key=lambda k: (not bare[k].islower(), bare[k] == "T"), default=None)
+    return min(columns, key=lambda k: (not bare[k].islower(), bare[k] == "T"), default=None)
 
 
 def are_numbers(columns: Sequence[str | int]) -> bool:

@@ -39,8 +39,8 @@ def read_text(
 
     `number` converts a field; absent: to a real number.
     """
-    every = _text(file).split("\n")
-    rows = _rows(file, every)
+    lines_of_file = _text(file).split("\n")
+    rows = _rows(file, lines_of_file)
     skipped, late = _above_names(rows, number or _number)
     rows = rows[skipped:]
     start, dialect = rows[0][0], find_dialect(file, rows)
@@ -56,7 +56,7 @@ def read_text(
         file.refuse("holds names but no data")
     if not has_header and len(first) == 1 and start > 1:
         # Samples may be missing in empty lines before a lone column without a header, or not.
-        for at, line in enumerate(every[: start - 1], 1):
+        for at, line in enumerate(lines_of_file[: start - 1], 1):
             if not line.strip():
                 message = "an empty line before the first sample"
                 file.refuse(message, "Drop it, or write nan for a sample.", line=at)
@@ -95,18 +95,18 @@ def _timed(
 
 def _taken_stamps(fields: list[list[str]]) -> dict[int, list[str]]:
     """Return the columns of dates and times of day, and leave them empty; a date without a time is none."""
-    found = {}
+    stamps = {}
     for column in range(len(fields[0])):
         first = next((row[column] for row in fields if row[column].strip().lower() not in _MISSING), "")
         if is_stamp(first.strip()):
             texts = [row[column].strip() for row in fields]
-            found[column] = ["" if text.lower() in _MISSING else text for text in texts]
-    if all(kind_of(next(filter(None, texts))) == "date" for texts in found.values()):
+            stamps[column] = ["" if text.lower() in _MISSING else text for text in texts]
+    if all(kind_of(next(filter(None, texts))) == "date" for texts in stamps.values()):
         return {}
     for row in fields:
-        for column in found:
+        for column in stamps:
             row[column] = ""
-    return found
+    return stamps
 
 
 def _timed_by_stamps(table: DataTable, stamped: dict[int, list[str]], timed: int | None) -> DataTable:
@@ -210,7 +210,7 @@ def _above_names(rows: Lines, number: Callable[[str], float | complex]) -> tuple
         certain = names > 0 and count > 1 and all(len(split(line)) == count for line in below)
         if not certain and separator is None and not joined:
             continue
-        if not (certain and is_row(below[-1]) and _are_names([one.strip() for one in split(below[0])])):
+        if not (certain and is_row(below[-1]) and _are_names([name.strip() for name in split(below[0])])):
             return 0, late
         width = _filled(split(below[0]))
         above = [_filled(split(line)) if line.strip() else 0 for _, line in rows[:names]]
@@ -221,7 +221,7 @@ def _above_names(rows: Lines, number: Callable[[str], float | complex]) -> tuple
 
 def _filled(fields: list[str]) -> int:
     """Return the number of fields up to the last that is not empty."""
-    return max((place for place, field in enumerate(fields, 1) if field.strip()), default=0)
+    return max((number for number, field in enumerate(fields, 1) if field.strip()), default=0)
 
 
 def _all_read(number: Callable[[str], float | complex], dialect: Dialect, line: str) -> bool:
@@ -335,8 +335,8 @@ class Dialect(NamedTuple):
     def split(self, line: str) -> list[str]:
         """Return the fields of a line."""
         if self.separator is not None and '"' in line:
-            found = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True))
-            return [field.strip() for field in found]
+            row = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True))
+            return [field.strip() for field in row]
         fields = line.split(self.separator)
         if self.joined:
             fields = _joined(fields)
@@ -349,13 +349,13 @@ class Dialect(NamedTuple):
 
 def _joined(fields: list[str]) -> list[str]:
     """Return fields with a date and the time of day behind it as one, and AM or PM with its time."""
-    found: list[str] = []
+    joined: list[str] = []
     for field in fields:
-        if found and kind_of(found[-1]) and kind_of(f"{found[-1]} {field}"):
-            found[-1] = f"{found[-1]} {field}"
+        if joined and kind_of(joined[-1]) and kind_of(f"{joined[-1]} {field}"):
+            joined[-1] = f"{joined[-1]} {field}"
         else:
-            found.append(field)
-    return found
+            joined.append(field)
+    return joined
 
 
 def find_dialect(file: DataFile, rows: Lines) -> Dialect:
@@ -366,12 +366,12 @@ def find_dialect(file: DataFile, rows: Lines) -> Dialect:
     FileError
         Where commas could be read in two ways.
     """
-    found = _separated(file, rows)
-    if found.separator is not None or len(rows) < 2:
-        return found
-    joined = found._replace(joined=True)
-    names, last = len(found.split(rows[0][1])), rows[-1][1]
-    return joined if len(found.split(last)) != names == len(joined.split(last)) else found
+    dialect = _separated(file, rows)
+    if dialect.separator is not None or len(rows) < 2:
+        return dialect
+    joined = dialect._replace(joined=True)
+    names, last = len(dialect.split(rows[0][1])), rows[-1][1]
+    return joined if len(dialect.split(last)) != names == len(joined.split(last)) else dialect
 
 
 def _separated(file: DataFile, rows: Lines) -> Dialect:
@@ -381,12 +381,12 @@ def _separated(file: DataFile, rows: Lines) -> Dialect:
         separator = "|"
     if separator is None and "," in "".join(line for _, line in rows[:2]):
         return _with_commas(file, rows)
-    found = Dialect(separator)
+    dialect = Dialect(separator)
     fields = [
         (number, field.strip())
         for number, line in rows
         if "," in line
-        for field in found.split(line)
+        for field in dialect.split(line)
         if "," in field
     ]
     numbers = [(number, field) for number, field in fields if _WITH_COMMA.fullmatch(field)]
@@ -404,7 +404,7 @@ def _separated(file: DataFile, rows: Lines) -> Dialect:
                 (number, field)
                 for number, line in rows
                 if "." in line
-                for field in map(str.strip, found.split(line))
+                for field in map(str.strip, dialect.split(line))
                 if _WITH_POINT.fullmatch(field)
             ),
             None,

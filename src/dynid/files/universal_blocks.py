@@ -59,7 +59,7 @@ def data_sets(content: bytes) -> list[DataSet]:
         raise BlockError("has no line -1, between which data sets stand: it is no Universal File")
     margins = b"|".join({_MARGIN, first[1]})
     limit = re.compile(rb"^(?:" + margins + rb")-1" + _LIMIT, re.MULTILINE)
-    found: list[DataSet] = []
+    sets: list[DataSet] = []
     opening: re.Match[bytes] | None = first
     line, counted = 1, 0
     while opening is not None:
@@ -83,11 +83,11 @@ def data_sets(content: bytes) -> list[DataSet]:
                 f"line {line}"
             )
         lines = [_head(kind), *_lines(content[start:text_ends])[1:]]
-        found.append(DataSet(int(kind[1]), line, lines, content[text_ends : end.start()]))
+        sets.append(DataSet(int(kind[1]), line, lines, content[text_ends : end.start()]))
         opening, last = limit.search(content, end.end()), end
     if content[last.end() :].strip(b"\0 \t\r\n"):
         raise BlockError("does not end with the line -1: it is no Universal File, or is truncated")
-    return found
+    return sets
 
 
 def _head(kind: re.Match[str]) -> str:
@@ -136,12 +136,12 @@ def _plain(line: str) -> str:
     return _BARE_EXPONENT.sub(r"\1E\2", line.replace("D", "E").replace("d", "e"))
 
 
-def check_columns(one: DataSet, first: int = 0, last: int | None = None) -> None:
+def check_columns(data_set: DataSet, first: int = 0, last: int | None = None) -> None:
     """Refuse a data set whose numbers are not in columns of 13 characters, as those with a point are read.
 
     Parameters
     ----------
-    one
+    data_set
         The data set.
     first, last
         The lines that are read by columns, of which that with the type has the number 0.
@@ -151,14 +151,16 @@ def check_columns(one: DataSet, first: int = 0, last: int | None = None) -> None
     ValueError
         Naming the line.
     """
-    for at, line in enumerate(one.lines[first:last], first):
+    for at, line in enumerate(data_set.lines[first:last], first):
         if "." in line and _NUMERIC.fullmatch(line):
             columns = [line[k : k + 13].strip() for k in range(0, len(line), 13)]
             if columns != _NUMBER.findall(line):
-                raise ValueError(f"line {one.line + at} has numbers that are not in columns of 13 characters")
+                raise ValueError(
+                    f"line {data_set.line + at} has numbers that are not in columns of 13 characters"
+                )
 
 
-def function_values(one: DataSet, header: Mapping[str, Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
+def function_values(data_set: DataSet, header: Mapping[str, Any]) -> tuple[NDArray[np.float64], NDArray[Any]]:
     """Return abscissae and ordinates of a data set 58 with its header.
 
     Raises
@@ -171,14 +173,14 @@ def function_values(one: DataSet, header: Mapping[str, Any]) -> tuple[NDArray[np
             f"its ordinates have the data type {header['ord_data_type']}; 2, 4, 5 and 6 are known"
         )
     single, is_complex = header["ord_data_type"] in (2, 5), header["ord_data_type"] in (5, 6)
-    if one.binary or header["binary"]:
+    if data_set.binary or header["binary"]:
         order = "<" if header["byte_ordering"] == 1 else ">"
         width = 4 if single else 8
-        numbers = np.frombuffer(one.binary[: len(one.binary) // width * width], f"{order}f{width}").astype(
-            float
-        )
+        numbers = np.frombuffer(
+            data_set.binary[: len(data_set.binary) // width * width], f"{order}f{width}"
+        ).astype(float)
     else:
-        numbers = _numbers(one)
+        numbers = _numbers(data_set)
     even = header["abscissa_spacing"] == 1
     columns = 1 + is_complex + (not even)
     rows = numbers[: len(numbers) // columns * columns].reshape(-1, columns)
@@ -187,16 +189,16 @@ def function_values(one: DataSet, header: Mapping[str, Any]) -> tuple[NDArray[np
     return (start + step * np.arange(len(rows)) if even else rows[:, 0].copy()), values
 
 
-def _numbers(one: DataSet) -> NDArray[np.float64]:
+def _numbers(data_set: DataSet) -> NDArray[np.float64]:
     """Return the numbers below the header, in columns of any width."""
-    body = one.lines[HEADER:]
+    body = data_set.lines[HEADER:]
     try:
         return np.array(" ".join(body).split(), dtype=float)
     except ValueError:  # negative numbers may follow without a blank
         numbers: list[float] = []
         for at, line in enumerate(body):
             if rest := _NUMBER.sub("", line).strip():
-                where = one.line + HEADER + at
+                where = data_set.line + HEADER + at
                 raise ValueError(f"line {where} has '{rest[:20]}', which is no number") from None
             numbers += [
                 float(re.sub(r"(?<=[\d.])([-+]\d{3})$", r"e\1", word)) for word in _NUMBER.findall(line)

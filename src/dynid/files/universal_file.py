@@ -93,38 +93,39 @@ class UniversalFile:
         except OSError as error:
             file.refuse(f"cannot be read: {error.strerror or error}")
         self._source = pyuff.UFF
-        self.kinds = [one.kind for one in self._data_sets]
+        self.kinds = [data_set.kind for data_set in self._data_sets]
 
     def sets(self, *kinds: int, header: bool = False) -> Iterator[dict[str, Any]]:
         """Yield the data sets of some kinds, in order; with `header` data sets 58 without their values."""
-        for place, one in enumerate(self._data_sets, 1):
-            if one.kind not in kinds:
+        for number, data_set in enumerate(self._data_sets, 1):
+            if data_set.kind not in kinds:
                 continue
             with self.errors():
-                found = self._parsed(place, one)
-                if one.kind == 58 and not header:
-                    found["x"], found["data"] = function_values(one, found)
-            yield found
+                parsed = self._parsed(number, data_set)
+                if data_set.kind == 58 and not header:
+                    parsed["x"], parsed["data"] = function_values(data_set, parsed)
+            yield parsed
 
-    def _parsed(self, place: int, one: DataSet) -> dict[str, Any]:
+    def _parsed(self, number: int, data_set: DataSet) -> dict[str, Any]:
         """Return what pyuff reads of a data set; of functions (58) the header."""
-        if one.kind in _IN_COLUMNS:
-            check_columns(one, *_IN_COLUMNS[one.kind])
+        if data_set.kind in _IN_COLUMNS:
+            check_columns(data_set, *_IN_COLUMNS[data_set.kind])
         # pyuff joins the rows of some data sets, and reads files alone.
-        lines = one.lines[:HEADER] if one.kind == 58 else one.lines
-        margin = " " if one.kind in _JOINED else ""
+        lines = data_set.lines[:HEADER] if data_set.kind == 58 else data_set.lines
+        margin = " " if data_set.kind in _JOINED else ""
         text = "".join(f"{margin}{line}\n" for line in lines[1:])
         with tempfile.TemporaryDirectory(prefix="dynid-") as folder:
             path = Path(folder, "one.uff")
             path.write_text(f"    -1\n{lines[0]}\n{text}    -1\n", encoding="utf-8", newline="\n")
-            found = None
+            parsed = None
             with contextlib.suppress(Exception):  # of which pyuff says nothing
-                found = self._source(str(path)).read_sets(0, header_only=True)
-        if not isinstance(found, dict) or not found:
+                parsed = self._source(str(path)).read_sets(0, header_only=True)
+        if not isinstance(parsed, dict) or not parsed:
             raise ValueError(
-                f"data set {place} (of type {one.kind}, from line {one.line}) is not as its format says"
+                f"data set {number} (of type {data_set.kind}, from line {data_set.line}) is not as its "
+                "format says"
             )
-        return found
+        return parsed
 
     def units(self) -> FileUnits:
         """Return the units of the file, of its record 164; SI where it has none.
@@ -134,22 +135,22 @@ class UniversalFile:
         FileError
             If it has several that differ, or one contradicts itself.
         """
-        every = set()
-        for one in self.sets(164):
-            every.add(units := FileUnits(float(one["length"]), float(one["force"]), recorded=True))
-            if fault := units.fault(int(one["units_code"])):
+        records = set()
+        for record in self.sets(164):
+            records.add(units := FileUnits(float(record["length"]), float(record["force"]), recorded=True))
+            if fault := units.fault(int(record["units_code"])):
                 self.file.refuse(fault, "Correct the record.")
-        if len(every) > 1:
+        if len(records) > 1:
             self.file.refuse("has several records of units (164) that differ", "Split the file.")
-        return next(iter(every), FileUnits())
+        return next(iter(records), FileUnits())
 
     def functions(self, *, header: bool = False) -> list[UniversalFunction]:
         """Return all data sets 58; with `header` without their values."""
-        found, units = [], self.units()
-        for number, one in enumerate(self.sets(58, header=header), 1):
+        parsed, units = [], self.units()
+        for number, data_set in enumerate(self.sets(58, header=header), 1):
             with self.errors():
-                found.append(_function(self.file, number, one, units, header=header))
-        return found
+                parsed.append(_function(self.file, number, data_set, units, header=header))
+        return parsed
 
     @contextlib.contextmanager
     def errors(self) -> Iterator[None]:
@@ -187,11 +188,11 @@ def is_universal(path: Path) -> bool:
 def read_columns(file: DataFile, request: ColumnRequest) -> DataTable:
     """Return the time histories of a Universal File as columns, in order."""
     request.layout.only(file)
-    found = [function for function in read_functions(file) if function.kind in _TIME]
-    if not found:
+    functions = [function for function in read_functions(file) if function.kind in _TIME]
+    if not functions:
         file.refuse("holds no time history", "Data sets 58 of function type 1 are read.")
-    times = found[0].x
-    for number, function in enumerate(found, 1):
+    times = functions[0].x
+    for number, function in enumerate(functions, 1):
         if np.iscomplexobj(function.values):
             file.refuse(f"function {number} ({function.name}) is complex; a record is real")
         if function.x.shape != times.shape or not np.allclose(function.x, times, rtol=1e-9, atol=0):
@@ -199,9 +200,9 @@ def read_columns(file: DataFile, request: ColumnRequest) -> DataTable:
                 f"function {number} ({function.name}) has other times than the first",
                 "Put records of different sampling into files of their own.",
             )
-    coarse = 0.0 if found[0].even else stored_precision(times)
-    names, units = ([*one] for one in zip(*((one.name, one.units) for one in found), strict=True))
-    values = np.column_stack([function.values for function in found])
+    coarse = 0.0 if functions[0].even else stored_precision(times)
+    names, units = ([*item] for item in zip(*((item.name, item.units) for item in functions), strict=True))
+    values = np.column_stack([function.values for function in functions])
     # Names of functions repeat in practice; numbers distinguish them. None of them is a column of times.
     return DataTable(
         file,
@@ -211,8 +212,8 @@ def read_columns(file: DataFile, request: ColumnRequest) -> DataTable:
         times,
         coarse * np.abs(times),
         timed=-1,
-        units=[one.stated for one in units],
-        doubts=[one.doubt for one in units],
+        units=[item.stated for item in units],
+        doubts=[item.doubt for item in units],
     )
 
 
@@ -382,12 +383,12 @@ def function_units(
         return FunctionUnits(label, "", doubt)
     si = _unit(quantity, along, over, across, ("m", "N"))
     if label and not unit_fits(label, [si]):
-        whole = _quotient(label, _unit(over, across, "", "", ("m", "N"))) if over else ""
-        if not (whole and unit_fits(whole, [si])):
+        product = _quotient(label, _unit(over, across, "", "", ("m", "N"))) if over else ""
+        if not (product and unit_fits(product, [si])):
             return FunctionUnits(
                 label, "", f"its type says {quantity}{f' over {over}' if over else ''}, its label {label}"
             )
-        label = whole
+        label = product
     if not units.recorded:
         return FunctionUnits(label)
     if not all(units.names):
@@ -400,8 +401,8 @@ def function_units(
     return FunctionUnits(label, record, "" if not label or _same(label, record, si) else doubt)
 
 
-def _name(known: dict[str, float], factor: float) -> str:
-    return next((name for name, one in known.items() if abs(factor / one - 1) < _FACTOR_DIGITS), "")
+def _name(units: dict[str, float], factor: float) -> str:
+    return next((name for name, size in units.items() if abs(factor / size - 1) < _FACTOR_DIGITS), "")
 
 
 def _unit(quantity: str, along: str, over: str, across: str, names: tuple[str, str]) -> str:
@@ -430,10 +431,10 @@ def _labelled(labels: tuple[str, str]) -> str:
     return text
 
 
-def _same(one: str, other: str, si: str) -> bool:
+def _same(unit_a: str, unit_b: str, si: str) -> bool:
     """Return True if two units of the dimension of a third are the same."""
     factors = [
         [unit.factor for unit in readings(text) if any(unit.dimension == of.dimension for of in readings(si))]
-        for text in (one, other)
+        for text in (unit_a, unit_b)
     ]
     return any(abs(a / b - 1) < _FACTOR_DIGITS for a in factors[0] for b in factors[1])

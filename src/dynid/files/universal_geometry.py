@@ -88,29 +88,31 @@ def nodes_of(source: UniversalFile) -> Nodes:
 
 def _nodes(source: UniversalFile) -> Nodes:
     file, systems = source.file, _systems(source)
-    found: dict[int, tuple[Array, int]] = {}
-    for one in source.sets(15, 2411):
-        columns = [np.asarray(one[key], dtype=float) for key in ("node_nums", "def_cs", "disp_cs", *"xyz")]
+    placed: dict[int, tuple[Array, int]] = {}
+    for data_set in source.sets(15, 2411):
+        columns = [
+            np.asarray(data_set[key], dtype=float) for key in ("node_nums", "def_cs", "disp_cs", *"xyz")
+        ]
         if len({len(column) for column in columns}) > 1:
-            file.refuse(f"a data set {one['type']} has rows of different lengths", "It is damaged.")
+            file.refuse(f"a data set {data_set['type']} has rows of different lengths", "It is damaged.")
         for number, defined, moving, *xyz in zip(*columns, strict=True):
             node, point = _whole(file, number, "node number"), np.array(xyz)
-            if one["type"] == 15:
+            if data_set["type"] == 15:
                 point = _defining(file, systems, _whole(file, defined, "system"), node).basic(point)
-            if node in found and not np.array_equal(found[node][0], point):
+            if node in placed and not np.array_equal(placed[node][0], point):
                 file.refuse(f"node {node} has two positions", "Leave one of them.")
-            found[node] = point, _whole(file, moving, "system")
+            placed[node] = point, _whole(file, moving, "system")
     axes: dict[int | str, Array] = {}
-    for node, (point, number) in found.items():
+    for node, (point, number) in placed.items():
         system = _system(file, systems, number, node)
         rows = system.at(point)
         if rows is None:
             file.refuse(f"node {node} lies on the axis of system {number}, where no direction is radial")
         if not np.array_equal(rows, np.eye(3)):
             axes[node] = rows
-    xyz_m = np.array([point for point, _ in found.values()]).reshape(-1, 3) / source.units().length
-    lines = [line for line in _lines(source) if found.keys() >= set(line) and line[0] != line[1]]
-    return Nodes(tuple(found), xyz_m, axes, {}, tuple(dict.fromkeys(lines)))
+    xyz_m = np.array([point for point, _ in placed.values()]).reshape(-1, 3) / source.units().length
+    lines = [line for line in _lines(source) if placed.keys() >= set(line) and line[0] != line[1]]
+    return Nodes(tuple(placed), xyz_m, axes, {}, tuple(dict.fromkeys(lines)))
 
 
 def _whole(file: DataFile, number: float, what: str) -> int:
@@ -147,35 +149,35 @@ def _defining(
 
 def _systems(source: UniversalFile) -> dict[int, CoordinateSystem]:
     """Return the coordinate systems of a file by their numbers."""
-    found: dict[int, CoordinateSystem] = {}
-    for one in source.sets(2420):
-        columns = one["CS_sys_labels"], one["CS_types"], one["CS_matrices"]
+    systems: dict[int, CoordinateSystem] = {}
+    for data_set in source.sets(2420):
+        columns = data_set["CS_sys_labels"], data_set["CS_types"], data_set["CS_matrices"]
         for number, kind, matrix in zip(*columns, strict=True):
-            found[int(number)] = _checked(source.file, int(number), int(kind), matrix[3], matrix[:3])
-    given = {}
-    for one in source.sets(18):
-        rows = zip(*(one[key] for key in ("cs_num", "cs_type", "ref_cs_num")), strict=True)
-        points = zip(*(one[key] for key in ("ref_o", "x_point", "xz_point")), strict=True)
+            systems[int(number)] = _checked(source.file, int(number), int(kind), matrix[3], matrix[:3])
+    definitions = {}
+    for data_set in source.sets(18):
+        rows = zip(*(data_set[key] for key in ("cs_num", "cs_type", "ref_cs_num")), strict=True)
+        points = zip(*(data_set[key] for key in ("ref_o", "x_point", "xz_point")), strict=True)
         for (number, kind, reference), three in zip(rows, points, strict=True):
-            given[int(number)] = int(kind), int(reference), three
-    for number in given:
-        found.setdefault(number, _by_points(source.file, given, number, ()))
-    return found
+            definitions[int(number)] = int(kind), int(reference), three
+    for number in definitions:
+        systems.setdefault(number, _by_points(source.file, definitions, number, ()))
+    return systems
 
 
 def _by_points(
     file: DataFile,
-    given: Mapping[int, tuple[int, int, Sequence[Array]]],
+    definitions: Mapping[int, tuple[int, int, Sequence[Array]]],
     number: int,
     above: tuple[int, ...],
 ) -> CoordinateSystem:
     """Return a system that is given by its origin, a point on +x and one on the +xz plane, in another."""
     if number == 0:
         return CoordinateSystem(np.zeros(3), np.eye(3))
-    if number in above or number not in given:
+    if number in above or number not in definitions:
         file.refuse(f"system {above[-1]} refers to system {number}, which does not resolve", "It is damaged.")
-    kind, reference, points = given[number]
-    base = _by_points(file, given, reference, (*above, number))
+    kind, reference, points = definitions[number]
+    base = _by_points(file, definitions, reference, (*above, number))
     if base.kind != _CARTESIAN:
         file.refuse(f"system {number} is placed in system {reference}, which is not Cartesian")
     origin, on_x, on_xz = (base.basic(np.asarray(point, dtype=float)) for point in points)
@@ -206,15 +208,18 @@ def _checked(file: DataFile, number: int, kind: int, origin: Array, axes: Iterab
 def _lines(source: UniversalFile) -> Iterable[tuple[int, int]]:
     """Yield the edges to draw: trace lines, beams, and the outlines of shells."""
     file = source.file
-    for one in source.sets(82):
-        trace = [_whole(file, number, "node number") for number in one["nodes"]]
+    for data_set in source.sets(82):
+        trace = [_whole(file, number, "node number") for number in data_set["nodes"]]
         # Some programs pad the list with zeros: the count says how many of them belong to it.
-        trace = trace[: int(one["n_nodes"])]
+        trace = trace[: int(data_set["n_nodes"])]
         yield from ((a, b) for a, b in pairwise(trace) if a and b)  # 0: the pen is up
     with suppress(FileError):  # pyuff reads no elements of more than eight nodes, and lines are for pictures
-        for one in source.sets(2412):
+        for data_set in source.sets(2412):
             for element in (
-                element for kind, found in one.items() if isinstance(kind, int) for element in found
+                element
+                for kind, elements in data_set.items()
+                if isinstance(kind, int)
+                for element in elements
             ):
                 nodes = element["nodes_nums"]
                 if len(nodes) == 2:
@@ -258,9 +263,9 @@ def read_shapes(file: DataFile) -> list[MeasuredShape]:
     length = source.units().length
     with source.errors():
         modes = [
-            MeasuredShape(*_frequency(source.file, one), _shape(source.file, one, length))
-            for one in source.sets(55, 2414)
-            if _is_mode(one)
+            MeasuredShape(*_frequency(source.file, data_set), _shape(source.file, data_set, length))
+            for data_set in source.sets(55, 2414)
+            if _is_mode(data_set)
         ]
     if not modes:
         source.file.refuse("holds no mode shapes", "Data sets 55 and 2414 of modes at nodes are read.")
@@ -312,14 +317,14 @@ def _frequency(file: DataFile, data_set: Mapping[str, Any]) -> tuple[float, floa
 
 def _shape(file: DataFile, data_set: Mapping[str, Any], length: float) -> dict[tuple[int, str], complex]:
     """Return the values of a shape by node and direction; translations in m for rotations in rad."""
-    found = {}
+    shape = {}
     for node, values in _values(file, data_set):
         for direction, value in zip(DIRECTIONS, values, strict=False):
             if not np.isfinite(value):
                 file.refuse(f"the shape at node {node} is not finite", "It is damaged.")
             number = complex(value) / (1.0 if direction.startswith("r") else length)
-            found[node, direction] = number if number.imag else number.real
-    return found
+            shape[node, direction] = number if number.imag else number.real
+    return shape
 
 
 def _values(file: DataFile, data_set: Mapping[str, Any]) -> Iterator[tuple[int, Any]]:

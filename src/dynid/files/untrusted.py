@@ -90,8 +90,8 @@ def check_claim(path: Path, shape: tuple[int, ...], entries: int | None = None) 
         )
 
 
-def check_backed(path: Path, rows: int, entries: int, least: int) -> None:
-    """Refuse a text file that is too short for what it claims (`least` bytes an entry).
+def check_backed(path: Path, rows: int, entries: int, bytes_each: int) -> None:
+    """Refuse a text file that is too short for what it claims (`bytes_each` bytes an entry).
 
     Raises
     ------
@@ -99,14 +99,14 @@ def check_backed(path: Path, rows: int, entries: int, least: int) -> None:
         If it is truncated, or its header is wrong.
     """
     size = path.stat().st_size
-    if entries * least > size or rows > max(size, 1000):
+    if entries * bytes_each > size or rows > max(size, 1000):
         raise FileError(
             f"{path} claims {rows} rows and {entries} entries in {size} bytes: it is truncated, "
             "or its header is wrong"
         )
 
 
-def check_count(path: Path, count: int, what: str, available: int, least: int = 1) -> None:
+def check_count(path: Path, count: int, what: str, available: int, bytes_each: int = 1) -> None:
     """Refuse a count that the bytes behind it cannot hold, before anything is allocated.
 
     Parameters
@@ -117,7 +117,7 @@ def check_count(path: Path, count: int, what: str, available: int, least: int = 
         The count and what it counts, in the plural.
     available
         The bytes behind it.
-    least
+    bytes_each
         The fewest bytes of each.
 
     Raises
@@ -125,7 +125,7 @@ def check_count(path: Path, count: int, what: str, available: int, least: int = 
     FileError
         If there are too few bytes.
     """
-    if not 0 <= count * least <= available:
+    if not 0 <= count * bytes_each <= available:
         raise FileError(
             f"{path} claims {count:,} {what}, more than {available:,} bytes hold: it is truncated or damaged",
             names=("mesh",),

@@ -36,21 +36,21 @@ def transfer_functions_json(result: Result) -> bytes:
     UsageError
         Where the result holds none.
     """
-    found: dict[str, dict[str, Any]] = {}
+    channels: dict[str, dict[str, Any]] = {}
     for path in result:
-        channel, _, part = path.removeprefix(f"{_TRANSFER}/").rpartition("/")
-        if path.startswith(_TRANSFER) and part in ("numerator", "denominator", "zeros", "poles"):
+        channel, _, name = path.removeprefix(f"{_TRANSFER}/").rpartition("/")
+        if path.startswith(_TRANSFER) and name in ("numerator", "denominator", "zeros", "poles"):
             output, _, source = channel.partition("/")
             values = result[path].data.tolist()
             if result[path].data.dtype.kind == "c":
                 values = [[value.real, value.imag] for value in values]
-            found.setdefault(output, {}).setdefault(source, {})[part] = values
-    if not found:
+            channels.setdefault(output, {}).setdefault(source, {})[name] = values
+    if not channels:
         raise UsageError(
             "the result holds no transfer functions",
             remedy="Add transfer_function to analysis.results of a bond graph.",
         )
-    document = {"title": result.title, "variable": "s", "transfer_functions": found}
+    document = {"title": result.title, "variable": "s", "transfer_functions": channels}
     return (json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
 
@@ -85,7 +85,7 @@ def answer_json(result: Result, warnings: Sequence[str]) -> str:
 def _plain(value: Any) -> Any:
     """Return a value as JSON can hold it."""
     if isinstance(value, list):
-        return [_plain(part) for part in value]
+        return [_plain(item) for item in value]
     if isinstance(value, complex):
         return [_plain(value.real), _plain(value.imag)]
     if isinstance(value, float) and not math.isfinite(value):
@@ -126,13 +126,13 @@ def matlab_file(result: Result) -> bytes:
 
 def _reductions(result: Result) -> dict[str, dict[str, NDArray[Any]]]:
     """Return the matrices of every reduction, by the name it has in the result."""
-    found: dict[str, dict[str, NDArray[Any]]] = {}
+    matrices_of_methods: dict[str, dict[str, NDArray[Any]]] = {}
     for path in result:
         top, _, rest = path.partition("/")
-        method, _, part = rest.partition("/")
-        if top == "reduction" and part in _MATRICES:
-            found.setdefault(method, {})[part] = result[path].data
-    return found
+        method, _, name = rest.partition("/")
+        if top == "reduction" and name in _MATRICES:
+            matrices_of_methods.setdefault(method, {})[name] = result[path].data
+    return matrices_of_methods
 
 
 def matrix_market_files(result: Result) -> dict[str, bytes]:
@@ -150,15 +150,15 @@ def matrix_market_files(result: Result) -> dict[str, bytes]:
         raise UsageError("the result holds no reduced model", remedy="Export the result of a reduction.")
     written = {}
     for method, matrices in reductions.items():
-        for part, matrix in matrices.items():
+        for name, matrix in matrices.items():
             stream = BytesIO()
-            symmetric = part != "T" and np.array_equal(matrix, matrix.T)
+            symmetric = name != "T" and np.array_equal(matrix, matrix.T)
             mmwrite(
                 stream,
                 matrix,
-                comment=f"{part} of {method}",
+                comment=f"{name} of {method}",
                 precision=17,
                 symmetry="symmetric" if symmetric else "general",
             )
-            written[f"{method}.{part}.mtx"] = stream.getvalue()
+            written[f"{method}.{name}.mtx"] = stream.getvalue()
     return written

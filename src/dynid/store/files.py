@@ -99,19 +99,19 @@ def write_blocks(
     import h5py
 
     name = os.fspath(path)
-    hollow = {place for place, variable in result.items() if is_hollow(variable)}
-    with replacing(name) as part, closing(Sink(part)) as sink, deferred_interrupts() as check:
+    hollow = {index for index, variable in result.items() if is_hollow(variable)}
+    with replacing(name) as temporary, closing(Sink(temporary)) as sink, deferred_interrupts() as check:
         try:
             with h5py.File(sink, "w", libver="earliest") as file:
                 _write_root(file, result, str(result.attrs.get("scene", "")), complete)
                 ArrayWriter(file, result, hollow).write()
-                for place, first, rows in blocks:
-                    file[place][first : first + len(rows)] = rows
+                for index, first, rows in blocks:
+                    file[index][first : first + len(rows)] = rows
                     sink.check()
                     check()
                 if finish is not None:
-                    for place, values in finish(read_root(file, name, stored=True, partial=True)):
-                        file[place][...] = values
+                    for index, values in finish(read_root(file, name, stored=True, partial=True)):
+                        file[index][...] = values
                         check()
             if sink.seek(0, os.SEEK_END) <= CHECKED:
                 sink.seek(0)
@@ -198,13 +198,13 @@ def _version(package: str) -> str | None:
 
 def _created() -> datetime:
     """Return the time of creation: now, or SOURCE_DATE_EPOCH, for the same bytes each time."""
-    if (given := os.environ.get(EPOCH)) is None:
+    if (epoch := os.environ.get(EPOCH)) is None:
         return datetime.now(UTC)
     try:
-        return datetime.fromtimestamp(int(given), UTC)
+        return datetime.fromtimestamp(int(epoch), UTC)
     except (ValueError, OverflowError, OSError):
         raise UsageError(
-            f"{EPOCH} is {given!r}", remedy="Set it to a number of seconds since 1970.", names=(EPOCH,)
+            f"{EPOCH} is {epoch!r}", remedy="Set it to a number of seconds since 1970.", names=(EPOCH,)
         ) from None
 
 
@@ -213,7 +213,7 @@ def _write_root(file: Any, result: Result, scene_text: str, complete: bool = Tru
 
     import h5py
 
-    packages = [f"{package} {found}" for package in _PACKAGES if (found := _version(package))]
+    packages = [f"{package} {installed}" for package in _PACKAGES if (installed := _version(package))]
     stamps: dict[str, Scalar] = {
         "created": _created().isoformat(timespec="seconds"),
         "dynid_version": __version__,
@@ -227,10 +227,10 @@ def _write_root(file: Any, result: Result, scene_text: str, complete: bool = Tru
         "status": INTERRUPTED if not complete else REJECTED if result.rejected else "complete",
     }
     attrs = result.group_attrs.get("", {}) | result.attrs
-    given = {name: value for name, value in attrs.items() if name not in ("scene", "status")}
-    if clash := sorted(given.keys() & fixed.keys()):
+    scalars = {name: value for name, value in attrs.items() if name not in ("scene", "status")}
+    if clash := sorted(scalars.keys() & fixed.keys()):
         raise ValueError(f"the attribute '{clash[0]}' is set by the store")
-    write_attrs(file, stamps | given | fixed)
+    write_attrs(file, stamps | scalars | fixed)
     file.create_dataset("scene", data=scene_text, dtype=h5py.string_dtype())
 
 

@@ -103,9 +103,9 @@ class StoredVariable(Variable):
         """Return the entries start … stop - 1 along the second axis, of all along the first."""
         return self._take((slice(None), slice(start, stop)))
 
-    def _take(self, place: Any) -> NDArray[Any]:
+    def _take(self, selection: Any) -> NDArray[Any]:
         with reading(self._file):
-            return as_kept(_read(self._dataset, place))
+            return as_kept(_read(self._dataset, selection))
 
 
 def read_root(file: Any, name: str, stored: bool = False, partial: bool = False) -> Result:
@@ -229,11 +229,11 @@ def _check_stored(dataset: Any, path: str, name: str) -> None:
         raise FileError(f"{name}: {error}", names=[name]) from error
 
 
-def _read(dataset: Any, place: Any) -> NDArray[Any]:
+def _read(dataset: Any, selection: Any) -> NDArray[Any]:
     """Return some entries of an array, with texts decoded."""
     if dataset.dtype.kind in "OS":
-        return np.array(dataset.asstr()[place], dtype=object)
-    data: NDArray[Any] = np.asarray(dataset[place])
+        return np.array(dataset.asstr()[selection], dtype=object)
+    data: NDArray[Any] = np.asarray(dataset[selection])
     if not data.dtype.names:
         return data
     names = data.dtype.names
@@ -248,10 +248,10 @@ def _read(dataset: Any, place: Any) -> NDArray[Any]:
 
 def _attrs(item: Any) -> dict[str, Scalar]:
     """Return an object's own attributes; those with several values belong to other tools."""
-    found: dict[str, Scalar] = {}
+    scalars: dict[str, Scalar] = {}
     for name in item.attrs.keys() - SCALE_ATTRS - OWN_ATTRS:
         value = item.attrs[name]
         value = value.item() if isinstance(value, np.generic) else value
         if isinstance(value, str | bool | int | float):
-            found[name] = value
-    return found
+            scalars[name] = value
+    return scalars

@@ -82,7 +82,11 @@ def kind_of(dtype: np.dtype[Any]) -> ColumnKind:
 def parts_of(name: str, dtype: np.dtype[Any], units: str) -> list[TableColumn]:
     """Return the columns of values of a type: one, two of complex numbers, those of structured arrays."""
     if dtype.names:
-        return [part for column in dtype.names for part in parts_of(f"{name}.{column}", dtype[column], units)]
+        return [
+            column_name
+            for column in dtype.names
+            for column_name in parts_of(f"{name}.{column}", dtype[column], units)
+        ]
     if dtype.kind == "c":
         return [TableColumn(f"{name}.re", "number", units), TableColumn(f"{name}.im", "number", units)]
     return [TableColumn(name, kind_of(dtype), units)]
@@ -92,7 +96,7 @@ def split(values: NDArray[Any]) -> list[NDArray[Any]]:
     """Return the columns of values in the order of `parts_of`, flattened."""
     flat = values.reshape(-1)
     if flat.dtype.names:
-        return [part for column in flat.dtype.names for part in split(flat[column])]
+        return [array for column in flat.dtype.names for array in split(flat[column])]
     return [flat.real, flat.imag] if flat.dtype.kind == "c" else [flat]
 
 
@@ -121,12 +125,12 @@ def tables_of(result: Result) -> list[ExportTable]:
         variable = result[path]
         groups.setdefault(group, {}).setdefault(variable.dims, []).append((name, variable))
     tables = []
-    for group, found in groups.items():
-        for dims, members in found.items():
+    for group, shapes in groups.items():
+        for dims, members in shapes.items():
             # Coordinates that are columns of other tables make none of their own.
-            used = any(dims != other and set(dims) <= set(other) for other in found)
+            used = any(dims != longer and set(dims) <= set(longer) for longer in shapes)
             if not (used and all((name,) == dims for name, _ in members)):
-                tables.append(_table(result, group, dims, members, len(found) > 1))
+                tables.append(_table(result, group, dims, members, len(shapes) > 1))
     return tables
 
 
@@ -134,10 +138,12 @@ def _table(
     result: Result, group: str, dims: tuple[str, ...], members: Sequence[NamedArray], several: bool
 ) -> ExportTable:
     shape = members[0][1].shape
-    own = [(name, variable) for name, variable in members if variable.shape == shape and (name,) != dims]
+    columns_of_table = [
+        (name, variable) for name, variable in members if variable.shape == shape and (name,) != dims
+    ]
     axes = [_axis(result, group, dim, length) for dim, length in zip(dims, shape, strict=True)]
     fields = [TableColumn(dim, kind_of(axis.dtype), axis.units) for dim, axis in zip(dims, axes, strict=True)]
-    for name, variable in own:
+    for name, variable in columns_of_table:
         fields += parts_of(name, variable.dtype, variable.units)
     names = unique([field.name for field in fields])
     fields = [replace(field, name=name) for field, name in zip(fields, names, strict=True)]
@@ -148,7 +154,7 @@ def _table(
 
     def batches() -> Iterator[list[NDArray[Any]]]:
         if not shape:
-            yield [part for _, variable in own for part in split(variable.data)]
+            yield [array for _, variable in columns_of_table for array in split(variable.data)]
             return
         below = math.prod(shape[1:])
         step = max(1, _VALUES // max(1, below))
@@ -157,7 +163,7 @@ def _table(
             entries = np.indices((stop - start, *shape[1:])).reshape(len(shape), -1)  # the last axis fastest
             yield [
                 *(axis[at] for axis, at in zip((labels[0][start:stop], *labels[1:]), entries, strict=True)),
-                *(part for _, variable in own for part in split(variable.rows(start, stop))),
+                *(array for _, variable in columns_of_table for array in split(variable.rows(start, stop))),
             ]
 
     return ExportTable(
@@ -169,10 +175,10 @@ def _axis(result: Result, group: str, dim: str, length: int) -> Variable:
     """Return the coordinate of a dimension in its group or the nearest one above, else numbers from 1."""
     holder = group
     while True:
-        found = result.get(f"{holder}/{dim}" if holder else dim)
-        if found is not None and found.dims == (dim,):
-            if found.shape == (length,) and not found.dtype.names and found.dtype.kind != "c":
-                return found
+        axis = result.get(f"{holder}/{dim}" if holder else dim)
+        if axis is not None and axis.dims == (dim,):
+            if axis.shape == (length,) and not axis.dtype.names and axis.dtype.kind != "c":
+                return axis
             break
         if not holder:
             break
@@ -183,11 +189,11 @@ def _axis(result: Result, group: str, dim: str, length: int) -> Variable:
 def unique(names: Sequence[str]) -> list[str]:
     """Return the names with numbers appended to repeated ones (both axes of a matrix may be the same)."""
     seen: dict[str, int] = {}
-    found = []
+    names_used = []
     for name in names:
         seen[name] = seen.get(name, 0) + 1
-        found.append(name if seen[name] == 1 else f"{name}_{seen[name]}")
-    return found
+        names_used.append(name if seen[name] == 1 else f"{name}_{seen[name]}")
+    return names_used
 
 
 #: First characters of texts that spreadsheets evaluate as formulas.
@@ -206,7 +212,7 @@ def write_csv(table: ExportTable, path: str | os.PathLike[str]) -> None:
     FileError
         When the file cannot be written; an existing one is untouched then.
     """
-    with replacing(path) as part, Path(part).open("w", encoding="utf-8", newline="") as file:
+    with replacing(path) as temporary, Path(temporary).open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(
             [
@@ -245,9 +251,9 @@ def write_parquet(table: ExportTable, path: str | os.PathLike[str]) -> None:
         ],
         metadata=dict(table.attrs),
     )
-    with replacing(path) as part:
+    with replacing(path) as temporary:
         try:
-            with parquet.ParquetWriter(part, schema) as writer:
+            with parquet.ParquetWriter(temporary, schema) as writer:
                 for columns in table.batches():
                     arrays = [
                         pa.array(_masked(field, column), types[field.kind], mask=_missing(column))
@@ -295,6 +301,6 @@ def _words(field: TableColumn, column: NDArray[Any]) -> list[Any]:
         values = [_harmless(str(value)) for value in values]
     missing = _missing(column)
     if missing.any():
-        for place in np.flatnonzero(missing):
-            values[place] = ""
+        for row in np.flatnonzero(missing):
+            values[row] = ""
     return values

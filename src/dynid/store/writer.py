@@ -98,9 +98,9 @@ class ArrayWriter:
                 if variable.data.size == length and self._is_free(coordinate, used):
                     return coordinate
                 break
-        wanted = _join(group, dim)
-        _check_name(wanted)
-        name, count = wanted, 1
+        scale_path = _join(group, dim)
+        _check_name(scale_path)
+        name, count = scale_path, 1
         while name in self._taken:
             # An array of the same group may have brought it; a result's own names are not in `file` as index.
             existing = self._datasets.get(name)
@@ -112,7 +112,7 @@ class ArrayWriter:
             ):
                 return name
             count += 1
-            name = f"{wanted}_{count}"
+            name = f"{scale_path}_{count}"
         dataset = self._dataset(name, (length,), data=np.arange(1, length + 1))
         dataset.make_scale(name.rsplit("/", 1)[-1])
         dataset.attrs["dynid_index"] = True
@@ -128,7 +128,7 @@ def _is_coordinate(path: str, variable: Variable) -> bool:
 
 
 def _check_name(path: str) -> None:
-    if path == "scene" or not all(part.strip(".") and "\0" not in part for part in path.split("/")):
+    if path == "scene" or not all(word.strip(".") and "\0" not in word for word in path.split("/")):
         raise ValueError(f"'{path}' cannot be the name of an array")
 
 
@@ -197,10 +197,10 @@ class Sink:
         count = max(0, min(len(view), self._end - self._place))
         content = read_at(self._descriptor, count, self._place)
         view[:count] = content.ljust(count, b"\0")
-        for place, kept in self._kept:
-            begin, end = max(place, self._place), min(place + len(kept), self._place + count)
+        for offset, kept in self._kept:
+            begin, end = max(offset, self._place), min(offset + len(kept), self._place + count)
             if begin < end:
-                view[begin - self._place : end - self._place] = kept[begin - place : end - place]
+                view[begin - self._place : end - self._place] = kept[begin - offset : end - offset]
         self._place += count
         return count
 

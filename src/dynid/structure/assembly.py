@@ -85,7 +85,7 @@ class Assembly:
             raise UsageError("the supports leave nothing to move")
         self.dofs = tuple(dofs)
         self._sparse = len(self.dofs) > DENSE_STRUCTURES.value if sparse is None else sparse
-        self._places = {label: place for place, label in enumerate(self.dofs)}
+        self._places = {label: index for index, label in enumerate(self.dofs)}
         self._blocks: dict[str, list[tuple[NDArray[np.intp], DependentMatrix]]] = {"M": [], "C": [], "K": []}
 
     def add(self, letter: str, dofs: Sequence[Label], block: DependentMatrix) -> None:
@@ -221,7 +221,9 @@ def check_nodes(what: str, items: Iterable[AtNode], nodes: int, directions: Sequ
                 raise UsageError(f"a node has no direction {direction!r}", remedy=f"It has {directions}.")
 
 
-def per_element(what: str, given: Real | Sequence[Real], count: int, *, zero: bool = False) -> Sequence[Real]:
+def per_element(
+    what: str, quantity: Real | Sequence[Real], count: int, *, zero: bool = False
+) -> Sequence[Real]:
     """Return a property of each element (count), from one number for all or a list.
 
     Raises
@@ -229,14 +231,14 @@ def per_element(what: str, given: Real | Sequence[Real], count: int, *, zero: bo
     UsageError
         If the list has another length, or a value is not positive (or with `zero`, is negative).
     """
-    each = list(given) if isinstance(given, Sequence | np.ndarray) else [given]
-    if isinstance(given, Sequence | np.ndarray) and len(each) != count:
-        raise UsageError(f"{what} has {counted(len(each), 'entry')} for {counted(count, 'element')}")
-    values = np.array([float(value) for value in each])
+    numbers = list(quantity) if isinstance(quantity, Sequence | np.ndarray) else [quantity]
+    if isinstance(quantity, Sequence | np.ndarray) and len(numbers) != count:
+        raise UsageError(f"{what} has {counted(len(numbers), 'entry')} for {counted(count, 'element')}")
+    values = np.array([float(value) for value in numbers])
     if not np.all(np.isfinite(values) & ((values >= 0) if zero else (values > 0))):
         raise UsageError(f"{what} must be {'finite and not negative' if zero else 'positive'}")
-    reals = [value if isinstance(value, Dependent) else np.float64(value) for value in each]
-    return reals if len(each) == count else reals * count
+    reals = [value if isinstance(value, Dependent) else np.float64(value) for value in numbers]
+    return reals if len(numbers) == count else reals * count
 
 
 def not_negative(what: str, value: Real) -> None:
@@ -252,9 +254,9 @@ def not_negative(what: str, value: Real) -> None:
         raise UsageError(f"{what} must be finite and not negative, not {number:g}")
 
 
-def part_name(part: str, name: Label) -> str:
+def part_name(prefix: str, name: Label) -> str:
     """Return the name in an assembly of a DOF, node, set or motion of a part: ``arm.20:z`` of ``20:z``."""
-    return f"{part}.{name}"
+    return f"{prefix}.{name}"
 
 
 def assembled_parts(
@@ -278,11 +280,11 @@ def assembled_parts(
         if sparse:
             from scipy.sparse import coo_array, csc_array  # heavy import, for large models only
 
-            one: Any = coo_array(matrix)
-            return csc_array((one.data, (one.row + start, one.col + start)), shape=(n, n))
-        whole = np.zeros((n, n))
-        whole[start : start + matrix.shape[0], start : start + matrix.shape[0]] = as_array(matrix)
-        return whole
+            triplets: Any = coo_array(matrix)
+            return csc_array((triplets.data, (triplets.row + start, triplets.col + start)), shape=(n, n))
+        dense = np.zeros((n, n))
+        dense[start : start + matrix.shape[0], start : start + matrix.shape[0]] = as_array(matrix)
+        return dense
 
     matrices: dict[str, Any] = {}
     terms: list[Term] = []
@@ -320,10 +322,10 @@ def _nodes(parts: Mapping[str, Nodes]) -> Nodes | None:
     lines: list[tuple[Node, Node]] = []
     for name, nodes in parts.items():
         numbers += [part_name(name, node) for node in nodes.numbers]
-        axes |= {part_name(name, node): own for node, own in nodes.axes.items()}
+        axes |= {part_name(name, node): own_axes for node, own_axes in nodes.axes.items()}
         sets |= {
-            part_name(name, one): tuple(part_name(name, node) for node in listed)
-            for one, listed in nodes.sets.items()
+            part_name(name, set_name): tuple(part_name(name, node) for node in listed)
+            for set_name, listed in nodes.sets.items()
         }
         lines += [(part_name(name, first), part_name(name, last)) for first, last in nodes.lines]
     xyz = np.concatenate([nodes.xyz for nodes in parts.values()])

@@ -177,8 +177,8 @@ class _SuperLUFactors:
 
     @property
     def order(self) -> Order:
-        own = np.argsort(self._lu.perm_c).astype(np.int32)
-        return own if self._known is None else self._known[own]
+        inner_order = np.argsort(self._lu.perm_c).astype(np.int32)
+        return inner_order if self._known is None else self._known[inner_order]
 
 
 class _CholmodFactors:
@@ -319,11 +319,11 @@ def backend_for(size: int, entries: int = 0) -> str:
     entries
         The number of its entries; 0: unknown.
     """
-    own = not BACKENDS[BACKEND.value].missing
-    large = size > LARGE_MATRICES.value and (not own or entries > FULL_ROWS.value * size)
+    has_library = not BACKENDS[BACKEND.value].missing
+    large = size > LARGE_MATRICES.value and (not has_library or entries > FULL_ROWS.value * size)
     if large and not BACKENDS["pardiso"].missing:
         return "pardiso"
-    return BACKEND.value if own else "splu"
+    return BACKEND.value if has_library else "splu"
 
 
 def bare(A: csc_array, name: str, *, definite: bool, order: Order | None = None) -> BareFactors:
@@ -354,7 +354,7 @@ def bare(A: csc_array, name: str, *, definite: bool, order: Order | None = None)
             names=(name,),
         )
     if not (definite or backend.indefinite):
-        takes = ", ".join(other for other, its in BACKENDS.items() if its.indefinite)
+        takes = ", ".join(alternative for alternative, its in BACKENDS.items() if its.indefinite)
         raise UsageError(
             f"the factorisation backend {name} takes positive definite matrices only",
             remedy=f"Of indefinite ones use {takes}.",

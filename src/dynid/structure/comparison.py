@@ -111,15 +111,15 @@ def compare(
                 candidates[name] = candidate(model, method, memory)
         if not candidates:
             return result
-        highest = max(max(made.numbers, default=0) for made in candidates.values())
+        highest = max(max(evaluated.numbers, default=0) for evaluated in candidates.values())
         report_progress("modes of the full structure")
         with measured(memory) as cost:
             full = modes(*model.with_joints(), count=highest)
     result.annotate("reduction", solver=full.method, **cost.attributes())
     if full.doubt:
         result.annotate("reduction", doubt=full.doubt)
-    for name, made in candidates.items():
-        _add(result, f"reduction/{name}", model, made, full, parts)
+    for name, evaluated in candidates.items():
+        _add(result, f"reduction/{name}", model, evaluated, full, parts)
     if responses is not None:
         report_progress("frequency responses")
         _add_responses(result, model, candidates, responses)
@@ -130,59 +130,59 @@ def candidate(model: StructuralModel, method: Reductor, memory: ModeMemory | Non
     """Reduce a structure, and find the modes of what comes out; `memory` as of `measured`."""
     with measured(memory) as cost:
         reduction = method.reduce(model)
-    found = modes(*reduction.model.with_joints())
-    found = found.within(model.with_joints()[2], reduction.model.expand(found.shapes))
-    count = len(found.omega)
+    reduced_modes = modes(*reduction.model.with_joints())
+    reduced_modes = reduced_modes.within(model.with_joints()[2], reduction.model.expand(reduced_modes.shapes))
+    count = len(reduced_modes.omega)
     retained = reduction.retained and len(reduction.modes) == count
     numbers = tuple(sorted(reduction.modes)) if retained else tuple(range(1, count + 1))
-    return Candidate(reduction, found, numbers, cost)
+    return Candidate(reduction, reduced_modes, numbers, cost)
 
 
 def _add(
     result: Result,
     group: str,
     model: StructuralModel,
-    made: Candidate,
+    evaluated: Candidate,
     full: Modes,
     parts: Mapping[str, Sequence[Label]] | None,
 ) -> None:
     """Add a reduced structure, its modes, and how well they agree with those of the full one."""
-    reduced = made.reduction.model
+    reduced = evaluated.reduction.model
     coordinates = [str(label) for label in reduced.dofs]
-    result.annotate(group, rule=made.reduction.rule, **made.cost.attributes())
+    result.annotate(group, rule=evaluated.reduction.rule, **evaluated.cost.attributes())
     result.add_axis(f"{group}/coordinate", coordinates)
     result.add_axis(f"{group}/column", coordinates)
-    result.add(f"{group}/T", made.reduction.T, ("dof", "coordinate"))
+    result.add(f"{group}/T", evaluated.reduction.T, ("dof", "coordinate"))
     matrices, dims = ("mass", "damping", "stiffness"), ("coordinate", "column")
     for name, matrix in zip(matrices, reduced.with_joints(), strict=True):
         result.add(f"{group}/{name}", as_array(matrix), dims)
     if reduced.joints:
         for name, matrix in zip(matrices, (reduced.M, reduced.C, reduced.K), strict=True):
             result.add(f"{group}/{name}_without_joints", as_array(matrix), dims)
-    if made.modes.doubt:
-        result.annotate(group, doubt=f"{group.rpartition('/')[2]}: {made.modes.doubt}")
-    masters = [model.index(label) + 1 for label in made.reduction.masters]
+    if evaluated.modes.doubt:
+        result.annotate(group, doubt=f"{group.rpartition('/')[2]}: {evaluated.modes.doubt}")
+    masters = [model.index(label) + 1 for label in evaluated.reduction.masters]
     result.add(f"{group}/masters", np.array(masters, dtype=np.int64), ("master",))
-    result.add(f"{group}/modes", np.array(made.reduction.modes, dtype=np.int64), ("basis_mode",))
-    if made.reduction.condition is not None:
-        result.add(f"{group}/condition", made.reduction.condition)
-    places = np.array(made.numbers, dtype=np.int64) - 1
+    result.add(f"{group}/modes", np.array(evaluated.reduction.modes, dtype=np.int64), ("basis_mode",))
+    if evaluated.reduction.condition is not None:
+        result.add(f"{group}/condition", evaluated.reduction.condition)
+    places = np.array(evaluated.numbers, dtype=np.int64) - 1
     reference, M = full.omega[places], model.with_joints()[0]
-    shapes = reduced.expand(made.modes.shapes)
+    shapes = reduced.expand(evaluated.modes.shapes)
     target = correlation.counterparts(shapes, places, full.shapes, full.omega, M)
     result.add_axis(f"{group}/mode", places + 1)
     result.add_axis(f"{group}/full_mode", places + 1)
-    result.add(f"{group}/frequencies", made.modes.omega, ("mode",), "rad/s")
-    result.add(f"{group}/frequency_uncertainty", made.modes.uncertainty, ("mode",), "rad/s")
+    result.add(f"{group}/frequencies", evaluated.modes.omega, ("mode",), "rad/s")
+    result.add(f"{group}/frequency_uncertainty", evaluated.modes.uncertainty, ("mode",), "rad/s")
     result.add(f"{group}/reference", reference, ("mode",), "rad/s")
     result.add(f"{group}/reference_uncertainty", full.uncertainty[places], ("mode",), "rad/s")
-    error = correlation.frequency_error(made.modes.omega, reference)
+    error = correlation.frequency_error(evaluated.modes.omega, reference)
     result.add(f"{group}/frequency_error", error, ("mode",))
     result.add(f"{group}/mac", correlation.mac(shapes, target), ("mode", "full_mode"))
     cross = correlation.orthogonality(shapes, M, target)
     result.add(f"{group}/orthogonality", cross, ("mode", "full_mode"))
     if result.wants(f"{group}/energy_error"):
-        names, shares = correlation.energy_shares(model, shapes, made.modes.omega, parts=parts)
+        names, shares = correlation.energy_shares(model, shapes, evaluated.modes.omega, parts=parts)
         _, true = correlation.energy_shares(model, target, reference, parts=parts)
         result.add_axis(f"{group}/part", names)
         result.add(f"{group}/energy_error", shares - true, ("mode", "part"))
@@ -200,8 +200,8 @@ def _add_responses(
     full = _response(model, asked)
     result.add(f"{group}/full", full, dims, common_unit(units))
     agreement = []
-    for name, made in candidates.items():
-        response = _response(made.reduction.model, asked)
+    for name, evaluated in candidates.items():
+        response = _response(evaluated.reduction.model, asked)
         result.add(f"{group}/{name}", response, dims, common_unit(units))
         agreement.append(correlation.frac(response, full))
     result.add(f"{group}/frac", np.array(agreement), ("method", "output", "input"))
@@ -266,6 +266,6 @@ def _resident(key: str) -> float | None:
         lines = (_PROCESS / "status").read_text().splitlines()
     except OSError:
         return None
-    found = (line.split()[1] for line in lines if line.startswith(f"{key}:"))
-    kilobytes = next(found, None)
+    sizes = (line.split()[1] for line in lines if line.startswith(f"{key}:"))
+    kilobytes = next(sizes, None)
     return None if kilobytes is None else int(kilobytes) / 1024

@@ -24,17 +24,17 @@ _MULTIPLE = 1e-8
 _ELASTIC, _NEVER = 1e-3, 1e3
 
 
-def frequency_error(found: Array, reference: Array) -> Array:
-    """Return ``found / reference - 1``; of rigid-body modes ``found`` over the lowest elastic frequency.
+def frequency_error(frequencies: Array, reference: Array) -> Array:
+    """Return ``frequencies / reference - 1``; of rigid-body modes over the lowest elastic frequency.
 
     Parameters
     ----------
-    found, reference
+    frequencies, reference
         Natural frequencies (r), rad/s.
     """
     elastic = reference[reference > 0]
     size = np.where(reference > 0, reference, elastic.min() if len(elastic) else 1.0)
-    return np.asarray((found - reference) / size)
+    return np.asarray((frequencies - reference) / size)
 
 
 def mac(a: NDArray[np.inexact], b: NDArray[np.inexact]) -> Array:
@@ -61,9 +61,9 @@ def complexity(shapes: NDArray[np.inexact]) -> Array:
     shapes
         Mode shapes (n x r); NaN where a component is missing.
     """
-    known = np.nan_to_num(shapes)
-    turned = known * np.exp(-0.5j * np.angle(np.sum(known**2, axis=0)))
-    size = np.linalg.norm(known, axis=0)
+    filled = np.nan_to_num(shapes)
+    turned = filled * np.exp(-0.5j * np.angle(np.sum(filled**2, axis=0)))
+    size = np.linalg.norm(filled, axis=0)
     return np.asarray(np.linalg.norm(turned.imag, axis=0) / np.where(size > 0, size, 1.0))
 
 
@@ -79,8 +79,8 @@ def frac(a: NDArray[np.complex128], b: NDArray[np.complex128]) -> Array:
         Responses (omega x …), of one shape.
     """
     finite = np.isfinite(a) & np.isfinite(b)
-    a, b = (np.where(finite, part, 0.0) for part in (a, b))
-    a, b = (part / np.where((size := np.abs(part).max(axis=0)) > 0, size, 1.0) for part in (a, b))
+    a, b = (np.where(finite, values, 0.0) for values in (a, b))
+    a, b = (values / np.where((size := np.abs(values).max(axis=0)) > 0, size, 1.0) for values in (a, b))
     cross = np.abs((a * b.conj()).sum(axis=0)) ** 2
     size = (np.abs(a) ** 2).sum(axis=0) * (np.abs(b) ** 2).sum(axis=0)
     same = np.all(a == b, axis=0)
@@ -172,8 +172,8 @@ def energy_shares(
 
 
 def _value(term: JointTerm, values: Mapping[str, float]) -> float:
-    known = term.parameter.value
-    return values[term.name] if known is None else evaluated(known, values).value
+    value = term.parameter.value
+    return values[term.name] if value is None else evaluated(value, values).value
 
 
 def paired(table: Array, measured: Array, omega: Array) -> NDArray[np.int_]:

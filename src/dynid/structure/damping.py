@@ -133,9 +133,9 @@ class ModalDamping:
         r = len(omega)
         zeta, X = np.zeros(r), dict[str, Array]()
         for which, ratio in self._of_modes(r):
-            found = evaluated(ratio, values)
-            zeta[which] = found.value
-            for name, slope in found.slopes.items():
+            ratio_value = evaluated(ratio, values)
+            zeta[which] = ratio_value.value
+            for name, slope in ratio_value.slopes.items():
                 X.setdefault(name, np.zeros((r, r)))[which, which] += np.diag(2 * slope * omega[which])
         changes = {
             letter: [
@@ -146,10 +146,10 @@ class ModalDamping:
         }
         for name in {name for terms in changes.values() for slopes, _ in terms for name in slopes}:
             m, k, size = np.zeros((r, r)), np.zeros((r, r)), np.zeros(r)
-            for slopes, (part, _) in changes["M"]:
-                m += slopes.get(name, 0.0) * part
-            for slopes, (part, parts) in changes["K"]:
-                k += slopes.get(name, 0.0) * part
+            for slopes, (momentum_change, _) in changes["M"]:
+                m += slopes.get(name, 0.0) * momentum_change
+            for slopes, (momentum_change, parts) in changes["K"]:
+                k += slopes.get(name, 0.0) * momentum_change
                 size += abs(slopes.get(name, 0.0)) * parts
             X[name] = X.get(name, np.zeros((r, r))) + _moved(omega, zeta, k, m, size)
         found_slopes = {name: momentum @ x @ momentum.T for name, x in X.items()}
@@ -193,8 +193,8 @@ class ModalPart:
 
     def slopes(self, values: Mapping[str, float]) -> dict[str, Array]:
         """Return the derivatives of C (n x n) by the values of parameters, as `ModalDamping.slopes`."""
-        found = self.damping.slopes(self.M, self.K, values)
-        return {name: self._seen(slope) for name, slope in found.items()}
+        matrix_slopes = self.damping.slopes(self.M, self.K, values)
+        return {name: self._seen(slope) for name, slope in matrix_slopes.items()}
 
     def _seen(self, C: Array) -> Array:
         return C if self.T is None else np.asarray(self.T.T @ C @ self.T)
@@ -209,37 +209,37 @@ class ModalSum:
     @property
     def names(self) -> frozenset[str]:
         """The names of the parameters that it depends on."""
-        return frozenset().union(*(part.names for part in self.parts))
+        return frozenset().union(*(term.names for term in self.parts))
 
     def projected(self, T: Array) -> ModalSum:
         """Return the sum in coordinates q with ``x = T q``."""
-        return ModalSum(tuple(part.projected(T) for part in self.parts))
+        return ModalSum(tuple(term.projected(T) for term in self.parts))
 
     def change(self, values: Mapping[str, float]) -> Array:
         """Return the change of C (n x n) from the reference values of the parameters."""
-        return np.asarray(sum(part.change(values) for part in self.parts))
+        return np.asarray(sum(term.change(values) for term in self.parts))
 
     def slopes(self, values: Mapping[str, float]) -> dict[str, Array]:
         """Return the derivatives of C (n x n) by the values of parameters, as `ModalDamping.slopes`."""
-        found: dict[str, Array] = {}
-        for part in self.parts:
-            for name, slope in part.slopes(values).items():
-                found[name] = found[name] + slope if name in found else slope
-        return found
+        slopes_by_name: dict[str, Array] = {}
+        for term in self.parts:
+            for name, slope in term.slopes(values).items():
+                slopes_by_name[name] = slopes_by_name[name] + slope if name in slopes_by_name else slope
+        return slopes_by_name
 
 
 def _modal(pattern: Matrix, shapes: Array, momentum: Array, letter: str) -> tuple[Array, Array]:
     """Return a pattern in modal coordinates (r x r), and the size of the terms of its diagonal (r)."""
     product = np.asarray(pattern @ shapes)
-    part = shapes.T @ product
+    modal = shapes.T @ product
     if letter == "M" and shapes.shape[1] < len(shapes):
-        beside = product - momentum @ part
-        if np.abs(beside).max(initial=0.0) > _ENERGY_TOL * np.abs(product).max(initial=0.0):
+        residual = product - momentum @ modal
+        if np.abs(residual).max(initial=0.0) > _ENERGY_TOL * np.abs(product).max(initial=0.0):
             raise UsageError(
                 "modal damping has no derivative by a mass that is unknown where there is none",
                 remedy="Give a mass that is not 0 to start from.",
             )
-    return part, np.einsum("ij,ij->j", np.abs(shapes), np.asarray(abs(pattern) @ np.abs(shapes)))
+    return modal, np.einsum("ij,ij->j", np.abs(shapes), np.asarray(abs(pattern) @ np.abs(shapes)))
 
 
 def _moved(omega: Array, zeta: Array, k: Array, m: Array, size: Array) -> Array:
@@ -252,9 +252,9 @@ def _moved(omega: Array, zeta: Array, k: Array, m: Array, size: Array) -> Array:
         )
     both, product = np.add.outer(omega, omega), np.multiply.outer(omega, omega)
     gap, apart = np.subtract.outer(omega, omega).T, np.subtract.outer(zeta, zeta).T
-    one = both <= 0
-    X = np.where(one, 0.0, np.add.outer(zeta, zeta) * (k + product * m) / np.where(one, 1.0, both))
-    different = (apart != 0) & ~one
+    still = both <= 0
+    X = np.where(still, 0.0, np.add.outer(zeta, zeta) * (k + product * m) / np.where(still, 1.0, both))
+    different = (apart != 0) & ~still
     if np.any(different & (np.abs(gap) <= _FREQUENCY_TOL * both)):
         raise NumericalError(
             "modal damping has no derivative where modes of one frequency have different damping ratios",

@@ -182,9 +182,9 @@ def _likeliest(K: Matrix, orders: Sequence[DofOrder], nodes: Nodes) -> list[tupl
     different: dict[tuple[Label, ...], DofOrder] = {}
     for order in orders:
         different.setdefault(order.labels, order)
-    found = [(order, balance(K, nodes, order.labels)) for order in different.values()]
-    best = max((each.share for _, each in found), default=0.0)
-    alike = [pair for pair in found if pair[1].share > best - _ALIKE]
+    balances = [(order, balance(K, nodes, order.labels)) for order in different.values()]
+    best = max((judged.share for _, judged in balances), default=0.0)
+    alike = [pair for pair in balances if pair[1].share > best - _ALIKE]
     return sorted(alike, key=lambda pair: -pair[1].share)
 
 
@@ -197,19 +197,19 @@ def _checked(K: Matrix, labels: Sequence[Label], nodes: Nodes, *, stated: bool) 
         If an order that no file states is contradicted.
     """
     placed = (node_direction(label) for label in labels)
-    missing = [place[0] for place in placed if place is not None and place[0] not in nodes.places]
+    missing = [node[0] for node in placed if node is not None and node[0] not in nodes.places]
     if missing:
         some = f"{counted(len(missing), 'DOF')} of {len(labels)}"
         doubt = f"{some} have nodes that are not there, first {missing[0]}"
         nodes = replace(nodes, doubts=(*nodes.doubts, doubt))
-    found = balance(K, nodes, labels)
-    if found.share >= _CONFIRMED:
+    judged = balance(K, nodes, labels)
+    if judged.share >= _CONFIRMED:
         return nodes
     figure = (
-        f"a rigid-body motion of the nodes strains {1 - found.share:.0%} of the DOFs (median of the forces: "
-        f"{found.median:.2g} of the sum of their parts)"
+        f"a rigid-body motion of the nodes strains {1 - judged.share:.0%} of the DOFs (median of the forces: "
+        f"{judged.median:.2g} of the sum of their parts)"
     )
-    if _must_balance(K, found):
+    if _must_balance(K, judged):
         if not stated:
             raise UsageError(
                 f"the order of the DOFs is unknown, and none that is usual fits the stiffness: {figure}",
@@ -224,12 +224,12 @@ def _checked(K: Matrix, labels: Sequence[Label], nodes: Nodes, *, stated: bool) 
     return replace(nodes, doubts=(*nodes.doubts, guess))
 
 
-def _must_balance(K: Matrix, found: Balance) -> bool:
+def _must_balance(K: Matrix, judged: Balance) -> bool:
     """Return True if most DOFs must be in balance: of a free structure, or far from most others."""
     n = K.shape[0]
     filled = (K.nnz if is_sparse(K) else int(np.count_nonzero(K))) / n
     if filled < n / 4:
-        return found.share < _CONTRADICTED or _rigid_modes(K) > 0
+        return judged.share < _CONTRADICTED or _rigid_modes(K) > 0
     return _rigid_modes(K) > 0
 
 
@@ -266,39 +266,43 @@ def _by_modes(M: Matrix, K: Matrix, file: NodeFile) -> tuple[Label, ...]:
     if file.modes is None or K.shape[0] != 3 * n:
         return ()
     count = min(_MOST_MODES, len(file.modes.frequencies), 3 * n - 2)
-    made = modes(M, nothing(3 * n, sparse=is_sparse(K)), K, count)
-    found, shapes = made.omega, made.shapes
-    given = file.modes.frequencies[:count]
-    if len(given) < 2 or not np.allclose(found, given, rtol=_FILE_FREQUENCY_RTOL, atol=1e-4 * given.max()):
+    result = modes(M, nothing(3 * n, sparse=is_sparse(K)), K, count)
+    omega, shapes = result.omega, result.shapes
+    file_omega = file.modes.frequencies[:count]
+    if len(file_omega) < 2 or not np.allclose(
+        omega, file_omega, rtol=_FILE_FREQUENCY_RTOL, atol=1e-4 * file_omega.max()
+    ):
         return ()
-    gaps = np.diff(given) > _MIN_MODE_SEPARATION * given.max()
-    alone = np.r_[True, gaps] & np.r_[gaps, False] & (given > 0.01 * given.max())
-    own = shapes.reshape(n, 3, -1)[:, :, alone]
+    gaps = np.diff(file_omega) > _MIN_MODE_SEPARATION * file_omega.max()
+    alone = np.r_[True, gaps] & np.r_[gaps, False] & (file_omega > 0.01 * file_omega.max())
+    model_shapes = shapes.reshape(n, 3, -1)[:, :, alone]
     theirs = file.modes.shapes[:, :, :count][:, :, alone]
-    for places in _matchings(own, theirs):
-        labels = tuple(f"{file.nodes.numbers[place]}:{along}" for place in places for along in "xyz")
+    for places in _matchings(model_shapes, theirs):
+        labels = tuple(f"{file.nodes.numbers[index]}:{along}" for index in places for along in "xyz")
         if balance(K, file.nodes, labels).share >= _CONFIRMED:
             return labels
     return ()
 
 
-def _matchings(own: Array, theirs: Array) -> Iterator[list[int]]:
-    """Yield places in `theirs` (N x 3 x m) of the nodes in `own`: all motions but modes' signs the same."""
+def _matchings(in_model: Array, in_file: Array) -> Iterator[list[int]]:
+    """Yield the places in `in_file` (N x 3 x m) of the nodes in `in_model`, the signs of modes left open."""
     from scipy.spatial import cKDTree
 
-    n, _, m = own.shape
-    own, theirs = (shapes / np.linalg.norm(shapes, axis=(0, 1)) * np.sqrt(n) for shapes in (own, theirs))
+    n, _, m = in_model.shape
+    in_model, in_file = (
+        shapes / np.linalg.norm(shapes, axis=(0, 1)) * np.sqrt(n) for shapes in (in_model, in_file)
+    )
     signs: list[tuple[float, ...]] = [()]
     for mode in range(m):
         longer = []
         for tried in signs:
             for sign in (1.0, -1.0):
                 both = np.array([*tried, sign])
-                tree = cKDTree(theirs[:, :, : mode + 1].reshape(n, -1))
-                distances, found = tree.query((own[:, :, : mode + 1] * both).reshape(n, -1))
+                tree = cKDTree(in_file[:, :, : mode + 1].reshape(n, -1))
+                distances, nearest = tree.query((in_model[:, :, : mode + 1] * both).reshape(n, -1))
                 if np.max(distances) <= _SAME_MOTION * np.sqrt(mode + 1):
                     longer.append((*tried, sign))
-                    places: list[int] = np.asarray(found).tolist()
+                    places: list[int] = np.asarray(nearest).tolist()
                     if mode == m - 1 and len({*places}) == n:
                         yield places
         signs = longer[:64]

@@ -54,11 +54,11 @@ class ActiveCoordinates:
     @classmethod
     def of(cls, parts: Sequence[Array]) -> ActiveCoordinates:
         """Return those of some symmetric matrices (n x n): their DOFs, or combinations of these if fewer."""
-        acting = np.any([part.any(axis=0) for part in parts], axis=0)
+        acting = np.any([matrix.any(axis=0) for matrix in parts], axis=0)
         places = np.flatnonzero(acting)
         d = len(places)
-        own = [part[np.ix_(places, places)] for part in parts]
-        columns = np.concatenate([part / np.abs(part).max() for part in own if part.any()], axis=1)
+        blocks = [matrix[np.ix_(places, places)] for matrix in parts]
+        columns = np.concatenate([matrix / np.abs(matrix).max() for matrix in blocks if matrix.any()], axis=1)
         U, sizes, _ = np.linalg.svd(columns)
         sizes = sizes / sizes[0]
         count = int(np.count_nonzero(sizes > _ROUNDING * d))
@@ -133,7 +133,7 @@ class CondensedLines:
         force, read = self.pairs
         H = self.compliance + np.sum(self.forces[:, :, read] * motion[:, :, force], axis=1)
         size, subtracted = (
-            np.abs(across * part).max(axis=(1, 2), initial=0.0) for part in (Z, self.stiffness)
+            np.abs(across * matrix).max(axis=(1, 2), initial=0.0) for matrix in (Z, self.stiffness)
         )
         level = np.abs(H) + np.median(np.abs(H), axis=0)
         cancelled = (subtracted > _MAX_CANCELLATION * size) | np.any(
@@ -167,8 +167,8 @@ def condensed_lines(
     n, a, e = len(matrices[0]), coordinates.count, len(ends)
     if a > _MAX_KEPT_SHARE * n:
         return None
-    turned = [coordinates.rotated(coordinates.rotated(part).T) for part in matrices]
-    inner, between = [part[a:, a:] for part in turned], [part[a:, :a] for part in turned]
+    turned = [coordinates.rotated(coordinates.rotated(matrix).T) for matrix in matrices]
+    inner, between = [matrix[a:, a:] for matrix in turned], [matrix[a:, :a] for matrix in turned]
     b = coordinates.rotated(ends.T)
     stiffness = np.empty((len(omega), a, a), dtype=complex)
     forces = np.empty((len(omega), a, e), dtype=complex)
@@ -176,19 +176,19 @@ def condensed_lines(
     usable = np.empty(len(omega), dtype=bool)
     chunk = max(1, _RESPONSE_BLOCK_NUMBERS // (n - a) ** 2)
     for first in range(0, len(omega), chunk):
-        part = slice(first, first + chunk)
-        Z, scale = _dynamic_stiffness(inner[0], inner[1], inner[2], omega[part])
-        s = 1j * omega[part, None, None]
+        matrix = slice(first, first + chunk)
+        Z, scale = _dynamic_stiffness(inner[0], inner[1], inner[2], omega[matrix])
+        s = 1j * omega[matrix, None, None]
         coupling = between[2] + s * between[1] + s**2 * between[0]
         sides = np.broadcast_to(b[a:], (len(Z), n - a, e))
         right = _beside_probe(scale[:, :, None] * np.concatenate([coupling, sides], axis=2))
         solution, bad = checked_solve(scale[:, :, None] * Z * scale[:, None, :], right)
         by_kept, by_end = np.split(scale[:, :, None] * solution[:, :, :-1], [a], axis=2)
         to_kept = coupling.swapaxes(1, 2)
-        stiffness[part] = to_kept @ by_kept
-        forces[part] = b[:a] - to_kept @ by_end
-        compliance[part] = np.einsum("mp,lmp->lp", b[a:, pairs[1]], by_end[:, :, pairs[0]])
-        usable[part] = ~bad
+        stiffness[matrix] = to_kept @ by_kept
+        forces[matrix] = b[:a] - to_kept @ by_end
+        compliance[matrix] = np.einsum("mp,lmp->lp", b[a:, pairs[1]], by_end[:, :, pairs[0]])
+        usable[matrix] = ~bad
     return CondensedLines(omega, coordinates, stiffness, forces, compliance, usable, pairs)
 
 

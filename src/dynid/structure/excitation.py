@@ -51,7 +51,7 @@ class Excitation:
 
     @property
     def _coordinates(self) -> list[int]:
-        return [place for place in self.held if place >= 0]
+        return [coordinate for coordinate in self.held if coordinate >= 0]
 
     def mass(self, M: Array) -> Array:
         """Return the mass matrix with the prescribed DOFs uncoupled (n x n)."""
@@ -68,9 +68,9 @@ class Excitation:
     def inertia(self, M: Array) -> Array:
         """Return the forces (n x loads) by which prescribed motions of DOFs act through a mass matrix."""
         forces = np.zeros_like(self.directions)
-        for load, place in enumerate(self.held):
-            if place >= 0:
-                forces[:, load] = -M[:, place] * self.directions[place, load]
+        for load, coordinate in enumerate(self.held):
+            if coordinate >= 0:
+                forces[:, load] = -M[:, coordinate] * self.directions[coordinate, load]
         forces[self._coordinates] = 0.0
         return forces
 
@@ -112,10 +112,10 @@ class Excitation:
         n, states = len(M), massless_directions(mass, self.others(C)).states
         free = np.any(states, axis=0)
         missing = "neither mass nor damping", "no mass"
-        for name, first, given, lacks in zip(
+        for name, first, values, lacks in zip(
             ("displacement", "velocity"), (0, n), (displacement, velocity), missing, strict=True
         ):
-            for dof, value in (given or {}).items():
+            for dof, value in (values or {}).items():
                 if value and dof in dofs and not free[first + dofs.index(dof)]:
                     raise UsageError(
                         f"the initial {name} of DOF {dof} cannot be given: the DOF has {lacks}",
@@ -166,7 +166,9 @@ def drive(
             directions[:, k] = model.row(load.dof)
             if load.order is not None:
                 held[k], _ = _coordinate(model, load)
-    if len({place for place in held if place >= 0}) < sum(place >= 0 for place in held):
+    if len({coordinate for coordinate in held if coordinate >= 0}) < sum(
+        coordinate >= 0 for coordinate in held
+    ):
         raise UsageError("the motion of a DOF is prescribed twice", names=("excitation",))
     if any(channel.absolute for channel in channels) and all(load.dof is not None for load in loads):
         raise UsageError(
@@ -201,18 +203,18 @@ def prescribed_state(model: StructuralModel, loads: Sequence[Load], time: float)
     A prescribed displacement sets both, a prescribed velocity only itself, an acceleration neither.
     """
     n = model.size
-    state, known = np.zeros(2 * n), np.zeros(2 * n, dtype=bool)
+    state, prescribed = np.zeros(2 * n), np.zeros(2 * n, dtype=bool)
     for load in loads:
-        given = load.order
-        if given is None or load.dof is None:
+        derivative = load.order
+        if derivative is None or load.dof is None:
             continue
-        place, sign = _coordinate(model, load)
-        for quantity in range(given, 2):
-            order = quantity - given
+        coordinate, sign = _coordinate(model, load)
+        for quantity in range(derivative, 2):
+            order = quantity - derivative
             signal = Derivative(load.signal, order) if order else load.signal
-            state[place + n * quantity] = sign * float(signal.value(time))
-            known[place + n * quantity] = True
-    return state, known
+            state[coordinate + n * quantity] = sign * float(signal.value(time))
+            prescribed[coordinate + n * quantity] = True
+    return state, prescribed
 
 
 def starting_state(
@@ -237,18 +239,18 @@ def starting_state(
     UsageError
         If a DOF does not exist.
     """
-    given = np.concatenate([_initial(model, displacement), _initial(model, velocity)])
-    prescribed, known = prescribed_state(model, loads, 0.0)
-    return np.where(known, prescribed, given)
+    initial = np.concatenate([_initial(model, displacement), _initial(model, velocity)])
+    prescribed, is_prescribed = prescribed_state(model, loads, 0.0)
+    return np.where(is_prescribed, prescribed, initial)
 
 
-def _initial(model: StructuralModel, given: Mapping[Label, float] | None) -> Array:
+def _initial(model: StructuralModel, values: Mapping[Label, float] | None) -> Array:
     if model.basis is not None:
-        M, full = as_array(model.M), _initial(model.basis.parent, given)
+        M, full = as_array(model.M), _initial(model.basis.parent, values)
         momentum = model.basis.T.T @ np.asarray(model.basis.parent.M @ full)
         return np.asarray(np.linalg.lstsq(M, momentum, rcond=None)[0])
     start = np.zeros(model.size)
-    for dof, value in (given or {}).items():
+    for dof, value in (values or {}).items():
         start += value * model.row(dof)
     return start
 
@@ -257,27 +259,27 @@ def _coordinate(model: StructuralModel, load: Load) -> tuple[int, float]:
     """Return the coordinate that is the DOF of a prescribed motion, and the sign of its name."""
     assert load.dof is not None
     row = model.row(load.dof)
-    place = int(np.argmax(np.abs(row)))
-    if np.count_nonzero(row) != 1 or abs(row[place]) != 1.0:
+    coordinate = int(np.argmax(np.abs(row)))
+    if np.count_nonzero(row) != 1 or abs(row[coordinate]) != 1.0:
         raise UsageError(
             f"the motion of DOF {load.dof} cannot be prescribed: it is no coordinate of the reduced model",
             remedy="Keep it as a master, or reduce by a method that keeps its masters.",
             names=("reduction",),
         )
-    return place, float(row[place])
+    return coordinate, float(row[coordinate])
 
 
 def base_slopes(model: StructuralModel, loads: Sequence[Load], values: Mapping[str, float]) -> Array:
     """Return the derivatives (p x n x loads) of the forces by which a moving ground acts."""
-    found = np.zeros((len(model.unknowns), model.size, len(loads)))
+    slopes = np.zeros((len(model.unknowns), model.size, len(loads)))
     full = model
     while full.basis is not None:
         full = full.basis.parent
     for k, change in enumerate(full.slopes(values)):
         if "M" in change:
             moved, _ = _shaken(model, partial(_first, change["M"]))
-            found[k] = np.outer(moved, [-float(load.dof is None) for load in loads])
-    return found
+            slopes[k] = np.outer(moved, [-float(load.dof is None) for load in loads])
+    return slopes
 
 
 def _first(matrix: Matrix, _: StructuralModel) -> Matrix:

@@ -107,7 +107,7 @@ class Factorisation:
 
     def _error(self, x: Array, b: Array, residual: Array) -> float:
         """Return the normwise backward error, the worst of the columns."""
-        columns = (np.abs(part).max(axis=0, initial=0.0) for part in (residual, x, b))
+        columns = (np.abs(array).max(axis=0, initial=0.0) for array in (residual, x, b))
         left, solution, right = columns
         scale = self.size * solution + right
         return float(np.max(left / np.where(scale > 0, scale, 1.0)))

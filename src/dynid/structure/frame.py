@@ -100,18 +100,20 @@ def _patterns(element: str, released: tuple[int, ...]) -> list[list[Array]]:
     rotations = {"bending": [0, 1, 0, 1], "stretching": [0, 0]}[element]
     n, exact = len(rotations), []
     for triangle in _TRIANGLES[element]:
-        whole = np.full((n, n), Fraction(0))
-        whole[np.triu_indices(n)] = [Fraction(entry) for entry in triangle]
-        exact.append(np.triu(whole) + np.triu(whole, 1).T)
-    for place in released:
-        if not exact[0][place, place]:
+        full = np.full((n, n), Fraction(0))
+        full[np.triu_indices(n)] = [Fraction(entry) for entry in triangle]
+        exact.append(np.triu(full) + np.triu(full, 1).T)
+    for dof in released:
+        if not exact[0][dof, dof]:
             raise UsageError("releases leave a member loose", remedy="Release fewer directions at its ends.")
-        follows = np.diag([Fraction(at != place) for at in range(n)])
-        follows[place] -= exact[0][place] / exact[0][place, place]
-        follows[place, place] = Fraction(0)
-        exact = [follows.T @ one @ follows for one in exact]
+        follows = np.diag([Fraction(at != dof) for at in range(n)])
+        follows[dof] -= exact[0][dof] / exact[0][dof, dof]
+        follows[dof, dof] = Fraction(0)
+        exact = [follows.T @ pattern @ follows for pattern in exact]
     powers = np.add.outer(rotations, rotations)
-    return [[np.where(powers == power, one.astype(float), 0.0) for power in range(3)] for one in exact]
+    return [
+        [np.where(powers == power, pattern.astype(float), 0.0) for power in range(3)] for pattern in exact
+    ]
 
 
 BEAM_DIRECTIONS = ("w", "theta")
@@ -158,26 +160,26 @@ def beam(
     """
     if elements < 1:
         raise UsageError("a beam has at least one element")
-    each = length if isinstance(length, Sequence) else length / elements
-    lengths = per_element("length", each, elements)
+    element_length = length if isinstance(length, Sequence) else length / elements
+    lengths = per_element("length", element_length, elements)
     stiffness = per_element("EI", EI, elements)
     density = per_element("rhoA", rhoA, elements, zero=True)
     held, points, grounded = list(supports), list(masses), list(springs)
     for what, items in (("support", held), ("mass", points), ("spring", grounded)):
         check_nodes(what, items, elements + 1, BEAM_DIRECTIONS)
     fixed = [(direction, item.node) for item in held for direction in item.fix]
-    whole = Assembly(free_labels(elements + 1, BEAM_DIRECTIONS, fixed))
+    assembly = Assembly(free_labels(elements + 1, BEAM_DIRECTIONS, fixed))
     element = cache(bending)  # many are alike
     for first, (L, ei, ra) in enumerate(zip(lengths, stiffness, density, strict=True), 1):
         ends = [node_label(direction, node) for node in (first, first + 1) for direction in BEAM_DIRECTIONS]
         k, m = element(ei, ra, L)
-        whole.add("K", ends, k)
-        whole.add("M", ends, m)
-    whole.attach(points, grounded, ("w",))
+        assembly.add("K", ends, k)
+        assembly.add("M", ends, m)
+    assembly.attach(points, grounded, ("w",))
     along = np.concatenate([[0.0], np.cumsum([float(L) for L in lengths])])
     numbers = range(1, elements + 2)
     nodes = Nodes(tuple(numbers), np.outer(along, [1.0, 0, 0]), lines=tuple(pairwise(numbers)))
-    return whole.model(damping, joints, parameters, nodes)
+    return assembly.model(damping, joints, parameters, nodes)
 
 
 FRAME_DIRECTIONS = ("u", "w", "theta")
@@ -251,7 +253,7 @@ def frame(
         check_nodes(what, items, len(points), FRAME_DIRECTIONS)
     fixed = [(direction, item.node) for item in held for direction in item.fix]
     fixed += [("theta", node) for node in _moment_free(pieces, lumps, grounded, len(points))]
-    whole = Assembly(free_labels(len(points), FRAME_DIRECTIONS, fixed))
+    assembly = Assembly(free_labels(len(points), FRAME_DIRECTIONS, fixed))
     for piece in pieces:
         dx, dy = piece.span
         length = hypot(dx, dy)
@@ -259,16 +261,16 @@ def frame(
         across = bending(piece.EI, piece.rhoA, length, [2 * end - 1 for end in piece.hinges])
         T = pattern_sum((1.0, _TURNING), (dx / length, _COSINES), (dy / length, _SINES))
         k, m = (
-            (one.congruent(_ALONG) + other.congruent(_ACROSS)).congruent(T)
-            for one, other in zip(along, across, strict=True)
+            (element.congruent(_ALONG) + element_across.congruent(_ACROSS)).congruent(T)
+            for element, element_across in zip(along, across, strict=True)
         )
         ends = [node_label(direction, node) for node in piece.nodes for direction in FRAME_DIRECTIONS]
-        whole.add("K", ends, k)
-        whole.add("M", ends, m)
-    whole.attach(lumps, grounded, ("u", "w"))
+        assembly.add("K", ends, k)
+        assembly.add("M", ends, m)
+    assembly.attach(lumps, grounded, ("u", "w"))
     places = np.array([(float(x), float(y), 0.0) for x, y in points])
     numbered = Nodes(tuple(range(1, len(points) + 1)), places, lines=tuple(piece.nodes for piece in pieces))
-    return whole.model(damping, joints, parameters, numbered)
+    return assembly.model(damping, joints, parameters, numbered)
 
 
 # The DOFs of an element along and across it, out of [u1, w1, theta1, u2, w2, theta2]; and the parts of the
@@ -302,11 +304,11 @@ def carried_rotations(members: Iterable[Member | _Piece]) -> set[int]:
     }
 
 
-def _pieces(member: Member, given: int, points: list[tuple[Real, Real]]) -> list[_Piece]:
+def _pieces(member: Member, member_number: int, points: list[tuple[Real, Real]]) -> list[_Piece]:
     """Return a member's elements, appending their inner nodes to `points`."""
     for node in member.nodes:
-        if not 1 <= node <= given:
-            raise UsageError(f"a member names node {node}", remedy=f"Nodes are 1 to {given}.")
+        if not 1 <= node <= member_number:
+            raise UsageError(f"a member names node {node}", remedy=f"Nodes are 1 to {member_number}.")
     (x1, y1), (x2, y2) = (points[node - 1] for node in member.nodes)
     if not math.hypot(float(x2 - x1), float(y2 - y1)) > 0:
         raise UsageError(f"the member between nodes {member.nodes[0]} and {member.nodes[1]} has no length")
@@ -318,28 +320,30 @@ def _pieces(member: Member, given: int, points: list[tuple[Real, Real]]) -> list
     if count < 1 or not set(member.hinges) <= {1, 2}:
         raise UsageError("a member has at least one element, and hinges at its ends 1 and 2 only")
     chain = [member.nodes[0]]
-    for part in range(1, count):
-        points.append((x1 + (x2 - x1) * part / count, y1 + (y2 - y1) * part / count))
+    for fraction_number in range(1, count):
+        points.append((x1 + (x2 - x1) * fraction_number / count, y1 + (y2 - y1) * fraction_number / count))
         chain.append(len(points))
     chain.append(member.nodes[1])
-    whole = ((x2 - x1) / count, (y2 - y1) / count)
+    step = ((x2 - x1) / count, (y2 - y1) / count)
     ends = {1: 0, 2: count - 1}
     return [
         _Piece(
             pair, member.EA, member.EI, member.rhoA, tuple(h for h in member.hinges if ends[h] == at),
-            _span(points[pair[0] - 1], points[pair[1] - 1], whole),
+            _span(points[pair[0] - 1], points[pair[1] - 1], step),
         )
         for at, pair in enumerate(pairwise(chain))
     ]  # fmt: skip
 
 
-def _real(given: Real) -> Real:
-    return given if isinstance(given, Dependent) else float(given)
+def _real(value: Real) -> Real:
+    return value if isinstance(value, Dependent) else float(value)
 
 
-def _span(first: tuple[Real, Real], last: tuple[Real, Real], part: tuple[Real, Real]) -> tuple[Real, Real]:
+def _span(
+    first: tuple[Real, Real], last: tuple[Real, Real], fraction: tuple[Real, Real]
+) -> tuple[Real, Real]:
     """Return the vector between an element's nodes; where it is dependent, the part of its member."""
-    x, y = (part[at] if isinstance(part[at], Dependent) else last[at] - first[at] for at in range(2))
+    x, y = (fraction[at] if isinstance(fraction[at], Dependent) else last[at] - first[at] for at in range(2))
     return x, y
 
 

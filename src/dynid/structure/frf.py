@@ -125,13 +125,13 @@ def frequency_response_functions(
         large = is_sparse(K) and K.shape[0] > _DENSE
         method = "modal" if large and len(w) > FEW_FREQUENCIES.value and accuracy >= 1e-10 else "direct"
     if method == "direct":
-        found = FrequencyResponse(direct(M, C, K, ports, w), method, 0, 0, 0.0)
+        response = FrequencyResponse(direct(M, C, K, ports, w), method, 0, 0, 0.0)
         if is_sparse(K) and K.shape[0] > _DENSE:
-            return found
+            return response
         near = _NOWHERE
         with suppress(DynidError):  # then the natural frequencies are not known
             near = modes(M, C, K, backend="dense").omega
-        return found._replace(evaluate=partial(direct, M, C, K, ports), near=near)
+        return response._replace(evaluate=partial(direct, M, C, K, ports), near=near)
     return by_modes(M, C, K, ports, w, accuracy, backend)
 
 
@@ -201,8 +201,11 @@ def by_modes(
     basis = np.zeros((pencil.size, 0))
     near, limit = _NOWHERE, _BAND * float(omega.max(initial=0.0))
     if limit > 0:
-        found = modes(M, C, K, below=limit, backend="dense" if pencil.size <= _DENSE else backend)
-        near, basis = found.omega, _orthonormal(found.shapes / pencil.scale[:, None], basis)
+        structure_modes = modes(M, C, K, below=limit, backend="dense" if pencil.size <= _DENSE else backend)
+        near, basis = (
+            structure_modes.omega,
+            _orthonormal(structure_modes.shapes / pencil.scale[:, None], basis),
+        )
     factor: Factorisation = factorise(csc_array(pencil.K + pencil.shift * pencil.M), backend, definite=True)
     block = factor.solve(pencil.scale[:, None] * np.column_stack([ports.forces, ports.rows.T]))
     before, change = _projected(M, C, K, ports, omega, pencil, basis), np.full(len(omega), np.inf)
@@ -217,7 +220,7 @@ def by_modes(
     error = float(change.max(initial=0.0))
     finite = np.isfinite(response).all(axis=(1, 2))  # what is infinite is so exactly
     if finite.any():  # compared with direct solutions at the highest frequency and at the worst one
-        at = np.unique([int(np.argmax(np.where(finite, part, -1.0))) for part in (omega, change)])
+        at = np.unique([int(np.argmax(np.where(finite, values, -1.0))) for values in (omega, change)])
         exact = response.copy()
         exact[at] = direct(M, C, K, ports, omega[at])
         error = max(error, float(_difference(exact, response).max(initial=0.0)))
@@ -257,11 +260,11 @@ def _orthonormal(vectors: Array, basis: Array) -> Array:
     return np.asarray(new)
 
 
-def _difference(one: ComplexArray, other: ComplexArray) -> Array:
+def _difference(values: ComplexArray, reference: ComplexArray) -> Array:
     """Return, by frequency, how far two responses differ at most, relative to the sizes of the channels."""
-    infinite = np.isinf(one) & np.isinf(other)
-    one, other = (np.where(infinite, 0.0, part) for part in (one, other))
-    size = np.abs(one) + np.median(np.abs(one), axis=0)
+    infinite = np.isinf(values) & np.isinf(reference)
+    values, reference = (np.where(infinite, 0.0, array) for array in (values, reference))
+    size = np.abs(values) + np.median(np.abs(values), axis=0)
     with np.errstate(invalid="ignore"):
-        differ = np.abs(one - other) / np.where((size > 0) & np.isfinite(size), size, 1.0)
+        differ = np.abs(values - reference) / np.where((size > 0) & np.isfinite(size), size, 1.0)
     return np.asarray(differ.max(axis=(1, 2), initial=0.0))

@@ -39,18 +39,22 @@ def place_of(model: StructuralModel, dof: Label) -> Place | None:
     if model.nodes is None:
         return None
     sign, label = model.dof_names.find_signed(dof)
-    position, direction, whole, turning = np.zeros(3), np.zeros(3), 0.0, 0.0
-    for one, weight in model.motions.get(str(label), {label: 1.0}).items():
-        node, along = node_direction(one) or (None, "")
+    position, direction, weight_of_translations, turning = np.zeros(3), np.zeros(3), 0.0, 0.0
+    for moving_dof, weight in model.motions.get(str(label), {label: 1.0}).items():
+        node, along = node_direction(moving_dof) or (None, "")
         if node is None or node not in model.nodes.places or not weight:
             return None
-        place = DIRECTIONS.index(along)
+        axis = DIRECTIONS.index(along)
         position += abs(weight) * model.nodes.xyz[model.nodes.places[node]]
-        direction += sign * weight * model.nodes.axes_of(node)[place % 3]
-        whole += abs(weight)
-        turning += abs(weight) * (place >= 3)
+        direction += sign * weight * model.nodes.axes_of(node)[axis % 3]
+        weight_of_translations += abs(weight)
+        turning += abs(weight) * (axis >= 3)
     size = float(np.linalg.norm(direction))
-    return Place(position / whole, direction / size, turning > whole / 2) if size else None
+    return (
+        Place(position / weight_of_translations, direction / size, turning > weight_of_translations / 2)
+        if size
+        else None
+    )
 
 
 def geometry(
@@ -85,8 +89,8 @@ def geometry(
     result, nodes = Result("structure"), model.nodes
     if nodes is None:
         return result
-    every = np.array([[nodes.places[a], nodes.places[b]] for a, b in nodes.lines], dtype=np.int64)
-    edges = outer_lines(every.reshape(-1, 2), MOST_LINES)
+    node_pairs = np.array([[nodes.places[a], nodes.places[b]] for a, b in nodes.lines], dtype=np.int64)
+    edges = outer_lines(node_pairs.reshape(-1, 2), MOST_LINES)
     rows = np.arange(len(nodes.numbers))
     if len(edges) and len(rows) > MOST_LINES:
         rows = np.unique(edges)
@@ -101,32 +105,32 @@ def geometry(
     add_places(result, model, "sensor", sensors)
     add_places(result, model, "load", ((str(dof), dof) for dof in loads))
     ends = {
-        joint.name: [place.position for dof in joint.dofs if (place := place_of(model, dof))]
+        joint.name: [position.position for dof in joint.dofs if (position := place_of(model, dof))]
         for joint in model.joints
     }
-    ends = {name: found for name, found in ends.items() if found}
+    ends = {name: positions for name, positions in ends.items() if positions}
     if ends:
         result.add_axis(f"{GROUP}/joint", list(ends))
         both = [
-            [found[0], max(found, key=lambda one: float(np.linalg.norm(one - found[0])))]
-            for found in ends.values()
+            [positions[0], max(positions, key=lambda point: float(np.linalg.norm(point - positions[0])))]
+            for positions in ends.values()
         ]
         result.add(f"{GROUP}/joint_position", both, ("joint", "end", "xyz"), "m")
     return result
 
 
-def outer_lines(edges: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+def outer_lines(edges: NDArray[np.int64], max_lines: int) -> NDArray[np.int64]:
     """Return at most so many lines (m x 2), those whose nodes have the fewest neighbours: edges, faces."""
-    if len(edges) <= most:
+    if len(edges) <= max_lines:
         return edges
     neighbours = np.bincount(edges.ravel())[edges].sum(axis=1)
-    return edges[np.sort(np.argsort(neighbours, kind="stable")[:most])]
+    return edges[np.sort(np.argsort(neighbours, kind="stable")[:max_lines])]
 
 
 def _held(model: StructuralModel, numbers: Sequence[Node]) -> Array:
     """Return the displacements (node x xyz) that are no DOFs although other nodes have them."""
     free = {node_direction(label) for label in (*model.dofs, *model.motions)}
-    ways = [way for way in DIRECTIONS[:3] if any(one and one[1] == way for one in free)]
+    ways = [way for way in DIRECTIONS[:3] if any(dof and dof[1] == way for dof in free)]
     return np.array([[way in ways and (node, way) not in free for way in DIRECTIONS[:3]] for node in numbers])
 
 
@@ -149,13 +153,13 @@ def add_places(result: Result, model: StructuralModel, what: str, named: Iterabl
     UsageError
         If there is no such DOF.
     """
-    found = [(name, place) for name, dof in named if (place := place_of(model, dof))]
-    if found:
-        result.add_axis(f"{GROUP}/{what}", [name for name, _ in found])
-        places = [place for _, place in found]
-        result.add(f"{GROUP}/{what}_position", [one.position for one in places], (what, "xyz"), "m")
-        result.add(f"{GROUP}/{what}_direction", [one.direction for one in places], (what, "xyz"))
-        result.add(f"{GROUP}/{what}_turns", [one.turns for one in places], (what,))
+    placed = [(name, position) for name, dof in named if (position := place_of(model, dof))]
+    if placed:
+        result.add_axis(f"{GROUP}/{what}", [name for name, _ in placed])
+        places = [position for _, position in placed]
+        result.add(f"{GROUP}/{what}_position", [item.position for item in places], (what, "xyz"), "m")
+        result.add(f"{GROUP}/{what}_direction", [item.direction for item in places], (what, "xyz"))
+        result.add(f"{GROUP}/{what}_turns", [item.turns for item in places], (what,))
 
 
 def add_motion(result: Result, model: StructuralModel) -> None:
@@ -180,10 +184,10 @@ def add_motion(result: Result, model: StructuralModel) -> None:
     moved = np.zeros((2, shapes.shape[1], len(places), 3))
     labels = model.dof_names.labels
     rows = {label: row for row, label in enumerate(labels)}
-    every = list(zip(labels, shapes, strict=True))
+    motions = list(zip(labels, shapes, strict=True))
     for name, motion in model.motions.items():
-        every.append((name, np.sum([weight * shapes[rows[one]] for one, weight in motion.items()], axis=0)))
-    for label, motion in every:
+        motions.append((name, np.sum([weight * shapes[rows[dof]] for dof, weight in motion.items()], axis=0)))
+    for label, motion in motions:
         node, along = node_direction(label) or (None, "")
         if node is not None and node in model.nodes.places and str(node) in places:
             at = DIRECTIONS.index(along)

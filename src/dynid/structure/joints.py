@@ -64,8 +64,8 @@ class JointParameter:
             raise UsageError("a joint parameter takes either a value (known) or a start (unknown)")
         if self.value is not None and self.true is not None:
             raise UsageError("a known joint parameter has no true value beside its value")
-        given, signed = self.value, isinstance(self.value, Dependent)
-        if given is not None and not (math.isfinite(float(given)) and (signed or float(given) >= 0)):
+        value, signed = self.value, isinstance(self.value, Dependent)
+        if value is not None and not (math.isfinite(float(value)) and (signed or float(value) >= 0)):
             raise UsageError("a joint parameter's value must be finite and not negative")
         for number in (self.start, self.true):
             if number is not None and not (math.isfinite(number) and number > 0):
@@ -77,12 +77,12 @@ class JointParameter:
 
     def _check_unknown(self) -> None:
         """Refuse limits, prior and matrix that make no sense beside a start."""
-        known = [number for number in (self.low, self.high) if number is not None]
+        limits = [number for number in (self.low, self.high) if number is not None]
         if self.prior is not None:
-            known += [self.prior.value, self.prior.relative]
-        if known and self.start is None:
+            limits += [self.prior.value, self.prior.relative]
+        if limits and self.start is None:
             raise UsageError("limits and a prior belong to an unknown joint parameter, one with a start")
-        if not all(math.isfinite(number) and number > 0 for number in known):
+        if not all(math.isfinite(number) and number > 0 for number in limits):
             raise UsageError("limits and prior of a joint parameter must be finite and positive")
         if self.start is not None and self.matrix is not None and entries(self.matrix).terms:
             raise UsageError(
@@ -123,23 +123,27 @@ class Joint:
         object.__setattr__(self, "dofs", tuple(self.dofs))
         try:
             for letter in "kcm":
-                part = getattr(self, letter)
-                if isinstance(part, Sequence | np.ndarray):
-                    part = JointParameter(matrix=part)
-                elif part is not None and not isinstance(part, JointParameter):
-                    part = JointParameter(value=part if isinstance(part, Dependent) else float(part))
-                object.__setattr__(self, letter, part)
+                component = getattr(self, letter)
+                if isinstance(component, Sequence | np.ndarray):
+                    component = JointParameter(matrix=component)
+                elif component is not None and not isinstance(component, JointParameter):
+                    component = JointParameter(
+                        value=component if isinstance(component, Dependent) else float(component)
+                    )
+                object.__setattr__(self, letter, component)
         except UsageError as error:
             raise UsageError(
                 f"joint {self.name}: {error.problem}", remedy=error.remedy, names=(self.name,)
             ) from None
-        blocks = {part.letter: part for part in self.terms if part.parameter.matrix is not None}
+        blocks = {
+            component.letter: component for component in self.terms if component.parameter.matrix is not None
+        }
         scalar = len(self.terms) > len(blocks) or not blocks
         if not self.dofs or len(set(self.dofs)) != len(self.dofs) or (scalar and len(self.dofs) > 2):
             raise self._refused("must name one DOF (to ground) or two different ones")
-        for letter, part in blocks.items():
-            if len(part.block) != len(self.dofs):
-                size = len(part.block)
+        for letter, component in blocks.items():
+            if len(component.block) != len(self.dofs):
+                size = len(component.block)
                 raise self._refused(f"names {len(self.dofs)} DOFs, but its {letter} is {size} x {size}")
         if isinstance(self.m, JointParameter) and self.m.start is not None:
             raise self._refused("can have unknown stiffness and damping of its own, not mass")
@@ -154,15 +158,15 @@ class Joint:
         count, terms = len(self.dofs), []
         component = f".{self.component}" if self.component else ""
         direction = np.array([1.0, -1.0])[:count]
-        for letter, part in parts.items():
-            if not isinstance(part, JointParameter):
+        for letter, values in parts.items():
+            if not isinstance(values, JointParameter):
                 continue
-            if part.matrix is not None:
-                block = entries(part.matrix)
+            if values.matrix is not None:
+                block = entries(values.matrix)
             else:
                 pattern = np.eye(count) / count if letter == "m" else np.outer(direction, direction)
                 block = DependentMatrix(pattern)
-            terms.append(JointTerm(f"{self.name}.{letter}{component}", letter, part, block))
+            terms.append(JointTerm(f"{self.name}.{letter}{component}", letter, values, block))
         return tuple(terms)
 
 
@@ -182,9 +186,9 @@ class JointTerm(NamedTuple):
     @property
     def product(self) -> DependentMatrix:
         """The block times its value, of an unknown one as the parameter that it is."""
-        part = self.parameter
-        own = None if part.start is None else Dependent.parameter(self.name, part.start)
-        return self.whole.times(own or part.value or 0.0)
+        parameter = self.parameter
+        unknown = None if parameter.start is None else Dependent.parameter(self.name, parameter.start)
+        return self.whole.times(unknown or parameter.value or 0.0)
 
 
 def unit_of(letter: str, kinds: Collection[str]) -> str:
@@ -221,6 +225,6 @@ def _block(values: Block) -> tuple[tuple[Real, ...], ...]:
             remedy="A passive joint stores and dissipates energy; check its signs.",
         )
     return tuple(
-        tuple(given if isinstance(given, Dependent) else even for given, even in zip(*rows, strict=True))
+        tuple(entry if isinstance(entry, Dependent) else even for entry, even in zip(*rows, strict=True))
         for rows in zip(values, block.tolist(), strict=True)
     )

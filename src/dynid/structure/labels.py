@@ -73,8 +73,8 @@ def _split(label: Label) -> tuple[str, str]:
     name, _, node = label.rpartition("_")
     if not node.isdecimal():
         return "", ""
-    part, dot, along = name.rpartition(".")  # of a part of an assembly: arm.w_4
-    return f"{part}{dot}{node}", along
+    prefix, dot, along = name.rpartition(".")  # of a part of an assembly: arm.w_4
+    return f"{prefix}{dot}{node}", along
 
 
 def kind(label: Label) -> str:
@@ -118,8 +118,8 @@ class DofNames:
         if isinstance(name, int):
             if 1 <= name <= len(self.labels) and not self._numbered:
                 return self.labels[name - 1]
-        elif len(found := self._at(name)) == 1:
-            return found[0]
+        elif len(matches := self._at(name)) == 1:
+            return matches[0]
         said = self.misnamed(name)
         if said is None:
             raise no_such(name, self.labels)
@@ -185,12 +185,12 @@ class DofNames:
                 f"'{name}' has a sign, which only channels, loads and reference DOFs can have; write '{bare}'"
             )
         node, along = _split(bare)
-        place, found = node_direction(bare), self._at(bare)
-        if len(found) > 1:
+        node_and_direction, matches = node_direction(bare), self._at(bare)
+        if len(matches) > 1:
             both = f"have node {node} and direction {along} in common"
-            return f"the DOFs {listed(found)} {both}; name one by its own label"
-        if place in self._by_node:
-            return f"there is no DOF '{name}'; did you mean '{node}:{place[1]}'?"
+            return f"the DOFs {listed(matches)} {both}; name one by its own label"
+        if node_and_direction in self._by_node:
+            return f"there is no DOF '{name}'; did you mean '{node}:{node_and_direction[1]}'?"
         if (glued := re.fullmatch(r"(.+)([+-])(r?[xyz])", name, re.IGNORECASE)) and ":" not in name:
             close = f"{glued[1]}:{glued[3].lower()}"
             if self._at(close):
@@ -200,12 +200,12 @@ class DofNames:
             return None
         there = [
             f"{label}" if str(label).endswith(f":{way}") else f"{label} ({way})"
-            for (one, way), labels in self._by_node.items()
+            for (number, way), labels in self._by_node.items()
             for label in labels
-            if str(one) == node
+            if str(number) == node
         ]
         if not there:
-            nodes = list(dict.fromkeys(one for one, _ in self._by_node))
+            nodes = list(dict.fromkeys(number for number, _ in self._by_node))
             return f"there is no DOF '{name}'; there are DOFs at the nodes {listed(nodes)}"
         if along not in DIRECTIONS:
             ways = ", ".join(DIRECTIONS)
@@ -216,17 +216,17 @@ class DofNames:
 
     def _at(self, name: str) -> Sequence[Label]:
         """Return the DOFs at a node along a direction, ``NODE:DIR``."""
-        known = ":" in name and _split(name)[1] in DIRECTIONS
-        return self._by_node.get(place, ()) if known and (place := node_direction(name)) else ()
+        directed = ":" in name and _split(name)[1] in DIRECTIONS
+        return self._by_node.get(key, ()) if directed and (key := node_direction(name)) else ()
 
     @cached_property
     def _by_node(self) -> dict[tuple[Node, str], list[Label]]:
-        found: dict[tuple[Node, str], list[Label]] = {}
+        labels: dict[tuple[Node, str], list[Label]] = {}
         for label in self.labels:
-            place = node_direction(label)
-            if place is not None:
-                found.setdefault(place, []).append(label)
-        return found
+            key = node_direction(label)
+            if key is not None:
+                labels.setdefault(key, []).append(label)
+        return labels
 
 
 def unsigned(name: Label) -> Label:
@@ -242,20 +242,20 @@ def checked(labels: Iterable[Label], n: int) -> tuple[Label, ...]:
     UsageError
         If there are not n, two are the same, or a text could be taken for a number.
     """
-    given = tuple(labels)
-    if not given:
+    names = tuple(labels)
+    if not names:
         return tuple(range(1, n + 1))
-    if len(given) != n:
-        raise UsageError(f"{counted(len(given), 'DOF label')} for {counted(n, 'DOF')}")
-    if len(set(given)) != n:
-        twice = next(label for k, label in enumerate(given) if label in given[:k])
+    if len(names) != n:
+        raise UsageError(f"{counted(len(names), 'DOF label')} for {counted(n, 'DOF')}")
+    if len(set(names)) != n:
+        twice = next(label for k, label in enumerate(names) if label in names[:k])
         raise UsageError(f"two DOFs are labelled {twice}", names=(str(twice),))
     mixed = next(
-        (label for label in given if isinstance(label, str) and re.fullmatch(r"\s*\d*\s*", label)), None
+        (label for label in names if isinstance(label, str) and re.fullmatch(r"\s*\d*\s*", label)), None
     )
     if mixed is not None:
         raise UsageError(f"the DOF label '{mixed}' is no name; a number as a label must be a whole number")
-    return given
+    return names
 
 
 def no_such(dof: Label, labels: Sequence[Label]) -> UsageError:
@@ -329,7 +329,12 @@ class Nodes:
             twice = next(node for at, node in enumerate(self.numbers) if self.places[node] != at)
             raise UsageError(f"two nodes have the number {twice}", names=(str(twice),))
         ends = (node for line in self.lines for node in line)
-        for node in (*self.axes, *self.points, *(node for one in self.sets.values() for node in one), *ends):
+        for node in (
+            *self.axes,
+            *self.points,
+            *(node for members in self.sets.values() for node in members),
+            *ends,
+        ):
             if node not in self.places:
                 raise UsageError(f"there is no node {node}", names=(str(node),))
         for node, axes in self.axes.items():
@@ -361,11 +366,11 @@ class Nodes:
         """
         names = list(labels)
         motions = np.zeros((len(names), 6))
-        found = (node_direction(label) for label in names)
+        placed = (node_direction(label) for label in names)
         moved = [
-            (row, self.places[place[0]], DIRECTIONS.index(place[1]))
-            for row, place in enumerate(found)
-            if place is not None and place[0] in self.places
+            (row, self.places[node_at[0]], DIRECTIONS.index(node_at[1]))
+            for row, node_at in enumerate(placed)
+            if node_at is not None and node_at[0] in self.places
         ]
         if not moved:
             return motions

@@ -49,31 +49,35 @@ def check_springs(masses: Sequence[float], springs: Sequence[tuple[tuple[int, ..
     """
     of = [_Cluster(mass) for mass in (np.inf, *masses)]  # 0 is the ground
     for dofs, k in sorted(springs, key=lambda spring: -spring[1]):
-        one, other = of[dofs[0]], of[dofs[1]] if len(dofs) == 2 else of[0]
-        if k <= 0 or one is other:
-            one.stiffness += k
+        first, second = of[dofs[0]], of[dofs[1]] if len(dofs) == 2 else of[0]
+        if k <= 0 or first is second:
+            first.stiffness += k
             continue
         # Stiffness inside the two clusters, weighted as they move against each other by 1.
-        whole = one.mass + other.mass
-        if np.inf in (one.mass, other.mass):
-            inside = one.stiffness if other.mass == np.inf else other.stiffness
-        elif whole == 0:  # no inertia says which of them moves
-            inside = max(one.stiffness, other.stiffness)
+        total_mass = first.mass + second.mass
+        if np.inf in (first.mass, second.mass):
+            inside = first.stiffness if second.mass == np.inf else second.stiffness
+        elif total_mass == 0:  # no inertia says which of them moves
+            inside = max(first.stiffness, second.stiffness)
         else:
-            inside = one.stiffness * (other.mass / whole) ** 2 + other.stiffness * (one.mass / whole) ** 2
+            inside = (
+                first.stiffness * (second.mass / total_mass) ** 2
+                + second.stiffness * (first.mass / total_mass) ** 2
+            )
         if k <= _DROWNED * 4 * inside:
             between = f"from DOF {dofs[0]} to ground"
             if len(dofs) == 2:
                 between = f"between DOFs {dofs[0]} and {dofs[1]}"
             raise NumericalError(
                 f"the stiffness {k:g} N/m {between} is lost beside stiffnesses that sum to "
-                f"{max(one.stiffness, other.stiffness):g} N/m: double precision holds no more than 16 digits",
+                f"{max(first.stiffness, second.stiffness):g} N/m: double precision holds no more than 16 "
+                "digits",
                 remedy="Make what is that stiff rigid: one mass instead of several.",
                 names=("structure",),
             )
-        merged = _Cluster(one.mass + other.mass)
-        merged.stiffness = one.stiffness + other.stiffness + k
-        of = [merged if cluster is one or cluster is other else cluster for cluster in of]
+        merged = _Cluster(first.mass + second.mass)
+        merged.stiffness = first.stiffness + second.stiffness + k
+        of = [merged if cluster is first or cluster is second else cluster for cluster in of]
 
 
 @dataclass(frozen=True)
@@ -126,9 +130,9 @@ def lumped(
     if not any(masses):
         raise UsageError("the masses of the lumped structure are all 0", remedy="Give one of them a mass.")
     n = len(masses)
-    whole = Assembly(range(1, n + 1), sparse=False)
+    assembly = Assembly(range(1, n + 1), sparse=False)
     for dof, mass in enumerate(masses, 1):
-        whole.add("M", [dof], DependentMatrix(np.eye(1)).times(mass))
+        assembly.add("M", [dof], DependentMatrix(np.eye(1)).times(mass))
     links = list(links)
     for link in links:
         dofs = tuple(link.dofs)
@@ -146,7 +150,7 @@ def lumped(
             )
         direction = np.array([1.0, -1.0])[: len(dofs)]
         pattern = DependentMatrix(np.outer(direction, direction))
-        whole.add("C", dofs, pattern.times(link.c))
-        whole.add("K", dofs, pattern.times(link.k))
+        assembly.add("C", dofs, pattern.times(link.c))
+        assembly.add("K", dofs, pattern.times(link.k))
     check_springs([float(mass) for mass in masses], [(link.dofs, float(link.k)) for link in links])
-    return whole.model(None, joints, parameters, translations=True)
+    return assembly.model(None, joints, parameters, translations=True)

@@ -97,14 +97,14 @@ def matched_dofs(
     UsageError
         If nodes are not there, lie too far from any, or two lie at one; if a direction has no DOFs.
     """
-    known = _by_node(model)
-    nodes = _matched_nodes(model, known, list(dict.fromkeys(node for node, _ in places)), how, test)
+    labels_of_nodes = _by_node(model)
+    nodes = _matched_nodes(model, labels_of_nodes, list(dict.fromkeys(node for node, _ in places)), how, test)
     turned = test is not None or not np.array_equal(how.axes, np.eye(3))
-    found: list[Motion] = []
+    motions: list[Motion] = []
     for measured, along in places:
         sign, bare = (-1.0, along[1:]) if along.startswith("-") else (1.0, along)
         node = nodes[measured]
-        here = known[node]
+        here = labels_of_nodes[node]
         parts = {bare: 1.0}
         if "" in here:  # a numbered DOF
             parts = {"": 1.0}
@@ -118,8 +118,8 @@ def matched_dofs(
                 remedy="Leave the channel out, or turn the axes of the test: match: {axes: …}.",
                 names=("match.axes", "match"),
             )
-        found.append(_sum_of(model, {here[name]: sign * weight for name, weight in parts.items()}))
-    return found
+        motions.append(_sum_of(model, {here[name]: sign * weight for name, weight in parts.items()}))
+    return motions
 
 
 def _sum_of(model: StructuralModel, weights: Motion) -> Motion:
@@ -128,8 +128,8 @@ def _sum_of(model: StructuralModel, weights: Motion) -> Motion:
         return weights
     total: dict[Label, float] = {}
     for label, weight in weights.items():
-        for dof, part in model.motions.get(str(label), {label: 1.0}).items():
-            total[dof] = total.get(dof, 0.0) + weight * part
+        for dof, weight_of_dof in model.motions.get(str(label), {label: 1.0}).items():
+            total[dof] = total.get(dof, 0.0) + weight * weight_of_dof
     return total
 
 
@@ -138,59 +138,63 @@ def _by_node(model: StructuralModel) -> dict[Node, dict[str, Label]]:
 
     Nodes that move rigidly with others have motions in place of DOFs.
     """
-    found: dict[Node, dict[str, Label]] = {}
+    labels: dict[Node, dict[str, Label]] = {}
     for label in model.dofs:
         node, along = (label, "") if isinstance(label, int) else node_direction(label) or (label, "")
-        if along and along in found.get(node, {}):
+        if along and along in labels.get(node, {}):
             raise UsageError(
-                f"the DOFs {found[node][along]} and {label} have one node and direction",
+                f"the DOFs {labels[node][along]} and {label} have one node and direction",
                 remedy="List the channels with the labels of the structure.",
             )
-        found.setdefault(node, {})[along] = label
+        labels.setdefault(node, {})[along] = label
     places = {} if model.nodes is None else model.nodes.places
     for name in model.motions:
-        place = node_direction(name)
-        if place is not None and place[0] in places:
-            found.setdefault(place[0], {}).setdefault(place[1], name)
-    return found
+        node_at = node_direction(name)
+        if node_at is not None and node_at[0] in places:
+            labels.setdefault(node_at[0], {}).setdefault(node_at[1], name)
+    return labels
 
 
 def _matched_nodes(
     model: StructuralModel,
-    known: Mapping[Node, object],
-    wanted: Sequence[Node],
+    model_nodes: Mapping[Node, object],
+    test_nodes: Sequence[Node],
     how: Matching,
     test: Nodes | None,
 ) -> dict[Node, Node]:
     """Return the node of the model for each node of the test."""
-    found = {node: how.pairs[node] for node in wanted if node in how.pairs}
-    missing = [f"{node} ({other})" for node, other in found.items() if other not in known]
+    pairs = {node: how.pairs[node] for node in test_nodes if node in how.pairs}
+    missing = [
+        f"{node} ({model_node})" for node, model_node in pairs.items() if model_node not in model_nodes
+    ]
     if missing:
         raise UsageError(
             f"the model has no nodes with DOFs for nodes of the test: {_listed(missing)}",
             names=("match.nodes",),
         )
-    rest = [node for node in wanted if node not in found]
+    rest = [node for node in test_nodes if node not in pairs]
     if how.by == "position":
-        found |= _closest(model, known, rest, how, test)
+        pairs |= _closest(model, model_nodes, rest, how, test)
     else:
-        lacking = [str(node) for node in rest if node not in known]
+        lacking = [str(node) for node in rest if node not in model_nodes]
         if lacking:
             raise UsageError(
-                f"the model has no DOFs at {len(lacking)} of the {len(wanted)} nodes of the test: "
-                f"{_listed(lacking)}; it has some at {_listed([str(node) for node in known])}",
+                f"the model has no DOFs at {len(lacking)} of the {len(test_nodes)} nodes of the test: "
+                f"{_listed(lacking)}; it has some at {_listed([str(node) for node in model_nodes])}",
                 remedy="Match by position (match: {by: position, tolerance: …}), or list pairs under "
                 "match: {nodes: {TEST: MODEL}}.",
                 names=("match",),
             )
-        found |= {node: node for node in rest}
+        pairs |= {node: node for node in rest}
         if how.tolerance is not None:
-            _check_distances(model, found, how, test)
+            _check_distances(model, pairs, how, test)
     by_model: dict[Node, list[Node]] = {}
-    for node, other in found.items():
-        by_model.setdefault(other, []).append(node)
+    for node, model_node in pairs.items():
+        by_model.setdefault(model_node, []).append(node)
     double = [
-        f"{' and '.join(map(str, nodes))} at {other}" for other, nodes in by_model.items() if len(nodes) > 1
+        f"{' and '.join(map(str, nodes))} at {model_node}"
+        for model_node, nodes in by_model.items()
+        if len(nodes) > 1
     ]
     if double:
         raise UsageError(
@@ -199,7 +203,7 @@ def _matched_nodes(
             "{nodes: {TEST: MODEL}}.",
             names=("match",),
         )
-    return found
+    return pairs
 
 
 def _placed(nodes: Sequence[Node], how: Matching, test: Nodes | None) -> Array:
@@ -231,22 +235,22 @@ def _nodes_of(model: StructuralModel) -> Nodes:
 
 def _closest(
     model: StructuralModel,
-    known: Mapping[Node, object],
-    wanted: Sequence[Node],
+    model_nodes: Mapping[Node, object],
+    test_nodes: Sequence[Node],
     how: Matching,
     test: Nodes | None,
 ) -> dict[Node, Node]:
     """Return the closest node of the model for each node of the test."""
     assert how.tolerance is not None
     nodes = _nodes_of(model)
-    candidates = [node for node in nodes.numbers if node in known and node not in nodes.points]
+    candidates = [node for node in nodes.numbers if node in model_nodes and node not in nodes.points]
     xyz = nodes.xyz[[nodes.places[node] for node in candidates]]
-    found: dict[Node, Node] = {}
+    pairs: dict[Node, Node] = {}
     far, between = [], []
-    for node, point in zip(wanted, _placed(wanted, how, test), strict=True):
+    for node, point in zip(test_nodes, _placed(test_nodes, how, test), strict=True):
         distances = np.linalg.norm(xyz - point, axis=1)
         at = int(np.argmin(distances))
-        found[node] = candidates[at]
+        pairs[node] = candidates[at]
         here = np.linalg.norm(xyz - xyz[at], axis=1) <= _COINCIDENT * how.tolerance
         if distances[at] > how.tolerance:
             far.append((float(distances[at]), f"{node}: {distances[at]:.4g} m from {candidates[at]}"))
@@ -255,8 +259,8 @@ def _closest(
             between.append(f"{node} at {', '.join(several)}")
     if far:
         raise UsageError(
-            f"{len(far)} of {len(wanted)} nodes of the test lie more than {how.tolerance:g} m from the nodes "
-            f"of the model: {_listed([text for _, text in sorted(far, reverse=True)])}",
+            f"{len(far)} of {len(test_nodes)} nodes of the test lie more than {how.tolerance:g} m from the "
+            f"nodes of the model: {_listed([text for _, text in sorted(far, reverse=True)])}",
             remedy="Give the position of the test in the model (match: {origin: …, axes: …}), or a larger "
             "tolerance.",
             names=("match.tolerance", "match"),
@@ -267,24 +271,24 @@ def _closest(
             remedy="Say which one is meant: match: {nodes: {TEST: MODEL}}.",
             names=("match",),
         )
-    return found
+    return pairs
 
 
 def _check_distances(
-    model: StructuralModel, found: Mapping[Node, Node], how: Matching, test: Nodes | None
+    model: StructuralModel, pairs: Mapping[Node, Node], how: Matching, test: Nodes | None
 ) -> None:
     """Refuse nodes of one number that lie apart."""
     assert how.tolerance is not None
     nodes = _nodes_of(model)
-    for node in found.values():
+    for node in pairs.values():
         if node not in nodes.places:
             raise UsageError(f"node {node} of the model has no position", names=("match.tolerance", "match"))
-    apart = _placed(list(found), how, test) - nodes.xyz[[nodes.places[node] for node in found.values()]]
-    far = sorted(zip(np.linalg.norm(apart, axis=1).tolist(), found, strict=True), key=lambda one: -one[0])
+    apart = _placed(list(pairs), how, test) - nodes.xyz[[nodes.places[node] for node in pairs.values()]]
+    far = sorted(zip(np.linalg.norm(apart, axis=1).tolist(), pairs, strict=True), key=lambda item: -item[0])
     texts = [f"{node}: {distance:.4g} m" for distance, node in far if distance > how.tolerance]
     if texts:
         raise UsageError(
-            f"{len(texts)} of {len(found)} nodes of the test lie more than {how.tolerance:g} m from the node "
+            f"{len(texts)} of {len(pairs)} nodes of the test lie more than {how.tolerance:g} m from the node "
             f"of the model with their number: {_listed(texts)}",
             remedy="The numbers differ, or the coordinates do: match by position, or give origin and axes.",
             names=("match.tolerance", "match"),
@@ -295,13 +299,13 @@ def _components(
     nodes: Nodes | None, node: Node, measured: Node, along: str, how: Matching, test: Nodes | None
 ) -> dict[str, float]:
     """Return a direction of a node of the test as a sum of the directions of a node of the model."""
-    place = DIRECTIONS.index(along)
-    own = np.eye(3) if test is None else test.axes_of(measured)
+    axis = DIRECTIONS.index(along)
+    measured_axes = np.eye(3) if test is None else test.axes_of(measured)
     axes = np.eye(3) if nodes is None else nodes.axes_of(node)
-    weights = axes @ (own[place % 3] @ how.axes)
+    weights = axes @ (measured_axes[axis % 3] @ how.axes)
     weights[np.abs(weights) < _AXIS_COMPONENT_TOL] = 0.0
     weights /= np.linalg.norm(weights)
-    names = DIRECTIONS[:3] if place < 3 else DIRECTIONS[3:]
+    names = DIRECTIONS[:3] if axis < 3 else DIRECTIONS[3:]
     return {name: float(weight) for name, weight in zip(names, weights, strict=True) if weight}
 
 

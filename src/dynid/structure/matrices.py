@@ -309,22 +309,22 @@ class DependentMatrix:
         bases: list[tuple[Real, Any]] = [(1.0, T.constant), *T.terms]
         patterns: list[tuple[Real, Any]] = [(1.0, self.constant), *self.terms]
         terms = []
-        for place, (a, left) in enumerate(bases):
-            for b, right in bases[: place + 1]:
+        for index, (a, left) in enumerate(bases):
+            for b, right in bases[: index + 1]:
                 for c, pattern in patterns:
                     coefficient = a * b * c
                     if isinstance(coefficient, Dependent):
-                        part = left.T @ pattern @ right
-                        terms.append((coefficient, part if left is right else part + part.T))
+                        block = left.T @ pattern @ right
+                        terms.append((coefficient, block if left is right else block + block.T))
         return DependentMatrix(constant, tuple(terms))
 
     def merged(self) -> DependentMatrix:
         """Return the same matrix with one term for all multiples of the same expression."""
         sums: dict[int, tuple[Dependent, Any]] = {}
-        found = like_terms([coefficient for coefficient, _ in self.terms])
-        for (factor, core), (_, pattern) in zip(found, self.terms, strict=True):
-            part = factor * pattern
-            sums[id(core)] = (core, sums[id(core)][1] + part if id(core) in sums else part)
+        terms = like_terms([coefficient for coefficient, _ in self.terms])
+        for (factor, core), (_, pattern) in zip(terms, self.terms, strict=True):
+            product = factor * pattern
+            sums[id(core)] = (core, sums[id(core)][1] + product if id(core) in sums else product)
         nonzero = (term for term in sums.values() if (term[1].nnz if is_sparse(term[1]) else np.any(term[1])))
         return DependentMatrix(self.constant, tuple(nonzero))
 
@@ -340,8 +340,8 @@ def pattern_sum(*parts: tuple[Real, Array]) -> DependentMatrix:
 def entries(rows: Sequence[Sequence[Real]] | Array) -> DependentMatrix:
     """Return the symmetric matrix of given entries (n x n), the upper triangle read."""
     n = len(rows)
-    known = [[0.0 if isinstance(value, Dependent) else float(value) for value in row] for row in rows]
-    total = DependentMatrix(np.array(known))
+    numbers = [[0.0 if isinstance(value, Dependent) else float(value) for value in row] for row in rows]
+    total = DependentMatrix(np.array(numbers))
     for i in range(n):
         for j in range(i, n):
             value = rows[i][j]

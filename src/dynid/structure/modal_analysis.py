@@ -41,7 +41,7 @@ class StructureSummary(NamedTuple):
 
 
 def summarise(
-    model: StructuralModel, found: Modes | None = None, M: Matrix | None = None
+    model: StructuralModel, lowest: Modes | None = None, M: Matrix | None = None
 ) -> StructureSummary:
     """Return size, massless DOFs and named rigid-body modes of a structure.
 
@@ -49,15 +49,15 @@ def summarise(
     ----------
     model
         The structure.
-    found
+    lowest
         Its modes, the rigid-body ones among them; absent: computed, with known joints.
     M
         Its mass with joints that have mass; absent: without.
     """
-    if found is None:
+    if lowest is None:
         M, C, K = model.with_joints()
-        found = _beyond_rigid((M, C, K), modes(M, C, K, count=None if model.size <= 400 else 7))
-    names = rigid_names(model.dofs, found.shapes[:, : found.rigid])
+        lowest = _beyond_rigid((M, C, K), modes(M, C, K, count=None if model.size <= 400 else 7))
+    names = rigid_names(model.dofs, lowest.shapes[:, : lowest.rigid])
     without = massless(model.M if M is None else M)
     return StructureSummary(model.size, model.is_sparse, tuple(model.dofs[at] for at in without), names)
 
@@ -84,18 +84,18 @@ def rigid_names(dofs: Sequence[Label], shapes: Array) -> tuple[str, ...]:
     names, moved = _translations(dofs, basis)
     rest = basis
     if moved:
-        known = np.linalg.qr(np.array(moved).T)[0]
-        left, sizes, _ = np.linalg.svd(basis - known @ (known.T @ basis), full_matrices=False)
+        orthonormal = np.linalg.qr(np.array(moved).T)[0]
+        left, sizes, _ = np.linalg.svd(basis - orthonormal @ (orthonormal.T @ basis), full_matrices=False)
         rest = left[:, : count - len(names)]
         assert sizes[: rest.shape[1]].min(initial=1.0) > _RIGID_SPAN_TOL
     turning, mechanisms = _rotations(dofs, rest, len(names))
     names += ["rotation"] * turning if turning < 2 else [f"rotation {k}" for k in range(1, turning + 1)]
     for motion in mechanisms.T:
         size = np.abs(motion)
-        most = [
+        largest = [
             at for at in np.argsort(-size, kind="stable")[:_MAX_NAMED_DOFS] if size[at] > 1e-3 * size.max()
         ]
-        names.append(f"mechanism of {labels.listed([dofs[at] for at in most])}")
+        names.append(f"mechanism of {labels.listed([dofs[at] for at in largest])}")
     return tuple(names)
 
 
@@ -103,7 +103,7 @@ def _translations(dofs: Sequence[Label], basis: Array) -> tuple[list[str], list[
     """Return names and motions of the uniform translations within a span."""
     along = [labels.direction(dof) for dof in dofs]
     translating = {
-        direction: np.array([float(other == direction) for other in along])
+        direction: np.array([float(axis_of_dof == direction) for axis_of_dof in along])
         for direction, dof in dict(zip(along, dofs, strict=True)).items()
         if labels.kind(dof) == "translation"
     }
@@ -125,10 +125,10 @@ def _rotations(dofs: Sequence[Label], rest: Array, translations: int) -> tuple[i
     if len(turns) and len({labels.direction(dof) for dof, kind in zip(dofs, kinds, strict=True)
                            if kind == "rotation"}) == 1:  # fmt: skip
         # In a plane one motion turns all alike; the rest of the span turns nothing, or parts only.
-        part = np.linalg.lstsq(turns, np.ones(len(turns)), rcond=None)[0]
-        if np.linalg.norm(turns @ part - 1) > _RIGID_SPAN_TOL * np.sqrt(len(turns)):
+        solution = np.linalg.lstsq(turns, np.ones(len(turns)), rcond=None)[0]
+        if np.linalg.norm(turns @ solution - 1) > _RIGID_SPAN_TOL * np.sqrt(len(turns)):
             return 0, rest
-        direction = part / np.linalg.norm(part)
+        direction = solution / np.linalg.norm(solution)
         others = np.linalg.svd(rest - np.outer(rest @ direction, direction), full_matrices=False)[0]
         return 1, others[:, : rest.shape[1] - 1]
     allowed = min(rest.shape[1], {0: 0, 1: 0, 2: 1, 3: 3}[min(translations, 3)])
@@ -147,10 +147,10 @@ def _beyond_rigid(matrices: tuple[Matrix, Matrix, Matrix], lowest: Modes) -> Mod
     motions of all of its translations and rotations together.
     """
     M, C, K = matrices
-    found = lowest
-    while found.rigid == len(found.omega) < (most := M.shape[0] - found.massless):
-        found = modes(M, C, K, min(2 * len(found.omega) + _RIGID_BODY_MODES, most))
-    return found
+    computed = lowest
+    while computed.rigid == len(computed.omega) < (max_modes := M.shape[0] - computed.massless):
+        computed = modes(M, C, K, min(2 * len(computed.omega) + _RIGID_BODY_MODES, max_modes))
+    return computed
 
 
 def modal_analysis(
@@ -182,23 +182,23 @@ def modal_analysis(
         is missing, proved by signs of pivots.
     """
     M, C, K = model.with_joints(values)
-    found = modes(M, C, K, count, below)
-    whole = found if count is None else _beyond_rigid((M, C, K), found)
-    about = summarise(model, whole, M)
+    lowest = modes(M, C, K, count, below)
+    complete = lowest if count is None else _beyond_rigid((M, C, K), lowest)
+    about = summarise(model, complete, M)
     result, group = Result("structure"), "structure/modes"
-    result.add_axis(f"{group}/mode", np.arange(1, len(found.omega) + 1))
-    result.add(f"{group}/omega", found.omega, ("mode",), "rad/s")
-    result.add(f"{group}/uncertainty", found.uncertainty, ("mode",), "rad/s")
-    result.add(f"{group}/undecided", found.undecided, ("mode",))
-    result.add(f"{group}/damping", found.damping, ("mode",))
-    names = [*about.rigid, *[""] * len(found.omega)][: len(found.omega)]
+    result.add_axis(f"{group}/mode", np.arange(1, len(lowest.omega) + 1))
+    result.add(f"{group}/omega", lowest.omega, ("mode",), "rad/s")
+    result.add(f"{group}/uncertainty", lowest.uncertainty, ("mode",), "rad/s")
+    result.add(f"{group}/undecided", lowest.undecided, ("mode",))
+    result.add(f"{group}/damping", lowest.damping, ("mode",))
+    names = [*about.rigid, *[""] * len(lowest.omega)][: len(lowest.omega)]
     result.add(f"{group}/name", names, ("mode",))
     result.add_axis(f"{group}/dof", [str(dof) for dof in model.dofs])
-    result.add(f"{group}/shape", found.shapes, ("dof", "mode"))
-    result.add(f"{group}/rigid", whole.rigid)
-    result.add(f"{group}/counted", found.counted, (), "rad/s")
-    if found.doubt:
-        result.annotate(group, doubt=found.doubt)
+    result.add(f"{group}/shape", lowest.shapes, ("dof", "mode"))
+    result.add(f"{group}/rigid", complete.rigid)
+    result.add(f"{group}/counted", lowest.counted, (), "rad/s")
+    if lowest.doubt:
+        result.annotate(group, doubt=lowest.doubt)
     if about.massless:
         result.add_axis(f"{group}/massless", [str(dof) for dof in about.massless])
     return result

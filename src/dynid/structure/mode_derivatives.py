@@ -107,12 +107,12 @@ class ModalSolution:
         powers: dict[str, Any] = {"M": pole**2, "C": pole, "K": 1.0}
         if not self.damped:
             powers = {"M": (pole**2).real, "C": 0.0, "K": 1.0}
-        found = np.zeros((len(shape), len(slopes)), dtype=self.shapes.dtype)
+        forces = np.zeros((len(shape), len(slopes)), dtype=self.shapes.dtype)
         for j, changes in enumerate(slopes):
             for letter, change in changes.items():
                 if powers[letter] != 0:
-                    found[:, j] -= powers[letter] * np.asarray(change @ shape)
-        return found
+                    forces[:, j] -= powers[letter] * np.asarray(change @ shape)
+        return forces
 
     def _border(self, pole: complex, span: Vectors) -> Vectors:
         """Return ``(2 lambda M + C) Psi`` (n x k), without damping ``2 M Psi``."""
@@ -134,28 +134,26 @@ class ModalSolution:
             Derivatives of the matrices by each parameter (p), as of `StructuralModel.slopes`.
         """
         work = shape @ self._forces(pole, shape, slopes)
-        found = np.asarray(work / (shape @ self._border(pole, shape)))
+        slopes_of_pole = np.asarray(work / (shape @ self._border(pole, shape)))
         if not self.damped:  # of -omega^2 / 2, from which that of the pole j omega follows
-            found = found / pole if pole else np.zeros(len(slopes))
-        return np.asarray(found, dtype=complex)
+            slopes_of_pole = slopes_of_pole / pole if pole else np.zeros(len(slopes))
+        return np.asarray(slopes_of_pole, dtype=complex)
 
     @guarded("the derivatives of the modes")
-    def shape_slopes(
-        self, place: int, span: Sequence[int], slopes: Sequence[Mapping[str, Matrix]]
-    ) -> Vectors:
+    def shape_slopes(self, mode: int, span: Sequence[int], slopes: Sequence[Mapping[str, Matrix]]) -> Vectors:
         """Return the derivatives of a shape by the parameters, without their parts in a span (n x p).
 
         Parameters
         ----------
-        place
+        mode
             The mode, from 0.
         span
             The modes at its frequency: itself alone, or also close and equal ones.
         slopes
             As of `pole_slopes`.
         """
-        pole = complex(self.poles[place])
-        forces = self._forces(pole, self.shapes[:, place], slopes)
+        pole = complex(self.poles[mode])
+        forces = self._forces(pole, self.shapes[:, mode], slopes)
         if self.inverse is not None:
             return self.inverse.solve(pole.imag**2, span, forces)
         matrices: tuple[Any, Any, Any] = self.matrices
@@ -180,29 +178,29 @@ def _bordered(Z: Any, B: Vectors, forces: Vectors) -> Vectors:
         from scipy.sparse.linalg import splu
 
         scaled, border = diags_array(size) @ csc_array(Z) @ diags_array(size), csc_array(B)
-        whole: Any = block_array([[scaled, border], [border.T, None]], format="csc")
+        bordered: Any = block_array([[scaled, border], [border.T, None]], format="csc")
         # The border alone needs pivots: a loose threshold keeps the ordering, and a step of refinement the
         # digits.
-        factor = splu(whole, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=_PIVOT)
-        right = right.astype(whole.dtype)
-        found = factor.solve(right)
-        found = found + factor.solve(right - whole @ found)
+        factor = splu(bordered, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=_PIVOT)
+        right = right.astype(bordered.dtype)
+        solution = factor.solve(right)
+        solution = solution + factor.solve(right - bordered @ solution)
     else:
-        whole = np.zeros((n + k, n + k), dtype=np.result_type(Z.dtype, B.dtype))
-        whole[:n, :n] = size[:, None] * as_array(Z) * size
-        whole[:n, n:], whole[n:, :n] = B, B.T
-        found = np.linalg.solve(whole, right)
-    return np.asarray(size[:, None] * found[:n])
+        bordered = np.zeros((n + k, n + k), dtype=np.result_type(Z.dtype, B.dtype))
+        bordered[:n, :n] = size[:, None] * as_array(Z) * size
+        bordered[:n, n:], bordered[n:, :n] = B, B.T
+        solution = np.linalg.solve(bordered, right)
+    return np.asarray(size[:, None] * solution[:n])
 
 
 def has_damping(model: StructuralModel) -> bool:
     """Return True if a structure has damping, known or unknown."""
-    known = model.with_known_joints()[1]
-    entries = known.data if is_sparse(known) else known
+    C = model.with_known_joints()[1]
+    entries = C.data if is_sparse(C) else C
     if np.any(entries) or model.modal is not None:
         return True
     return any(term.letter == "C" for term in (*model.terms, *model.joint_terms)) or any(
-        one.name.endswith(".c") for one in model.joint_unknowns
+        unknown.name.endswith(".c") for unknown in model.joint_unknowns
     )
 
 
@@ -234,19 +232,19 @@ def lowest_modes(
     """
     matrices = M, C, K = model.with_joints(values)
     if is_sparse(M):
-        found = modes(M, C, K, count=min(count, model.size - 1), proof=False)
-        along = (1j * found.omega[:count]).astype(np.complex128)
-        undamped = ModalSolution(model, values, along, found.shapes[:, :count], matrices)
+        computed = modes(M, C, K, count=min(count, model.size - 1), proof=False)
+        along = (1j * computed.omega[:count]).astype(np.complex128)
+        undamped = ModalSolution(model, values, along, computed.shapes[:, :count], matrices)
         if not damped:
             return undamped
         if (solution := _damped_sparse(undamped)) is not None:
             return solution
     if damped:
         return _damped(model, values, count, matrices)
-    whole = len(M) <= _MOST_WHOLE
-    square, shapes, inverse = _undamped(as_array(M), as_array(K), len(M) if whole else count, near**2)
+    all_modes = len(M) <= _MOST_WHOLE
+    square, shapes, inverse = _undamped(as_array(M), as_array(K), len(M) if all_modes else count, near**2)
     poles: ComplexArray = np.asarray(1j * np.sqrt(np.maximum(square[:count], 0.0)), dtype=np.complex128)
-    return ModalSolution(model, values, poles, shapes[:, :count], matrices, inverse if whole else None)
+    return ModalSolution(model, values, poles, shapes[:, :count], matrices, inverse if all_modes else None)
 
 
 def _undamped(M: Array, K: Array, count: int, shift: float) -> tuple[Array, Array, Inverse]:
@@ -283,10 +281,10 @@ def _damped(
 ) -> ModalSolution:
     """Return the lowest damped modes, in coordinates of all undamped ones."""
     M, C, K = (as_array(matrix) for matrix in matrices)
-    found = modes(M, C, K, backend="dense")
-    poles, U = second_order_poles(found.omega, found.shapes.T @ C @ found.shapes)
+    undamped = modes(M, C, K, backend="dense")
+    poles, U = second_order_poles(undamped.omega, undamped.shapes.T @ C @ undamped.shapes)
     kept = np.flatnonzero(poles.imag > STILL * np.abs(poles))[:count]
-    return ModalSolution(model, values, poles[kept], found.shapes @ U[:, kept], matrices)
+    return ModalSolution(model, values, poles[kept], undamped.shapes @ U[:, kept], matrices)
 
 
 def _damped_sparse(undamped: ModalSolution) -> ModalSolution | None:
@@ -298,11 +296,11 @@ def _damped_sparse(undamped: ModalSolution) -> ModalSolution | None:
     count, matrices = len(undamped.poles) - rigid, undamped.matrices
     poles, shapes = undamped.poles, undamped.shapes.astype(complex)
     if count:
-        found = lowest_oscillating(matrices, count, rigid, float(undamped.omega[rigid]))
-        if found is None:
+        poles_and_shapes = lowest_oscillating(matrices, count, rigid, float(undamped.omega[rigid]))
+        if poles_and_shapes is None:
             return None
-        poles = np.concatenate([poles[:rigid], found[0]])
-        shapes = np.hstack([shapes[:, :rigid], found[1]])
+        poles = np.concatenate([poles[:rigid], poles_and_shapes[0]])
+        shapes = np.hstack([shapes[:, :rigid], poles_and_shapes[1]])
     near = [rigid + np.flatnonzero(np.abs(poles[rigid:] - pole) <= EQUAL * abs(pole)) for pole in poles]
     for span in near[rigid:]:
         shapes[:, span] = _realigned(shapes[:, span], matrices[0])
@@ -394,15 +392,15 @@ def modal_basis(
     solution = lowest_modes(model, values, count, near, damped=damped)
     slopes = model.slopes(values)
     columns = [solution.shapes]
-    for place, omega in enumerate(solution.omega.tolist()):
+    for mode, omega in enumerate(solution.omega.tolist()):
         if omega <= highest:
-            near_by = {place, *np.flatnonzero(np.abs(solution.omega - omega) <= EQUAL * omega).tolist()}
-            columns.append(solution.shape_slopes(place, sorted(near_by), slopes))
-    every = np.concatenate(columns, axis=1)
-    if np.iscomplexobj(every):
-        every = np.concatenate([every.real, every.imag], axis=1)
-    size = np.linalg.norm(every, axis=0)
-    every = every[:, size > 0] / size[size > 0]
-    U, s, _ = np.linalg.svd(every, full_matrices=False)
+            near_by = {mode, *np.flatnonzero(np.abs(solution.omega - omega) <= EQUAL * omega).tolist()}
+            columns.append(solution.shape_slopes(mode, sorted(near_by), slopes))
+    columns_of_basis = np.concatenate(columns, axis=1)
+    if np.iscomplexobj(columns_of_basis):
+        columns_of_basis = np.concatenate([columns_of_basis.real, columns_of_basis.imag], axis=1)
+    size = np.linalg.norm(columns_of_basis, axis=0)
+    columns_of_basis = columns_of_basis[:, size > 0] / size[size > 0]
+    U, s, _ = np.linalg.svd(columns_of_basis, full_matrices=False)
     T = U[:, s > _DEPENDENT_COLUMN_TOL * s[0]]
     return model.projected(T, tuple(f"q{k}" for k in range(1, T.shape[1] + 1)))

@@ -131,8 +131,8 @@ class StructuralModel(NamedDofs):
         n = shape[0] if shape else 0
         sparse = any(is_sparse(matrix) for matrix in (self.M, self.C, self.K))
         for name in ("M", "K", "C"):
-            given = getattr(self, name)
-            object.__setattr__(self, name, as_matrix(name, given, n, sparse=sparse))
+            stored = getattr(self, name)
+            object.__setattr__(self, name, as_matrix(name, stored, n, sparse=sparse))
         terms = (
             term._replace(matrix=as_matrix(term.letter, term.matrix, n, sparse=sparse)) for term in self.terms
         )
@@ -169,8 +169,8 @@ class StructuralModel(NamedDofs):
     def _copied(self, **changes: Any) -> StructuralModel:
         """Return a copy with other attributes, which are not checked."""
         model = object.__new__(StructuralModel)
-        for one in fields(self):
-            object.__setattr__(model, one.name, changes.get(one.name, getattr(self, one.name)))
+        for item in fields(self):
+            object.__setattr__(model, item.name, changes.get(item.name, getattr(self, item.name)))
         return model
 
     @property
@@ -201,7 +201,7 @@ class StructuralModel(NamedDofs):
     @property
     def unknowns(self) -> tuple[Parameter, ...]:
         """The unknown parameters: of joints, then of `parameters`, on which loads may depend, too."""
-        return (*self.joint_unknowns, *(one for one in self.parameters if one.std is None))
+        return (*self.joint_unknowns, *(parameter for parameter in self.parameters if parameter.std is None))
 
     @cached_property
     def joint_unknowns(self) -> tuple[Parameter, ...]:
@@ -209,18 +209,18 @@ class StructuralModel(NamedDofs):
         return tuple(
             Parameter(
                 name,
-                part.start,
-                part.true,
-                part.low,
-                part.high,
-                part.prior,
+                component.start,
+                component.true,
+                component.low,
+                component.high,
+                component.prior,
                 unit=unit_of(letter, [self.kind(dof) for dof in joint.dofs])
-                if part.matrix is None
+                if component.matrix is None
                 else "",  # of the factor of a block
             )
             for joint in self.joints
-            for name, letter, part, _ in joint.terms
-            if part.start is not None
+            for name, letter, component, _ in joint.terms
+            if component.start is not None
         )
 
     @cached_property
@@ -251,15 +251,15 @@ class StructuralModel(NamedDofs):
             Parameters by name; those that are absent have their reference values.
         """
         sums: dict[str, Any] = {"M": self.M, "C": self.C, "K": self.K}
-        given = values or {}
-        if self.names.isdisjoint(given):
+        parameter_values = values or {}
+        if self.names.isdisjoint(parameter_values):
             return self.M, self.C, self.K
         for term in self.terms:
-            change = term.coefficient.at(given).value - float(term.coefficient)
+            change = term.coefficient.at(parameter_values).value - float(term.coefficient)
             if change:
                 sums[term.letter] = sums[term.letter] + change * term.matrix
         if self.modal is not None:
-            sums["C"] = sums["C"] + self._stored(self.modal.change(given))
+            sums["C"] = sums["C"] + self._stored(self.modal.change(parameter_values))
         return sums["M"], sums["C"], sums["K"]
 
     @guarded("the sum of mass, stiffness or damping at a DOF", UsageError)
@@ -277,25 +277,29 @@ class StructuralModel(NamedDofs):
         UsageError
             If an unknown parameter of a joint has no value, or a name is no parameter.
         """
-        given = dict(values or {})
-        unknown = given.keys() - self.names - {one.name for one in self.parameters}
+        parameter_values = dict(values or {})
+        unknown = parameter_values.keys() - self.names - {parameter.name for parameter in self.parameters}
         if unknown:
             this = "this name" if len(unknown) == 1 else "these names"
-            names = [name for name in given if name in unknown]
+            names = [name for name in parameter_values if name in unknown]
             raise UsageError(f"{', '.join(names)}: no unknown parameter has {this}", names=names)
-        sums: dict[str, Any] = dict(zip("mck", self.bare(given), strict=True))
+        sums: dict[str, Any] = dict(zip("mck", self.bare(parameter_values), strict=True))
         for joint in self.joints:
-            for name, letter, part, whole in joint.terms:
-                known = given.get(name) if part.value is None else evaluated(part.value, given).value
-                if known is None:
+            for name, letter, component, pattern in joint.terms:
+                value = (
+                    parameter_values.get(name)
+                    if component.value is None
+                    else evaluated(component.value, parameter_values).value
+                )
+                if value is None:
                     raise UsageError(f"the joint parameter {name} has no value", names=(name,))
-                block = as_array(whole.at(given))
-                sums[letter] = sums[letter] + self._pattern(joint, known * block, letter)
+                block = as_array(pattern.at(parameter_values))
+                sums[letter] = sums[letter] + self._pattern(joint, value * block, letter)
         return sums["m"], sums["c"], sums["k"]
 
     def with_known_joints(self, values: Mapping[str, float] | None = None) -> tuple[Matrix, Matrix, Matrix]:
         """Return the matrices with the joints that are known, or in `values`; other ones are left out."""
-        others = {one.name: 0.0 for one in self.joint_unknowns}
+        others = {parameter.name: 0.0 for parameter in self.joint_unknowns}
         return self.with_joints({**others, **(values or {})})
 
     def slopes(
@@ -316,8 +320,8 @@ class StructuralModel(NamedDofs):
             For each of them the derivatives by the matrices' letters, ``M``, ``C``, ``K``; those that
             vanish are absent.
         """
-        wanted = [one.name for one in self.unknowns] if names is None else names
-        found: dict[str, dict[str, Any]] = {name: {} for name in wanted}
+        requested = [parameter.name for parameter in self.unknowns] if names is None else names
+        by_name: dict[str, dict[str, Any]] = {name: {} for name in requested}
         parts = [
             (name, term.letter, rate * term.matrix)
             for term in (*self.joint_terms, *self.terms)
@@ -326,21 +330,25 @@ class StructuralModel(NamedDofs):
         if self.modal is not None:
             changes = self.modal.slopes(values)
             parts += [(name, "C", self._stored(change)) for name, change in changes.items()]
-        for name, letter, part in parts:
-            if name in found:
-                own = found[name]
-                own[letter] = own[letter] + part if letter in own else part
-        return tuple(found.values())
+        for name, letter, component in parts:
+            if name in by_name:
+                slopes_of_name = by_name[name]
+                slopes_of_name[letter] = (
+                    slopes_of_name[letter] + component if letter in slopes_of_name else component
+                )
+        return tuple(by_name.values())
 
     def mass(self, values: Mapping[str, float] | None = None) -> Matrix:
         """Return the mass matrix with that of the joints, for unknown parameters by name."""
-        given = {one.name: one.expected for one in self.unknowns} | dict(values or {})
-        return self.with_joints(given)[0]
+        parameter_values = {parameter.name: parameter.expected for parameter in self.unknowns} | dict(
+            values or {}
+        )
+        return self.with_joints(parameter_values)[0]
 
     @property
     def affine(self) -> bool:
         """True if every unknown parameter is the factor of stiffness and damping matrices, and of no mass."""
-        unknown = {one.name for one in self.unknowns}
+        unknown = {parameter.name for parameter in self.unknowns}
         return self.modal is None and all(
             term.letter != "M" and term.coefficient.is_multiple
             for term in (*self.joint_terms, *self.terms)
@@ -384,14 +392,16 @@ class StructuralModel(NamedDofs):
         UsageError
             If a joint's own parameter has no value, or a name is none of these.
         """
-        given = dict(values or {})
-        others = [name for name in given if name in {one.name for one in self.parameters}]
+        parameter_values = dict(values or {})
+        others = [
+            name for name in parameter_values if name in {parameter.name for parameter in self.parameters}
+        ]
         if others:
             raise UsageError(f"{', '.join(others)}: no parameter of a joint alone", names=others)
-        own = {one.name for one in self.joint_unknowns}
-        lasting = (term for term in self.joint_terms if own.isdisjoint(term.coefficient.names))
+        joint_names = {parameter.name for parameter in self.joint_unknowns}
+        lasting = (term for term in self.joint_terms if joint_names.isdisjoint(term.coefficient.names))
         terms = (*self.terms, *lasting)
-        M, C, K = self.with_joints(given)
+        M, C, K = self.with_joints(parameter_values)
         return replace(self, M=M, C=C, K=K, joints=(), terms=terms)
 
     def with_parameters(self, parameters: Iterable[Parameter]) -> StructuralModel:
@@ -453,8 +463,8 @@ class StructuralModel(NamedDofs):
             ends = [self._weights(self.label(dof)) for dof in joint.dofs]
             order = [end for end, weights in enumerate(ends) for _ in weights]
             places = [self._places[label] for weights in ends for label in weights]
-            given = [weight for weights in ends for weight in weights.values()]
-            picked: Any = csc_array((given, (order, places)), shape=(len(ends), self.size))
+            weights_of_ends = [weight for weights in ends for weight in weights.values()]
+            picked: Any = csc_array((weights_of_ends, (order, places)), shape=(len(ends), self.size))
             spread: csc_array = (picked.T @ csc_array(block) @ picked).tocsc()
             return spread
         rows = np.array([self.row(dof) for dof in joint.dofs])
@@ -474,12 +484,12 @@ def _projected_pattern(term: Term, T: Array, rigid: Sequence[int]) -> Array:
     computed, and rounded more.
     """
     product = np.asarray(term.matrix @ T)
-    part: Array = T.T @ product
-    part = (part + part.T) / 2
+    projected: Array = T.T @ product
+    projected = (projected + projected.T) / 2
     if term.letter != "M":
         rounding = np.full(T.shape[1], _ROUNDING)
         rounding[list(rigid)] = _RIGID_ENERGY_TOL
         size = np.asarray(abs(term.matrix) @ np.abs(T)).max(axis=0, initial=0.0)
         unstrained = np.abs(product).max(axis=0, initial=0.0) <= rounding * size
-        part[unstrained], part[:, unstrained] = 0.0, 0.0
-    return part
+        projected[unstrained], projected[:, unstrained] = 0.0, 0.0
+    return projected

@@ -57,10 +57,10 @@ class NamedDofs:
         UsageError
             If there is no such DOF.
         """
-        found = {labels.kind(one) for one in self.moved_by(dof)}
-        if "unknown" in found and not self._full.translations:
+        kinds = {labels.kind(label) for label in self.moved_by(dof)}
+        if "unknown" in kinds and not self._full.translations:
             return "unknown"
-        return "rotation" if found == {"rotation"} else "translation"
+        return "rotation" if kinds == {"rotation"} else "translation"
 
     def label(self, dof: Label) -> Label:
         """Return the own label of a DOF, or the name of a motion.
@@ -136,8 +136,8 @@ class NamedDofs:
             row[self._places[label]] = sign
         else:
             sign, label = self.dof_names.find_signed(dof)
-            for one, weight in self._weights(label).items():
-                row[self._places[one]] += sign * weight
+            for moved, weight in self._weights(label).items():
+                row[self._places[moved]] += sign * weight
         return row
 
     def _weights(self, label: Label) -> Motion:
@@ -152,7 +152,7 @@ class NamedDofs:
 
     @cached_property
     def _places(self) -> dict[Label, int]:
-        return {label: place for place, label in enumerate(self.dofs)}
+        return {label: index for index, label in enumerate(self.dofs)}
 
     @cached_property
     def dof_names(self) -> labels.DofNames:
@@ -165,11 +165,11 @@ class NamedDofs:
         return self if self.basis is None else self.basis.parent._full
 
     def _check_motions(self) -> None:
-        known = self._full._places
+        full_places = self._full._places
         for name, motion in self.motions.items():
-            if name in known:
+            if name in full_places:
                 raise UsageError(f"'{name}' is a DOF, and cannot name a motion", names=(name,))
-            missing = next((label for label in motion if label not in known), None)
+            missing = next((label for label in motion if label not in full_places), None)
             if missing is not None or not np.isfinite(list(motion.values())).all():
                 said = "weights that are no numbers" if missing is None else f"no DOF: {missing}"
                 raise UsageError(f"the motion '{name}' names {said}", names=(name,))

@@ -81,21 +81,21 @@ def components(
         If a point does not exist or does not determine a motion, both move alike, or numbers make no sense.
     """
     ends = _Ends(joint, [_point(joint, name, points) for name in joint.points], size)
-    made: list[Joint] = []
-    each = {letter: part for letter in "kc" if isinstance(part := getattr(joint, letter), Mapping)}
-    directions = {along for part in each.values() for along in part}
+    joints: list[Joint] = []
+    matrices = {letter: matrix for letter in "kc" if isinstance(matrix := getattr(joint, letter), Mapping)}
+    directions = {along for matrix in matrices.values() for along in matrix}
     if wrong := sorted(directions - {*DIRECTIONS}):
         raise _refused(joint, f"has no direction '{wrong[0]}'", f"Use {', '.join(DIRECTIONS)}.")
-    for along in (one for one in DIRECTIONS if one in directions):
-        given = {letter: part[along] for letter, part in each.items() if along in part}
-        made.append(Joint(joint.name, ends.labels([along]), component=along, **given))
+    for along in (direction for direction in DIRECTIONS if direction in directions):
+        parameters = {letter: matrix[along] for letter, matrix in matrices.items() if along in matrix}
+        joints.append(Joint(joint.name, ends.labels([along]), component=along, **parameters))
     for letter in "kcm":
-        part = getattr(joint, letter)
-        if part is None or letter in each:
+        matrix = getattr(joint, letter)
+        if matrix is None or letter in matrices:
             continue
-        dofs, block = _over_points(joint, letter, part, ends)
-        made.append(Joint(joint.name, dofs, **{letter: block}, component=""))
-    return ends.motions, _merged(made)
+        dofs, block = _over_points(joint, letter, matrix, ends)
+        joints.append(Joint(joint.name, dofs, **{letter: block}, component=""))
+    return ends.motions, _merged(joints)
 
 
 class _Ends:
@@ -113,36 +113,36 @@ class _Ends:
         self.at = middle if joint.at is None else np.asarray(joint.at, dtype=float)
         self.least = _ONE_PLACE * size
 
-    def labels(self, directions: Sequence[str], *, own: bool = False) -> tuple[Label, ...]:
+    def labels(self, directions: Sequence[str], *, own_axes: bool = False) -> tuple[Label, ...]:
         """Return the labels of motions along these directions, of one point after the other.
 
-        They are taken at the joint's place; with `own` at the points' own.
+        They are taken at the joint's place; with `own_axes` at the points' own.
         """
-        moves = [[self._motion(point, along, own) for along in directions] for point in self.points]
+        moves = [[self._motion(point, along, own_axes) for along in directions] for point in self.points]
         for along, *ends in zip(directions, *moves, strict=True):
             if len(ends) == 2 and _alike(*ends):
                 p, q = (point.name for point in self.points)
                 said = f"does nothing: the points {p} and {q} move alike along {along}"
                 raise _refused(self.joint, said, "Join points that can move apart.")
         return tuple(
-            self._label(point, along, motion, own)
-            for point, each in zip(self.points, moves, strict=True)
-            for along, motion in zip(directions, each, strict=True)
+            self._label(point, along, motion, own_axes)
+            for point, motions in zip(self.points, moves, strict=True)
+            for along, motion in zip(directions, motions, strict=True)
         )
 
-    def _motion(self, point: PlacedPoint, along: str, own: bool) -> Motion:
-        place = DIRECTIONS.index(along)
-        axis, wanted = self.axes[place % 3], np.zeros(6)
-        if place < 3:
-            wanted[:3] = axis
+    def _motion(self, point: PlacedPoint, along: str, own_axes: bool) -> Motion:
+        number = DIRECTIONS.index(along)
+        axis, unit = self.axes[number % 3], np.zeros(6)
+        if number < 3:
+            unit[:3] = axis
             arm = self.at - point.xyz
             turning = np.cross(arm, axis)  # (theta x arm) . a = theta . (arm x a)
-            if not own and np.linalg.norm(turning) > self.least:
-                wanted[3:] = turning
+            if not own_axes and np.linalg.norm(turning) > self.least:
+                unit[3:] = turning
         else:
-            wanted[3:] = axis
+            unit[3:] = axis
         try:
-            return point.along(wanted)
+            return point.along(unit)
         except UsageError as error:
             raise UsageError(
                 f"joint {self.joint.name} along {along}: {error.problem}",
@@ -150,30 +150,30 @@ class _Ends:
                 names=(f"joints.{self.joint.name}", *error.names),
             ) from None
 
-    def _label(self, point: PlacedPoint, along: str, motion: Motion, own: bool) -> Label:
+    def _label(self, point: PlacedPoint, along: str, motion: Motion, own_axes: bool) -> Label:
         """Return the name of a motion: of a single DOF its own, or one among `motions`."""
         if list(motion.values()) == [1.0]:
             return next(iter(motion))
         named = f"{point.name}:{along}"
         if motion == point.motions.get(named):
             return named
-        named = f"{self.joint.name}.{point.name}{'.own' if own else ''}:{along}"
+        named = f"{self.joint.name}.{point.name}{'.own' if own_axes else ''}:{along}"
         self.motions[named] = motion
         return named
 
 
-def _alike(one: Motion, other: Motion) -> bool:
+def _alike(a: Motion, b: Motion) -> bool:
     """Return True if two motions are the same but for rounding."""
-    least = _WEIGHT_DIFFERENCE_TOL * max(map(abs, [*one.values(), *other.values()]), default=0.0)
-    return all(abs(one.get(dof, 0.0) - other.get(dof, 0.0)) <= least for dof in {*one, *other})
+    tolerance = _WEIGHT_DIFFERENCE_TOL * max(map(abs, [*a.values(), *b.values()]), default=0.0)
+    return all(abs(a.get(dof, 0.0) - b.get(dof, 0.0)) <= tolerance for dof in {*a, *b})
 
 
 def _over_points(
-    joint: PointJoint, letter: str, part: Component | Block, ends: _Ends
+    joint: PointJoint, letter: str, component: Component | Block, ends: _Ends
 ) -> tuple[tuple[Label, ...], JointParameter]:
     """Return the DOFs of a block over the motions of a joint's points, or of its mass, and the block."""
-    parameter = part if isinstance(part, JointParameter) else None
-    block = parameter.matrix if parameter is not None else part
+    parameter = component if isinstance(component, JointParameter) else None
+    block = parameter.matrix if parameter is not None else component
     count = len(ends.points)
     if not isinstance(block, Sequence | np.ndarray):
         if letter != "m":
@@ -183,7 +183,7 @@ def _over_points(
         ends = _Ends(PointJoint(joint.name, joint.points), ends.points, 0.0)  # it has no directions
         there = [all(k in point.determined for point in ends.points) for k in range(3)]
         dofs = ends.labels(
-            [along for along, moves in zip(DIRECTIONS, there, strict=False) if moves], own=True
+            [along for along, moves in zip(DIRECTIONS, there, strict=False) if moves], own_axes=True
         )
         value: Any = block if parameter is None else parameter.value
         return dofs, JointParameter(value, matrix=np.eye(len(dofs)) / count)
@@ -196,7 +196,7 @@ def _over_points(
     if not both and size not in (3, 6):
         sizes = dict.fromkeys(f"{n} x {n}" for n in (3, 6, 6 * count))
         raise _refused(joint, f"has a {letter} of {size} x {size}", f"It is {' or '.join(sizes)}.")
-    dofs = ends.labels(DIRECTIONS if both else DIRECTIONS[:size], own=letter == "m")
+    dofs = ends.labels(DIRECTIONS if both else DIRECTIONS[:size], own_axes=letter == "m")
     if not both and count == 2:
         signs = np.kron([1, -1], np.ones(size))
         block = [
@@ -205,22 +205,22 @@ def _over_points(
         ]
     if parameter is None:
         return dofs, JointParameter(matrix=block)
-    given = (parameter.value, parameter.start, parameter.true)
-    return dofs, JointParameter(*given, block, parameter.low, parameter.high, parameter.prior)
+    values = (parameter.value, parameter.start, parameter.true)
+    return dofs, JointParameter(*values, block, parameter.low, parameter.high, parameter.prior)
 
 
 def _merged(joints: Sequence[Joint]) -> Sequence[Joint]:
     """Return joints of different names and components: blocks over the same DOFs are one joint."""
-    found: dict[tuple[str, tuple[Label, ...]], Joint] = {}
+    by_key: dict[tuple[str, tuple[Label, ...]], Joint] = {}
     for joint in joints:
         key = (joint.component, joint.dofs)
-        if key in found:
-            one = found[key]
-            parts = {letter: getattr(one, letter) or getattr(joint, letter) for letter in "kcm"}
-            found[key] = Joint(joint.name, joint.dofs, **parts, component=joint.component)
+        if key in by_key:
+            previous = by_key[key]
+            parts = {letter: getattr(previous, letter) or getattr(joint, letter) for letter in "kcm"}
+            by_key[key] = Joint(joint.name, joint.dofs, **parts, component=joint.component)
         else:
-            found[key] = joint
-    return tuple(found.values())
+            by_key[key] = joint
+    return tuple(by_key.values())
 
 
 def _point(joint: PointJoint, name: str, points: Mapping[str, PlacedPoint]) -> PlacedPoint:

@@ -92,23 +92,23 @@ class PlacedPoint:
         UsageError
             If its nodes do not determine it.
         """
-        wanted = np.asarray(direction, dtype=float)
-        if not self.determines(wanted):
+        target = np.asarray(direction, dtype=float)
+        if not self.determines(target):
             raise UsageError(
-                f"the nodes of the point '{self.name}' do not determine its motion along {_named(wanted)}: "
-                f"{self.hidden(wanted)} moves none of their DOFs",
+                f"the nodes of the point '{self.name}' do not determine its motion along {_named(target)}: "
+                f"{self.hidden(target)} moves none of their DOFs",
                 remedy="Take nodes that do, or leave this direction out.",
                 names=(f"points.{self.name}",),
             )
-        row = wanted @ self.weights
+        row = target @ self.weights
         row[np.abs(row) <= _WEIGHT_TOL * np.abs(row).max(initial=0.0)] = 0.0
         return {dof: float(weight) for dof, weight in zip(self.dofs, row, strict=True) if weight}
 
     def determines(self, direction: Sequence[float] | Array) -> bool:
         """Return True if its nodes determine the sum of its motions with these weights (6)."""
-        wanted = np.asarray(direction, dtype=float)
-        size = np.linalg.norm(wanted / _lengths(self.length))
-        return bool(np.linalg.norm(self.unseen.T @ wanted) <= _PART * size)
+        target = np.asarray(direction, dtype=float)
+        size = np.linalg.norm(target / _lengths(self.length))
+        return bool(np.linalg.norm(self.unseen.T @ target) <= _PART * size)
 
     @cached_property
     def motions(self) -> Mapping[str, Motion]:
@@ -118,11 +118,11 @@ class PlacedPoint:
     @cached_property
     def determined(self) -> list[int]:
         """The motions, from 0, that its nodes determine."""
-        return [k for k, one in enumerate(np.eye(6)) if self.determines(one)]
+        return [k for k, unit in enumerate(np.eye(6)) if self.determines(unit)]
 
-    def hidden(self, wanted: Array) -> str:
+    def hidden(self, target: Array) -> str:
         """Return in words the part of a motion (6) that moves none of its nodes."""
-        motion = self.unseen @ (self.unseen.T @ wanted)
+        motion = self.unseen @ (self.unseen.T @ target)
         shift, turn = motion[:3], motion[3:]
         if np.linalg.norm(turn) * self.length <= _PART * np.linalg.norm(shift):
             return f"a displacement along {_vector(shift / np.linalg.norm(shift))}"
@@ -160,8 +160,8 @@ def with_points(
         )
     at_node: dict[Node, list[Label]] = {}
     for label in model.dofs:
-        if (place := node_direction(label)) is not None:
-            at_node.setdefault(place[0], []).append(label)
+        if (node_at := node_direction(label)) is not None:
+            at_node.setdefault(node_at[0], []).append(label)
     placed: dict[str, PlacedPoint] = {}
     rigid: dict[str, tuple[tuple[Label, ...], Array, PlacedPoint]] = {}
     held: dict[Node, str] = {}
@@ -180,14 +180,16 @@ def with_points(
             rigid[point.name] = (dofs, *_condensing(point, xyz, R, length))
             placed[point.name] = rigid[point.name][-1]
         else:
-            each = len(dofs) // len(point.nodes)
-            root = np.repeat(np.sqrt(point.weights or np.ones(len(point.nodes))), each)
+            dofs_per_node = len(dofs) // len(point.nodes)
+            root = np.repeat(np.sqrt(point.weights or np.ones(len(point.nodes))), dofs_per_node)
             scale = _lengths(length)
             weights = np.linalg.pinv(root[:, None] * R / scale, rcond=_UNSEEN) * root / scale[:, None]
             placed[point.name] = PlacedPoint(point.name, xyz, dofs, weights, _unseen(R, length), length)
     nodes = _with_nodes(model.nodes, points, placed)
     if not rigid:
-        motions = {name: motion for one in placed.values() for name, motion in one.motions.items()}
+        motions = {
+            name: motion for point_placed in placed.values() for name, motion in point_placed.motions.items()
+        }
         return replace(model, nodes=nodes, motions={**model.motions, **motions}), placed
     return _condensed(model, nodes, placed, rigid)
 
@@ -209,13 +211,13 @@ def _rigid_motions(
             "needs a positive weight for each of its nodes",
             "Give as many as nodes, or leave them out.",
         )
-    own = {
+    motions_of_nodes = {
         node: {along: label for label in at_node.get(node, ()) for along in [node_direction(label)[1]]}  # type: ignore[index]
         for node in point.nodes
     }
-    every = set().union(*own.values())
-    for node, there in own.items():
-        if missing := every - there.keys():
+    directions_used = set().union(*motions_of_nodes.values())
+    for node, there in motions_of_nodes.items():
+        if missing := directions_used - there.keys():
             raise _refused(
                 point,
                 f"has node {node} without DOF {node}:{min(missing, key=DIRECTIONS.index)}, which its other "
@@ -223,8 +225,10 @@ def _rigid_motions(
                 "Leave nodes out that a support holds.",
             )
     turning = len(point.nodes) == 1 or point.spread == "rigid"
-    kept = [along for along in DIRECTIONS if along in every and (turning or along in DIRECTIONS[:3])]
-    dofs = tuple(own[node][along] for node in point.nodes for along in kept)
+    kept = [
+        along for along in DIRECTIONS if along in directions_used and (turning or along in DIRECTIONS[:3])
+    ]
+    dofs = tuple(motions_of_nodes[node][along] for node in point.nodes for along in kept)
     places = nodes.xyz[[nodes.places[node] for node in point.nodes]]
     centre = np.average(places, axis=0, weights=point.weights or None)
     xyz = np.array(point.at, dtype=float) if point.at is not None else centre
@@ -236,11 +240,13 @@ def _rigid_motions(
 
 def _check_set(point: Point, dofs: tuple[Label, ...], R: Array, xyz: Array, length: float) -> None:
     """Refuse nodes that do not determine the motions that nodes of their kind do in general."""
-    along = {found[1] for dof in dofs if (found := node_direction(dof))}
-    wanted = [k for k, pair in enumerate(("yz", "xz", "xy"), 3) if {*pair} <= along or DIRECTIONS[k] in along]
-    wanted = [k for k in range(3) if DIRECTIONS[k] in along] + wanted
+    along = {node[1] for dof in dofs if (node := node_direction(dof))}
+    rotations = [
+        k for k, pair in enumerate(("yz", "xz", "xy"), 3) if {*pair} <= along or DIRECTIONS[k] in along
+    ]
+    rotations = [k for k in range(3) if DIRECTIONS[k] in along] + rotations
     free = PlacedPoint(point.name, xyz, (), np.empty((6, 0)), _unseen(R, length), length)
-    if lacking := [k for k in wanted if k not in free.determined]:
+    if lacking := [k for k in rotations if k not in free.determined]:
         raise _refused(
             point,
             f"has nodes that do not determine its motion {DIRECTIONS[lacking[0]]}: "
@@ -283,7 +289,7 @@ def _condensed(
     """Return a structure whose rigid node sets have the DOFs of their points, and all points in it."""
     from scipy.sparse import coo_array  # heavy import, for rigid node sets only
 
-    at = {label: place for place, label in enumerate(model.dofs)}
+    at = {label: index for index, label in enumerate(model.dofs)}
     first = {dofs[0]: name for name, (dofs, _, _) in rigid.items()}
     gone = {dof for dofs, _, _ in rigid.values() for dof in dofs}
     labels: list[Label] = []
@@ -292,13 +298,13 @@ def _condensed(
             labels += rigid[first[label]][-1].dofs
         if label not in gone:
             labels.append(label)
-    new = {label: place for place, label in enumerate(labels)}
+    new = {label: index for index, label in enumerate(labels)}
     entries = [(at[label], new[label], 1.0) for label in model.dofs if label not in gone]
     for dofs, follows, point in rigid.values():
         entries += [
-            (at[dof], new[one], float(weight))
+            (at[dof], new[point_dof], float(weight))
             for dof, row in zip(dofs, follows, strict=True)
-            for one, weight in zip(point.dofs, row, strict=True)
+            for point_dof, weight in zip(point.dofs, row, strict=True)
             if weight
         ]
     rows, columns, values = zip(*entries, strict=True)
@@ -320,11 +326,14 @@ def _condensed(
         used = np.flatnonzero(np.any(rows, axis=0))
         return replace(point, dofs=tuple(labels[k] for k in used), weights=rows[:, used])
 
-    every = {name: substituted(point) for name, point in placed.items()}
+    motions_of_points = {name: substituted(point) for name, point in placed.items()}
     motions = {name: moved(motion) for name, motion in model.motions.items()}
     motions |= {str(dof): moved({dof: 1.0}) for dof in model.dofs if dof in gone}
     motions |= {
-        name: motion for one in every.values() for name, motion in one.motions.items() if name not in new
+        name: motion
+        for point_dof in motions_of_points.values()
+        for name, motion in point_dof.motions.items()
+        if name not in new
     }
     T = T.tocsc() if model.is_sparse else T.toarray()
     condensed = replace(
@@ -336,7 +345,7 @@ def _condensed(
         nodes=nodes,
         motions=motions,
     )
-    return condensed, every
+    return condensed, motions_of_points
 
 
 def _with_nodes(nodes: Nodes, points: Sequence[Point], placed: Mapping[str, PlacedPoint]) -> Nodes:
@@ -359,12 +368,12 @@ def _refused(point: Point, said: str, remedy: str) -> UsageError:
     return UsageError(f"the point '{point.name}' {said}", remedy=remedy, names=(f"points.{point.name}",))
 
 
-def _named(wanted: Array) -> str:
+def _named(motion: Array) -> str:
     """Return a direction by its name, else as components."""
-    places = np.flatnonzero(wanted)
+    places = np.flatnonzero(motion)
     if len(places) == 1:
         return DIRECTIONS[places[0]]
-    parts = (f"{wanted[k]:.3g} {DIRECTIONS[k]}" for k in places)
+    parts = (f"{motion[k]:.3g} {DIRECTIONS[k]}" for k in places)
     return " + ".join(parts)
 
 

@@ -154,8 +154,8 @@ def pole_sensitivities(model: StructuralModel, values: Mapping[str, float]) -> P
         As of `modes`.
     """
     M, C, K = model.dense(values)
-    found = modes(M, C, K, backend="dense")
-    shapes, omega = found.shapes, found.omega
+    undamped = modes(M, C, K, backend="dense")
+    shapes, omega = undamped.shapes, undamped.omega
     D = shapes.T @ C @ shapes
     moved = [
         {letter: shapes.T @ as_array(change) @ shapes for letter, change in slopes.items()}
@@ -164,12 +164,12 @@ def pole_sensitivities(model: StructuralModel, values: Mapping[str, float]) -> P
     poles, U = second_order_poles(omega, D)
     slopes = np.zeros((len(poles), len(moved)), dtype=complex)
     clusters: list[list[int]] = []  # places of poles that are one, in the order of their size
-    for place, pole in enumerate(poles):
+    for row, pole in enumerate(poles):
         near = [c for c in clusters if abs(poles[c[0]] - pole) <= _SAME * abs(pole)]
         if near:
-            near[0].append(place)
+            near[0].append(row)
         else:
-            clusters.append([place])
+            clusters.append([row])
     for cluster in clusters:
         pole, u = poles[cluster].mean(), U[:, cluster]
         gram = u.T @ (2 * pole * u + D @ u)
@@ -179,15 +179,15 @@ def pole_sensitivities(model: StructuralModel, values: Mapping[str, float]) -> P
             continue
         for j, changes in enumerate(moved):
             powers = {"M": pole**2, "C": pole, "K": 1.0}
-            change = sum((powers[letter] * part for letter, part in changes.items()), np.zeros_like(D))
+            change = sum((powers[letter] * matrix for letter, matrix in changes.items()), np.zeros_like(D))
             branches = -np.linalg.solve(gram, u.T @ change @ u)
             slopes[cluster, j] = np.sort_complex(np.linalg.eigvals(branches))
     omega = np.abs(poles)
     zeta = -poles.real / omega
     finite = np.isfinite(slopes)
-    known = np.where(finite, slopes, 0.0)
-    by_omega = np.real(np.conj(poles)[:, None] * known) / omega[:, None]
-    by_zeta = (-known.real - zeta[:, None] * by_omega) / omega[:, None]
+    known_slopes = np.where(finite, slopes, 0.0)
+    by_omega = np.real(np.conj(poles)[:, None] * known_slopes) / omega[:, None]
+    by_zeta = (-known_slopes.real - zeta[:, None] * by_omega) / omega[:, None]
     return PoleSensitivities(
         poles, omega, zeta, np.where(finite, by_omega, np.inf), np.where(finite, by_zeta, np.inf)
     )

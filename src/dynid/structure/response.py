@@ -76,7 +76,7 @@ def frequency_response(
     """
     where = Ports(*ports(model, inputs, outputs))
     w = np.atleast_1d(np.asarray(omega, dtype=float))
-    found = frequency_response_functions(
+    response = frequency_response_functions(
         *model.with_joints(values), where, w, method=method, accuracy=accuracy
     )
     result = Result("structure")
@@ -86,12 +86,12 @@ def frequency_response(
     result.add_axis(f"{group}/input", [str(dof) for dof in inputs])
     units = response_units(model, inputs, outputs)
     result.add(f"{group}/unit", units, ("output",))
-    result.add(f"{group}/response", found.response, ("omega", "output", "input"), common_unit(units))
-    result.annotate(group, method=found.method, modes=found.modes, error=found.error)
-    if found.evaluate is not None and len(w) and np.all(np.diff(w) > 0):
+    result.add(f"{group}/response", response.response, ("omega", "output", "input"), common_unit(units))
+    result.annotate(group, method=response.method, modes=response.modes, error=response.error)
+    if response.evaluate is not None and len(w) and np.all(np.diff(w) > 0):
         from dynid.lti.peaks import add_peaks
 
-        add_peaks(result, "structure", found.evaluate, found.near)
+        add_peaks(result, "structure", response.evaluate, response.near)
     return result
 
 

@@ -86,18 +86,18 @@ def solid(
         number makes no sense.
     """
     check_elements(mesh)
-    found = surface(mesh)
+    outer = surface(mesh)
     layers = list(_layers(mesh, materials))
     used = np.unique(np.concatenate([block.cells.ravel() for block in mesh.blocks]))
     compact = np.full(len(mesh.xyz), -1)
     compact[used] = np.arange(len(used))
-    numbers = [mesh.numbers[place] for place in used]
+    numbers = [mesh.numbers[node_index] for node_index in used]
     sets = {name: compact[members][compact[members] >= 0] for name, members in mesh.sets.items()}
     free = np.ones((len(used), 3), dtype=bool)
-    at = {number: place for place, number in enumerate(numbers)}
-    for place, support in enumerate(supports):
+    at = {number: node_index for node_index, number in enumerate(numbers)}
+    for node_index, support in enumerate(supports):
         for direction in support.fix:
-            free[_supported(place, support, sets, at), DIRECTIONS[:3].index(direction)] = False
+            free[_supported(node_index, support, sets, at), DIRECTIONS[:3].index(direction)] = False
     if not free.any():
         raise UsageError("the supports leave nothing to move", names=("supports",))
     M, K = _matrices(mesh, layers, compact, np.flatnonzero(free))
@@ -105,9 +105,13 @@ def solid(
     nodes = Nodes(
         tuple(numbers),
         mesh.xyz[used],
-        sets={name: tuple(numbers[one] for one in members) for name, members in sets.items() if len(members)},
-        lines=tuple((numbers[a], numbers[b]) for a, b in compact[found.edges].tolist()),
-        doubts=(*mesh.doubts, *_doubts(mesh, layers, found.parts)),
+        sets={
+            name: tuple(numbers[member] for member in members)
+            for name, members in sets.items()
+            if len(members)
+        },
+        lines=tuple((numbers[a], numbers[b]) for a, b in compact[outer.edges].tolist()),
+        doubts=(*mesh.doubts, *_doubts(mesh, layers, outer.parts)),
     )
     C = DependentMatrix(nothing(len(labels), sparse=len(labels) > DENSE_STRUCTURES.value))
     return damped_structure(M, C, K, damping, joints, labels, parameters, nodes)
@@ -126,25 +130,27 @@ def _layers(mesh: SolidMesh, materials: Material | Mapping[str, Material]) -> It
         _check("the material", "materials", materials)
         yield _Layer(materials, tuple(np.arange(len(block.cells)) for block in mesh.blocks))
         return
-    given = [np.full(len(block.cells), -1) for block in mesh.blocks]
+    layer_of_element = [np.full(len(block.cells), -1) for block in mesh.blocks]
     names = list(materials)
-    for place, (name, material) in enumerate(materials.items()):
+    for number, (name, material) in enumerate(materials.items()):
         where = f"materials.{name}"
         _check(f"the material of '{name}'", where, material)
         if name not in mesh.groups:
             there = did_you_mean(name, mesh.groups) or f"; it has {shortened(list(mesh.groups), 8) or 'none'}"
             raise UsageError(f"the mesh has no group of solid elements '{name}'{there}", names=(where,))
-        for owner, members in zip(given, mesh.groups[name], strict=True):
+        for owner, members in zip(layer_of_element, mesh.groups[name], strict=True):
             if np.any(owner[members] >= 0):
-                other = names[int(owner[members].max())]
-                raise UsageError(f"the groups '{other}' and '{name}' have elements in common", names=(where,))
-            owner[members] = place
+                other_name = names[int(owner[members].max())]
+                raise UsageError(
+                    f"the groups '{other_name}' and '{name}' have elements in common", names=(where,)
+                )
+            owner[members] = number
         yield _Layer(material, mesh.groups[name])
-    missing = sum(int((owner < 0).sum()) for owner in given)
+    missing = sum(int((owner < 0).sum()) for owner in layer_of_element)
     if missing:
         rest = [name for name in mesh.groups if name not in materials]
         raise UsageError(
-            f"{missing} of {sum(map(len, given))} elements have no material",
+            f"{missing} of {sum(map(len, layer_of_element))} elements have no material",
             remedy=f"Groups without one: {shortened(rest, 8)}."
             if rest
             else "They belong to no group of the mesh.",
@@ -164,19 +170,19 @@ def _check(what: str, where: str, material: Material) -> None:
 
 
 def _supported(
-    place: int, support: SetSupport, sets: Mapping[str, Places], at: Mapping[int, int]
+    number: int, support: SetSupport, sets: Mapping[str, Places], at: Mapping[int, int]
 ) -> Places | int:
     """Return the places of the nodes of a support."""
     if isinstance(support.at, int):
         if support.at not in at:
-            raise UsageError(f"the solid has no node {support.at}", names=(f"supports.{place}.node",))
+            raise UsageError(f"the solid has no node {support.at}", names=(f"supports.{number}.node",))
         return at[support.at]
     if support.at not in sets:
         hint = did_you_mean(support.at, sets) or f"; it has {shortened(list(sets), 8) or 'none'}"
-        raise UsageError(f"the mesh has no set '{support.at}'{hint}", names=(f"supports.{place}.set",))
+        raise UsageError(f"the mesh has no set '{support.at}'{hint}", names=(f"supports.{number}.set",))
     if not len(sets[support.at]):
         raise UsageError(
-            f"no node of the set '{support.at}' belongs to a solid element", names=(f"supports.{place}.set",)
+            f"no node of the set '{support.at}' belongs to a solid element", names=(f"supports.{number}.set",)
         )
     return sets[support.at]
 
@@ -222,8 +228,8 @@ def _matrices(
 
 def _share(block: Block, nu: float, E: float, rho: float) -> _Share:
     shear = E / 2 / (1 + nu)
-    each = np.ones(len(block.cells))
-    return _Share(block, 2 * nu / (1 - 2 * nu) * shear * each, shear * each, rho * each)
+    unit = np.ones(len(block.cells))
+    return _Share(block, 2 * nu / (1 - 2 * nu) * shear * unit, shear * unit, rho * unit)
 
 
 def _assembled(shares: Sequence[_Share], xyz: Array, free: Places, dense: bool) -> tuple[Matrix, Matrix]:
@@ -243,16 +249,16 @@ def _assembled(shares: Sequence[_Share], xyz: Array, free: Places, dense: bool) 
         n = share.block.cells.shape[1]
         step = max(_ELEMENT_MATRIX_ENTRIES // (3 * n) ** 2, 1)
         for start in range(0, len(share.block.cells), step):
-            part = slice(start, start + step)
-            cells = share.block.cells[part]
+            chunk = slice(start, start + step)
+            cells = share.block.cells[chunk]
             strain, mass = integrated(ELEMENTS[share.block.kind], xyz[cells])
-            stiff = stiffness(strain, share.first[part], share.shear[part])
+            stiff = stiffness(strain, share.first[chunk], share.shear[chunk])
             here = slots[at : at + mass.size]
             at += mass.size
-            for place in range(9):
-                values = stiff[:, :, place // 3, :, place % 3].ravel()
-                blocks[place] += np.bincount(here, values, len(keys))
-            masses += np.bincount(here, (mass * share.density[part, None, None]).ravel(), len(keys))
+            for entry in range(9):
+                values = stiff[:, :, entry // 3, :, entry % 3].ravel()
+                blocks[entry] += np.bincount(here, values, len(keys))
+            masses += np.bincount(here, (mass * share.density[chunk, None, None]).ravel(), len(keys))
     shape = (3 * count, 3 * count)
     K: Any = bsr_array((blocks.T.reshape(-1, 3, 3), columns, starts), shape=shape).tocsc()
     M: Any = kron(csr_array((masses, columns, starts), shape=(count, count)), eye_array(3), format="csc")

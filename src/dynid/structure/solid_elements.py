@@ -71,7 +71,9 @@ class SolidElement:
         return np.asarray(np.linalg.inv(self._monomials(self.nodes)), dtype=np.float64)
 
     def _monomials(self, points: Array) -> Array:
-        return np.array([[np.prod(point ** np.array(one)) for one in self.exponents] for point in points])
+        return np.array(
+            [[np.prod(point ** np.array(powers)) for powers in self.exponents] for point in points]
+        )
 
     def shapes(self, points: Array) -> Array:
         """Return the shape functions at reference points: p x n."""
@@ -81,9 +83,9 @@ class SolidElement:
         """Return the derivatives of the shape functions by the reference coordinates: p x 3 x n."""
         parts = []
         for axis in range(3):
-            factors = [one[axis] for one in self.exponents]
+            factors = [exponents[axis] for exponents in self.exponents]
             lowered = np.maximum(np.array(self.exponents) - np.eye(3, dtype=int)[axis], 0)
-            values = np.array([[np.prod(point**one) for one in lowered] for point in points])
+            values = np.array([[np.prod(point**exponents) for exponents in lowered] for point in points])
             parts.append(values * factors @ self._coefficients)
         return np.stack(parts, axis=1)
 
@@ -172,8 +174,8 @@ def _simplex(*orbits: tuple[tuple[float, ...], float]) -> tuple[Array, Array]:
 
     points, weights = [], []
     for coordinates, weight in orbits:
-        for one in sorted(set(permutations(coordinates))):
-            points.append(one[1:])
+        for permuted in sorted(set(permutations(coordinates))):
+            points.append(permuted[1:])
             weights.append(weight)
     return np.array(points), np.array(weights)
 
@@ -200,8 +202,8 @@ def _prism() -> Rule:
 
 
 def _exponents(highest: int) -> Exponents:
-    each = range(highest + 1)
-    return tuple(product(each, each, each))
+    powers = range(highest + 1)
+    return tuple(product(powers, powers, powers))
 
 
 _TET = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -220,19 +222,19 @@ _HEX_CENTRES = (
     *((0.0, 0.5, 0.5), (1.0, 0.5, 0.5), (0.5, 0.0, 0.5), (0.5, 1.0, 0.5), (0.5, 0.5, 0.0), (0.5, 0.5, 1.0)),
     (0.5, 0.5, 0.5),
 )
-_SQUARES = tuple(one for one in _exponents(2) if one.count(2) <= 1)
+_SQUARES = tuple(p for p in _exponents(2) if p.count(2) <= 1)
 
 #: The kinds of solid elements by their names in meshio.
 ELEMENTS = {
     "tetra": SolidElement(
-        _TET, _TET_EDGES, _TET_FACES, 1, tuple(one for one in _exponents(1) if sum(one) <= 1), _tetrahedron(1)
+        _TET, _TET_EDGES, _TET_FACES, 1, tuple(p for p in _exponents(1) if sum(p) <= 1), _tetrahedron(1)
     ),
     "tetra10": SolidElement(
-        _TET, _TET_EDGES, _TET_FACES, 2, tuple(one for one in _exponents(2) if sum(one) <= 2), _tetrahedron(2)
+        _TET, _TET_EDGES, _TET_FACES, 2, tuple(p for p in _exponents(2) if sum(p) <= 2), _tetrahedron(2)
     ),
     "wedge": SolidElement(
         _WEDGE, _WEDGE_EDGES, _WEDGE_FACES, 1,
-        tuple(one for one in _exponents(1) if one[0] + one[1] <= 1), _prism()
+        tuple(p for p in _exponents(1) if p[0] + p[1] <= 1), _prism()
     ),
     "hexahedron": SolidElement(_HEX, _HEX_EDGES, _HEX_FACES, 1, _exponents(1), _cube(2)),
     "hexahedron20": SolidElement(_HEX, _HEX_EDGES, _HEX_FACES, 2, _SQUARES, _cube(3)),

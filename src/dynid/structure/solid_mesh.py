@@ -145,8 +145,8 @@ def surface(mesh: SolidMesh) -> Surface:
         edge * count + c, return_index=True, return_inverse=True, return_counts=True
     )
     if times.max() > 2:
-        each = [nodes for nodes in corners for nodes in nodes]
-        named = ", ".join(str(mesh.numbers[node]) for node in each[first[int(np.argmax(times))]])
+        faces = [nodes for nodes in corners for nodes in nodes]
+        named = ", ".join(str(mesh.numbers[node]) for node in faces[first[int(np.argmax(times))]])
         raise UsageError(
             f"{times.max()} elements share the face of nodes {named}: elements overlap",
             remedy="Repair the mesh there.",

@@ -135,13 +135,13 @@ def space_frame(
     """
     points: list[Vector] = list(nodes)
     pieces: list[_SpaceElement] = []
-    for place, member in enumerate(members):
+    for number, member in enumerate(members):
         try:
             pieces += _pieces(member, len(nodes), points)
         except UsageError as error:
-            names = (f"members.{place}",)
+            names = (f"members.{number}",)
             raise UsageError(
-                f"member {place + 1}: {error.problem}", remedy=error.remedy, names=names
+                f"member {number + 1}: {error.problem}", remedy=error.remedy, names=names
             ) from None
     held, bodies, grounded = list(supports), list(masses), list(springs)
     for what, items in (("support", held), ("mass", bodies), ("spring", grounded)):
@@ -152,7 +152,7 @@ def space_frame(
     for item in grounded:
         if not isinstance(item.k, Dependent):
             not_negative(f"the stiffness at node {item.node}", item.k)
-        at = DependentMatrix(np.diag([float(item.direction == one) for one in DIRECTIONS]))
+        at = DependentMatrix(np.diag([float(item.direction == axis_name) for axis_name in DIRECTIONS]))
         blocks.append(((item.node,), at.times(item.k), _nothing(6)))
     fixed |= _uncarried(pieces, blocks, fixed, len(points))
     labels = [
@@ -161,23 +161,23 @@ def space_frame(
         for direction in DIRECTIONS
         if (node, direction) not in fixed
     ]
-    whole = Assembly(labels)
+    assembly = Assembly(labels)
     for ends, k, m in blocks:
         dofs = [f"{node}:{direction}" for node in ends for direction in DIRECTIONS]
-        whole.add("K", dofs, k)
-        whole.add("M", dofs, m)
+        assembly.add("K", dofs, k)
+        assembly.add("M", dofs, m)
     for item in grounded:
-        whole.add("C", [f"{item.node}:{item.direction}"], DependentMatrix(np.eye(1)).times(item.c))
+        assembly.add("C", [f"{item.node}:{item.direction}"], DependentMatrix(np.eye(1)).times(item.c))
     places = np.array([[float(value) for value in point] for point in points])
     numbered = Nodes(tuple(range(1, len(points) + 1)), places, lines=tuple(piece.nodes for piece in pieces))
-    return whole.model(damping, joints, parameters, numbered)
+    return assembly.model(damping, joints, parameters, numbered)
 
 
-def _pieces(member: SpaceMember, given: int, points: list[Vector]) -> Iterable[_SpaceElement]:
+def _pieces(member: SpaceMember, member_number: int, points: list[Vector]) -> Iterable[_SpaceElement]:
     """Yield a member's elements, appending their inner nodes to `points`."""
     for node in member.nodes:
-        if not 1 <= node <= given:
-            raise UsageError(f"there is no node {node}", remedy=f"Nodes are 1 to {given}.")
+        if not 1 <= node <= member_number:
+            raise UsageError(f"there is no node {node}", remedy=f"Nodes are 1 to {member_number}.")
     for name in ("EA", "EIy", "EIz", "GJ"):
         if not 0 < float(getattr(member, name)) < math.inf:
             raise UsageError(f"{name} must be positive and finite")
@@ -190,21 +190,21 @@ def _pieces(member: SpaceMember, given: int, points: list[Vector]) -> Iterable[_
     axes, length = _axes(_sum(end, _over(start, -1.0)), member.orientation)
     count = member.elements
     chain = [member.nodes[0]]
-    for part in range(1, count):
-        x, y, z = (a + (b - a) * part / count for a, b in zip(start, end, strict=True))
+    for fraction_number in range(1, count):
+        x, y, z = (a + (b - a) * fraction_number / count for a, b in zip(start, end, strict=True))
         points.append((x, y, z))
         chain.append(len(points))
     chain.append(member.nodes[1])
-    each = length / count
+    step = length / count
     rotational = (
-        4 * float(member.EIy + member.EIz + member.GJ) / float(each),
-        float(member.rhoA * each**3 + rhoJ * each),
+        4 * float(member.EIy + member.EIz + member.GJ) / float(step),
+        float(member.rhoA * step**3 + rhoJ * step),
     )
     blocks: dict[tuple[bool, bool], tuple[DependentMatrix, DependentMatrix]] = {}
     for at, pair in enumerate(pairwise(chain)):
         ends = (at == 0, at == count - 1)
         if ends not in blocks:
-            blocks[ends] = _element(member, rhoJ, each, axes, ends)
+            blocks[ends] = _element(member, rhoJ, step, axes, ends)
         yield _SpaceElement(pair, *blocks[ends], rotational)
 
 
@@ -228,10 +228,10 @@ def _element(
     k, m = _nothing(12), _nothing(12)
     for name, (directions, selected) in _GROUPS.items():
         released = [
-            len(directions) * end + place
+            len(directions) * end + index
             for end in (0, 1)
             if ends[end]
-            for place, direction in enumerate(directions)
+            for index, direction in enumerate(directions)
             if direction in member.releases[end]
         ]
         if name == "along":
@@ -312,13 +312,13 @@ def _over(a: Vector, by: Real) -> Vector:
 def _matrix(rows: Sequence[Sequence[Real]]) -> DependentMatrix:
     """Return the matrix of given entries (3 x 3)."""
     constant, terms = np.zeros((3, 3)), []
-    for place, value in np.ndenumerate(np.array(rows, dtype=object)):
+    for position, value in np.ndenumerate(np.array(rows, dtype=object)):
         if isinstance(value, Dependent):
             unit = np.zeros((3, 3))
-            unit[place] = 1.0
+            unit[position] = 1.0
             terms.append((value, unit))
         else:
-            constant[place] = value
+            constant[position] = value
     return DependentMatrix(constant, tuple(terms))
 
 
@@ -352,8 +352,8 @@ def _uncarried(
         )
     carried = np.zeros((count, 3, 3))
     for ends, *matrices in blocks:
-        for place, node in enumerate(ends):
-            rotations = slice(6 * place + 3, 6 * place + 6)
+        for end, node in enumerate(ends):
+            rotations = slice(6 * end + 3, 6 * end + 6)
             for letter, matrix in enumerate(matrices):
                 block = matrix.reference[rotations, rotations]
                 carried[node - 1] += block / (size[node - 1, letter] or 1.0)
@@ -367,7 +367,7 @@ def _uncarried(
     for alone in np.flatnonzero(values[:, 0] < _RELEASED_STIFFNESS_TOL):
         axis = vectors[alone, :, 0]
         axis = axis * np.sign(axis[np.argmax(np.abs(axis))])
-        shown = ", ".join(f"{part:.3g}" for part in axis)
+        shown = ", ".join(f"{component:.3g}" for component in axis)
         raise UsageError(
             f"node {alone + 1} rotates freely about ({shown}): the members are released there",
             remedy="Release fewer directions, or hold the node by a support or a spring.",

@@ -129,7 +129,7 @@ def _with_massless(
     none = np.zeros_like(direct)
     by_input = np.stack([[direct, rows @ B, rows @ A @ B], [none, direct, rows @ B], [none, none, direct]])
     read = np.take_along_axis(by_state, order[None, :, :], axis=0)[0]
-    D, *higher = (np.take_along_axis(part, order[None, :, :], axis=0)[0] for part in by_input)
+    D, *higher = (np.take_along_axis(array, order[None, :, :], axis=0)[0] for array in by_input)
     while higher and not np.any(higher[-1]):
         higher.pop()
     return StateSpace(A, B, read, D, tuple(higher))
@@ -156,8 +156,8 @@ def massless_directions(M: Array, C: Array) -> MassDirections:
             "the damping is indefinite: it couples a massless motion that it does not damp",
             remedy="Check signs and units of the damping.",
         )
-    whole = np.concatenate([R, Z, S], axis=1)
-    return MassDirections(R, Z, S, np.linalg.inv(whole))
+    joined = np.concatenate([R, Z, S], axis=1)
+    return MassDirections(R, Z, S, np.linalg.inv(joined))
 
 
 def _range_and_null(matrix: Array, name: str) -> tuple[Array, Array]:

@@ -35,12 +35,12 @@ def uniform(stages: int) -> list[Stage]:
 def distinct(stages: int) -> list[Stage]:
     """Return stages whose values are spread evenly over 0.75 to 1.25 times those of `uniform`."""
 
-    def spread(value: Fraction, place: int) -> Fraction:
-        half, odd = divmod(place * _GOLDEN % _MILLION, 2)  # rounded half to even
+    def spread(value: Fraction, number: int) -> Fraction:
+        half, odd = divmod(number * _GOLDEN % _MILLION, 2)  # rounded half to even
         return Fraction(value.numerator * (750_000 + half + (half & odd)), value.denominator * _MILLION)
 
     return [
-        Stage(*(spread(value, 3 * index + place) for place, value in enumerate(Stage())))
+        Stage(*(spread(value, 3 * index + number) for number, value in enumerate(Stage())))
         for index in range(1, stages + 1)
     ]
 
@@ -61,13 +61,13 @@ def chain(stages: Sequence[Stage]) -> BondGraph:
     """
     nodes, bonds = [Node(FORCE, "Se")], [Bond(FORCE, "v1")]
     for index, stage in enumerate(stages, start=1):
-        own = joint = f"v{index}"
-        nodes += [Node(own, "1"), Node(f"m{index}", "I", stage.mass)]
-        bonds.append(Bond(own, f"m{index}"))
+        junction = joint = f"v{index}"
+        nodes += [Node(junction, "1"), Node(f"m{index}", "I", stage.mass)]
+        bonds.append(Bond(junction, f"m{index}"))
         if index < len(stages):
             joint, force = f"w{index}", f"j{index}"
             nodes += [Node(force, "0"), Node(joint, "1")]
-            bonds += [Bond(own, force), Bond(force, f"v{index + 1}"), Bond(force, joint)]
+            bonds += [Bond(junction, force), Bond(force, f"v{index + 1}"), Bond(force, joint)]
         nodes += [Node(f"k{index}", "C", stage.stiffness**-1), Node(f"b{index}", "R", stage.damping)]
         bonds += [Bond(joint, f"k{index}"), Bond(joint, f"b{index}")]
     return BondGraph(nodes, bonds)

@@ -160,7 +160,7 @@ def _samples(scene: Scene, record: RecordModel, where: str) -> MeasuredColumns:
         record.channels or (),
     )
     layout, columns, step = layout_of(record.file), record.file.columns, number(record.step)
-    table = read_columns(path, columns, step=step, place=where, layout=layout, rows=samples or None)
+    table = read_columns(path, columns, step=step, scene_key=where, layout=layout, rows=samples or None)
     if table.values.shape[1] != len(channels):
         raise FileError(
             f"{path} has {table.values.shape[1]} columns of numbers, 'channels' has {len(channels)}",

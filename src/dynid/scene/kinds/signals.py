@@ -120,7 +120,7 @@ def build_signals(
 
                 path, layout = scene.folder / signal_model.path, layout_of(signal_model)
                 values, heading = read_signal(
-                    path, signal_model.column, step=record.step, place=signal_path, layout=layout
+                    path, signal_model.column, step=record.step, scene_key=signal_path, layout=layout
                 )
                 factor = recorded_factor(signal_model, heading, load_of(signal_model), signal_path)
                 values = factor * (values - float(signal_model.offset or 0))

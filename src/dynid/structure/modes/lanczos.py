@@ -28,7 +28,7 @@ def largest(
     M: csc_array,
     count: int,
     rng: np.random.Generator,
-    known: tuple[Array, Array] | None = None,
+    start_pairs: tuple[Array, Array] | None = None,
 ) -> tuple[Array, Array]:
     """Return eigenpairs of ``A^-1 M x = theta x``, those with the largest absolute theta.
 
@@ -42,7 +42,7 @@ def largest(
         How many are wanted, known ones included.
     rng
         Where start vectors are drawn from.
-    known
+    start_pairs
         Eigenpairs already found, of unit modal mass; the iteration goes on beside them.
 
     Returns
@@ -56,10 +56,10 @@ def largest(
     Diverged
         If they do not converge.
     """
-    held = 0 if known is None else len(known[0])
+    held = 0 if start_pairs is None else len(start_pairs[0])
     basis = _Basis(solve, M, held + max(2 * count, count + 30), rng)
-    if known is not None:
-        basis.hold(*known)
+    if start_pairs is not None:
+        basis.hold(*start_pairs)
     alive = basis.begin()
     look = max(_LOOK, count // _LOOK_PART)
     for _ in range(_RESTARTS):
@@ -153,9 +153,9 @@ class _Basis:
         """
         components = np.zeros(count)
         for first in (recent, 0):
-            part = self.P[:, first:count].T @ w
-            w -= self.V[:, first:count] @ part
-            components[first:] += part
+            coefficients = self.P[:, first:count].T @ w
+            w -= self.V[:, first:count] @ coefficients
+            components[first:] += coefficients
         return components
 
     def _put(self, w: Array, negligible: float) -> float:

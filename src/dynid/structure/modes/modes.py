@@ -80,8 +80,10 @@ class Modes(NamedTuple):
         shapes
             These modes' shapes in its DOFs (N x modes).
         """
-        whole = np.einsum("im,im->m", np.abs(shapes), times(absolute(K), np.abs(shapes)))
-        more = _uncertainty(self.omega, (self.omega == 0) | self.undecided, whole, np.ones(len(whole)))
+        total_energy = np.einsum("im,im->m", np.abs(shapes), times(absolute(K), np.abs(shapes)))
+        more = _uncertainty(
+            self.omega, (self.omega == 0) | self.undecided, total_energy, np.ones(len(total_energy))
+        )
         return self._replace(uncertainty=self.uncertainty + more)
 
     @property
@@ -90,15 +92,14 @@ class Modes(NamedTuple):
         elastic = self.omega > 0
         loose = self.uncertainty > _LOOSE * np.where(elastic, self.omega, np.inf)
         if self.undecided.any():
-            numbers, most = np.flatnonzero(self.undecided) + 1, self.uncertainty[self.undecided].max()
+            numbers, largest = np.flatnonzero(self.undecided) + 1, self.uncertainty[self.undecided].max()
             what = f"nothing tells {_numbered(numbers)} from rigid-body motion"
-            said = f"{what}: rounding of the stiffness leaves frequencies open by {most:.2g} rad/s"
+            said = f"{what}: rounding of the stiffness leaves frequencies open by {largest:.2g} rad/s"
         elif loose.any():
             numbers = np.flatnonzero(loose) + 1
-            part = 100 * float((self.uncertainty[loose] / self.omega[loose]).max())
-            said = (
-                f"rounding of the stiffness leaves the frequency of {_numbered(numbers)} open by {part:.2g} %"
-            )
+            percent = 100 * float((self.uncertainty[loose] / self.omega[loose]).max())
+            frequency = f"the frequency of {_numbered(numbers)}"
+            said = f"rounding of the stiffness leaves {frequency} open by {percent:.2g} %"
         else:
             return ""
         return f"{said}; use fewer, longer elements, or constraints in place of nearly rigid ones"
@@ -144,7 +145,7 @@ def finished(
     stiffness, size = absolute(pencil.K), np.abs(shapes)
     Kx, Mx, parts = times(pencil.K, shapes), times(pencil.M, shapes), times(stiffness, size)
     # The strain energy of the shape itself: its rounding is that of its parts, not of the highest mode.
-    strain, whole = np.einsum("im,im->m", shapes, Kx), np.einsum("im,im->m", size, parts)
+    strain, total = np.einsum("im,im->m", shapes, Kx), np.einsum("im,im->m", size, parts)
     # Forces and energies that are rounding of the shape count as zero.
     blur = pencil.size * _UNIT * size.max(axis=0, initial=0.0)
     row = times(stiffness, np.ones(pencil.size))
@@ -154,9 +155,9 @@ def finished(
     sizes = np.linalg.norm(parts + inertia, axis=0)  # 0 for a mass that nothing holds
     excess = np.maximum(np.abs(Kx - square * Mx) - np.where(free, np.outer(row, blur), 0.0), 0.0)
     residuals = np.linalg.norm(excess, axis=0) / np.where(sizes > 0, sizes, 1.0)
-    square, rigid, undecided = _refined(pencil, square, shapes, whole, _rigid(strain, whole))
+    square, rigid, undecided = _refined(pencil, square, shapes, total, _rigid(strain, total))
     order = np.argsort(square, kind="stable")
-    shapes, residuals, whole = shapes[:, order], residuals[order], whole[order]
+    shapes, residuals, total = shapes[:, order], residuals[order], total[order]
     square, rigid, undecided = square[order], rigid[order], undecided[order]
     if (worst := float(residuals.max(initial=0.0))) > _MODE_RESIDUAL:
         raise NumericalError(
@@ -174,27 +175,27 @@ def finished(
     damping = np.where(rigid, 0.0, dissipation / (2 * np.where(rigid, 1.0, omega)))
     return Modes(
         omega, damping, shapes, residuals, int(rigid.sum()), massless,
-        float(np.sqrt(counted)), method, _uncertainty(omega, rigid | undecided, whole, moving), undecided,
+        float(np.sqrt(counted)), method, _uncertainty(omega, rigid | undecided, total, moving), undecided,
     )  # fmt: skip
 
 
-def _uncertainty(omega: Array, open_to_zero: NDArray[np.bool_], whole: Array, moving: Array) -> Array:
+def _uncertainty(omega: Array, open_to_zero: NDArray[np.bool_], total: Array, moving: Array) -> Array:
     """Return how far entries rounded by half a unit in the last place move the frequencies.
 
     Parameters
     ----------
     omega, open_to_zero
         The frequencies, and which of them may be zero.
-    whole, moving
+    total, moving
         Strain and kinetic energies of the shapes of unit modal mass, summed without signs.
     """
-    moved = _UNIT * whole  # that part of the energies of a shape's parts moves omega^2
+    moved = _UNIT * total  # that part of the energies of a shape's parts moves omega^2
     elastic = moved / np.where(open_to_zero, 1.0, omega) + _UNIT * np.maximum(moving, 1.0) * omega
     return np.where(open_to_zero, np.sqrt(moved), elastic)
 
 
 def _refined(
-    pencil: Pencil, square: Array, shapes: Array, whole: Array, still: NDArray[np.bool_]
+    pencil: Pencil, square: Array, shapes: Array, total: Array, still: NDArray[np.bool_]
 ) -> tuple[Array, NDArray[np.bool_], NDArray[np.bool_]]:
     """Return eigenvalues, of soft motions by exact sums of energy; and the rigid and undecided ones.
 
@@ -202,23 +203,23 @@ def _refined(
     ----------
     pencil, square, shapes
         As of `finished`, ascending.
-    whole
+    total
         The parts that each strain energy is a sum of, without their signs.
     still
         Which modes have a strain energy that is rounding: rigid-body motions if the elastic modes are far, or
         if nothing at all holds them (an eigenvalue of 0).
     """
-    better, may_be = np.where(still, 0.0, square), _ROUNDING * whole
+    better, may_be = np.where(still, 0.0, square), _ROUNDING * total
     elastic = float(square[~still].min()) if not still.all() else 0.0
     doubtful = still & (square != 0) & (elastic < _LOST_MODE_RATIO**2 * may_be)
-    soft = np.flatnonzero(doubtful | (~still & (square > 0) & (square < _SOFT * whole)))
+    soft = np.flatnonzero(doubtful | (~still & (square > 0) & (square < _SOFT * total)))
     if not len(soft):
         return better, still, doubtful
     strain = StrainEnergy(pencil.K)
     for mode in soft:
         shape = shapes[:, mode]
         energy = strain.energy(shape) / float(shape @ times(pencil.M, shape))
-        better[mode] = energy if energy > (_EXACT * whole[mode] if doubtful[mode] else 0.0) else better[mode]
+        better[mode] = energy if energy > (_EXACT * total[mode] if doubtful[mode] else 0.0) else better[mode]
     undecided = doubtful & (better > 0)
     return better, still & ~undecided, undecided
 
@@ -270,7 +271,9 @@ class ModeMemory:
         last = self.last
         if last is None or last.backend != backend or count > len(last.found.omega):
             return None
-        if not all(_equal(one, other) for one, other in zip(matrices, last.matrices, strict=True)):
+        if not all(
+            _equal(matrix, remembered) for matrix, remembered in zip(matrices, last.matrices, strict=True)
+        ):
             return None
         self.seconds += last.seconds
         return last.found.first(count)
@@ -291,11 +294,11 @@ def remembered_modes() -> Iterator[ModeMemory]:
         _memory.reset(token)
 
 
-def _equal(one: Matrix, other: Matrix) -> bool:
+def _equal(first: Matrix, second: Matrix) -> bool:
     """Return True if sparse matrices are the same, entry by entry as they are stored."""
-    if one is other:
+    if first is second:
         return True
-    parts = ((getattr(one, name), getattr(other, name)) for name in ("indptr", "indices", "data"))
+    parts = ((getattr(first, name), getattr(second, name)) for name in ("indptr", "indices", "data"))
     return all(np.array_equal(a, b) for a, b in parts)
 
 
@@ -356,9 +359,9 @@ def modes(
     square, shapes, massless = eigenpairs(pencil)
     if count is not None and count > len(square):
         raise too_many(count, len(square))
-    found = finished(pencil, C, square, shapes, massless=massless, counted=np.inf, method="dense matrices")
-    kept = len(square) if below is None else int(np.count_nonzero(found.omega < below))
-    return found.first(kept if count is None else min(count, kept))
+    result = finished(pencil, C, square, shapes, massless=massless, counted=np.inf, method="dense matrices")
+    kept = len(square) if below is None else int(np.count_nonzero(result.omega < below))
+    return result.first(kept if count is None else min(count, kept))
 
 
 def solver_for(size: int, count: int | None, below: float | None, entries: int = 0) -> str:
@@ -387,13 +390,13 @@ def _lowest_or_known(
     if memory is None or not (proof and is_sparse(K) and is_sparse(M) and is_sparse(C)):
         return _lowest_sparse(M, C, K, count, below, backend, proof)
     if below is None and count is not None:
-        known = memory.recall((M, C, K), count, backend)
-        if known is not None:
-            return known
+        remembered = memory.recall((M, C, K), count, backend)
+        if remembered is not None:
+            return remembered
     memory.last, started = None, perf_counter()  # its matrices need not be kept any longer
-    found = _lowest_sparse(M, C, K, count, below, backend, proof)
-    memory.last = _Remembered((M, C, K), backend, found, perf_counter() - started)
-    return found
+    result = _lowest_sparse(M, C, K, count, below, backend, proof)
+    memory.last = _Remembered((M, C, K), backend, result, perf_counter() - started)
+    return result
 
 
 def _lowest_sparse(
@@ -416,5 +419,5 @@ def _lowest_sparse(
         )
     method = f"shift-invert Lanczos, {backend}"
     massless = len(pencil.without_mass)
-    found = finished(pencil, C, square, shapes, massless=massless, counted=counted, method=method)
-    return found if count is None else found.first(min(count, len(square)))
+    result = finished(pencil, C, square, shapes, massless=massless, counted=counted, method=method)
+    return result if count is None else result.first(min(count, len(square)))

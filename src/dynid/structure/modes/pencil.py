@@ -152,14 +152,14 @@ class StrainEnergy:
         self._rows = np.argsort(-count, kind="stable")
         have = np.searchsorted(-count[self._rows], -np.arange(int(count.max(initial=0))), side="left")
         first = starts[self._rows]
-        order = np.concatenate([first[:0], *(first[:n] + place for place, n in enumerate(have))])
+        order = np.concatenate([first[:0], *(first[:n] + offset for offset, n in enumerate(have))])
         self._columns, self._entries = columns[order], data[order]
         self._ends = np.concatenate([[0], np.cumsum(have)]).tolist()
         self._halves = _halves(self._entries)
 
     def energy(self, shape: Array) -> float:
         """Return the strain energy of a shape (n)."""
-        force, lost = (part[:, 0] for part in self._forces(shape[:, None]))
+        force, lost = (column[:, 0] for column in self._forces(shape[:, None]))
         moved = shape[self._rows]
         work, rest = _product(force, _halves(force), moved)
         return math.fsum([*work.tolist(), *(rest + moved * lost).tolist()])
@@ -167,7 +167,9 @@ class StrainEnergy:
     def gram(self, left: Array, right: Array) -> Array:
         """Return ``left^T K right`` (a x b) of shapes (n x a, n x b)."""
         out, moved = np.zeros((left.shape[1], right.shape[1])), right[self._rows]
-        for column, (force, lost) in enumerate(zip(*(part.T for part in self._forces(left)), strict=True)):
+        for column, (force, lost) in enumerate(
+            zip(*(columns.T for columns in self._forces(left)), strict=True)
+        ):
             high, low = _halves(force)
             work, rest = _product(force[:, None], (high[:, None], low[:, None]), moved)
             out[column] = _total(work, rest + moved * lost[:, None])
@@ -192,12 +194,12 @@ class StrainEnergy:
         """Add ``K x`` and its rounding error, one entry of all rows at a time: in fast memory."""
         (a, b), (c, d) = self._halves, _halves(x)
         for first, last in pairwise(self._ends):
-            entries, part = slice(first, last), slice(0, last - first)
+            entries, local = slice(first, last), slice(0, last - first)
             at = self._columns[entries]
             product, high, low = self._entries[entries] * x[at], c[at], d[at]
             rest = ((a[entries] * high - product) + a[entries] * low + b[entries] * high) + b[entries] * low
-            force[part], error = _sum(force[part], product)
-            lost[part] += error + rest
+            force[local], error = _sum(force[local], product)
+            lost[local] += error + rest
 
 
 def _product(a: Array, halves: tuple[Array, Array], b: Array) -> tuple[Array, Array]:
@@ -218,7 +220,7 @@ def _total(values: Array, rest: Array) -> Array:
     """Return the sums of columns (n x c) and of the errors of their entries, pairwise."""
     while len(values) > 1:
         if len(values) % 2:
-            values, rest = (np.concatenate([part, np.zeros_like(part[:1])]) for part in (values, rest))
+            values, rest = (np.concatenate([rows, np.zeros_like(rows[:1])]) for rows in (values, rest))
         half = len(values) // 2
         values, error = _sum(values[:half], values[half:])
         rest = rest[:half] + rest[half:] + error

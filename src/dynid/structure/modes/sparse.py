@@ -101,16 +101,16 @@ class SparseSpectrum:
         self._first_shift = min(limit, self.pencil.shift)  # from far below, all of them would look alike
         count, limit = self._count(limit)
         for _ in range(_SHIFT_ATTEMPTS):
-            found = int(np.count_nonzero(self.square < limit))
+            number = int(np.count_nonzero(self.square < limit))
             if np.any(np.abs(self.square - limit) <= _HIT * limit):  # copies may lie on either side
                 count, limit = self._count(limit * (1 + 10 * _HIT))
-            elif found == count:
+            elif number == count:
                 self._polish()
                 return self.square[:count], self.shapes[:, :count], limit
-            elif found > count:
+            elif number > count:
                 break
             else:
-                self._extend(len(self.square) + count - found)
+                self._extend(len(self.square) + count - number)
         raise _stay_missing(self.backend)
 
     def _extend(self, count: int) -> None:
@@ -125,9 +125,9 @@ class SparseSpectrum:
             if self._factor is None:
                 self._factor, self._shift = self._shifted()
                 self._order = self._factor.order
-            known = (1 / (self.square + self._shift), self.shapes) if len(self.square) else None
+            start_pairs = (1 / (self.square + self._shift), self.shapes) if len(self.square) else None
             try:
-                theta, shapes = largest(self._factor.solve, self.M, count, self._rng, known)
+                theta, shapes = largest(self._factor.solve, self.M, count, self._rng, start_pairs)
             except Diverged:
                 if self._raised():
                     continue
@@ -254,8 +254,8 @@ def negative_eigenvalues(A: Matrix, backend: str = "splu", order: Order | None =
             if not diagonal:
                 raise
             break  # SuperLU's pivots on the diagonal at any price: the price was too high
-        if factor.error <= _SIGN_BACKWARD_ERROR and (found := factor.negatives) is not None:
-            return found
+        if factor.error <= _SIGN_BACKWARD_ERROR and (negatives := factor.negatives) is not None:
+            return negatives
         del factor  # before the next one is made
     if A.shape[0] > _DENSE:
         raise NumericalError(

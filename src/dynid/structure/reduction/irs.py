@@ -101,11 +101,11 @@ class Irs:
         T, square, growth = problem.iterated(self.iterations)
         if growth * _EPS > MAX_ROUNDING:
             # Frequencies that move with rounding of the motions are refused.
-            other, omega = problem.iterated(self.iterations, noise=_EPS)[1], np.sqrt(square)
-            moved = _MARGIN * np.abs(np.sqrt(other) - omega) / np.where(omega > 0, omega, 1.0)
+            previous, omega = problem.iterated(self.iterations, noise=_EPS)[1], np.sqrt(square)
+            moved = _MARGIN * np.abs(np.sqrt(previous) - omega) / np.where(omega > 0, omega, 1.0)
             if moved.max() > _OPEN:
-                at, most = int(np.argmax(moved > _OPEN)) + 1, 100 * float(moved.max())
-                raise _open_to_rounding(f"it moves the frequency of mode {at} by {most:.2g} %")
+                at, largest = int(np.argmax(moved > _OPEN)) + 1, 100 * float(moved.max())
+                raise _open_to_rounding(f"it moves the frequency of mode {at} by {largest:.2g} %")
         return _in_masters_or_modes(model, cut, T, square, solve.condition)
 
 
@@ -199,8 +199,8 @@ def _on_modes(T: Array, M: Matrix, K: Matrix, step: int) -> tuple[Array, Array]:
     mass = (mass + mass.T) / 2
     stiffness = without_rounding(projected_stiffness(T, K), T, K)
     try:
-        found = modes(mass, np.zeros_like(mass), stiffness)
-        if found.massless:
+        reduced_modes = modes(mass, np.zeros_like(mass), stiffness)
+        if reduced_modes.massless:
             raise Singular("there are massless directions")
     except (Singular, UsageError) as error:
         if step:
@@ -210,4 +210,4 @@ def _on_modes(T: Array, M: Matrix, K: Matrix, step: int) -> tuple[Array, Array]:
             remedy="Take other or fewer masters, or static condensation.",
             names=("masters",),
         ) from None
-    return T @ found.shapes, found.omega**2
+    return T @ reduced_modes.shapes, reduced_modes.omega**2

@@ -89,32 +89,32 @@ def chosen(choose: Choice, count: int, shapes: Array, mass: Array) -> Indices:
         return np.sort(np.argsort(-mass, kind="stable")[:count])
     if choose == "qr":
         # Beyond one DOF a mode, the others see all modes over again.
-        taken = _pivots(shapes)[: min(count, shapes.shape[1])]
-        while len(taken) < count:
-            rest = np.setdiff1d(np.arange(len(shapes)), taken)
+        masters = _pivots(shapes)[: min(count, shapes.shape[1])]
+        while len(masters) < count:
+            rest = np.setdiff1d(np.arange(len(shapes)), masters)
             again = rest[_pivots(shapes[rest])]
-            taken = np.concatenate([taken, again[: min(count - len(taken), shapes.shape[1])]])
-        return np.sort(taken)
+            masters = np.concatenate([masters, again[: min(count - len(masters), shapes.shape[1])]])
+        return np.sort(masters)
     return _effectively_independent(count, shapes)
 
 
-def completed(given: Indices, shapes: Array) -> Indices:
+def completed(masters: Indices, shapes: Array) -> Indices:
     """Add DOFs to the given ones, by pivoted QR of what these do not see of the modes, until all are seen.
 
     Parameters
     ----------
-    given
+    masters
         Indices of the DOFs taken for granted.
     shapes
         The modes (n x r).
     """
-    _, s, Vt = np.linalg.svd(shapes[given])
+    _, s, Vt = np.linalg.svd(shapes[masters])
     typical = float(np.abs(shapes).max(axis=0, initial=0.0).min(initial=np.inf))
     rank = int(np.count_nonzero(s > _BARELY * typical))
     unseen = shapes @ Vt[rank:].T
-    unseen[given] = 0.0
+    unseen[masters] = 0.0
     more = _pivots(unseen)[: shapes.shape[1] - rank]
-    return np.sort(np.concatenate([given, more]))
+    return np.sort(np.concatenate([masters, more]))
 
 
 def _pivots(shapes: Array) -> Indices:
@@ -168,15 +168,15 @@ def indices_of(model: StructuralModel, dofs: Sequence[Label], key: str = "master
         If a DOF is named twice or does not exist, or none is named.
     """
     try:
-        given = [model.index(dof) for dof in dofs]
+        indices = [model.index(dof) for dof in dofs]
     except UsageError as error:
         raise UsageError(error.problem, remedy=error.remedy, names=(key,)) from None
-    if not given:
+    if not indices:
         raise UsageError(f"the {key} name no DOF", remedy="Name at least one.", names=(key,))
-    twice = [dof for place, dof in enumerate(dofs) if given[place] in given[:place]]
+    twice = [dof for position, dof in enumerate(dofs) if indices[position] in indices[:position]]
     if twice:
         raise UsageError(f"DOF {twice[0]} stands twice among the {key}", names=(key,))
-    return np.array(given, dtype=np.int64)
+    return np.array(indices, dtype=np.int64)
 
 
 def checked_condition(seen: Array, share: Array, numbers: Sequence[int], masters: Sequence[Label]) -> float:
@@ -213,8 +213,10 @@ def checked_condition(seen: Array, share: Array, numbers: Sequence[int], masters
     worst = max(condition, 1 / parts[-1]) if parts[-1] > 0 else np.inf
     if worst < HOPELESS:
         return condition
-    least = np.abs(Vt[-1])
-    hidden = [number for number, part in zip(numbers, least, strict=True) if part > 0.1 * least.max()]
+    last_vector = np.abs(Vt[-1])
+    hidden = [
+        number for number, entry in zip(numbers, last_vector, strict=True) if entry > 0.1 * last_vector.max()
+    ]
     subject = (
         f"mode {hidden[0]} is" if len(hidden) == 1 else f"a combination of the modes {listed(hidden)} is"
     )
@@ -227,7 +229,7 @@ def checked_condition(seen: Array, share: Array, numbers: Sequence[int], masters
 
 
 def masters_for_modes(
-    model: StructuralModel, given: Sequence[Label] | Masters | None, interest: Interest, shapes: Array
+    model: StructuralModel, masters: Sequence[Label] | Masters | None, interest: Interest, shapes: Array
 ) -> Indices:
     """Return masters at which these modes are observable.
 
@@ -235,7 +237,7 @@ def masters_for_modes(
     ----------
     model
         The full structure.
-    given
+    masters
         Labels, or a rule to choose by. Absent: the DOFs of joints, sensors and loads, and as many others as
         it takes to see all the modes.
     interest
@@ -243,15 +245,15 @@ def masters_for_modes(
     shapes
         The modes (n x r).
     """
-    if given is None:
+    if masters is None:
         return completed(interesting(model, interest), shapes)
-    if isinstance(given, Masters):
-        return chosen(given.choose, given.count or shapes.shape[1], shapes, model.M.diagonal())
-    return indices_of(model, given)
+    if isinstance(masters, Masters):
+        return chosen(masters.choose, masters.count or shapes.shape[1], shapes, model.M.diagonal())
+    return indices_of(model, masters)
 
 
 def masters_alone(
-    model: StructuralModel, given: Sequence[Label] | Masters | None, interest: Interest
+    model: StructuralModel, choice: Sequence[Label] | Masters | None, interest: Interest
 ) -> Indices:
     """Return the masters of a method that is not made of modes.
 
@@ -263,15 +265,15 @@ def masters_alone(
     UsageError
         If neither masters nor their number are known.
     """
-    if isinstance(given, Masters):
-        if given.choose == "mass" and given.count is not None:
-            return chosen("mass", given.count, np.empty((model.size, 0)), model.M.diagonal())
-        wanted = wanted_modes(None, interest, given.count)
-        if isinstance(wanted, ModeRange) and wanted.count is not None:
-            wanted = ModeRange(count=min(wanted.count, model.size))
-        shapes = selected(model.with_known_joints(), wanted).shapes
-        return chosen(given.choose, given.count or shapes.shape[1], shapes, model.M.diagonal())
-    masters = interesting(model, interest) if given is None else indices_of(model, given)
+    if isinstance(choice, Masters):
+        if choice.choose == "mass" and choice.count is not None:
+            return chosen("mass", choice.count, np.empty((model.size, 0)), model.M.diagonal())
+        requested = wanted_modes(None, interest, choice.count)
+        if isinstance(requested, ModeRange) and requested.count is not None:
+            requested = ModeRange(count=min(requested.count, model.size))
+        shapes = selected(model.with_known_joints(), requested).shapes
+        return chosen(choice.choose, choice.count or shapes.shape[1], shapes, model.M.diagonal())
+    masters = interesting(model, interest) if choice is None else indices_of(model, choice)
     if not len(masters):
         raise UsageError(
             "nothing says which DOFs are masters: there are no joints, sensors or loads",
@@ -284,7 +286,7 @@ def masters_alone(
 def interesting(model: StructuralModel, interest: Interest) -> Indices:
     """Return the DOFs of joints, then those of sensors and loads, each once; of motions what they are of."""
     dofs = [dof for joint in model.joints for dof in joint.dofs]
-    labels = list(dict.fromkeys(one for dof in [*dofs, *interest.dofs] for one in model.moved_by(dof)))
+    labels = list(dict.fromkeys(label for dof in [*dofs, *interest.dofs] for label in model.moved_by(dof)))
     return indices_of(model, labels) if labels else np.array([], dtype=np.int64)
 
 

@@ -129,7 +129,7 @@ class ReductionByParts:
         """
         names: list[Label] = []
         bases: list[tuple[Indices, Array]] = []
-        made: list[StructuralReduction] = []
+        reductions: list[StructuralReduction] = []
         places_of = self._places(model)
         for name, reduction in self.parts.items():
             prefix, places = _prefix(name), places_of[name]
@@ -141,28 +141,43 @@ class ReductionByParts:
                 bases.append((places, np.eye(len(places))))
                 continue
             try:
-                one, T = self._reduced(name, model, places, reduction)
+                reduction_of_part, T = self._reduced(name, model, places, reduction)
             except (UsageError, NumericalError) as error:
-                error.names = (*(f"{name}.{part}" for part in error.names), name)
+                error.names = (*(f"{name}.{name_of_key}" for name_of_key in error.names), name)
                 raise
-            made.append(one)
+            reductions.append(reduction_of_part)
             bases.append((places, T))
-            kept = len(one.masters)
-            names += [*one.model.dofs[:kept], *(f"{prefix}{label}" for label in one.model.dofs[kept:])]
+            kept = len(reduction_of_part.masters)
+            names += [
+                *reduction_of_part.model.dofs[:kept],
+                *(f"{prefix}{label}" for label in reduction_of_part.model.dofs[kept:]),
+            ]
         T = np.zeros((model.size, len(names)))
         first = 0
         for places, basis in bases:
             T[places, first : first + basis.shape[1]] = basis
             first += basis.shape[1]
-        conditions = [one.condition for one in made if one.condition is not None]
+        conditions = [
+            reduction_of_part.condition
+            for reduction_of_part in reductions
+            if reduction_of_part.condition is not None
+        ]
         return StructuralReduction(
             projected(model, T, names),
-            tuple(label for one in made for label in one.masters),
-            tuple(number for one in made for number in one.modes),
+            tuple(label for reduction_of_part in reductions for label in reduction_of_part.masters),
+            tuple(number for reduction_of_part in reductions for number in reduction_of_part.modes),
             max(conditions, default=None),
-            rule="; ".join(dict.fromkeys(one.rule for one in made if one.rule)),
-            doubt="; ".join(dict.fromkeys(one.doubt for one in made if one.doubt)),
-            inverted=made[0].inverted if made else "",
+            rule="; ".join(
+                dict.fromkeys(
+                    reduction_of_part.rule for reduction_of_part in reductions if reduction_of_part.rule
+                )
+            ),
+            doubt="; ".join(
+                dict.fromkeys(
+                    reduction_of_part.doubt for reduction_of_part in reductions if reduction_of_part.doubt
+                )
+            ),
+            inverted=reductions[0].inverted if reductions else "",
         )
 
     def _places(self, model: StructuralModel) -> Mapping[str, Indices]:
@@ -173,10 +188,12 @@ class ReductionByParts:
         """
         part_of: dict[Label, str] = {}
         for name, moved in [*((str(dof), (dof,)) for dof in model.dofs), *model.motions.items()]:
-            part = next((one for one in self.parts if name.startswith(_prefix(one))), None)
-            if part is not None:
+            owner = next(
+                (part_label for part_label in self.parts if name.startswith(_prefix(part_label))), None
+            )
+            if owner is not None:
                 for dof in moved:
-                    part_of.setdefault(dof, part)
+                    part_of.setdefault(dof, owner)
         places: dict[str, list[int]] = {name: [] for name in self.parts}
         for k, dof in enumerate(model.dofs):
             if dof not in part_of:
@@ -188,40 +205,42 @@ class ReductionByParts:
         self, name: str, model: StructuralModel, places: Indices, reduction: PartReduction
     ) -> tuple[StructuralReduction, Array]:
         """Return the reduction of the part at these DOFs of the assembly, and its basis."""
-        part, prefix = _cut(model, places), _prefix(name)
-        given = reduction.options.get("masters")
-        masters = [model.label(dof) for dof in given] if isinstance(given, Sequence) else []
+        part_model, prefix = _cut(model, places), _prefix(name)
+        chosen = reduction.options.get("masters")
+        masters = [model.label(dof) for dof in chosen] if isinstance(chosen, Sequence) else []
         rows: dict[Label, Array] = {}
         for label in dict.fromkeys([*_interfaces(model, self.interest), *masters]):
             row = model.row(label)
-            whole = np.count_nonzero(row) == np.count_nonzero(row[places])
+            complete = np.count_nonzero(row) == np.count_nonzero(row[places])
             if row[places].any():
-                rows[label if whole else f"{prefix}{label}"] = row[places]
-        changed, change = with_coordinates(part, rows)
+                rows[label if complete else f"{prefix}{label}"] = row[places]
+        changed, change = with_coordinates(part_model, rows)
         options = dict(reduction.options)
         if masters:
             options["masters"] = [label for label in masters if label in changed.dofs]
         here = tuple(label for label in rows if label in changed.dofs)
         method = METHODS[reduction.method](**options, interest=Interest(here, self.interest.band))
-        one = method.reduce(changed)
-        return one, np.asarray(one.T if change is None else change @ one.T)
+        reduced = method.reduce(changed)
+        return reduced, np.asarray(reduced.T if change is None else change @ reduced.T)
 
 
 def reduced_with_motions(method: Any, model: StructuralModel) -> StructuralReduction:
     """Return a structure reduced by a method, for which motions at joints, sensors and loads are DOFs."""
     ends = _interfaces(model, method.interest)
     changed, change = with_coordinates(model, {label: model.row(label) for label in ends})
-    made: StructuralReduction = method.reduce(changed)
+    reduced: StructuralReduction = method.reduce(changed)
     if change is None:
-        return made
-    assert made.model.basis is not None
-    whole = projected(model, np.asarray(change @ made.T), made.model.dofs, made.model.basis.rigid)
-    return replace(made, model=whole)
+        return reduced
+    assert reduced.model.basis is not None
+    full_model = projected(
+        model, np.asarray(change @ reduced.T), reduced.model.dofs, reduced.model.basis.rigid
+    )
+    return replace(reduced, model=full_model)
 
 
-def _prefix(part: str) -> str:
+def _prefix(name: str) -> str:
     """Return what the names of a part's DOFs start with in the assembly."""
-    return f"{part}." if part else ""
+    return f"{name}." if name else ""
 
 
 def _interfaces(model: StructuralModel, interest: Interest) -> list[Label]:
@@ -271,12 +290,12 @@ def with_coordinates(model: StructuralModel, rows: Mapping[Label, Array]) -> tup
     StructuralModel, sparse array or None
         The structure, and the change of coordinates; None where all of them are DOFs already.
     """
-    own = [k for k, label in enumerate(model.dofs) if label in rows]
+    rows_of_dofs = [k for k, label in enumerate(model.dofs) if label in rows]
     labels = [label for label in rows if label not in model.dofs]
     if not labels:
         return model, None
     W = np.array([rows[label] for label in labels])
-    W[:, own] = 0.0  # these are coordinates already
+    W[:, rows_of_dofs] = 0.0  # these are coordinates already
     W /= np.linalg.norm([rows[label] for label in labels], axis=1)[:, None]
     labels, W = _independent(labels, W)
     if not labels:
@@ -300,8 +319,8 @@ def with_coordinates(model: StructuralModel, rows: Mapping[Label, Array]) -> tup
     i, j, values = (np.concatenate(parts) for parts in zip(*places, strict=True))
     T: Any = coo_array((values, (i, j)), shape=(model.size, model.size)).tocsc()
     dofs = list(model.dofs)
-    for place, label in zip(pivots, labels, strict=True):
-        dofs[place] = label
+    for row_index, label in zip(pivots, labels, strict=True):
+        dofs[row_index] = label
 
     new = StructuralModel(
         congruent(T, model.M),
@@ -312,7 +331,7 @@ def with_coordinates(model: StructuralModel, rows: Mapping[Label, Array]) -> tup
         terms=tuple(term._replace(matrix=congruent(T, term.matrix)) for term in model.terms),
         translations=model.translations,
     )
-    at = {label: place for place, label in enumerate(model.dofs)}
+    at = {label: row_index for row_index, label in enumerate(model.dofs)}
     # Joints name DOFs that are none any more by the motions that these are now.
     lost = {
         label: {dofs[k]: float(value) for k, value in zip(row.indices, row.data, strict=True)}
@@ -329,11 +348,11 @@ def _through(
     motion: Mapping[Label, float], lost: Mapping[Label, Mapping[Label, float]]
 ) -> dict[Label, float]:
     """Return a motion with the DOFs that are lost replaced by what they are now."""
-    found: dict[Label, float] = {}
+    weights: dict[Label, float] = {}
     for label, weight in motion.items():
-        for one, part in lost.get(label, {label: 1.0}).items():
-            found[one] = found.get(one, 0.0) + weight * part
-    return found
+        for retained, weight_of_dof in lost.get(label, {label: 1.0}).items():
+            weights[retained] = weights.get(retained, 0.0) + weight * weight_of_dof
+    return weights
 
 
 def _independent(labels: Sequence[Label], W: Array) -> tuple[list[Label], Array]:

@@ -175,8 +175,8 @@ class CraigBampton:
         """
         cut = partition(model, masters_alone(model, self.masters, self.interest))
         static, condition = constraint_modes(cut)
-        wanted = wanted_modes(self.modes, self.interest, None)
-        fixed = None if wanted == ModeRange(count=0) else self._fixed_modes(cut, model, wanted)
+        requested = wanted_modes(self.modes, self.interest, None)
+        fixed = None if requested == ModeRange(count=0) else self._fixed_modes(cut, model, requested)
         if fixed is None:
             small = projected(model, cut.basis(static), cut.labels)
             return StructuralReduction(small, cut.labels, condition=condition, inverted=SLAVES)
@@ -190,14 +190,14 @@ class CraigBampton:
         )
 
     def _fixed_modes(
-        self, cut: Partition, model: StructuralModel, wanted: Sequence[int] | ModeRange
+        self, cut: Partition, model: StructuralModel, requested: Sequence[int] | ModeRange
     ) -> SelectedModes | None:
         """Return the modes with the boundary held; None where none is in the band."""
         if not len(cut.slaves):
             return None
         M, C, K = (cut.inner(matrix) for matrix in model.with_known_joints())
         try:
-            return selected((M, C, K), wanted)
+            return selected((M, C, K), requested)
         except UsageError:
             if self.modes is not None:
                 raise

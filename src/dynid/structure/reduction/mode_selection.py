@@ -85,17 +85,17 @@ class SelectedModes(NamedTuple):
     @property
     def rigid(self) -> tuple[int, ...]:
         """The places (from 0) of rigid-body modes among them."""
-        return tuple(int(place) for place in np.flatnonzero(self.omega == 0))
+        return tuple(int(index) for index in np.flatnonzero(self.omega == 0))
 
 
-def selected(matrices: tuple[Matrix, Matrix, Matrix], wanted: Sequence[int] | ModeRange) -> SelectedModes:
+def selected(matrices: tuple[Matrix, Matrix, Matrix], requested: Sequence[int] | ModeRange) -> SelectedModes:
     """Compute the modes asked for.
 
     Parameters
     ----------
     matrices
         M, C, K of the structure that they are of.
-    wanted
+    requested
         Numbers, from 1 upwards in frequency, rigid-body modes included; or the lowest ones.
 
     Raises
@@ -103,45 +103,45 @@ def selected(matrices: tuple[Matrix, Matrix, Matrix], wanted: Sequence[int] | Mo
     UsageError
         If a number stands twice or there are not so many modes.
     """
-    if isinstance(wanted, ModeRange):
-        found = modes(*matrices, count=wanted.count, below=wanted.below)
-        if wanted.below is not None and not len(found.omega):
-            raise UsageError(f"no mode lies below {frequency_text(wanted.below, 6)}", names=("modes",))
-        numbers = tuple(range(1, len(found.omega) + 1))
+    if isinstance(requested, ModeRange):
+        result = modes(*matrices, count=requested.count, below=requested.below)
+        if requested.below is not None and not len(result.omega):
+            raise UsageError(f"no mode lies below {frequency_text(requested.below, 6)}", names=("modes",))
+        numbers = tuple(range(1, len(result.omega) + 1))
     else:
-        numbers = tuple(wanted)
+        numbers = tuple(requested)
         if not numbers:
             raise UsageError("no modes are given", remedy="Name at least one.", names=("modes",))
         if min(numbers) < 1:
             raise UsageError(f"modes count from 1; there is no mode {min(numbers)}", names=("modes",))
-        twice = [number for place, number in enumerate(numbers) if number in numbers[:place]]
+        twice = [number for position, number in enumerate(numbers) if number in numbers[:position]]
         if twice:
             raise UsageError(f"the mode {twice[0]} is named twice", names=("modes",))
-        found = modes(*matrices, count=max(numbers))
+        result = modes(*matrices, count=max(numbers))
     places = np.array(numbers, dtype=np.intp) - 1
-    elastic = float(found.omega[found.omega > 0].min(initial=np.inf))
+    elastic = float(result.omega[result.omega > 0].min(initial=np.inf))
     return SelectedModes(
-        numbers, found.omega[places], found.shapes[:, places], found.doubt,
-        free=found.rigid > 0, elastic=elastic if np.isfinite(elastic) else 0.0,
+        numbers, result.omega[places], result.shapes[:, places], result.doubt,
+        free=result.rigid > 0, elastic=elastic if np.isfinite(elastic) else 0.0,
     )  # fmt: skip
 
 
 def wanted_modes(
-    given: Sequence[int] | ModeRange | None, interest: Interest, masters: int | None
+    modes: Sequence[int] | ModeRange | None, interest: Interest, masters: int | None
 ) -> Sequence[int] | ModeRange:
     """Return the modes to keep; where none are given one a master, else those of the band.
 
     Parameters
     ----------
-    given
+    modes
         The modes asked for.
     interest
         Purpose of the model.
     masters
         The number of masters, if that is fixed.
     """
-    if given is not None:
-        return given
+    if modes is not None:
+        return modes
     if masters is not None:
         return ModeRange(count=masters)
     if interest.band is not None:
@@ -153,14 +153,14 @@ def wanted_modes(
     )
 
 
-def mode_rule(given: Sequence[int] | ModeRange | None, interest: Interest, masters: int | None) -> str:
+def mode_rule(modes: Sequence[int] | ModeRange | None, interest: Interest, masters: int | None) -> str:
     """Return the rule of `wanted_modes` in words."""
-    wanted = wanted_modes(given, interest, masters)
-    if not isinstance(wanted, ModeRange):
+    requested = wanted_modes(modes, interest, masters)
+    if not isinstance(requested, ModeRange):
         return "those named are kept"
-    if given is None and masters is not None:
+    if modes is None and masters is not None:
         return "one a master is kept"
-    below = "" if wanted.below is None else f"below {frequency_text(wanted.below, 6)}"
-    if given is None:
+    below = "" if requested.below is None else f"below {frequency_text(requested.below, 6)}"
+    if modes is None:
         return f"kept {below}, {BAND:g} times the band of interest"
-    return f"the lowest {below or wanted.count} are kept, as requested"
+    return f"the lowest {below or requested.count} are kept, as requested"

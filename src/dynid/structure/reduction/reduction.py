@@ -153,5 +153,5 @@ def cancellation(masters: Array, square: Array) -> float:
     of_mass = np.einsum("ij,ij->j", size, np.abs(M) @ size)
     elastic = square > 0
     of_strain = np.einsum("ij,ij->j", size, np.abs(K) @ size)[elastic] / square[elastic]
-    found = float(max(of_mass.max(initial=1.0), of_strain.max(initial=1.0)))
-    return found if np.isfinite(found) else np.inf
+    largest = float(max(of_mass.max(initial=1.0), of_strain.max(initial=1.0)))
+    return largest if np.isfinite(largest) else np.inf

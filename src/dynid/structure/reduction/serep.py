@@ -107,8 +107,8 @@ def on_modes(
     kept = masters_for_modes(model, masters, interest, basis.shapes)
     labels = tuple(model.dofs[k] for k in kept)
     seen = basis.shapes[kept]
-    whole = basis.shapes / scaled(matrices[2], matrices[0]).scale[:, None]
-    share = whole[kept] / np.linalg.norm(whole, axis=0)
+    unscaled = basis.shapes / scaled(matrices[2], matrices[0]).scale[:, None]
+    share = unscaled[kept] / np.linalg.norm(unscaled, axis=0)
     condition = checked_condition(seen, share, basis.numbers, labels)
     alike = len(kept) == len(basis.numbers)
     lost = cancellation(seen, basis.omega**2) if alike else 1.0

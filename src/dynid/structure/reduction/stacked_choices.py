@@ -40,18 +40,18 @@ class Choice(NamedTuple):
     modes: tuple[int, ...]
 
 
-def _numbers_of(wanted: Sequence[int] | ModeRange, stack: Stack) -> tuple[list[tuple[int, ...]], Sure]:
+def _numbers_of(requested: Sequence[int] | ModeRange, stack: Stack) -> tuple[list[tuple[int, ...]], Sure]:
     """Return for each structure the numbers of the modes to keep, and which are sure."""
     count = len(stack.M)
     sure = np.ones(count, dtype=bool)
-    if not isinstance(wanted, ModeRange):
-        return [tuple(wanted)] * count, sure
-    if wanted.count is not None:
-        return [tuple(range(1, wanted.count + 1))] * count, sure
-    assert wanted.below is not None
+    if not isinstance(requested, ModeRange):
+        return [tuple(requested)] * count, sure
+    if requested.count is not None:
+        return [tuple(range(1, requested.count + 1))] * count, sure
+    assert requested.below is not None
     omega = stack.frequencies
-    sure = np.all(np.abs(omega - wanted.below) > _CHOICE_MARGIN * wanted.below, axis=1)
-    return [tuple(range(1, number + 1)) for number in np.sum(omega < wanted.below, axis=1).tolist()], sure
+    sure = np.all(np.abs(omega - requested.below) > _CHOICE_MARGIN * requested.below, axis=1)
+    return [tuple(range(1, number + 1)) for number in np.sum(omega < requested.below, axis=1).tolist()], sure
 
 
 def _pick(
@@ -83,7 +83,7 @@ def _pick(
 
 
 def choose_for_modes(
-    method: Serep | JointAware, model: StructuralModel, joint_aware: bool, bare: Stack, whole: Stack
+    method: Serep | JointAware, model: StructuralModel, joint_aware: bool, bare: Stack, jointed: Stack
 ) -> tuple[list[Choice], Sure]:
     """Return the choices of SEREP and of the joint-aware method."""
     masters, interest = method.masters, method.interest
@@ -91,7 +91,7 @@ def choose_for_modes(
     ends = interesting(model, interest)
     if count is None and interest.band is None:
         count = len(ends) or None
-    of = whole if joint_aware else bare
+    of = jointed if joint_aware else bare
     numbers, sure = _numbers_of(wanted_modes(method.modes, interest, count), of)
     if masters is not None and not isinstance(masters, Masters):
         fixed = tuple(indices_of(model, masters).tolist())
@@ -106,37 +106,37 @@ def choose_for_modes(
 
 
 def choose_masters(
-    method: Guyan | Dynamic | Irs | CraigBampton, model: StructuralModel, bare: Stack, whole: Stack
+    method: Guyan | Dynamic | Irs | CraigBampton, model: StructuralModel, bare: Stack, jointed: Stack
 ) -> tuple[list[Choice], Sure]:
     """Return the masters of a method that is not made of modes, as `masters_alone` does."""
     given, interest, count = method.masters, method.interest, len(bare.M)
     if not isinstance(given, Masters):
         masters = interesting(model, interest) if given is None else indices_of(model, given)
         return [Choice(tuple(masters.tolist()), ())] * count, np.ones(count, dtype=bool)
-    wanted = wanted_modes(None, interest, given.count)
-    if isinstance(wanted, ModeRange) and wanted.count is not None:
-        wanted = ModeRange(count=min(wanted.count, model.size))
+    requested = wanted_modes(None, interest, given.count)
+    if isinstance(requested, ModeRange) and requested.count is not None:
+        requested = ModeRange(count=min(requested.count, model.size))
     choices, sure = _pick(
         lambda shapes, mass: chosen(given.choose, given.count or shapes.shape[1], shapes, mass),
-        whole,
+        jointed,
         diagonal(bare.M),
-        *_numbers_of(wanted, whole),
+        *_numbers_of(requested, jointed),
     )
     return [Choice(choice.masters, ()) for choice in choices], sure
 
 
 def choose_for_fixed_interface(
-    method: CraigBampton, model: StructuralModel, bare: Stack, whole: Stack
+    method: CraigBampton, model: StructuralModel, bare: Stack, jointed: Stack
 ) -> tuple[list[Choice], Sure]:
     """Return the boundary and the fixed-interface modes of a component mode synthesis."""
-    choices, sure = choose_masters(method, model, bare, whole)
-    wanted = wanted_modes(method.modes, method.interest, None)
+    choices, sure = choose_masters(method, model, bare, jointed)
+    requested = wanted_modes(method.modes, method.interest, None)
     complete = list(choices)
     for masters in {choice.masters for choice in choices}:
         slaves = np.setdiff1d(np.arange(model.size), masters)
-        numbers, certain = _numbers_of(wanted, whole.block(slaves))
+        numbers, certain = _numbers_of(requested, jointed.block(slaves))
         # Modes that are asked for below a frequency must exist; those of the band may be none.
-        exist = np.array([len(kept) > 0 or wanted == ModeRange(count=0) for kept in numbers])
+        exist = np.array([len(kept) > 0 or requested == ModeRange(count=0) for kept in numbers])
         certain &= exist | (method.modes is None)
         for s, choice in enumerate(choices):
             if choice.masters == masters:
@@ -144,7 +144,7 @@ def choose_for_fixed_interface(
     return complete, sure
 
 
-def choose_modes(method: ModalTruncation | JointAware, _: Stack, whole: Stack) -> tuple[list[Choice], Sure]:
+def choose_modes(method: ModalTruncation | JointAware, _: Stack, jointed: Stack) -> tuple[list[Choice], Sure]:
     """Return the modes of a method without masters."""
-    numbers, sure = _numbers_of(wanted_modes(method.modes, method.interest, None), whole)
+    numbers, sure = _numbers_of(wanted_modes(method.modes, method.interest, None), jointed)
     return [Choice((), kept) for kept in numbers], sure & np.array([len(kept) > 0 for kept in numbers])

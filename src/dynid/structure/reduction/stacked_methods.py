@@ -114,22 +114,22 @@ def stacked(method: Reductor, model: StructuralModel) -> StackedMethod:
 def _projected(
     T: Array,
     bare: Stack,
-    whole: Stack,
+    jointed: Stack,
     numbers: Sequence[int],
     sure: Sure,
     condition: Callable[[], Array] | None = None,
 ) -> StackedReduction:
     reduced = bare.projected(T)
-    joined = reduced if whole is bare else whole.projected(T)
+    joined = reduced if jointed is bare else jointed.projected(T)
     return StackedReduction(T, reduced, joined, tuple(numbers), sure & _firm(joined.K), condition)
 
 
 def _on_modes(
-    bare: Stack, whole: Stack, choice: Choice, *, joint_aware: bool, retained: bool
+    bare: Stack, jointed: Stack, choice: Choice, *, joint_aware: bool, retained: bool
 ) -> StackedReduction:
     """Return SEREP on modes without the joints, or joint-aware on those with them."""
     masters, modes = np.array(choice.masters), choice.modes
-    of = whole if joint_aware else bare
+    of = jointed if joint_aware else bare
     basis = of.modes(max(modes)).numbered(modes)
     seen = basis.shapes[:, masters]
     scale = np.sqrt(np.einsum("sii->si", of.K) / np.einsum("sii->si", of.K).max(axis=1, keepdims=True))
@@ -153,11 +153,11 @@ def _on_modes(
     K = (K + transposed(K)) / 2
     sure &= _firm(K)
     M, C = congruent(T, bare.M), congruent(T, bare.C)
-    joints_K = 0.0 if whole is bare else congruent(T, whole.K - bare.K)
+    joints_K = 0.0 if jointed is bare else congruent(T, jointed.K - bare.K)
     reduced = Stack(M, C, K - joints_K if joint_aware else K)
     joined = reduced
-    if whole is not bare:
-        joined = Stack(congruent(T, whole.M), congruent(T, whole.C), reduced.K + joints_K)
+    if jointed is not bare:
+        joined = Stack(congruent(T, jointed.M), congruent(T, jointed.C), reduced.K + joints_K)
     numbers = tuple(sorted(modes)) if retained else tuple(range(1, len(modes) + 1))
     return StackedReduction(T, reduced, joined, numbers, sure, lambda: condition)
 
@@ -172,55 +172,55 @@ def _cancellation(seen: Array, inverse: Array, square: Array) -> Array:
     return np.asarray(np.maximum(of_mass, of_strain))
 
 
-def _on_modal_coordinates(bare: Stack, whole: Stack, choice: Choice, *, loads: Indices) -> StackedReduction:
+def _on_modal_coordinates(bare: Stack, jointed: Stack, choice: Choice, *, loads: Indices) -> StackedReduction:
     """Return the reduction on modes with the joints and residual vectors of unit loads at DOFs."""
     modes = choice.modes
-    basis = whole.modes(max(modes)).numbered(modes)
+    basis = jointed.modes(max(modes)).numbered(modes)
     if not len(loads):
-        return _projected(basis.shapes, bare, whole, sorted(modes), basis.sure)
-    vectors, sure = _residual_vectors(whole, basis, loads)
+        return _projected(basis.shapes, bare, jointed, sorted(modes), basis.sure)
+    vectors, sure = _residual_vectors(jointed, basis, loads)
     T = np.concatenate([basis.shapes, vectors], axis=2)
-    return _projected(T, bare, whole, range(1, T.shape[2] + 1), sure)
+    return _projected(T, bare, jointed, range(1, T.shape[2] + 1), sure)
 
 
-def _residual_vectors(whole: Stack, basis: StackedModes, loads: Indices) -> tuple[Array, Sure]:
+def _residual_vectors(jointed: Stack, basis: StackedModes, loads: Indices) -> tuple[Array, Sure]:
     """Return responses to unit loads beyond the modes, of unit stiffness (s x n x k), and where sure."""
-    factor = _Factor(whole.K)
-    X = factor.solve(np.eye(whole.K.shape[-1])[:, loads])
-    X = X / np.sqrt(np.maximum((X * (whole.K @ X)).sum(axis=1, keepdims=True), np.finfo(float).tiny))
+    factor = _Factor(jointed.K)
+    X = factor.solve(np.eye(jointed.K.shape[-1])[:, loads])
+    X = X / np.sqrt(np.maximum((X * (jointed.K @ X)).sum(axis=1, keepdims=True), np.finfo(float).tiny))
     for _ in range(2):  # twice is enough
-        X = X - basis.shapes @ (transposed(basis.shapes) @ (whole.M @ X))
-    energy = transposed(X) @ (whole.K @ X)
+        X = X - basis.shapes @ (transposed(basis.shapes) @ (jointed.M @ X))
+    energy = transposed(X) @ (jointed.K @ X)
     values, vectors = np.linalg.eigh((energy + transposed(energy)) / 2)
     sure = basis.sure & factor.sure & np.all(values > _MIN_OUTSIDE, axis=1)
     return X @ (vectors / np.sqrt(np.maximum(values, _MIN_OUTSIDE))[:, None, :]), sure
 
 
-def _condensed(bare: Stack, whole: Stack, choice: Choice, *, omega: float = 0.0) -> StackedReduction:
+def _condensed(bare: Stack, jointed: Stack, choice: Choice, *, omega: float = 0.0) -> StackedReduction:
     """Return static condensation, at `omega` (rad/s) dynamic, or with modes of held masters.
 
     These are the methods of Guyan, Leung, and Craig and Bampton.
     """
-    cut = _StackedPartition(whole, choice.masters)
-    inner = whole.block(cut.slaves)
+    cut = _StackedPartition(jointed, choice.masters)
+    inner = jointed.block(cut.slaves)
     size = diagonal(inner.K) + omega**2 * diagonal(inner.M)
     factor = _Factor(inner.K - omega**2 * inner.M, size)
-    T = cut.basis(-factor.solve(cut.coupling(whole.K) - omega**2 * cut.coupling(whole.M)))
+    T = cut.basis(-factor.solve(cut.coupling(jointed.K) - omega**2 * cut.coupling(jointed.M)))
     sure = factor.sure
     if choice.modes:
         fixed = inner.modes(max(choice.modes)).numbered(choice.modes)
         shapes = np.zeros((*T.shape[:2], len(choice.modes)))
         shapes[:, cut.slaves] = fixed.shapes / np.abs(fixed.shapes).max(axis=1, keepdims=True)
         T, sure = np.concatenate([T, shapes], axis=2), sure & fixed.sure
-    return _projected(T, bare, whole, range(1, T.shape[2] + 1), sure, factor.condition)
+    return _projected(T, bare, jointed, range(1, T.shape[2] + 1), sure, factor.condition)
 
 
-def _improved(bare: Stack, whole: Stack, choice: Choice, *, iterations: int) -> StackedReduction:
+def _improved(bare: Stack, jointed: Stack, choice: Choice, *, iterations: int) -> StackedReduction:
     """Return the improved reduced system, iterated as that of a single structure is."""
-    cut = _StackedPartition(whole, choice.masters)
-    masters, slaves, inner = cut.masters, cut.slaves, whole.block(cut.slaves)
+    cut = _StackedPartition(jointed, choice.masters)
+    masters, slaves, inner = cut.masters, cut.slaves, jointed.block(cut.slaves)
     factor = _Factor(inner.K)
-    static = -factor.solve(cut.coupling(whole.K))
+    static = -factor.solve(cut.coupling(jointed.K))
     probe = np.random.Generator(np.random.PCG64(1)).standard_normal((len(slaves), 1))
     after = factor.solve(inner.M @ probe)
     energy_before, energy_after = ((x * (inner.M @ x)).sum(axis=(1, 2)) for x in (probe, after))
@@ -228,31 +228,31 @@ def _improved(bare: Stack, whole: Stack, choice: Choice, *, iterations: int) -> 
     T, growth, sure = cut.basis(static), np.ones(len(static)), factor.sure
     settled = np.zeros(len(static), dtype=bool)
     for _ in range(iterations):
-        modes = whole.projected(T).modes(len(masters))
+        modes = jointed.projected(T).modes(len(masters))
         last, square, sure = T @ modes.shapes, modes.omega**2, sure & modes.sure
         step = np.empty_like(last)
         step[:, masters] = last[:, masters]
-        inertia = factor.solve((whole.M @ last)[:, slaves]) * square[:, None, :]
+        inertia = factor.solve((jointed.M @ last)[:, slaves]) * square[:, None, :]
         step[:, slaves] = static @ last[:, masters] + inertia
         T = np.where(settled[:, None, None], T, step)
         growth = np.where(settled, growth, growth * np.maximum(1.0, square.max(axis=1) * slowest))
         settled |= np.all(np.abs(T - last).max(axis=1) <= SETTLED * np.abs(last).max(axis=1), axis=1)
         if settled.all():
             break
-    modes = whole.projected(T).modes(len(masters))
+    modes = jointed.projected(T).modes(len(masters))
     T, sure = T @ modes.shapes, sure & modes.sure & (growth * 2 * UNIT_ROUNDING <= MAX_ROUNDING)
     seen = np.where(sure[:, None, None], T[:, masters], np.eye(len(masters)))
     inverse = np.asarray(np.linalg.inv(seen), dtype=float)
     sure &= _cancellation(seen, inverse, modes.omega**2) < MASTER_COORDINATES.value / 2
     T = cut.basis(T[:, slaves] @ inverse)
-    return _projected(T, bare, whole, range(1, len(masters) + 1), sure, factor.condition)
+    return _projected(T, bare, jointed, range(1, len(masters) + 1), sure, factor.condition)
 
 
 class _StackedPartition:
     """Structures cut at their masters."""
 
-    def __init__(self, whole: Stack, masters: Sequence[int]) -> None:
-        self.shape = whole.M.shape[:2]
+    def __init__(self, jointed: Stack, masters: Sequence[int]) -> None:
+        self.shape = jointed.M.shape[:2]
         self.masters = np.array(masters)
         self.slaves = np.setdiff1d(np.arange(self.shape[1]), self.masters)
 
@@ -327,7 +327,7 @@ class StackedEnergies(NamedTuple):
 
 
 def compared(
-    whole: Stack,
+    jointed: Stack,
     reduction: StackedReduction,
     names: Collection[str],
     energies: Callable[[], StackedEnergies],
@@ -336,7 +336,7 @@ def compared(
 
     Parameters
     ----------
-    whole
+    jointed
         The full structures with joints.
     reduction
         The reductions.
@@ -346,7 +346,7 @@ def compared(
         Returns what their `energy_error` needs.
     """
     modes = reduction.whole.modes(reduction.T.shape[2])
-    reference = whole.modes(max(reduction.numbers)).numbered(reduction.numbers)
+    reference = jointed.modes(max(reduction.numbers)).numbered(reduction.numbers)
     arrays = {
         "T": reduction.T,
         "mass": reduction.whole.M,
@@ -365,13 +365,13 @@ def compared(
     if not {"mac", "orthogonality", "frequency_uncertainty", "energy_error"}.isdisjoint(names):
         a, b = reduction.T @ modes.shapes, reference.shapes
         size = np.abs(a)
-        terms = (size * (np.abs(whole.K) @ size)).sum(axis=1)
+        terms = (size * (np.abs(jointed.K) @ size)).sum(axis=1)
         arrays["frequency_uncertainty"] = modes.uncertainty + UNIT_ROUNDING * (
             terms / modes.omega + modes.omega
         )
         lengths = np.linalg.norm(a, axis=1)[:, :, None] * np.linalg.norm(b, axis=1)[:, None, :]
         arrays["mac"] = np.minimum(np.abs(transposed(a) @ b) / lengths, 1.0) ** 2
-        Ma, Mb = whole.M @ a, whole.M @ b
+        Ma, Mb = jointed.M @ a, jointed.M @ b
         norms = np.sqrt((a * Ma).sum(axis=1)[:, :, None] * (b * Mb).sum(axis=1)[:, None, :])
         arrays["orthogonality"] = np.abs(transposed(a) @ Mb) / norms
         if "energy_error" in names:
