@@ -27,11 +27,13 @@ import random
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
 from typing import Any
 
-from flint import arb, ctx, fmpq, fmpz, fmpz_mat, fmpz_mod_ctx, fmpz_mod_poly_ctx
+from flint import arb, ctx, fmpq, fmpz, fmpz_mod_ctx, fmpz_mod_poly_ctx
 
+from dynid.arithmetic.integer_relations import integer_relation
+from dynid.arithmetic.modular_circle import ModularCircle, is_square, prime_factors
+from dynid.arithmetic.term_enclosures import TermEnclosures, root_ball
 from dynid.arithmetic.terms import OutOfRangeError, Term, in_order
 
 #: Least bits of the prime, and of a random cofactor in it.
@@ -49,14 +51,12 @@ _FIRST_PRECISION, _MAX_PRECISION = 256, 1 << 14
 #: Bits of numerator and denominator together up to which a residue is recognised as rational: with the
 #: prime's 256 bits, one in 2^56 others looks like one.
 _RATIONAL_BITS = 200
-#: Precision in which integer relations are sought, bits a term and in all, and most terms.
-_RELATION_BITS, _BASE_BITS, _MAX_TERMS = 40, 240, 32
+#: Most terms of a relation that is sought.
+_MAX_TERMS = 32
 #: Largest numerator and denominator in a relation of exponents.
 _MAX_MULTIPLE = 10_000
 #: Primes tried, each a square root of a sum exists modulo about half of them.
 _MAX_TRIALS = 4096
-#: Bits of a number that is factored wholly; of the factors that are sought in longer ones.
-_FACTORED_BITS, _SMOOTH_BITS = 80, 20
 #: Circles have points of this order from the start: angles in whole degrees, halved twice.
 _CIRCLE_ORDER = 1440
 #: Multiples of an angle by fractions with such a denominator are its multiples.
@@ -123,12 +123,14 @@ class RealField:
         The prime.
     polynomials
         Polynomials modulo the prime (flint `fmpz_mod_poly_ctx`).
+    enclosure
+        Function that returns an enclosure of a number at the working precision (flint `arb`).
     """
 
     def __init__(self, terms: Iterable[Term], order: int = 0) -> None:
         self.bits = CODED_BITS + _BITS_PER_ORDER * order
         self._terms = list(in_order(terms))
-        self._balls: dict[tuple[int, int], Any] = {}
+        self.enclosure = TermEnclosures().enclosure
         self._relations: dict[
             tuple[int, str, int, float], list[Fraction] | None
         ] = {}  # the same for every prime
@@ -153,20 +155,20 @@ class RealField:
     def _first_modulus(self) -> int:
         """Return the factors of all radicands, multiplied as far as the product is short."""
         modulus = _CIRCLE_ORDER
-        for base in self._radical_factors(self._terms):
+        for base in self._radicalprime_factors(self._terms):
             if modulus.bit_length() < _MAX_MODULUS_BITS:
                 modulus = math.lcm(modulus, _odd(base))
         return modulus
 
     @staticmethod
-    def _radical_factors(terms: Iterable[Term]) -> dict[int, None]:
+    def _radicalprime_factors(terms: Iterable[Term]) -> dict[int, None]:
         """Return the factors of the radicands among terms."""
         radicands = (term.operands[0] for term in terms if _radical(term))
         return dict.fromkeys(
             base
             for radicand in radicands
             for number in radicand.as_integer_ratio()  # type: ignore[union-attr]
-            for base, _ in _factors(number)
+            for base, _ in prime_factors(number)
         )
 
     # --- residues ------------------------------------------------------------------------------
@@ -174,6 +176,7 @@ class RealField:
     def _assign(self) -> None:
         """Give every term its residue."""
         self._random = random.Random(0x5EED)
+        self._points = ModularCircle(self.prime, self._order)
         self._images: dict[int, int] = {}
         self._radicals: dict[int, int] = {}  # by base the degree of its root
         self._generators: list[_Generator] = []
@@ -240,11 +243,12 @@ class RealField:
             if exponent.denominator == 1:
                 return pow(images[0], int(exponent), self.prime)
             degree = exponent.denominator
-            root = self._root(base, images[0], degree, lambda: _root(self.enclosure(base), degree))
+            root = self._root(base, images[0], degree, lambda: root_ball(self.enclosure(base), degree))
             return pow(root, exponent.numerator, self.prime)
         logarithm = self._logarithm(images[0], lambda: self.enclosure(base).log())
         return self._exponential(
-            images[1] * logarithm % self.prime, lambda: self.enclosure(exponent) * self.enclosure(base).log()
+            images[1] * logarithm % self.prime,
+            lambda: self.enclosure(exponent) * self.enclosure(base).log(),
         )
 
     def _root_of_fraction(self, radicand: Fraction, degree: int) -> int:
@@ -253,7 +257,7 @@ class RealField:
         parts = []
         for number in (radicand.numerator, radicand.denominator):
             perfect = 1
-            for base, power in _factors(number):
+            for base, power in prime_factors(number):
                 quotient, rest = divmod(power, degree)
                 perfect = perfect * pow(base, quotient, self.prime) % self.prime
                 if rest:
@@ -273,12 +277,9 @@ class RealField:
         if (self.prime + 1) % _odd(degree):
             raise _Extend(_odd(degree))
 
-    def _is_square(self, image: int) -> bool:
-        return fmpz(image).jacobi(self.prime) >= 0
-
     def _canonical(self, image: int, degree: int) -> int:
         """Return the root that is a square; of a number that is none, for odd degrees, the other one."""
-        if not self._is_square(image):
+        if not is_square(image, self.prime):
             if degree % 2 == 0:
                 raise _NoRootError
             return -self._canonical(-image % self.prime, degree) % self.prime
@@ -315,7 +316,7 @@ class RealField:
         """Return the relation of a number to others, sought once for the current term."""
         key = id(self._current), kind, len(basis), float(real().mid())
         if key not in self._relations:
-            self._relations[key] = _relation(real, basis, largest)
+            self._relations[key] = integer_relation(real, basis, largest)
         return self._relations[key]
 
     def _generate(self, image: int, real: Callable[[], Any]) -> None:
@@ -326,7 +327,7 @@ class RealField:
         """Return products of powers of generators: those of a term first, as far as there is room."""
         inside = list(in_order([base]))
         terms_inside = {id(term) for term in inside}
-        bases = self._radical_factors(inside)
+        bases = self._radicalprime_factors(inside)
         radicals = [
             (
                 number not in bases,
@@ -342,7 +343,7 @@ class RealField:
         ]
         if self._unit is not None and self._turns > 1:
             turn, outside = fmpq(2, self._turns), all(term.operation != "pi" for term in inside)
-            cosine = 2 * self._times(self._unit, self._order // self._turns)[0] % self.prime
+            cosine = 2 * self._points.times(self._unit, self._order // self._turns)[0] % self.prime
             degree = max(_totient(self._turns) // 2, 2)
             radicals.append((outside, cosine, lambda: 2 * arb.cos_pi_fmpq(turn), degree))
         basis: list[tuple[int, Callable[[], Any]]] = [(1, lambda: arb(1))]
@@ -411,13 +412,13 @@ class RealField:
             ) % p == 0 and all(_ANGLE_DIVISOR % multiple.denominator == 0 for multiple in relation[1:]):
                 point = self._part_of_pi(relation[0])
                 for multiple, entry in zip(relation[1:], entries, strict=True):
-                    point = self._turned(point, self._times(entry.point, int(multiple * _ANGLE_DIVISOR)))
+                    point = self._points.turned(
+                        point, self._points.times(entry.point, int(multiple * _ANGLE_DIVISOR))
+                    )
                 return point
-        t = self._random.randrange(2, p)
-        scale = pow(1 + t * t, -1, p)
-        entry = _Angle(((1 - t * t) * scale % p, 2 * t * scale % p), image, real)
+        entry = _Angle(self._points.random_point(self._random), image, real)
         entries.append(entry)
-        point = self._times(entry.point, _ANGLE_DIVISOR)
+        point = self._points.times(entry.point, _ANGLE_DIVISOR)
         self._generate(point[0], lambda: real().cos())
         self._generate(point[1], lambda: real().sin())
         return point
@@ -428,93 +429,11 @@ class RealField:
         if self._order % order:
             raise _Extend(1, order)
         if self._unit is None:
-            self._unit = self._first_unit()
-        point = self._times(self._unit, multiple.numerator * (self._order // order))
+            self._unit = self._points.unit(self._random)
+        point = self._points.times(self._unit, multiple.numerator * (self._order // order))
         if multiple.denominator > 2:
             self._turns = math.lcm(self._turns, 4, order)
         return point
-
-    def _first_unit(self) -> tuple[int, int]:
-        """Return the point at 2 pi / order, one at which the roots of primes have their signs."""
-        p, order = self.prime, self._order
-        while True:
-            t = self._random.randrange(2, p)
-            scale = pow(1 + t * t, -1, p)
-            point = self._times(((1 - t * t) * scale % p, 2 * t * scale % p), (p + 1) // order)
-            primes = [base for base, _ in _factors(order)]
-            if any(self._times(point, order // base) == (1, 0) for base in primes):
-                continue
-            if self._times(point, order // 4) != (0, 1):
-                continue
-            if all(self._is_square(self._root_by_sines(point, base)) for base in primes):
-                return point
-
-    def _root_by_sines(self, unit: tuple[int, int], base: int) -> int:
-        """Return sqrt(q) as the product of 2 sin(k pi / q), k < q/2; sqrt(2) as 2 cos(pi/4)."""
-        p, order = self.prime, self._order
-        if base == 2:
-            return 2 * self._times(unit, order // 8)[0] % p
-        step = self._times(unit, order // (2 * base))
-        point, product = step, 1
-        for _ in range((base - 1) // 2):
-            product = product * 2 * point[1] % p
-            point = self._turned(point, step)
-        return product
-
-    def _turned(self, a: tuple[int, int], b: tuple[int, int]) -> tuple[int, int]:
-        p = self.prime
-        return (a[0] * b[0] - a[1] * b[1]) % p, (a[0] * b[1] + a[1] * b[0]) % p
-
-    def _times(self, point: tuple[int, int], count: int) -> tuple[int, int]:
-        """Return a multiple of an angle."""
-        result = (1, 0)
-        if count < 0:
-            point, count = (point[0], -point[1] % self.prime), -count
-        while count:
-            if count & 1:
-                result = self._turned(result, point)
-            point, count = self._turned(point, point), count >> 1
-        return result
-
-    # --- enclosures ----------------------------------------------------------------------------
-
-    def enclosure(self, number: Term | Fraction) -> Any:
-        """Return an enclosure of a number at the working precision (flint `arb`)."""
-        if isinstance(number, Fraction):
-            return arb(fmpq(number.numerator, number.denominator))
-        key = ctx.prec
-        if (key, id(number)) not in self._balls:
-            for term in in_order([number]):
-                if (key, id(term)) not in self._balls:
-                    self._balls[key, id(term)] = self._ball(term)
-        return self._balls[key, id(number)]
-
-    def _ball(self, term: Term) -> Any:
-        balls = [
-            self._balls[ctx.prec, id(operand)] if isinstance(operand, Term) else self.enclosure(operand)
-            for operand in term.operands
-        ]
-        match term.operation:
-            case "pi":
-                return arb.pi()
-            case "+":
-                return balls[0] + balls[1]
-            case "-":
-                return balls[0] - balls[1]
-            case "*":
-                return balls[0] * balls[1]
-            case "/":
-                return balls[0] / balls[1]
-            case "neg":
-                return -balls[0]
-            case "**":
-                exponent = term.operands[1]
-                if isinstance(exponent, Term):
-                    return (balls[1] * balls[0].log()).exp()
-                if exponent.denominator == 1:
-                    return balls[0] ** fmpz(int(exponent))
-                return _root(balls[0], exponent.denominator) ** fmpz(exponent.numerator)
-        return getattr(balls[0], term.operation)()
 
     # --- numbers -------------------------------------------------------------------------------
 
@@ -627,24 +546,12 @@ def _odd(number: int) -> int:
     return number // (number & -number)
 
 
-def _root(ball: Any, degree: int) -> Any:
-    return ball.sqrt() if degree == 2 else ball.root(degree)
-
-
 def _radical_ball(base: int, degree: int) -> Callable[[], Any]:
-    return lambda: _root(arb(base), degree)
+    return lambda: root_ball(arb(base), degree)
 
 
 def _product(first: Callable[[], Any], second: Callable[[], Any], power: int) -> Callable[[], Any]:
     return lambda: first() * second() ** power
-
-
-@lru_cache(maxsize=4096)
-def _factors(number: int) -> list[tuple[int, int]]:
-    """Return the factors of a positive number, and their powers; what has no small factor is left whole."""
-    small = number.bit_length() <= _FACTORED_BITS
-    factors = fmpz(number).factor() if small else fmpz(number).factor_smooth(_SMOOTH_BITS)
-    return [(int(base), int(power)) for base, power in factors]
 
 
 def _totient(number: int) -> int:
@@ -658,43 +565,3 @@ def _prime(modulus: int, trial: int) -> int:
     while not fmpz(candidate := modulus * factor - 1).is_probable_prime():
         factor += 1
     return candidate
-
-
-def _relation(
-    real: Callable[[], Any], basis: Sequence[Callable[[], Any]], largest: int = 0
-) -> list[Fraction] | None:
-    """Return the rational coefficients by which a number seems to be a sum of others; None where it is none.
-
-    Parameters
-    ----------
-    real, basis
-        Enclosures at the working precision.
-    largest
-        Most that numerators and denominators may be; 0: no limit.
-    """
-    if not basis:
-        return None
-    precision = _BASE_BITS + _RELATION_BITS * (len(basis) + 1)
-    with ctx.workprec(2 * precision):
-        balls = [real(), *(value() for value in basis)]
-    entries = []
-    for ball in balls:
-        with ctx.workprec(4 * precision):
-            entry = (ball * (fmpz(1) << precision)).mid().floor().unique_fmpz()
-        if entry is None:
-            return None
-        entries.append(entry)
-    rest = list(range(len(balls)))
-    while rest:  # what others are sums of is left out
-        rows = [[*(int(j == k) for j in rest), entries[k]] for k in rest]
-        short = [int(value) for value in fmpz_mat(rows).lll().tolist()[0]]
-        if max(map(abs, short)).bit_length() > _RELATION_BITS:
-            return None
-        if short[0]:
-            break
-        rest.pop(max(j for j, value in enumerate(short[:-1]) if value))
-    relation = dict(zip(rest, (Fraction(-value, short[0]) for value in short[:-1]), strict=True))
-    multiples = [relation.get(k, Fraction(0)) for k in range(1, len(balls))]
-    if largest and any(max(abs(f.numerator), f.denominator) > largest for f in multiples):
-        return None
-    return multiples
