@@ -1,1 +1,1 @@
-"""Explanations of scenes before they are run: causality, identifiability, cost."""
+"""Explanations of scenes before they are run: causality, identifiability, and the cost of a trial run."""

@@ -1,4 +1,4 @@
-"""Parts of graphs in scenes: structures, fields, laws and control loops."""
+"""Graphs of scenes with exact values, their fields and structures expanded, and their loops closed."""
 
 from __future__ import annotations
 
@@ -9,32 +9,24 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 from dynid.arithmetic.dependent import Dependent, Real, substituted
-from dynid.arithmetic.expression import parse
 from dynid.arithmetic.ldl import reference
 from dynid.arithmetic.numbers import Number
 from dynid.bondgraph.controller_circuits import Loop
 from dynid.bondgraph.field_expansion import Expansion, FieldType, expand_coupling, expand_field
 from dynid.bondgraph.graph import TWO_PORTS, Bond, BondGraph, Node, NodeType, Port
-from dynid.bondgraph.operating_point.element_laws import Law, LawGraph
-from dynid.bondgraph.operating_point.equilibrium import OperatingPointRequest, find_operating_point
-from dynid.bondgraph.operating_point.linearisation import Linearisation, linearised
 from dynid.errors import DynidError
 from dynid.model_scope import ScopePart
-from dynid.scene.schema.laws import OperatingPointModel, variables_of
 from dynid.scene.schema.quantities import Quantity
-from dynid.scene.schema.raw import STRUCTURE, own_variable
+from dynid.scene.schema.raw import STRUCTURE
 
 if TYPE_CHECKING:
     from dynid.bondgraph.analysis_request import Reading
-    from dynid.bondgraph.controller_circuits import Loop
-    from dynid.bondgraph.graph import Port
     from dynid.bondgraph.operating_point.element_laws import Law
     from dynid.bondgraph.operating_point.linearisation import Linearisation
     from dynid.scene.load import Scene
     from dynid.scene.schema.bond_graph import GraphModel, NodeModel
     from dynid.scene.schema.control import ControllerModel, ControlModel, LoopModel, PidModel
     from dynid.scene.schema.laws import OperatingPointModel
-    from dynid.scene.schema.quantities import Quantity
 
 
 class BuiltGraph(NamedTuple):
@@ -109,7 +101,7 @@ def build_graph(
     nonlinear = point is not None or any(has_law(node) for node in graph.nodes.values())
     laws: dict[str, Law] = {}
     if nonlinear:
-        from dynid.scene.kinds.graph_parts import law_variables, laws_of
+        from dynid.scene.kinds.graph_laws import law_variables, laws_of
 
         laws = laws_of(scene, graph)
         measured += law_variables(scene, graph, point)
@@ -146,7 +138,7 @@ def build_graph(
     asked = tuple(variables.get(str(output), output) for output in outputs)
     built = BuiltGraph(BondGraph(nodes, bonds), asked, tuple(approximations))
     if nonlinear:
-        from dynid.scene.kinds.graph_parts import linear_graph
+        from dynid.scene.kinds.graph_laws import linear_graph
 
         linear = linear_graph(built.graph, laws, point, variables)
         asked = tuple(linear.variables.get(output, output) for output in asked)
@@ -157,10 +149,9 @@ def build_graph(
     if control is None:
         return built
     from dynid.bondgraph.controller_circuits import close_loops
-    from dynid.scene.kinds.graph_parts import loop_of
 
     loops = [
-        loop_of(loop, variables.get(str(loop.measured), loop.measured), index)
+        _loop(loop, variables.get(str(loop.measured), loop.measured), index)
         for index, loop in enumerate(control.loops)
     ]
     closed = close_loops(built.graph, loops)
@@ -245,7 +236,7 @@ def _expand_structure(
     return ScopePart(f"coordinates of {expansion.name}", kept, model.size - kept, text)
 
 
-def loop_of(loop: LoopModel, measured: Port, index: int) -> Loop:
+def _loop(loop: LoopModel, measured: Port, index: int) -> Loop:
     """Return the loop at a place in the scene, which measures a variable of the graph."""
     controller = loop.controller
     path = f"control.loops.{index}"
@@ -311,104 +302,3 @@ def _dependent(section: Any, path: str, dependents: Mapping[str, Dependent]) -> 
         values = {name: _dependent(value, f"{path}.{name}", dependents) for name, value in section}
         return section.model_copy(update=values)
     return section
-
-
-_Gives = Literal["e", "f", "value"]
-
-
-def law_variables(scene: Scene, graph: GraphModel, point: OperatingPointModel | None) -> list[Port]:
-    """Return the variables in laws and in the operating point."""
-    ports = [port for law in laws_of(scene, graph).values() for port in law.ports]
-    if point is not None:
-        ports += [
-            _port(name) for values in (point.values, point.start, point.search.ranges) for name in values
-        ]
-    return ports
-
-
-def laws_of(scene: Scene, graph: GraphModel) -> dict[str, Law]:
-    """Return the laws of the nodes of a graph."""
-    laws: dict[str, Law] = {}
-    names = scene.names
-    for name, node in graph.nodes.items():
-        if law := _given(node):
-            gives, text = law
-            expression = parse(text)
-            variable = own_variable(node.type, gives)
-            variables = {variable: Port(name, variable)} if variable in expression.names else {}  # type: ignore[arg-type]
-            variables |= {
-                key: port for key, port in variables_of(expression, names.nodes).items() if key != variable
-            }
-            constants = {
-                key: names.parameters[key] for key in expression.names - variables.keys() if key != "pi"
-            }
-            laws[name] = Law(gives, expression, constants, variables)
-    return laws
-
-
-def _given(node: NodeModel) -> tuple[_Gives, str] | None:
-    """Return what the law of a node gives, and its text; None of a node that has a value."""
-    if node.law is not None:
-        return ("e", node.law.e) if node.law.e is not None else ("f", cast("str", node.law.f))
-    if node.value is not None and node.value.variable:
-        assert node.value.expression is not None
-        return "value", node.value.expression.text
-    return None
-
-
-def linear_graph(
-    graph: BondGraph,
-    laws: Mapping[str, Law],
-    point: OperatingPointModel | None,
-    variables: Mapping[str, Port],
-) -> Linearisation:
-    """Return a graph with laws, linearised at its operating point.
-
-    Parameters
-    ----------
-    graph
-        The graph; values of nodes with laws have no meaning.
-    laws
-        The laws by node.
-    point
-        The operating point; None: the equilibrium with all sources zero.
-    variables
-        Variables at ports of fields and structures, which have other names in the graph.
-
-    Raises
-    ------
-    NumericalError
-        Where there is no equilibrium, or a law has no slope there.
-    """
-
-    def ports(values: Mapping[str, Quantity]) -> dict[Port, Quantity]:
-        return {variables.get(name, _port(name)): value for name, value in values.items()}
-
-    own = {
-        name: Law(
-            law.gives,
-            law.expression,
-            law.constants,
-            {key: variables.get(str(port), port) for key, port in law.variables.items()},
-        )
-        for name, law in laws.items()
-    }
-    given = point or OperatingPointModel()
-    request = OperatingPointRequest(
-        inputs={name: value.exact for name, value in given.inputs.items()},
-        values={port: value.exact for port, value in ports(given.values).items()},
-        start={port: value.exact for port, value in ports(given.start).items()},
-        starts=given.search.starts,
-        seed=given.search.seed,
-        ranges={
-            variables.get(name, _port(name)): (float(low), float(high))
-            for name, (low, high) in given.search.ranges.items()
-        },
-        choose=given.choose,
-    )
-    return linearised(find_operating_point(LawGraph(graph, own), request))
-
-
-def _port(name: str) -> Port:
-    node, _, quantity = name.rpartition(".")
-    return Port(node, quantity)  # type: ignore[arg-type]

@@ -1,1 +1,1 @@
-"""Schema of scenes: models of their keys, and all faults of a scene with their places."""
+"""Models of the keys of scenes, and their faults with the place of each."""
