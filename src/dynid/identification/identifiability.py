@@ -233,7 +233,7 @@ def identifiability_result(model: Model, expected: ExpectedRecords) -> Result:
         sensitivities = pole_sensitivities(model, expected.values)
     else:
         sensitivities = _system_pole_sensitivities(records[0].system_model, expected.values)
-    add_modal_sensitivity(result, sensitivities, [unknown.name for unknown in unknowns])
+    _add_modal_sensitivity(result, sensitivities, [unknown.name for unknown in unknowns])
     return result
 
 
@@ -298,7 +298,7 @@ def _system_pole_sensitivities(system: LinearSystem, values: Mapping[str, float]
     return PoleSensitivities(poles, omega, zeta, by_omega + lost, by_zeta + lost)
 
 
-def add_modal_sensitivity(result: Result, sensitivities: PoleSensitivities, names: Sequence[str]) -> None:
+def _add_modal_sensitivity(result: Result, sensitivities: PoleSensitivities, names: Sequence[str]) -> None:
     """Add the derivatives of the poles by the unknown parameters."""
     group = "identification/identifiability/modal_sensitivity"
     result.add_axis(f"{group}/mode", np.arange(1, len(sensitivities.omega) + 1))

@@ -280,16 +280,18 @@ def noise_test(squares: Array, degrees: Array, robust: NDArray[np.bool_]) -> Noi
     p, ratio = np.full((2, len(squares)), np.nan)
     for k in np.flatnonzero(tested):
         ratio[k] = math.sqrt(squares[k] / degrees[k])
-        p[k] = robust_deviation_p(ratio[k], degrees[k]) if robust[k] else two_sided_p(squares[k], degrees[k])
+        p[k] = (
+            _robust_deviation_p(ratio[k], degrees[k]) if robust[k] else _two_sided_p(squares[k], degrees[k])
+        )
     if not tested.any():
         return NoiseTest(math.nan, p, ratio)
     p_values = p[tested].tolist()
     if len(p_values) > 1 and not robust.any():
-        p_values.append(two_sided_p(float(squares[tested].sum()), float(degrees[tested].sum())))
+        p_values.append(_two_sided_p(float(squares[tested].sum()), float(degrees[tested].sum())))
     return NoiseTest(min(1.0, len(p_values) * min(p_values)), p, ratio)
 
 
-def two_sided_p(x: float, degrees: float) -> float:
+def _two_sided_p(x: float, degrees: float) -> float:
     """Return the two-sided p-value of chi-squared `x` of so many degrees (any positive number)."""
     from scipy.special import gammainc, gammaincc  # heavy import, needed here only
 
@@ -297,7 +299,7 @@ def two_sided_p(x: float, degrees: float) -> float:
     return min(1.0, 2 * min(below, above))
 
 
-def robust_deviation_p(ratio: float, count: float) -> float:
+def _robust_deviation_p(ratio: float, count: float) -> float:
     """Return the two-sided p-value of a ratio of a robust deviation of `count` values to the true one."""
     return math.erfc(abs(math.log(ratio)) * math.sqrt(count / 2) / _MAD_SPREAD) if ratio > 0 else 0.0
 

@@ -50,7 +50,7 @@ _CLOCK_PHASE, _CLOCK_STEP = 1e-3, 1e-6
 _KNOWN_WORK = 2e8
 
 
-class CalibrationDerivatives(NamedTuple):
+class _CalibrationDerivatives(NamedTuple):
     """Derivatives of a record by the parameters and by the calibration, over the noise.
 
     Attributes
@@ -144,7 +144,7 @@ def calibration_slopes(
     return CalibrationSlopes(likelihood.names, quantities, changes, slopes, visibility)
 
 
-def _derivatives(record: RecordLikelihood, fit: RecordFit, noise: Array) -> CalibrationDerivatives:
+def _derivatives(record: RecordLikelihood, fit: RecordFit, noise: Array) -> _CalibrationDerivatives:
     """Return the derivatives of a record by its calibration, for a noise of this deviation (channels)."""
     if isinstance(record, TimeRecord):
         return _of_record(record, fit, noise)
@@ -164,7 +164,7 @@ def _considered(freed: Sequence[Parameter], record: RecordLikelihood) -> tuple[l
 # Records of time.
 
 
-def _of_record(record: TimeRecord, fit: RecordFit, noise: Array) -> CalibrationDerivatives:
+def _of_record(record: TimeRecord, fit: RecordFit, noise: Array) -> _CalibrationDerivatives:
     model, n, p = record.model, record.model.states, record.model.parameters
     names, changes, columns = _by_loads(record, fit)
     predicted = record.predicted(fit)
@@ -191,7 +191,7 @@ def _of_record(record: TimeRecord, fit: RecordFit, noise: Array) -> CalibrationD
     rows = rows.reshape(-1, rows.shape[2])
     projected, _ = without_state(rows[:, n:], rows[:, :n] @ record.root)
     sensors = model.gains[1]
-    return CalibrationDerivatives(
+    return _CalibrationDerivatives(
         (*names, *sensors),
         np.array([*changes, *[GAIN_CHANGE] * len(sensors)]),
         projected[:, :p],
@@ -244,7 +244,7 @@ def _by_loads(record: TimeRecord, fit: RecordFit) -> tuple[list[str], list[float
 # Frequency responses.
 
 
-def _of_responses(record: FrfRecord, fit: RecordFit, noise: Array) -> CalibrationDerivatives:
+def _of_responses(record: FrfRecord, fit: RecordFit, noise: Array) -> _CalibrationDerivatives:
     frfs, omega, profile = record.channels, record.measurement.omega, record.measurement.profile
     H, measured = fit.predicted.outputs, np.nan_to_num(record.data.recorded)
     forces = np.array([frf.load.gain_name for frf in frfs])
@@ -270,13 +270,13 @@ def _of_responses(record: FrfRecord, fit: RecordFit, noise: Array) -> Calibratio
     weighted = np.stack(list(columns.values()), axis=2) * weights(noise, influential)[..., None]
     by_parameter = record.slopes(replace(fit, residual=influential), noise)
     by_quantity = weighted.reshape(-1, len(columns))
-    return CalibrationDerivatives(tuple(columns), np.array(changes), by_parameter, by_quantity)
+    return _CalibrationDerivatives(tuple(columns), np.array(changes), by_parameter, by_quantity)
 
 
 # Modal surveys.
 
 
-def _of_modes(record: ModalRecord, fit: RecordFit, noise: Array) -> CalibrationDerivatives:
+def _of_modes(record: ModalRecord, fit: RecordFit, noise: Array) -> _CalibrationDerivatives:
     """Return the derivatives by what is considered and known, and by the clock; shapes have a free scale."""
     survey = record.measurement
     freed = freed_model(record.model, [Channel(dof, "displacement") for dof in survey.dofs])
@@ -289,7 +289,7 @@ def _of_modes(record: ModalRecord, fit: RecordFit, noise: Array) -> CalibrationD
     late = np.zeros_like(fit.residual)
     late[: survey.modes, 0] = survey.omega / record.spread[0]
     late = np.where(np.isnan(fit.residual), 0.0, late / noise)
-    return CalibrationDerivatives(
+    return _CalibrationDerivatives(
         (*(freed.unknowns[k].name for k in places), CLOCK),
         np.array([*changes, CLOCK_CHANGE]),
         record.slopes(fit, noise),

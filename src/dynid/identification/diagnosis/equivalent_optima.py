@@ -212,15 +212,15 @@ class OptimaSearch:
         # Near equal values deviations are large, and optima yet distinct.
         same = np.clip(_SAME_DEVIATIONS * deviations, _SAME_UNITS * priors.units, _DISTINCT * priors.units)
         permutations = self._symmetries(best)
-        if (beside := self._beside_saddle(best, permutations, deviations)) is not None:
-            return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), beside
+        if (past_saddle := self._beside_saddle(best, permutations, deviations)) is not None:
+            return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), past_saddle
         points = images(permutations, eta, same, _MAX_OPTIMA)
         gain = np.zeros(len(points))  # of the logarithm of the posterior
         bounded = np.isfinite(priors.low) | np.isfinite(priors.high) | priors.given
         if (bounded & ~priors.fixed).any():
             for k, point in enumerate(points[1:], 1):
                 if k >= _REFINED or priors.fixed.any():  # with what is fixed at another place
-                    gain[k] = prior_gain(priors, eta, point)
+                    gain[k] = _prior_gain(priors, eta, point)
                     continue
                 optimum = self._beside(k, points)
                 gain[k] = -math.inf if optimum is None else best.misfit - optimum.misfit
@@ -231,9 +231,9 @@ class OptimaSearch:
         likelihoods = np.zeros(len(points))
         flat, afar = self._beyond(best, symmetric=len(points) > 1)
         near = list(self._near(best, points, deviations, afar))
-        least = min(near, key=lambda optimum: optimum.misfit, default=best)
-        if best.misfit - least.misfit > _BETTER:
-            return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), least
+        nearest_best = min(near, key=lambda optimum: optimum.misfit, default=best)
+        if best.misfit - nearest_best.misfit > _BETTER:
+            return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), nearest_best
         for optimum in near:
             for point in images(permutations, optimum.fit.eta, same, _MAX_OPTIMA):
                 points.append(point)
@@ -285,7 +285,9 @@ class OptimaSearch:
             try:
                 with guarded("the prediction"):
                     moved = image(permutation, eta)
-                    optimum = Optimum(own := self._likelihood(moved), own.fit(moved))
+                    optimum = Optimum(
+                        moved_likelihood := self._likelihood(moved), moved_likelihood.fit(moved)
+                    )
             except DynidError:
                 continue
             if abs(optimum.record_misfit - best.record_misfit) <= DECIDED:
@@ -301,7 +303,7 @@ class OptimaSearch:
         except DynidError:
             return None
         # From outside the limits a search may end at the optimum of another image.
-        away = [float(np.linalg.norm((fit.eta - each) / likelihood.priors.units)) for each in points]
+        away = [float(np.linalg.norm((fit.eta - point) / likelihood.priors.units)) for point in points]
         return Optimum(likelihood, fit) if away[k] <= min(away) else None
 
     # Optima that no exact symmetry relates.
@@ -309,11 +311,11 @@ class OptimaSearch:
     @cached_property
     def _cheap(self) -> bool:
         """True if further searches are wanted, and their evaluations cheap."""
-        cheap = work_of(self.likelihood) * _RANKED <= _MAX_RANKING_WORK and self.likelihood_at is None
+        cheap = _work_of(self.likelihood) * _RANKED <= _MAX_RANKING_WORK and self.likelihood_at is None
         return cheap and self.searched > 0
 
     def _near(
-        self, best: Optimum, known: Sequence[Array], deviations: Array, afar: list[tuple[float, int, Array]]
+        self, best: Optimum, points: Sequence[Array], deviations: Array, afar: list[tuple[float, int, Array]]
     ) -> Iterator[Optimum]:
         """Yield optima to which searches from exchanged values, and from starts `afar`, lead.
 
@@ -323,7 +325,7 @@ class OptimaSearch:
         if not self._cheap:
             return
         apart = np.maximum(_DISTINCT_OPTIMUM_DEVIATIONS * deviations, _SAME_UNITS * likelihood.priors.units)
-        seen = list(known)
+        seen = list(points)
         ranked: list[tuple[float, int, Array]] = []
         for start in map(likelihood.priors.clipped, self._starts(best.fit.eta)):
             if _is_new(start, seen, apart):
@@ -335,7 +337,7 @@ class OptimaSearch:
                     continue
                 if len(ranked) == _RANKED + self.searched:
                     break
-        ends = list(known)
+        ends = list(points)
         for misfit, _, start in sorted(ranked)[: self.searched] + afar:
             optimum = self._searched(best, start, misfit)
             if optimum is not None and _is_new(optimum.fit.eta, ends, apart):
@@ -360,8 +362,8 @@ class OptimaSearch:
         values = sum(int(record.data.counts.sum()) for record in likelihood.records)
         starts: list[tuple[float, float, Array]] = []
         directions: list[FlatDirection] = []
-        most, steepest = (_DIRECTIONS, _STEEP) if symmetric else (_MAX_DIRECTIONS, 1)
-        for direction, size in list(zip(U.T, s, strict=False))[:most]:
+        max_count, steepest = (_DIRECTIONS, _STEEP) if symmetric else (_MAX_DIRECTIONS, 1)
+        for direction, size in list(zip(U.T, s, strict=False))[:max_count]:
             for side in (direction, -direction):
                 distance, steep = FLAT_DISTANCE, 0 if size > _SAME_UNITS else steepest  # of clean data none
                 while 0 < distance * size <= _FARTHEST and steep < steepest:
@@ -379,10 +381,10 @@ class OptimaSearch:
                         directions.append(FlatDirection(away, misfit - best.misfit, predicted))
                     steep = 0 if starts[-1][0] < _FLAT else steep + 1
         flat = sorted((start for start in starts if start[0] < _FLAT), key=lambda start: start[0])
-        least = min(directions, key=lambda direction: direction.rise / direction.predicted, default=None)
-        contradicted = least is not None and least.rise < _FLAT * least.predicted
+        flattest = min(directions, key=lambda direction: direction.rise / direction.predicted, default=None)
+        contradicted = flattest is not None and flattest.rise < _FLAT * flattest.predicted
         afar = [(misfit, k, start) for k, (_, misfit, start) in enumerate(flat[:_FLATTEST])]
-        return least if contradicted else None, afar
+        return flattest if contradicted else None, afar
 
     def _searched(self, best: Optimum, start: Array, misfit: float) -> Optimum | None:
         """Return the optimum that a search from a start leads to, if it is as good as the best."""
@@ -418,7 +420,7 @@ class OptimaSearch:
             label = _labels(names[i], names[j])
             if label is not None:
                 together.setdefault(label, {}).update({i: j, j: i})
-        exchanges = [one for one in together.values() if len(one) > 2] + exchanges
+        exchanges = [exchange_set for exchange_set in together.values() if len(exchange_set) > 2] + exchanges
         for exchange in exchanges:
             yield image(tuple(exchange.get(k, k) for k in range(p)), eta)
 
@@ -434,7 +436,7 @@ def _labels(first: str, second: str) -> tuple[str, str] | None:
 
 def _is_new(eta: Array, others: Sequence[Array], apart: Array) -> bool:
     """Return True if coordinates (p) are apart from all others."""
-    return not any(np.all(np.abs(eta - other) <= apart) for other in others)
+    return not any(np.all(np.abs(eta - seen) <= apart) for seen in others)
 
 
 def expected_optima(
@@ -454,17 +456,20 @@ def expected_optima(
     if len(points) == 1:
         apart = eta + units * np.linspace(-0.5, 0.5, len(eta))
         points = images(permutations, apart, _SAME_UNITS * units, _MAX_OPTIMA)
-    gain = np.array([prior_gain(likelihood.priors, eta, point) for point in points])
+    gain = np.array([_prior_gain(likelihood.priors, eta, point) for point in points])
     optima = EquivalentOptima(np.array(points), np.zeros(len(points)), gain - gain[0], permutations)
     return replace(optima, sensors=deciding_sensors(model, likelihood, optima))
 
 
-def prior_gain(priors: Priors, eta: Array, point: Array) -> float:
+def _prior_gain(priors: Priors, eta: Array, point: Array) -> float:
     """Return the logarithm of the prior at a point (p) over that at coordinates (p)."""
     if np.any(((point < priors.low) | (point > priors.high)) & ~priors.fixed):
         return -math.inf
-    given = priors.given & ~priors.fixed
-    squares = [np.sum(((priors.means - each) / priors.deviations)[given] ** 2) for each in (eta, point)]
+    has_prior = priors.given & ~priors.fixed
+    squares = [
+        np.sum(((priors.means - coordinates) / priors.deviations)[has_prior] ** 2)
+        for coordinates in (eta, point)
+    ]
     return float(squares[0] - squares[1]) / 2
 
 
@@ -501,16 +506,16 @@ def deciding_sensors(model: Model, likelihood: Likelihood, optima: EquivalentOpt
     try:
         with guarded("the responses of further sensors"):
             system = system_of(model, loads, channels)
-            each = [named(likelihood.unknowns, eta) for eta in compared]
-            speeds = np.abs(record.system_model.poles(each[0]))
+            parameter_sets = [named(likelihood.unknowns, eta) for eta in compared]
+            speeds = np.abs(record.system_model.poles(parameter_sets[0]))
             omega = np.geomspace(0.3, 1.1, _LINES) * float(np.max(speeds, initial=1.0))
-            first, *others = (np.abs(system.response(values, omega)[0]) for values in each)
+            first, *others = (np.abs(system.response(values, omega)[0]) for values in parameter_sets)
     except (DynidError, np.linalg.LinAlgError):
         return []
-    apart = np.array([_relative_difference(first, other) for other in others])
+    apart = np.array([_relative_difference(first, response) for response in others])
     labels = [str(_sensor_name(channel)) for channel in channels]
-    least = apart.min(axis=0)  # what a sensor distinguishes alone
-    order = [k for k in np.argsort(-least, kind="stable") if least[k] > _DIFFERENT][:_NAMED]
+    min_difference = apart.min(axis=0)  # what a sensor distinguishes alone
+    order = [k for k in np.argsort(-min_difference, kind="stable") if min_difference[k] > _DIFFERENT][:_NAMED]
     return [(labels[k],) for k in order] or [tuple(labels[k] for k in chosen) for chosen in _together(apart)]
 
 
@@ -546,11 +551,15 @@ def _sensor_name(channel: Any) -> str:
     return f"DOF {channel.dof}" if isinstance(channel, Channel) else str(channel.name)
 
 
-def work_of(likelihood: Likelihood) -> float:
+def _work_of(likelihood: Likelihood) -> float:
     """Return the approximate number of multiplications of one evaluation."""
     work = 0.0
     for record in likelihood.records:
         rows, states = len(record.data.values), len(record.system_model.states)
-        own = getattr(record, "multiplications", None)
-        work += rows * float(states) ** 2 * (1 + len(likelihood.unknowns)) if own is None else own
+        multiplications = getattr(record, "multiplications", None)
+        work += (
+            rows * float(states) ** 2 * (1 + len(likelihood.unknowns))
+            if multiplications is None
+            else multiplications
+        )
     return work

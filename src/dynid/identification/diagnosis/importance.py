@@ -93,7 +93,7 @@ class PosteriorCheck:
 
 
 @dataclass(frozen=True)
-class LikelihoodSize:
+class _LikelihoodSize:
     """Greatest log-likelihood of the records, with its numbers of observations and free parameters."""
 
     log_likelihood: float
@@ -106,7 +106,7 @@ class LikelihoodSize:
         return self.free * math.log(self.observations) - 2 * self.log_likelihood
 
 
-def likelihood_size(posterior: Posterior) -> LikelihoodSize:
+def likelihood_size(posterior: Posterior) -> _LikelihoodSize:
     """Return the log-likelihood of the records at the estimate, without priors.
 
     Initial states and deviations of the noise that are not given have their most likely values.
@@ -124,7 +124,7 @@ def likelihood_size(posterior: Posterior) -> LikelihoodSize:
         observations += int(record_fit.counts.sum())
         free += record.noise_coefficients
         free += len(_state_strength(record, record_fit, level)) + int(np.count_nonzero(~noise_given))
-    return LikelihoodSize(total, observations, free)
+    return _LikelihoodSize(total, observations, free)
 
 
 def posterior_check(posterior: Posterior) -> PosteriorCheck:

@@ -75,7 +75,7 @@ def verdict(posterior: Posterior) -> str:
     """
     if posterior.rejection is not None:
         return f"rejected: {posterior.rejection.problem}"
-    found, compared, noun = _optimum_text(posterior), posterior.comparison, posterior.noun
+    optimum, compared, noun = _optimum_text(posterior), posterior.comparison, posterior.noun
     if not compared.has_signal:
         fit = f"the {noun} shows no response, only noise ({p_text(compared.signal_p)})"
     elif not compared.explained:
@@ -93,10 +93,10 @@ def verdict(posterior: Posterior) -> str:
                 f"{share_text(compared.signal_explained)} of the signal"
             )
             if posterior.optimal and not (posterior.ambiguous or posterior.undetermined):
-                return f"{found}, but {fit}, and the intervals are nominal, as a rule too narrow"
+                return f"{optimum}, but {fit}, and the intervals are nominal, as a rule too narrow"
         if posterior.converged:
-            return f"converged: {found}{_excluded(posterior)}, {fit}"
-    return f"NOT converged: {found}; {fit}"
+            return f"converged: {optimum}{_excluded(posterior)}, {fit}"
+    return f"NOT converged: {optimum}; {fit}"
 
 
 def _excluded(posterior: Posterior) -> str:
@@ -109,15 +109,15 @@ def _excluded(posterior: Posterior) -> str:
 
 def warnings(posterior: Posterior) -> list[str]:
     """Return the warnings in words; none where all is well."""
-    found = [
+    messages = [
         *_unique_warnings(posterior),
         *_estimate_warnings(posterior),
         *_record_warnings(posterior),
         *_noise_warnings(posterior),
     ]
     if posterior.model_error is not None and posterior.model_error.warning:
-        found.append(posterior.model_error.warning)
-    return found
+        messages.append(posterior.model_error.warning)
+    return messages
 
 
 def _unique_warnings(posterior: Posterior) -> Iterator[str]:
@@ -161,14 +161,14 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
         )
     if compared.lacks_fit and compared.explained:
         growing = posterior.growing
-        known = posterior.mistakes or (growing is not None and growing.explained)
+        explained = posterior.mistakes or (growing is not None and growing.explained)
         worst = posterior.channels[int(np.argmin(compared.channel_lack_of_fit_p))].name
         causes = _possible_causes(posterior)
         yield (
             f"the model lacks fit ({p_text(compared.lack_of_fit_p, 1)}), most of all in {worst}: it explains "
             f"{share_text(compared.signal_explained)} of the signal; standard errors are nominal"
             f"{_farthest_value(posterior)}"
-            f"{'' if known or posterior.likelihood.records[0].modal else f'. {causes}'}"
+            f"{'' if explained or posterior.likelihood.records[0].modal else f'. {causes}'}"
         )
     if posterior.growing is not None:
         yield posterior.growing.statement
@@ -192,14 +192,14 @@ def _estimate_warnings(posterior: Posterior) -> Iterator[str]:
             )
         elif relative[k] > UNCERTAIN and posterior.decided_by[k] != "limits":
             yield f"{name} is poorly known: its standard error is {100 * relative[k]:.0f} % of it"
-        for other in range(k):
-            rho = correlation[k, other]
-            distinct = posterior.identifiable[[k, other]].all()
-            by_limits = "limits" in (posterior.decided_by[k], posterior.decided_by[other])
+        for j in range(k):
+            rho = correlation[k, j]
+            distinct = posterior.identifiable[[k, j]].all()
+            by_limits = "limits" in (posterior.decided_by[k], posterior.decided_by[j])
             if abs(rho) > _CORRELATED and distinct and not by_limits:
                 combination = "ratio" if rho > 0 else "product"
                 yield (
-                    f"{names[other]} and {name} are hardly distinguishable (correlation {rho:.3f}): "
+                    f"{names[j]} and {name} are hardly distinguishable (correlation {rho:.3f}): "
                     f"the {posterior.noun} determines their {combination} better than either"
                 )
 
@@ -210,7 +210,7 @@ def _farthest_value(posterior: Posterior) -> str:
     k = next((k for k, record in enumerate(records) if record.modal), None)
     if k is None:
         return ""
-    columns = [c for c, one in enumerate(records[k].channels) if one.name != "shape"]
+    columns = [c for c, channel in enumerate(records[k].channels) if channel.name != "shape"]
     off = np.abs(compared.tables[0].studentised[:, columns])
     if np.isnan(off).all():
         return ""
@@ -231,7 +231,7 @@ def _undetermined(posterior: Posterior) -> Iterator[str]:
     values = dict(zip(likelihood.names, posterior.values.tolist(), strict=True))
     information = replace(posterior.free_information, values=posterior.values, rates=posterior.rates)
     for group in information.groups():
-        members = [likelihood.names[place] for place in group.places]
+        members = [likelihood.names[index] for index in group.places]
         held = [name for name in members if name in posterior.undetermined]
         only = f": the {noun} shows only {group.identifiable}" if group.identifiable else ""
         fixed = ", ".join(f"{name} is held at {quantity(values[name])}" for name in held)
@@ -289,10 +289,10 @@ def _equivalent_optima(posterior: Posterior) -> str:
 def _how_well(posterior: Posterior) -> str:
     """Return how well the undecided optima explain the records beside the estimate, with the odds."""
     assert posterior.optima is not None
-    least = float(posterior.optima.log_posterior[posterior.optima.undecided].min())
-    if least > -_EVEN:
+    min_log_posterior = float(posterior.optima.log_posterior[posterior.optima.undecided].min())
+    if min_log_posterior > -_EVEN:
         return "equally well"
-    return f"nearly equally well (odds of {math.exp(-least):.2g} to 1 at the most)"
+    return f"nearly equally well (odds of {math.exp(-min_log_posterior):.2g} to 1 at the most)"
 
 
 def interchange_text(groups: Sequence[Sequence[str]]) -> str:
@@ -326,12 +326,12 @@ def deciding_text(
         parts.append(f"{several} at {listed}" if structure else f"measure {listed}, too")
     # The values that are farthest apart, of neighbours.
     ordered = np.sort(eta, axis=0)
-    gaps = np.diff(ordered, axis=0) / [one.first_spread / 2 for one in unknowns]
-    place, k = divmod(int(np.argmax(gaps)), gaps.shape[1])
+    gaps = np.diff(ordered, axis=0) / [unknown.first_spread / 2 for unknown in unknowns]
+    row, k = divmod(int(np.argmax(gaps)), gaps.shape[1])
     name, log = unknowns[k].name, unknowns[k].logarithmic
     if guessed:
-        return f"{''.join(f'{part}, ' for part in parts)}a prior of {name}, or its min or max"
-    lower, upper = (float(ordered[place + side, k]) for side in (0, 1))
+        return f"{''.join(f'{clause}, ' for clause in parts)}a prior of {name}, or its min or max"
+    lower, upper = (float(ordered[row + side, k]) for side in (0, 1))
     # A prior at one of two values excludes the other by gap^2 / (2 sigma^2) in the logarithm.
     sigma = (upper - lower) / math.sqrt(2 * DECIDED)
     width = f"relative_deviation: {math.sqrt(math.expm1(sigma**2)):.2g}" if log else f"deviation: {sigma:.2g}"
@@ -372,29 +372,29 @@ def _record_warnings(posterior: Posterior) -> Iterator[str]:
         if spare < _LEAST_SPARE:
             left = "1 value is" if spare == 1 else f"{spare} values are"
             yield f"{left} left to estimate the noise from, beyond the unknowns: standard errors are rough"
-    for place in posterior.channels:
-        if records[place.record].sampling_step is None:
+    for channel in posterior.channels:
+        if records[channel.record].sampling_step is None:
             continue
-        values = records[place.record].data.recorded[:, place.column]
+        values = records[channel.record].data.recorded[:, channel.column]
         there = values[~np.isnan(values)]
         if len(there) < (1 - _GAPS) * len(values):
-            yield f"{place.name} has {100 * (1 - len(there) / len(values)):.0f} % of its samples missing"
+            yield f"{channel.name} has {100 * (1 - len(there) / len(values)):.0f} % of its samples missing"
         extreme = max(np.count_nonzero(there == there.min()), np.count_nonzero(there == there.max()))
         if len(there) >= _MIN_CLIPPING_SAMPLES and extreme > max(2, _CLIPPED * len(there)):
-            yield f"{place.name} stands at its extreme value in {extreme} samples: it may be clipped"
+            yield f"{channel.name} stands at its extreme value in {extreme} samples: it may be clipped"
 
 
 def _coloured_residuals(posterior: Posterior) -> Iterator[str]:
     """Warn of residuals that are not white, in one sentence for all channels of a record."""
-    found: dict[int, list[tuple[str, str, str]]] = {}
-    for place in posterior.channels:
-        record, fit = posterior.likelihood.records[place.record], posterior.fit.parts[place.record]
-        part, series = record.unexplained(fit, place.column)
-        fitted = [int(record.noise_orders[place.column])]
-        if part >= _ROUND_OFF and is_coloured(whiteness(series, coefficients=fitted)):
-            peak = frequency_text(record.residual_peak(fit, place.column), 3)
-            found.setdefault(place.record, []).append((place.name, short_percent(100 * part), peak))
-    for k, channels in found.items():
+    coloured: dict[int, list[tuple[str, str, str]]] = {}
+    for channel in posterior.channels:
+        record, fit = posterior.likelihood.records[channel.record], posterior.fit.parts[channel.record]
+        ratio, series = record.unexplained(fit, channel.column)
+        fitted = [int(record.noise_orders[channel.column])]
+        if ratio >= _ROUND_OFF and is_coloured(whiteness(series, coefficients=fitted)):
+            peak = frequency_text(record.residual_peak(fit, channel.column), 3)
+            coloured.setdefault(channel.record, []).append((channel.name, short_percent(100 * ratio), peak))
+    for k, channels in coloured.items():
         # A mistake of an instrument that explains the lack of fit has a remedy of its own.
         explained = posterior.mistakes or (posterior.growing is not None and posterior.growing.explained)
         remedy = "" if explained else posterior.likelihood.records[k].noise_remedy
@@ -405,21 +405,21 @@ def _coloured_residuals(posterior: Posterior) -> Iterator[str]:
                 f"{peak}{remedy}"
             )
             continue
-        each = [f"{name} ({size} of the signal, strongest at {peak})" for name, size, peak in channels]
-        yield f"the residuals of {', '.join(each)} are not white noise{remedy}"
+        residuals = [f"{name} ({size} of the signal, strongest at {peak})" for name, size, peak in channels]
+        yield f"the residuals of {', '.join(residuals)} are not white noise{remedy}"
 
 
 def _noise_warnings(posterior: Posterior) -> Iterator[str]:
     """Warn of inconsistent innovations, a contradicted noise, offsets, outliers and heavy tails."""
-    found = posterior.consistency
-    if found is not None and not found.consistent:
-        size = "larger" if found.overall > 1 else "smaller"
+    consistency = posterior.consistency
+    if consistency is not None and not consistency.consistent:
+        size = "larger" if consistency.overall > 1 else "smaller"
         yield (
-            f"the filter's innovations are {size} than it assumes: mean square {found.overall:.3g}, "
-            f"{found.overall_low:.3g} … {found.overall_high:.3g} expected"
+            f"the filter's innovations are {size} than it assumes: mean square {consistency.overall:.3g}, "
+            f"{consistency.overall_low:.3g} … {consistency.overall_high:.3g} expected"
         )
     places, test = posterior.contradicted_noise, posterior.noise_test
-    modal = [posterior.likelihood.records[one.record].modal for one in posterior.channels]
+    modal = [posterior.likelihood.records[channel.record].modal for channel in posterior.channels]
     if posterior.comparison.lacks_fit:  # of modes, the lack of fit says that they are too large
         places = [k for k in places if not (modal[k] and test.ratio[k] > 1)]
     if places:
@@ -434,23 +434,23 @@ def _noise_warnings(posterior: Posterior) -> Iterator[str]:
             f"the residuals contradict the given noise ({p_text(test.p)}): observed are "
             f"{', '.join(ratios)} the given deviation: {remedy}{'' if posterior.robust else bars}"
         )
-    for place, shape in zip(posterior.channels, posterior.shapes, strict=True):
+    for channel, shape in zip(posterior.channels, posterior.shapes, strict=True):
         if shape is not None:
-            yield from _shape_warnings(posterior, place, shape)
+            yield from _shape_warnings(posterior, channel, shape)
 
 
-def _shape_warnings(posterior: Posterior, place: ChannelOfRecord, shape: ResidualShape) -> Iterator[str]:
+def _shape_warnings(posterior: Posterior, channel: ChannelOfRecord, shape: ResidualShape) -> Iterator[str]:
     """Warn of an offset, and of outliers or heavy tails, with channel and time or frequency."""
-    record = posterior.likelihood.records[place.record]
+    record = posterior.likelihood.records[channel.record]
     if record.mean_is_offset and shape.mean_p < OFFSET.value:
-        part = shape.mean**2 / float(np.nanmean(posterior.raw_residual(place) ** 2))
+        share = shape.mean**2 / float(np.nanmean(posterior.raw_residual(channel) ** 2))
         yield (
-            f"the residual of {place.name} has the mean {shape.mean:.3g} {place.unit} "
-            f"({p_text(shape.mean_p)}): an offset of the sensor?{_weight_lost(place, part)} "
+            f"the residual of {channel.name} has the mean {shape.mean:.3g} {channel.unit} "
+            f"({p_text(shape.mean_p)}): an offset of the sensor?{_weight_lost(channel, share)} "
             "Remedy: prepare: [{detrend: constant}] in the measurement"
         )
     growing = posterior.growing
-    if posterior.robust or (growing is not None and (place.record, place.column) in growing.channels):
+    if posterior.robust or (growing is not None and (channel.record, channel.column) in growing.channels):
         return
     if count := len(shape.outliers):
         labels = ", ".join(record.row_label(int(row)) for row in shape.outliers[:_NAMED])
@@ -459,19 +459,19 @@ def _shape_warnings(posterior: Posterior, place: ChannelOfRecord, shape: Residua
         many, it = ("an outlier", "it") if count == 1 else (f"{count} outliers", "them")
         if _model_fails(posterior, shape):
             yield (
-                f"the residual of {place.name} is largest at {labels}{others}, up to "
+                f"the residual of {channel.name} is largest at {labels}{others}, up to "
                 f"{_number(shape.largest)} of its standard deviations: the model does not explain the record "
                 "there; correct it first"
             )
             return
         yield (
-            f"{place.name} has {many} at {labels}{others}: up to {_number(shape.largest)} standard "
-            f"deviations of its residual.{_weight_lost(place, shape.share)} Correct {it} or leave {it} out "
+            f"{channel.name} has {many} at {labels}{others}: up to {_number(shape.largest)} standard "
+            f"deviations of its residual.{_weight_lost(channel, shape.share)} Correct {it} or leave {it} out "
             f"(empty cells){remedy}"
         )
     elif shape.kurtosis_p < HEAVY_TAILS.value and record.outlier_remedy:
         yield (
-            f"the residual of {place.name} has heavy tails (kurtosis {shape.kurtosis:.3g}, of Gaussian "
+            f"the residual of {channel.name} has heavy tails (kurtosis {shape.kurtosis:.3g}, of Gaussian "
             f"noise 3; largest at {record.row_label(shape.at)}): estimator: {{loss: huber}} bounds "
             "the influence of large residuals"
         )
@@ -488,13 +488,13 @@ def _model_fails(posterior: Posterior, shape: ResidualShape) -> bool:
     return bool(neighbours) or shape.share < _DOMINANT
 
 
-def _weight_lost(place: ChannelOfRecord, part: float) -> str:
+def _weight_lost(channel: ChannelOfRecord, share: float) -> str:
     """Return a sentence on the weight that a channel loses by a part of its residual's mean square."""
-    if part < _DOMINANT:
+    if share < _DOMINANT:
         return ""
     return (
-        f" It makes up {100 * part:.0f} % of the residual's mean square, so that {place.name} counts "
-        f"{_number(1 / max(1 - part, 1e-6))} times less than its noise would let it."
+        f" It makes up {100 * share:.0f} % of the residual's mean square, so that {channel.name} counts "
+        f"{_number(1 / max(1 - share, 1e-6))} times less than its noise would let it."
     )
 
 

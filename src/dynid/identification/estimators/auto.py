@@ -90,7 +90,7 @@ SearchStart: TypeAlias = tuple[Array, list[Sweep]]
 """Start of an attempt: coordinates (p), and the sweeps before it."""
 
 
-class Attempt(NamedTuple):
+class _Attempt(NamedTuple):
     """A completed attempt: its `stage`, its `fit`, the `sweeps` before it.
 
     `drawn`: not from the given start; `accepted`: its residuals are noise, or round-off; `comparison`: of
@@ -125,7 +125,7 @@ class Search:
         self.accept_small = accept_small
         self.enough = agreeing
         self.likelihood = likelihood
-        self.tried: list[Attempt] = []
+        self.tried: list[_Attempt] = []
         self.failure: DynidError | None = None
         self.drawn = 0
         self.before = likelihood.evaluations
@@ -152,7 +152,7 @@ class Search:
             return
         stage = EstimationStage.at(name, likelihood, fit, steps)
         judged = self._judged(likelihood, stage, fit)
-        self.tried.append(Attempt(likelihood, stage, fit, sweeps, drawn, *judged))
+        self.tried.append(_Attempt(likelihood, stage, fit, sweeps, drawn, *judged))
 
     def _judged(
         self, likelihood: Likelihood, stage: EstimationStage, fit: Fit
@@ -226,7 +226,7 @@ class Search:
         return self.likelihood.most_evaluations - (self.likelihood.evaluations - self.before)
 
     @property
-    def best_tried(self) -> Attempt:
+    def best_tried(self) -> _Attempt:
         """The attempt of the greatest likelihood, the first of several that end there."""
         min_misfit = min(tried.stage.misfit for tried in self.tried)
         return next(tried for tried in self.tried if tried.stage.misfit <= min_misfit + _TIED_MISFIT)
@@ -424,13 +424,13 @@ class FrfAuto:
         return search
 
     @staticmethod
-    def _agree(estimate: Estimate, full: Attempt) -> bool:
+    def _agree(estimate: Estimate, full: _Attempt) -> bool:
         """Return True if an estimate is that of the whole model, to a fraction of its standard errors."""
         deviations = full.likelihood.information(full.fit, full.fit.noise).deviations()
         return bool(np.all(np.abs(full.fit.eta - estimate.fit.eta) <= _CONFIRMED_DEVIATIONS * deviations))
 
 
-def _completed(estimate: Estimate, full: Attempt, likelihood: FrfLikelihood) -> Estimate:
+def _completed(estimate: Estimate, full: _Attempt, likelihood: FrfLikelihood) -> Estimate:
     """Return an estimate whose last iterations are those of the whole model."""
     stages = [
         replace(full.stage, name=stage.name, iterations=stage.iterations + full.stage.iterations)

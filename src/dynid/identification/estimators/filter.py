@@ -52,7 +52,7 @@ class Outputs(NamedTuple):
     direct: DirectTerm
 
 
-class LinearisedStep(NamedTuple):
+class _LinearisedStep(NamedTuple):
     """``forward`` (n (1 + p) x n + q) takes [x, w] to the next state and its derivatives by the coordinates.
 
     `phi` (n x n) is its part of x, `phi_slopes` (p x n n) the derivatives of that.
@@ -79,9 +79,9 @@ class Linearised:
     def __init__(self, model: ParametricModel, fraction: float, origin: Array) -> None:
         self._model, self._part = model, fraction
         self._origin, self._delays = origin.copy(), model.follows_delays(origin)
-        self._steps: dict[int, LinearisedStep] = {}
+        self._steps: dict[int, _LinearisedStep] = {}
         self._outputs: Outputs | None = None
-        self._log, self._most = logarithmic(model.unknowns), most_moved(model)
+        self._log, self._most = logarithmic(model.unknowns), _max_changes(model)
         self._every_log = bool(self._log.all())
         self.eta = np.full(model.parameters, np.nan)
 
@@ -121,14 +121,14 @@ class Linearised:
         direct_slopes = direct.slopes[:, sample]
         return C, moved, direct.value[sample] + growth @ direct_slopes, direct_slopes * here[:, None]
 
-    def step(self, length: int) -> LinearisedStep:
+    def step(self, length: int) -> _LinearisedStep:
         """Return the step of a length of the timeline."""
         if length not in self._steps:
             n = self._model.states
             step, slopes = self._model.transition(self.eta, float(self._model.line.lengths[length]))
             forward = np.concatenate([step[None], slopes]).reshape(-1, step.shape[1])
             phi_slopes = slopes[:, :, :n].reshape(len(slopes), n * n)
-            self._steps[length] = LinearisedStep(forward, step[:, :n], phi_slopes)
+            self._steps[length] = _LinearisedStep(forward, step[:, :n], phi_slopes)
         return self._steps[length]
 
 
@@ -230,7 +230,7 @@ def _walk(
     vary = bool(model.output(z[n:])[1].any()) or model.affine is None
     expected = measured if vary else measured - model.direct(z[n:]).value
     H = np.zeros((measured.shape[1], len(z)), dtype=z.dtype)
-    steps, spread, limits = Linearised(model, fraction, z[n:]), _lengths(S), run_away_limits(model.unknowns)
+    steps, spread, limits = Linearised(model, fraction, z[n:]), _lengths(S), _run_away_limits(model.unknowns)
     steps.follow(z[n:], spread[n:])
     H[:, :n] = model.output(z[n:])[0]
     for node, sample in enumerate(model.line.sample_of().tolist()):
@@ -276,7 +276,7 @@ def _walk_compiled(
     n, nodes = model.states, len(model.line.nodes)
     at, padded, spread = kernels.linear(model, z[n:]), kernels.padded(S), _lengths(S)[n:].copy()
     record = kernels.record(
-        measured, weight, origin, (fraction, most_moved(model), run_away_limits(model.unknowns))
+        measured, weight, origin, (fraction, _max_changes(model), _run_away_limits(model.unknowns))
     )
     filled = structure(**history._asdict())
     outputs, about, node = kernels.outputs(model, at.eta), at.eta.copy(), 0
@@ -327,12 +327,12 @@ def _update(S: Array, H: Array, innovation: Array, present: list[int], normalise
     return correction
 
 
-def most_moved(model: ParametricModel) -> Array:
+def _max_changes(model: ParametricModel) -> Array:
     """Return how far coordinates may move at the most before steps are linearised anew (p)."""
     return np.array([MAX_LINEARISED_CHANGE * unknown.first_spread / 2 for unknown in model.unknowns])
 
 
-def run_away_limits(unknowns: Sequence[Parameter]) -> Array:
+def _run_away_limits(unknowns: Sequence[Parameter]) -> Array:
     """Return how far from their origin coordinates have diverged (p)."""
     return np.array(
         [RUNAWAY if unknown.logarithmic else RUNAWAY_UNITS * unknown.first_spread for unknown in unknowns]
@@ -343,7 +343,7 @@ def check_run_away(
     unknowns: Sequence[Parameter], eta: Array, origin: Array, remedy: str = RECORD.astray
 ) -> None:
     """Refuse coordinates (p) that are not finite or a factor of a million from their origin."""
-    away = ~(np.abs(eta - origin) < run_away_limits(unknowns))
+    away = ~(np.abs(eta - origin) < _run_away_limits(unknowns))
     if away.any():
         raise run_away([unknown.name for unknown, bad in zip(unknowns, away, strict=True) if bad], remedy)
 

@@ -40,7 +40,7 @@ class Filter:
     """Estimator: several passes of the filter of the augmented state.
 
     Where there are several records a pass takes one after the other. Each pass restarts from the last one's
-    parameters with a fresh covariance (`unit_prior`) and the noise of its residuals. They
+    parameters with a fresh covariance (`_unit_prior`) and the noise of its residuals. They
     converge to the filter's fixed point, which is not exactly the maximum-likelihood point; where the two
     differ, more passes do not help.
 
@@ -104,7 +104,7 @@ def run_passes(likelihood: TimeLikelihood, origin: Array, passes: int) -> list[S
         report_progress(f"filter pass {len(sweeps) + 1} of {passes}")
         fit = likelihood.fit(last(likelihood, sweeps))
         fits = list(zip(records, fit.parts, strict=True))
-        priors = [unit_prior(record, record_fit) for record, record_fit in fits]
+        priors = [_unit_prior(record, record_fit) for record, record_fit in fits]
         noise = [_floored(record, record_fit.noise) for record, record_fit in fits]
         sweeps.append(_sweep(likelihood, priors, noise, origin))
     return sweeps
@@ -186,7 +186,7 @@ def wide_prior(record: TimeRecord, eta: Array, share: float = 1.0) -> InitialSta
     return InitialState(record.model.initial, eta, _wide_root(record, share))
 
 
-def unit_prior(record: TimeRecord, fit: RecordFit) -> InitialState:
+def _unit_prior(record: TimeRecord, fit: RecordFit) -> InitialState:
     """Return a fresh prior around a fit that weighs as much as a single measured value.
 
     It is the fit's own covariance times the number of values, bounded by the wide one: wide enough not to

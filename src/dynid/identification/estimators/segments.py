@@ -38,7 +38,7 @@ _MIN_VALUES_PER_STATE = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Segments(RecordLikelihood):
+class _Segments(RecordLikelihood):
     """A record in segments of one length, channels counting by their RMS.
 
     Attributes
@@ -187,5 +187,5 @@ def in_segments(likelihood: TimeLikelihood, divisor: int) -> Likelihood:
         samples, channels = record.data.values.shape
         min_length = math.ceil(_MIN_VALUES_PER_STATE * record.nuisances / channels)
         length = int(min(samples, max(min_length, samples // divisor)))
-        segments.append(Segments(record, length, len(likelihood.records)))
+        segments.append(_Segments(record, length, len(likelihood.records)))
     return Likelihood(tuple(segments))

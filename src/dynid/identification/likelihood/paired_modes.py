@@ -32,7 +32,7 @@ _MAX_DENSE_DOFS = 250
 
 
 @dataclass(frozen=True, eq=False)
-class PairedModes:
+class _PairedModes:
     """Predicted values of each quantity, their slopes (values x p), and what they are of."""
 
     columns: list[Array]
@@ -46,7 +46,7 @@ class PairedModes:
 
 def paired_modes(
     measured: ModalMeasurement, rows: Array, solution: ModalSolution, slopes: Any, error: Array, close: float
-) -> PairedModes:
+) -> _PairedModes:
     """Return the modes of a model that are paired with the measured ones, and their derivatives.
 
     Parameters
@@ -118,7 +118,7 @@ def paired_modes(
     if s:
         columns.append(real_parts(shapes))
         changes.append(np.stack([real_parts(by_shape[..., j]) for j in range(p)], axis=1))
-    return PairedModes(columns, changes, pairs, zeta, shapes, table, pair_mac)
+    return _PairedModes(columns, changes, pairs, zeta, shapes, table, pair_mac)
 
 
 def _best_of_span(

@@ -259,7 +259,7 @@ def regressors_in_time(
     """
     (direct, forces), (step, span) = forced, _spacing(times)
     budget = max(0, max_count - direct.values.shape[1]) // (4 * (1 + forces.shape[1]))
-    kept = upper_poles(poles, math.pi / step, _FAST_POLE_RATIO / step)[:budget]
+    kept = _upper_poles(poles, math.pi / step, _FAST_POLE_RATIO / step)[:budget]
     modes, moves, pole_of_column = _modes(kept, forces, times)
     return direct.beside(
         Regressors.of_poles(RegressorKind.MODE, modes, pole_of_column),
@@ -279,7 +279,7 @@ def _spacing(times: Array) -> tuple[float, float]:
     return (span / (len(times) - 1), span) if span else (1.0, 1.0)
 
 
-def upper_poles(poles: ComplexArray, fastest: float, shortest: float) -> ComplexArray:
+def _upper_poles(poles: ComplexArray, fastest: float, shortest: float) -> ComplexArray:
     """Return one pole of each pair, the slow ones first; none beyond the limits of sampling."""
     real = np.abs(poles.imag) <= 1e-9 * np.abs(poles)
     upper = np.where(real, poles.real, poles)[real | (poles.imag > 0)]
@@ -381,7 +381,7 @@ def regressors_by_line(poles: ComplexArray, omega: Array, profile: Array, max_co
     s, scale = 1j * omega, max(float(omega[-1]), np.finfo(float).tiny)
     rest = [_parts(np.asarray((s / scale) ** order / profile))[:, None] for order in range(3)]
     direct = Regressors.of(RegressorKind.LINE, rest, 2 * len(omega))
-    kept = upper_poles(poles, 2 * scale, math.inf)[: max(0, max_count - len(rest)) // 4]
+    kept = _upper_poles(poles, 2 * scale, math.inf)[: max(0, max_count - len(rest)) // 4]
     kept = kept[np.abs(s[:, None] - kept).min(axis=0, initial=math.inf) > 0]
     modes: list[Array] = []
     moves: list[Array] = []

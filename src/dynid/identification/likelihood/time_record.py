@@ -513,8 +513,8 @@ class TimeLikelihood(Likelihood):
     @property
     def most_evaluations(self) -> float:
         """Most evaluations that a search may take, from the work of one."""
-        own = ((len(one.times), len(one.system_model.states)) for one in self.records)
-        work = sum(rows * states**2 for rows, states in own) * (1 + len(self.unknowns))
+        sizes = ((len(record.times), len(record.system_model.states)) for record in self.records)
+        work = sum(rows * states**2 for rows, states in sizes) * (1 + len(self.unknowns))
         return max(_LEAST_EVALUATIONS, RECORD_SEARCH_WORK.value // max(1, work))
 
 

@@ -42,7 +42,7 @@ _MAX_LINES, _BELOW, _ABOVE, _NYQUIST = 300, 0.3, 1.5, 0.9
 
 
 @dataclass(frozen=True, eq=False)
-class CandidateSines:
+class _CandidateSines:
     """Candidate sines for a record, with the information of each if it had the whole force.
 
     Attributes
@@ -90,7 +90,7 @@ class CandidateSines:
         amplitude = self.rms * np.sqrt(2 / len(chosen))
         at = [self.line(candidate) for candidate in chosen]
         return [
-            load_at(self.model, dof, Multisine([amplitude] * len(mine), mine))
+            _load_at(self.model, dof, Multisine([amplitude] * len(mine), mine))
             for dof in self.dofs
             if (mine := [omega for at_dof, omega in at if at_dof == dof])
         ]
@@ -141,13 +141,13 @@ def candidate_sines(
     expected: ExpectedRecords,
     dofs: Sequence[Label],
     band: tuple[float, float] | None = None,
-) -> CandidateSines:
+) -> _CandidateSines:
     """Return candidate sines at DOFs with their information, the noise of the record's channels unchanged.
 
     The force or source has the RMS of the present one; 1 where there is none.
     """
     measurement, values = experiment.measurement, expected.values
-    loads = [load_at(model, dof, Impulse(1.0)) for dof in dofs]
+    loads = [_load_at(model, dof, Impulse(1.0)) for dof in dofs]
     system = system_of(model, loads, measurement.channels)
     natural = natural_frequencies(model, system, values)
     omega = grid(natural, measurement.step, measurement.samples, band)
@@ -175,10 +175,10 @@ def candidate_sines(
         )
     inside = np.unique(natural[(natural >= kept[0]) & (natural <= kept[-1])])
     edges = [float(kept[0]), *np.sqrt(inside[:-1] * inside[1:]).tolist(), float(kept[-1])]
-    return CandidateSines(model, tuple(dofs), np.array(kept), rms, np.array(roots), list(pairwise(edges)))
+    return _CandidateSines(model, tuple(dofs), np.array(kept), rms, np.array(roots), list(pairwise(edges)))
 
 
-def load_at(model: Model, where: Label, signal: Signal) -> Any:
+def _load_at(model: Model, where: Label, signal: Signal) -> Any:
     """Return a force at a DOF of a structure, or a signal of a source of a graph."""
     if isinstance(model, StructuralModel):
         return Load(where, signal, kind=model.kind(where))
@@ -231,7 +231,7 @@ def add_excitation(
     model: Model,
     experiment: Experiment,
     expected: ExpectedRecords,
-    sines: CandidateSines,
+    sines: _CandidateSines,
     count: int,
 ) -> None:
     """Add the ranking of excitations to a result.
@@ -285,7 +285,7 @@ def present_lines(experiment: Experiment) -> int:
     return sum(counts) if all(counts) and counts else 3
 
 
-def _add_bands(result: Result, sines: CandidateSines, names: Sequence[str]) -> None:
+def _add_bands(result: Result, sines: _CandidateSines, names: Sequence[str]) -> None:
     group = "plan/excitation/bands"
     columns = len(names)
     rows = []

@@ -91,7 +91,7 @@ def plan(
     -------
     Result
         ``identification/identifiability/`` as of `identifiability`, ``identification/considered/`` as of
-        `add_expected_slopes`, ``plan/sensors/`` as of `add_sensors`,
+        `add_expected_slopes`, ``plan/sensors/`` as of `_add_sensors`,
         ``plan/excitation/`` as of `add_excitation` (not where a motion is prescribed: a force in its place
         would act on another structure). Bounds are relative to the values, and infinite where a
         parameter is not identifiable from a design.
@@ -116,9 +116,9 @@ def plan(
         channels = request.candidates or every_channel(model, request.quantities)
         report_progress(f"ranking {counted(len(channels), 'sensor')}")
         sensors = candidate_sensors(model, experiment, expected, channels, request.noise)
-        add_sensors(result, sensors, channels_present, names, request.sensors or len(channels_present))
+        _add_sensors(result, sensors, channels_present, names, request.sensors or len(channels_present))
         if all(load.motion is None for load in experiment.loads):
-            dofs = request.dofs or every_place(model)
+            dofs = request.dofs or _all_places(model)
             report_progress(f"ranking sines at {counted(len(dofs), 'place')}")
             sines = candidate_sines(model, experiment, expected, dofs, request.band)
             count = request.lines or present_lines(experiment)
@@ -127,7 +127,7 @@ def plan(
 
 
 @dataclass(frozen=True, eq=False)
-class CandidateSensors:
+class _CandidateSensors:
     """Candidate sensors for a record, with the information of each.
 
     Attributes
@@ -162,17 +162,17 @@ def _of_any_kind(channel: Any) -> Any:
     return channel._replace(kind="") if isinstance(channel, Channel) else channel
 
 
-def every_dof(model: StructuralModel) -> tuple[Label, ...]:
+def _all_dofs(model: StructuralModel) -> tuple[Label, ...]:
     """Return the DOFs of a structure; of a reduced one those of the full one."""
     while model.basis is not None:
         model = model.basis.parent
     return model.dofs
 
 
-def every_place(model: Model) -> tuple[Label, ...]:
+def _all_places(model: Model) -> tuple[Label, ...]:
     """Return where an excitation may act: DOFs that are no rotations, or the sources of a graph."""
     if isinstance(model, StructuralModel):
-        return tuple(dof for dof in every_dof(model) if labels.kind(dof) != "rotation")
+        return tuple(dof for dof in _all_dofs(model) if labels.kind(dof) != "rotation")
     assert isinstance(model, IdentifiedGraph)
     return tuple(name for name, node in model.graph.nodes.items() if node.type in SOURCES)
 
@@ -180,7 +180,7 @@ def every_place(model: Model) -> tuple[Label, ...]:
 def every_channel(model: Model, quantities: Sequence[str] = tuple(UNITS)) -> list[Any]:
     """Return these quantities of every DOF, or the efforts and flows of a graph."""
     if isinstance(model, StructuralModel):
-        kinds = {dof: model.kind(dof) for dof in every_dof(model)}
+        kinds = {dof: model.kind(dof) for dof in _all_dofs(model)}
         return [Channel(dof, quantity, kind=kind) for quantity in quantities for dof, kind in kinds.items()]
     assert isinstance(model, IdentifiedGraph)
     return [model.channel(port) for port in every_variable(model.graph)]
@@ -213,7 +213,7 @@ def candidate_sensors(
     expected: ExpectedRecords,
     channels: Sequence[Any],
     noise: Mapping[str, float] | None = None,
-) -> CandidateSensors:
+) -> _CandidateSensors:
     """Return candidate sensors for a record, with their information.
 
     Parameters
@@ -267,14 +267,14 @@ def candidate_sensors(
     roots = np.asarray(np.linalg.qr(np.moveaxis(both / level[kept, None], 1, 0), mode="r"))
     left_out = tuple(channel.name for channel, yes in zip(all_channels, moves, strict=True) if not yes)
     candidates = Candidates(roots, joint.states)
-    return CandidateSensors(
+    return _CandidateSensors(
         tuple(all_channels[k] for k in kept), level[kept], rms[kept], candidates, left_out
     )
 
 
-def add_sensors(
+def _add_sensors(
     result: Result,
-    sensors: CandidateSensors,
+    sensors: _CandidateSensors,
     present_channels: Sequence[Any],
     names: Sequence[str],
     count: int,

@@ -280,7 +280,7 @@ def estimated(
         count = int(np.count_nonzero(present[:, c]))
         highest = min(_highest(present[:, c]), HIGHEST_ORDER)
         if request.order is not None:
-            check_order(request.order, _highest(present[:, c]))
+            _check_order(request.order, _highest(present[:, c]))
             highest = request.order
         coefficients, variances = _burg(with_errors[:, c], present[:, c], highest)
         bic = count * np.log(variances / variances[0]) + np.arange(len(variances)) * np.log(count)
@@ -308,7 +308,7 @@ def estimated(
     return Autoregression(a, np.array(chosen), root / d, d, bic)
 
 
-def check_order(order: int, highest: int) -> None:
+def _check_order(order: int, highest: int) -> None:
     """Refuse an order above the highest one that a channel allows.
 
     Raises

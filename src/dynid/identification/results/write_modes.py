@@ -74,7 +74,7 @@ ABSORBED = 0.8
 DETERMINED = 1.0
 
 
-class LeftOut(NamedTuple):
+class _LeftOut(NamedTuple):
     """Frequencies predicted with them left out, over the measured ones less 1.
 
     Attributes
@@ -97,7 +97,7 @@ class LeftOut(NamedTuple):
         return np.asarray(np.abs(self.error) > CONTRADICTED * self.deviation)
 
 
-def left_out(record: ModalRecord, eta: Array) -> LeftOut:
+def left_out(record: ModalRecord, eta: Array) -> _LeftOut:
     """Predict each frequency with it left out; shapes stay.
 
     Parameters
@@ -126,7 +126,7 @@ def left_out(record: ModalRecord, eta: Array) -> LeftOut:
         slope = fit.by_parameter[k, 0] * record.spread[0][k] / measured[k]
         for survey, root, bars in zip((record, bare), roots, (deviation, by_scatter), strict=True):
             bars[k] = np.hypot(np.linalg.norm(slope @ root), survey.spread[0][k] / measured[k])
-    return LeftOut(error, deviation, by_scatter)
+    return _LeftOut(error, deviation, by_scatter)
 
 
 def _information(likelihood: Likelihood, eta: Array) -> Information:

@@ -36,7 +36,7 @@ _LINE_BLOCK_NUMBERS = 100_000
 _MAX_JOINT_DIRECTIONS = 12
 
 
-class BandLimitedSystem(StructureSystem):
+class _BandLimitedSystem(StructureSystem):
     """A structure whose responses are those of its modes in the band of the lines, with residual vectors.
 
     Parameters
@@ -54,7 +54,7 @@ class BandLimitedSystem(StructureSystem):
     def basis(self, values: Mapping[str, float], omega: Array, pairs: Sequence[tuple[int, int]]) -> Array:
         """Return the modes in the band of the lines, and residual vectors (n x r)."""
         M, _, K = self.model.dense(values)
-        return band_basis(M, K, self.directions(pairs), self.band * float(omega[-1]))
+        return _band_basis(M, K, self.directions(pairs), self.band * float(omega[-1]))
 
     def solved_size(self, omega: Array, pairs: Sequence[tuple[int, int]]) -> int:
         """Return the number of columns of the basis at the starts."""
@@ -127,11 +127,11 @@ def _responses(k: Array, c: Array, b: Array, rows: Array, omega: Array) -> Compl
 
 def band_limited(
     system: LinearSystem, omega: Array, pairs: Sequence[tuple[int, int]], band: float
-) -> BandLimitedSystem | None:
+) -> _BandLimitedSystem | None:
     """Return the system that a search works with; None where the whole one takes as little or less work."""
     if not isinstance(system, StructureSystem) or system.model.size < _MIN_DOFS:
         return None
-    limited = BandLimitedSystem(system, band)
+    limited = _BandLimitedSystem(system, band)
     try:
         size = limited.solved_size(omega, pairs)
     except np.linalg.LinAlgError:  # a motion has no mass
@@ -143,7 +143,7 @@ def band_limited(
     )
 
 
-def band_basis(M: Array, K: Array, directions: Array, top: float) -> Array:
+def _band_basis(M: Array, K: Array, directions: Array, top: float) -> Array:
     """Return the modes below a frequency, and residual vectors for directions, mass-normalised (n x r).
 
     Parameters

@@ -254,7 +254,7 @@ def sensitive(
     return predicted, states, by_parameter
 
 
-class Fitted(NamedTuple):
+class _Fitted(NamedTuple):
     """The fit of a record: the first state (n), what `sensitive` and `triangles` return, and residuals.
 
     `by_state` (times x channels x n) are the derivatives by the first state.
@@ -272,7 +272,7 @@ class Fitted(NamedTuple):
 
 def fitted(
     model: ParametricModel, eta: Array, values: Array, rms: Array, weights: Array, root: Array, rank: float
-) -> Fitted:
+) -> _Fitted:
     """Return the fit of a record at coordinates (p).
 
     Parameters
@@ -294,7 +294,7 @@ def fitted(
         If the derivatives by the first state leave the range of double precision.
     """
     (samples, channels), n, p = values.shape, model.states, model.parameters
-    fit = Fitted(
+    fit = _Fitted(
         np.empty(n),
         np.empty((samples, channels)),
         np.empty((samples, channels)),
