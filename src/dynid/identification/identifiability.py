@@ -117,7 +117,7 @@ def _expectation(likelihood: Likelihood) -> tuple[Fit, list[Array], str, bool]:
     fit = likelihood.fit(coordinates(unknowns, true) if at_truth else _beside_starts(likelihood), clean=True)
     noise, assumed = [], False
     for record in likelihood.records:
-        level = record.data.noise if record.data.noise is not None else record.given_or(np.zeros(1))
+        level = record.data.noise if record.data.noise is not None else record.stated_noise_or(np.zeros(1))
         assumed = assumed or not level.all()
         noise.append(np.where(level > 0, level, NOMINAL_NOISE * record.data.rms))
     return fit, noise, "true" if at_truth else "start", assumed

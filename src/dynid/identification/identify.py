@@ -166,7 +166,7 @@ def posterior_of(problem: Problem, estimator: Any, *, suggest: bool = False) -> 
     """
     problem = problem.weighted()
     model, likelihood, rebuild = problem.model, problem.likelihood, problem.rebuild
-    values = [record.whole for record in likelihood.records]
+    values = [record.full_data for record in likelihood.records]
     origin, unknowns = identifiable_origin(likelihood.ideal), model.unknowns
     eta = origin.eta
     fixed = {unknown.name: _guess(unknown) for unknown in unknowns if unknown.name in origin.undetermined}
@@ -227,7 +227,7 @@ def _settled(
     those of a basis that does not follow the parameters yet need not be white, and a better basis may make
     the search needless. The samples at which every input is known follow delays as they are estimated.
     """
-    values = [record.whole for record in likelihood.records]
+    values = [record.full_data for record in likelihood.records]
     search_last = isinstance(likelihood, FrfLikelihood)
     here, most_rounds = estimator, _MAX_REBUILDS
     if search_last and rebuild is not None:
@@ -299,7 +299,7 @@ def _with_optima(
 ) -> tuple[Posterior, Model]:
     """Return a posterior at the optimum of greatest posterior, with the equivalent ones; and its model."""
     likelihood, estimate, lost = posterior.likelihood, posterior.estimate, posterior.undetermined
-    values = [record.whole for record in likelihood.records]
+    values = [record.full_data for record in likelihood.records]
 
     def likelihood_at(eta: Array) -> Likelihood:
         assert rebuild is not None
@@ -338,7 +338,7 @@ def _with_model_error(problem: Problem, posterior: Posterior, model: StructuralM
     from dynid.identification.diagnosis.model_error import model_error
 
     likelihood = posterior.likelihood
-    values = [record.whole for record in likelihood.records]
+    values = [record.full_data for record in likelihood.records]
     error = model_error(
         model,
         likelihood,

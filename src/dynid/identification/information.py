@@ -230,7 +230,7 @@ class Information:
     rates: Array | None = None
     observed: Observed = RECORD
 
-    def beside(self, rows: Array) -> Information:
+    def with_rows(self, rows: Array) -> Information:
         """Return the information with that of independent observations (count x p) of the parameters."""
         if not len(rows):
             return self

@@ -20,7 +20,7 @@ from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.record_likelihood import RecordLikelihood
 from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
 from dynid.identification.records.frf_measurement import FrfMeasurement
-from dynid.identification.records.measurement import Experiment, RecordData, as_estimated
+from dynid.identification.records.measurement import Experiment, RecordData, sampled_loads
 from dynid.identification.records.modal_measurement import ModalMeasurement
 from dynid.identification.records.simulation import Simulation
 from dynid.identification.systems.frf_system import frf_data
@@ -288,5 +288,5 @@ def _with_spreads(model: Model, measurements: Sequence[Measured], values: Sequen
 def _model_of_record(model: Model, experiment: Experiment) -> ParametricModel:
     """Return the model of a record, with its loads as an estimator knows them."""
     record = experiment.measurement.record
-    loads = as_estimated(experiment.loads, record)
+    loads = sampled_loads(experiment.loads, record)
     return parametric_model(model, loads, experiment.measurement.channels, record.times)

@@ -216,7 +216,7 @@ class OptimaSearch:
             return EquivalentOptima(eta[None], np.zeros(1), np.zeros(1)), past_saddle
         points = images(permutations, eta, same, _MAX_OPTIMA)
         gain = np.zeros(len(points))  # of the logarithm of the posterior
-        bounded = np.isfinite(priors.low) | np.isfinite(priors.high) | priors.given
+        bounded = np.isfinite(priors.low) | np.isfinite(priors.high) | priors.has_prior
         if (bounded & ~priors.fixed).any():
             for k, point in enumerate(points[1:], 1):
                 if k >= _REFINED or priors.fixed.any():  # with what is fixed at another place
@@ -465,7 +465,7 @@ def _prior_gain(priors: Priors, eta: Array, point: Array) -> float:
     """Return the logarithm of the prior at a point (p) over that at coordinates (p)."""
     if np.any(((point < priors.low) | (point > priors.high)) & ~priors.fixed):
         return -math.inf
-    has_prior = priors.given & ~priors.fixed
+    has_prior = priors.has_prior & ~priors.fixed
     squares = [
         np.sum(((priors.means - coordinates) / priors.deviations)[has_prior] ** 2)
         for coordinates in (eta, point)
@@ -482,7 +482,7 @@ def deciding_sensors(model: Model, likelihood: Likelihood, optima: EquivalentOpt
     """
     record = likelihood.records[0]
     if isinstance(record, TimeRecord):
-        loads, measured = list(record.taken_under.loads), list(record.channels)
+        loads, measured = list(record.conditions.loads), list(record.channels)
     elif isinstance(record, FrfRecord):
         loads = [frf.load for frf in record.measurement.channels]
         measured = [frf.channel for frf in record.measurement.channels]

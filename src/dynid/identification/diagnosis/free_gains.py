@@ -202,6 +202,6 @@ def _starts_of_loads(record: Any, factor: float) -> list[float]:
     """
     if not isinstance(record, TimeRecord):
         return []
-    loads = [load for load in record.taken_under.loads if not isinstance(load.gain, Dependent)]
+    loads = [load for load in record.conditions.loads if not isinstance(load.gain, Dependent)]
     gains = [(isinstance(load.signal, Sampled), factor * float(load.gain)) for load in loads]
     return [1 / gain if of_file else gain for of_file, gain in gains]

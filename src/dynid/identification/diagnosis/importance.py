@@ -116,7 +116,7 @@ def likelihood_size(posterior: Posterior) -> _LikelihoodSize:
     for record, record_fit, level in zip(
         likelihood.records, fit.parts, likelihood.likeliest(fit), strict=True
     ):
-        noise_given = ~np.isnan(record.given)
+        noise_given = ~np.isnan(record.stated_noise)
         counts = record.data.passed * record_fit.counts
         squares = np.where(noise_given, record_fit.size / level, 1.0) ** 2
         total -= float(counts @ (np.log(level) + squares / 2 + math.log(2 * math.pi) / 2))
@@ -252,14 +252,17 @@ class _Target:
         fits = zip(self.likelihood.records, posterior.fit.parts, self.noise, strict=True)
         self._ranks = [len(_state_strength(*record_and_fit)) for record_and_fit in fits]
         self._taken = [
-            record.taken(record_fit, noise)
+            record.nuisance_degrees(record_fit, noise)
             for record, record_fit, noise in zip(
                 self.likelihood.records, posterior.fit.parts, self.noise, strict=True
             )
         ]
         priors = self.likelihood.priors
         misfit = float(np.sum(priors.residual(posterior.fit.eta) ** 2)) / 2
-        scale = np.log(priors.deviations[priors.given]).sum() + priors.given.sum() * math.log(2 * math.pi) / 2
+        scale = (
+            np.log(priors.deviations[priors.has_prior]).sum()
+            + priors.has_prior.sum() * math.log(2 * math.pi) / 2
+        )
         #: Logarithm of the density of the priors at the estimate.
         self.prior = float(-misfit - scale)
         self._start = self._absolute(posterior.fit.eta)
@@ -280,7 +283,7 @@ class _Target:
             size = np.maximum(record_fit.size, _RESIDUAL_FLOOR * record.data.rms)
             with_given_noise = -counts * (size / noise) ** 2 / 2
             free = -np.maximum(counts - nuisances, 1.0) * np.log(size / noise)
-            total += float(np.where(np.isnan(record.given), free, with_given_noise).sum())
+            total += float(np.where(np.isnan(record.stated_noise), free, with_given_noise).sum())
             total -= float(np.log(_state_strength(record, record_fit, noise, rank)).sum())
         return total
 
@@ -305,13 +308,15 @@ def _quantiles(theta: Array, weight: Array, level: float) -> Array:
 def _no_evidence(likelihood: Likelihood) -> str:
     """Return why the evidence of a model is not defined; empty where it is."""
     priors, records = likelihood.priors, likelihood.records
-    without = [name for name, has_prior in zip(likelihood.names, priors.given, strict=True) if not has_prior]
+    without = [
+        name for name, has_prior in zip(likelihood.names, priors.has_prior, strict=True) if not has_prior
+    ]
     reasons = []
     if without:
         reasons.append(f"no prior of {', '.join(without)}")
     if any(_free_states(records)):
         reasons.append("the initial state has no prior")
-    if any(np.isnan(record.given).any() for record in records):
+    if any(np.isnan(record.stated_noise).any() for record in records):
         reasons.append("the noise is not given")
     return "; ".join(reasons)
 

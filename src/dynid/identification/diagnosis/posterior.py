@@ -219,7 +219,7 @@ class Posterior:
         """The source of each parameter: ``data``, its ``prior`` or ``limits`` alone, or ``nothing``."""
         priors = self.likelihood.priors
         alone = self.deviations > UNDECIDED * np.where(np.isnan(priors.spreads), np.inf, priors.spreads)
-        by_limits = ~priors.given | (priors.spreads < priors.deviations)
+        by_limits = ~priors.has_prior | (priors.spreads < priors.deviations)
         sources = np.where(alone, np.where(by_limits, "limits", "prior"), "data")
         return [str(source) for source in np.where(self.identifiable, sources, "nothing")]
 
@@ -376,7 +376,7 @@ class Posterior:
         information = joint_information(
             [record.information(record_fit, level) for record, record_fit, level in fits]
         )
-        return information.beside(self.likelihood.priors.rows(fixed=False))
+        return information.with_rows(self.likelihood.priors.rows(fixed=False))
 
     @cached_property
     def identifiable(self) -> NDArray[np.bool_]:
@@ -510,7 +510,7 @@ class Posterior:
         fits = zip(self.likelihood.records, self.fit.parts, strict=True)
         # Corrected for the degrees of freedom of the fit.
         left = np.concatenate(
-            [record.scatter(p.counts, record.raw_size(p)) / record.data.rms for record, p in fits]
+            [record.scatter(p.counts, record.unwhitened_rms(p)) / record.data.rms for record, p in fits]
         )
         if not np.mean(left**2) < _EXPLAINED_RATIO**2:
             return f"the prediction explains nothing of the {self.noun}{'s' * self.several}"
@@ -580,7 +580,7 @@ class Posterior:
     @property
     def noise_is_given(self) -> bool:
         """True if error bars are for a noise that is given, of one channel at least."""
-        return not all(np.isnan(record.given).all() for record in self.likelihood.records)
+        return not all(np.isnan(record.stated_noise).all() for record in self.likelihood.records)
 
     @cached_property
     def noise_test(self) -> NoiseTest:
@@ -598,7 +598,7 @@ class Posterior:
             column = record.by_row(np.arange(len(noise)))
             row_shares = shares[first : first + len(column)]
             first += len(column)
-            fitted = record.taken(record_fit, noise) + np.bincount(column, row_shares, len(noise))
+            fitted = record.nuisance_degrees(record_fit, noise) + np.bincount(column, row_shares, len(noise))
             given_noise, count = record.data.given_noise, record.data.passed * record_fit.counts
             if record.data.robust is not None:
                 variance = record.data.robust.scale**2 / record.data.passed

@@ -367,7 +367,7 @@ def _record_warnings(posterior: Posterior) -> Iterator[str]:
             f"{posterior.method} assumes white noise: its estimate is not the most likely one for coloured "
             "noise, which its error bars are for; method: auto finds that"
         )
-    if any(np.isnan(record.given).any() for record in records):
+    if any(np.isnan(record.stated_noise).any() for record in records):
         spare = posterior.information.freedom - len(posterior.likelihood.names)
         if spare < _LEAST_SPARE:
             left = "1 value is" if spare == 1 else f"{spare} values are"

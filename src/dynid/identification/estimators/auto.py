@@ -309,7 +309,7 @@ def drawn_starts(priors: Priors, origin: Array, count: int, reach: float, seed: 
     """
     rng = np.random.Generator(np.random.PCG64(seed))
     strata = rng.permuted(np.tile(np.arange(count), (len(origin), 1)), axis=1).T
-    centre = np.where(priors.given, priors.means, origin)
+    centre = np.where(priors.has_prior, priors.means, origin)
     spread = np.fmin(np.log(reach) * priors.units, _PRIOR * priors.deviations)
     low, high = np.maximum(centre - spread, priors.low), np.minimum(centre + spread, priors.high)
     places = (strata + rng.random(strata.shape)) / count

@@ -91,8 +91,8 @@ def _guide(records: tuple[ModalRecord, ...], origin: Array) -> Likelihood:
     """Return the likelihood of modes alone; what they do not determine stays near `origin` (p)."""
     likelihood = Likelihood(records)
     priors, spread = likelihood.priors, [unknown.first_spread for unknown in likelihood.unknowns]
-    means = np.where(priors.given, priors.means, origin)
-    deviations = np.where(priors.given, priors.deviations, spread)
+    means = np.where(priors.has_prior, priors.means, origin)
+    deviations = np.where(priors.has_prior, priors.deviations, spread)
     return replace(likelihood, stated_priors=replace(priors, means=means, deviations=deviations))
 
 

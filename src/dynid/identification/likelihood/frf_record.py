@@ -185,7 +185,7 @@ class FrfRecord(RecordLikelihood):
             eta, predicted, residual, counts, size, level, by_parameter=by_parameter, measured=values
         )
 
-    def size_at(self, eta: Array) -> Array:
+    def residual_rms_at(self, eta: Array) -> Array:
         """Return the RMS of the residuals at these coordinates (channels)."""
         return root_mean_square(self.data.values - self._compared(eta, slopes=False)[0])
 

@@ -295,12 +295,12 @@ def compare_models(likelihood: Likelihood, fit: Fit, whiteness_p: float | None =
     squares = degrees = 0.0
     if len(saturated) < len(tables_or_none):
         squares = float(np.sum(priors.gaussian_residual(fit.eta) ** 2))
-        gaussian = priors.given & ~priors.fixed
+        gaussian = priors.has_prior & ~priors.fixed
         part_of_prior = (np.linalg.norm(root(), axis=1) / priors.deviations)[gaussian] ** 2
         degrees = float(np.sum(1 - part_of_prior))
     return ModelComparison(
         [records[k].coordinates(fit.parts[k]) for k in saturated],
-        [records[k].given / records[k].data.rms for k in saturated],
+        [records[k].stated_noise / records[k].data.rms for k in saturated],
         priors.deviations,
         free,
         white if plain and white is not None else 1.0,

@@ -141,7 +141,7 @@ class Likelihood:
             total = joint_information(
                 [record.information(record_fit, level) for record, record_fit, level in fits]
             )
-            total = total.beside(self.priors.rows()) if prior else total
+            total = total.with_rows(self.priors.rows()) if prior else total
             self._last.update(key=key, fit=fit, found=total)  # the fit as well: else its id may be another's
         kept: Information = self._last["found"]
         return kept
@@ -165,7 +165,7 @@ class Likelihood:
 
     def misfit_at(self, eta: Array) -> float:
         """Return the misfit at these coordinates (p), without the derivatives that a fit has."""
-        sizes = [record.size_at(eta) for record in self.records]
+        sizes = [record.residual_rms_at(eta) for record in self.records]
         return self._misfit(eta, [record.data.counts for record in self.records], sizes)
 
     def record_misfit(self, fit: Fit) -> float:
@@ -181,7 +181,7 @@ class Likelihood:
         total = 0.0
         for record, count, size in zip(self.records, counts, sizes, strict=True):
             level = record.above_rounding(size)
-            squares = np.where(np.isnan(record.given), 0.0, size / level) ** 2
+            squares = np.where(np.isnan(record.stated_noise), 0.0, size / level) ** 2
             total += float(count @ (np.log(level) + squares / 2)) + record.log_determinant()
         return total
 
@@ -193,7 +193,9 @@ class Likelihood:
     def residual_ratio(self, fit: Fit) -> Array:
         """Return the RMS of the residuals over that of the measured values (channels of all records)."""
         fits = zip(self.records, fit.parts, strict=True)
-        return np.concatenate([record.raw_size(record_fit) / record.data.rms for record, record_fit in fits])
+        return np.concatenate(
+            [record.unwhitened_rms(record_fit) / record.data.rms for record, record_fit in fits]
+        )
 
     # Noise model.
 

@@ -55,7 +55,7 @@ class ModalFit(RecordFit):
         Their shapes at the sensors, scaled to the measured ones (s x r).
     mac
         Modal assurance criterion of all measured and computed shapes (r x m).
-    own_mac
+    pair_mac
         That of each pair (r); NaN without a shape.
     """
 
@@ -64,7 +64,7 @@ class ModalFit(RecordFit):
     damping: Array = field(default_factory=lambda: np.zeros(0))
     shapes: NDArray[Any] = field(default_factory=lambda: np.zeros((0, 0)))
     mac: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    own_mac: Array = field(default_factory=lambda: np.zeros(0))
+    pair_mac: Array = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,12 +285,12 @@ class ModalRecord(RecordLikelihood):
             damping=paired.damping,
             shapes=paired.shapes,
             mac=paired.mac,
-            own_mac=paired.own_mac,
+            pair_mac=paired.pair_mac,
         )
 
     # Residuals and information.
 
-    def taken(self, fit: RecordFit, noise: Array) -> Array:  # noqa: ARG002
+    def nuisance_degrees(self, fit: RecordFit, noise: Array) -> Array:  # noqa: ARG002
         """Return the number of scales of each quantity (quantities)."""
         return np.array([self.nuisances if channel.name == "shape" else 0.0 for channel in self.channels])
 
@@ -312,12 +312,12 @@ class ModalRecord(RecordLikelihood):
         share = np.sum(moved**2, axis=(0, 2))
         off = fit.omega / self.measurement.omega - 1
         explained = [1 - float(np.sqrt(np.mean(off**2)))]
-        if np.isfinite(fit.own_mac).any():
-            explained.append(float(np.nanmean(fit.own_mac)))
+        if np.isfinite(fit.pair_mac).any():
+            explained.append(float(np.nanmean(fit.pair_mac)))
         return ScatterTest(
             fit.residual,
             np.sum(moved**2, axis=2),
-            np.maximum(fit.counts - self.taken(fit, fit.noise) - share, 0.0),
+            np.maximum(fit.counts - self.nuisance_degrees(fit, fit.noise) - share, 0.0),
             slopes,
             int(fit.counts.sum()) - self.nuisances,
             float(np.clip(min(explained), 0.0, 1.0)),

@@ -41,7 +41,7 @@ class _PairedModes:
     damping: Array
     shapes: NDArray[Any]
     mac: Array
-    own_mac: Array
+    pair_mac: Array
 
 
 def paired_modes(

@@ -105,7 +105,7 @@ class Priors:
         return np.asarray(self.low == self.high)
 
     @property
-    def given(self) -> NDArray[np.bool_]:
+    def has_prior(self) -> NDArray[np.bool_]:
         """Mask of parameters that have a prior (p)."""
         return ~np.isnan(self.means)
 
@@ -123,7 +123,7 @@ class Priors:
     @property
     def pulled(self) -> NDArray[np.bool_]:
         """Mask of parameters that are pulled to the middle of their limits (p)."""
-        return self.limited & ~self.given
+        return self.limited & ~self.has_prior
 
     def clipped(self, eta: Array) -> Array:
         """Return the nearest coordinates within the limits (p)."""
@@ -174,7 +174,7 @@ class Priors:
         fixed parameters are left out.
         """
         pulls = np.diag(1 / (self.pull * np.where(self.pulled, self.high - self.low, 1.0)))
-        gaussian = np.diag(1 / self.deviations)[self.given & (fixed | ~self.fixed)]
+        gaussian = np.diag(1 / self.deviations)[self.has_prior & (fixed | ~self.fixed)]
         return np.concatenate([gaussian, pulls[self.pulled]])
 
     def residual(self, eta: Array) -> Array:
@@ -185,7 +185,7 @@ class Priors:
 
     def gaussian_residual(self, eta: Array) -> Array:
         """Return the residuals of the means of Gaussian priors over their deviations (count)."""
-        return np.asarray(((self.means - eta) / self.deviations)[self.given])
+        return np.asarray(((self.means - eta) / self.deviations)[self.has_prior])
 
     def open(self, deviations: Array) -> NDArray[np.bool_]:
         """Return the mask of parameters (p) that only the pull determines, by their deviations."""
@@ -203,7 +203,7 @@ class Priors:
             The estimate, and its deviations with the priors (p).
         """
         free = 1 - (deviations / self.deviations) ** 2
-        compared = self.given & (free > _INFORMATIVE)
+        compared = self.has_prior & (free > _INFORMATIVE)
         apart = np.abs(self.means - eta) / self.deviations
         return np.where(compared, apart / np.sqrt(np.where(compared, free, 1.0)), 0.0)
 
@@ -211,7 +211,7 @@ class Priors:
         """Return the initial state of a filter pass, updated by the pseudo-observations."""
         n = len(prior.state)
         z, S = np.concatenate([prior.state, prior.eta]), prior.root.copy()
-        for k in np.flatnonzero(self.given):
+        for k in np.flatnonzero(self.has_prior):
             phi = S[n + k] / self.deviations[k]
             spread = float(phi @ phi) + 1.0
             gain = S @ phi / spread

@@ -146,7 +146,7 @@ class RecordLikelihood(ABC):
     sharing: int
 
     @property
-    def whole(self) -> RecordData:
+    def full_data(self) -> RecordData:
         """The values with those at which not every input is known."""
         return self.data
 
@@ -235,7 +235,7 @@ class RecordLikelihood(ABC):
         weight = weights(noise, fit.residual)
         return (np.nan_to_num(fit.by_parameter) * weight[..., None]).reshape(-1, len(self.unknowns))
 
-    def taken(self, fit: RecordFit, noise: Array) -> Array:  # noqa: ARG002
+    def nuisance_degrees(self, fit: RecordFit, noise: Array) -> Array:  # noqa: ARG002
         """Return the degrees of freedom of each channel that the nuisances use up (channels)."""
         return np.zeros(len(fit.counts))
 
@@ -322,11 +322,11 @@ class RecordLikelihood(ABC):
         """Return what the misfit has besides the deviations and residuals: 0 of white noise."""
         return 0.0
 
-    def size_at(self, eta: Array) -> Array:
+    def residual_rms_at(self, eta: Array) -> Array:
         """Return the RMS of the residuals, whitened, at these coordinates (channels)."""
         return root_mean_square(self.residual(eta))
 
-    def raw_size(self, fit: RecordFit) -> Array:
+    def unwhitened_rms(self, fit: RecordFit) -> Array:
         """Return the RMS of the residuals (channels), not whitened."""
         return fit.size
 
@@ -342,17 +342,17 @@ class RecordLikelihood(ABC):
         return np.where(left < HUBER.value * robust.scale, fit.residual, np.nan)
 
     @cached_property
-    def given(self) -> Array:
+    def stated_noise(self) -> Array:
         """Deviations of the noise (channels), NaN where none is given."""
         return np.full(self.data.values.shape[1], np.nan) if self.data.given is None else self.data.given
 
-    def given_or(self, estimated: Array) -> Array:
+    def stated_noise_or(self, estimated: Array) -> Array:
         """Return the deviations of the noise (channels): the given ones, else these."""
-        return np.asarray(np.where(np.isnan(self.given), estimated, self.given))
+        return np.asarray(np.where(np.isnan(self.stated_noise), estimated, self.stated_noise))
 
     def above_rounding(self, estimated: Array) -> Array:
         """Return the given noise, else this estimate of it, not below rounding (channels)."""
-        return self.given_or(np.hypot(estimated, _RESIDUAL_FLOOR * self.data.rms))
+        return self.stated_noise_or(np.hypot(estimated, _RESIDUAL_FLOOR * self.data.rms))
 
     def scatter(self, counts: NDArray[np.int_], size: Array) -> Array:
         """Return the RMS of residuals of this size (channels), corrected for the number of fitted values."""
@@ -387,7 +387,7 @@ class RecordLikelihood(ABC):
 
     def residual_rms(self, fit: RecordFit) -> Array:
         """Return the RMS of the residuals (channels), in the channels' units."""
-        return self.raw_size(fit)
+        return self.unwhitened_rms(fit)
 
     def unexplained(self, fit: RecordFit, column: int) -> tuple[float, Array]:
         """Return the residual of a channel over its signal (RMS), and the series to test for whiteness."""

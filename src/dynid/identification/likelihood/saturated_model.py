@@ -68,7 +68,7 @@ class Regressors:
     group: NDArray[np.int_]
     pole: ComplexArray
     rate: Array
-    _beside: dict[tuple[int, ...], Labels] = field(default_factory=dict, init=False, repr=False)
+    _labels: dict[tuple[int, ...], Labels] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
     def of(
@@ -101,7 +101,7 @@ class Regressors:
         values = real if kept.all() else real[:, kept.ravel()]
         return cls(values, np.full(len(group), kind), group, pole, np.abs(pole) * span)
 
-    def beside(self, *others: Regressors) -> Regressors:
+    def joined(self, *others: Regressors) -> Regressors:
         """Return these columns and, after them, others."""
         blocks = (self, *others)
         return Regressors(
@@ -117,18 +117,18 @@ class Regressors:
         """Their products (d x d)."""
         return np.asarray(self.values.T @ self.values)
 
-    def beside_own(self, *widths: int) -> Labels:
+    def labels_with(self, *widths: int) -> Labels:
         """Return kinds, groups, poles, rates with so many columns of the scene, faults and delays after."""
-        if widths not in self._beside:
+        if widths not in self._labels:
             kinds = np.repeat([RegressorKind.SCENE, RegressorKind.FAULT, RegressorKind.BEFORE], widths)
             none = np.full(len(kinds), -1)
-            self._beside[widths] = (
+            self._labels[widths] = (
                 np.concatenate([self.kind, kinds]),
                 np.concatenate([self.group, none]),
                 np.concatenate([self.pole, none]),
                 np.concatenate([self.rate, none]),
             )
-        return self._beside[widths]
+        return self._labels[widths]
 
     def replaced(self, values: Array) -> Regressors:
         """Return the regressors with other values, such as whitened ones."""
@@ -261,7 +261,7 @@ def regressors_in_time(
     budget = max(0, max_count - direct.values.shape[1]) // (4 * (1 + forces.shape[1]))
     kept = _upper_poles(poles, math.pi / step, _FAST_POLE_RATIO / step)[:budget]
     modes, moves, pole_of_column = _modes(kept, forces, times)
-    return direct.beside(
+    return direct.joined(
         Regressors.of_poles(RegressorKind.MODE, modes, pole_of_column),
         Regressors.of_poles(RegressorKind.POLE, moves, pole_of_column, span),
     )
@@ -392,7 +392,7 @@ def regressors_by_line(poles: ComplexArray, omega: Array, profile: Array, max_co
             pair = [a + b, 1j * (a - b)] if pole.imag else [a]
             out.append(np.column_stack([_parts(column / profile) for column in pair]))
     free = Regressors.of(RegressorKind.MODE, modes, 2 * len(omega), kept.tolist())
-    return direct.beside(
+    return direct.joined(
         free, Regressors.of(RegressorKind.POLE, moves, 2 * len(omega), kept.tolist(), 1 / scale)
     )
 
@@ -437,7 +437,7 @@ def saturated_coordinates(shared: Regressors, channel: ChannelColumns, count: fl
     gram /= unit[:, None]
     size[first:] *= largest
     last = first + 1 + p + channel.by_state.shape[1]
-    kinds, group, pole, rate = shared.beside_own(
+    kinds, group, pole, rate = shared.labels_with(
         last - first, channel.faults.shape[1], channel.before.shape[1]
     )
     active, max_rank = len(gram) - len(compared), int(count) - 1

@@ -121,7 +121,7 @@ class TimeRecord(RecordLikelihood):
         """Return the likelihood of the record without so many samples at its ends."""
         if samples == self.left_out:
             return self
-        record, times = self.whole, self.taken_under.measurement.record.times
+        record, times = self.full_data, self.conditions.measurement.record.times
         kept = slice(samples.before, len(times) - samples.after)
         model = self.model.at_times(times[kept])
         return replace(
@@ -145,7 +145,7 @@ class TimeRecord(RecordLikelihood):
         return self.model.known_samples(measurement.record.times, eta, reach, simulated=simulated)
 
     @property
-    def whole(self) -> RecordData:
+    def full_data(self) -> RecordData:
         """The record with all its samples."""
         return self.data if self.recorded is None else self.recorded
 
@@ -161,7 +161,7 @@ class TimeRecord(RecordLikelihood):
         return self.model.channels
 
     @property
-    def taken_under(self) -> Experiment:
+    def conditions(self) -> Experiment:
         """Loads and measurement, which have to be known."""
         assert self.experiment is not None
         return self.experiment
@@ -169,7 +169,7 @@ class TimeRecord(RecordLikelihood):
     @property
     def sampling_step(self) -> float:
         """Sampling step, s."""
-        return self.taken_under.measurement.step
+        return self.conditions.measurement.step
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -179,7 +179,7 @@ class TimeRecord(RecordLikelihood):
     @property
     def mean_is_offset(self) -> bool:
         """True unless the record was detrended: that takes the mean of the motion, too."""
-        return not any(step.startswith("detrend") for step in self.taken_under.measurement.prepared)
+        return not any(step.startswith("detrend") for step in self.conditions.measurement.prepared)
 
     def row_label(self, row: int) -> str:
         """Return the time of a sample."""
@@ -269,7 +269,7 @@ class TimeRecord(RecordLikelihood):
     # Noise model.
 
     @property
-    def wanted_noise(self) -> ColouredNoise | None:
+    def requested_noise(self) -> ColouredNoise | None:
         """The coloured noise that is to be estimated; None: white noise is assumed."""
         noise = None if self.experiment is None else self.experiment.measurement.noise
         return noise if isinstance(noise, ColouredNoise) else None
@@ -277,7 +277,7 @@ class TimeRecord(RecordLikelihood):
     @property
     def modelled(self) -> bool:
         """True if the noise is coloured and to be estimated together with the parameters."""
-        return self.wanted_noise is not None
+        return self.requested_noise is not None
 
     @property
     def noise_remedy(self) -> str:
@@ -294,7 +294,7 @@ class TimeRecord(RecordLikelihood):
         resonances. Repeated, this is the EM algorithm of restricted maximum likelihood (N. M. Laird, J. H.
         Ware, Biometrics 38 (1982) 963–974).
         """
-        requested = self.wanted_noise
+        requested = self.requested_noise
         if requested is None:
             return self
         predicted = self.predicted(fit)
@@ -328,11 +328,11 @@ class TimeRecord(RecordLikelihood):
         """Return half the logarithm of the determinant of the covariance, in units of the innovations."""
         return 0.0 if self.colour is None else self.colour.log_determinant(~np.isnan(self.data.values))
 
-    def size_at(self, eta: Array) -> Array:
+    def residual_rms_at(self, eta: Array) -> Array:
         """Return the RMS of the residuals, whitened, at these coordinates (channels)."""
         return root_mean_square(self.series(self.residual(eta)))
 
-    def raw_size(self, fit: RecordFit) -> Array:
+    def unwhitened_rms(self, fit: RecordFit) -> Array:
         """Return the RMS of the residuals (channels), not whitened."""
         return fit.size if self.colour is None else root_mean_square(fit.residual)
 
@@ -399,7 +399,7 @@ class TimeRecord(RecordLikelihood):
         """Return the derivatives by the first state in units of its prior (… x n), rows as of `slopes`."""
         return np.asarray(self.rows(fit, noise)[:, : self.model.states] @ self.root)
 
-    def taken(self, fit: RecordFit, noise: Array) -> Array:
+    def nuisance_degrees(self, fit: RecordFit, noise: Array) -> Array:
         """Return the degrees of freedom that the initial state takes from each channel (channels)."""
         rows = self.by_start(fit, noise)
         U, s, _ = thin_svd(rows)

@@ -24,7 +24,7 @@ from dynid.identification.likelihood.time_record import TimeRecord
 from dynid.identification.planning.excitation import add_excitation, candidate_sines, present_lines
 from dynid.identification.planning.selection import Candidates, select
 from dynid.identification.problem import Problem
-from dynid.identification.records.measurement import Experiment, as_estimated
+from dynid.identification.records.measurement import Experiment, sampled_loads
 from dynid.identification.systems.graph_system import IdentifiedGraph
 from dynid.identification.systems.parametric_model import Model, parametric_model
 from dynid.identification.systems.prediction import free_prediction, prediction
@@ -237,7 +237,7 @@ def candidate_sensors(
     all_channels = tuple(
         dict.fromkeys([*present, *(channel for channel in channels if channel.name not in there)])
     )
-    loads = as_estimated(experiment.loads, experiment.measurement.record)
+    loads = sampled_loads(experiment.loads, experiment.measurement.record)
     joint = parametric_model(model, loads, all_channels, record.model.times)
     eta = expected.fit.eta
     # Candidates may depend on more states, which start from zero.

@@ -206,7 +206,7 @@ class RecordData:
         return self if self.clean is None else replace(self, values=self.clean)
 
 
-def as_estimated(loads: Sequence[Any], record: RecordTimes) -> list[Any]:
+def sampled_loads(loads: Sequence[Any], record: RecordTimes) -> list[Any]:
     """Return the loads as an estimator knows them: of a random signal its samples only."""
     return [
         load._replace(signal=load.signal.sampled(record))

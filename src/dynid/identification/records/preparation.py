@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dynid.arrays import Array
 from dynid.errors import UsageError
-from dynid.identification.records.measurement import Experiment, as_estimated
+from dynid.identification.records.measurement import Experiment, sampled_loads
 from dynid.identification.records.noise import ColouredNoise
 from dynid.identification.records.simulation import Simulation
 from dynid.lti.signals import Chirp, Impact, Impulse, Multisine, Sampled, Step
@@ -238,7 +238,7 @@ def prepare(experiment: Experiment, steps: Sequence[Preparation]) -> Experiment:
             names=("prepare",),
         )
     channels = len(measured.channels)
-    loads = as_estimated(experiment.loads, measured.record)
+    loads = sampled_loads(experiment.loads, measured.record)
     for k, load in enumerate(loads):  # sweeps as samples, and samples at those of the record
         if isinstance(signal := load.signal, Sampled | Chirp):
             hold, sampled = getattr(signal, "hold", "spline"), signal.value(measured.record.times)

@@ -129,7 +129,7 @@ def _systems(posterior: Posterior) -> list[tuple[LinearSystem, list[Pair]]]:
             ]
         elif isinstance(record, TimeRecord):
             system = record.model.system
-            loads = record.taken_under.loads
+            loads = record.conditions.loads
             pairs = pairs_of(
                 [(channel.name, channel.unit) for channel in record.channels],
                 [(load.name, load.unit) for load in loads],

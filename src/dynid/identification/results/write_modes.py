@@ -166,7 +166,7 @@ def trade_off(record: ModalRecord, eta: Array, rebuild: Rebuild | None) -> dict[
             fit = survey.fit(end, survey.data.values)
         except _FAILURES:
             continue
-        ends[name] = End(fit.omega / survey.measurement.omega - 1, fit.own_mac)
+        ends[name] = End(fit.omega / survey.measurement.omega - 1, fit.pair_mac)
     return ends
 
 
@@ -398,7 +398,7 @@ def _add_directions(result: Result, posterior: Posterior) -> list[str]:
         for combination, label in zip(combinations, labels, strict=True)
         if combination.strength > DETERMINED
     ]
-    than = "priors" if priors.given.all() else "priors and limits" if priors.given.any() else "limits"
+    than = "priors" if priors.has_prior.all() else "priors and limits" if priors.has_prior.any() else "limits"
     said = [
         f"the data determine {len(determined)} of {len(names)} combinations better than the {than}: "
         + "; ".join(determined)
@@ -420,7 +420,7 @@ def _add_shapes(result: Result, record: ModalRecord, before: ModalFit, after: Mo
     for suffix, fit in (("_start", before), ("", after)):
         table = np.full((measured.modes, count), np.nan)
         table[:, : fit.mac.shape[1]] = fit.mac
-        result.add(f"{GROUP}/mac{suffix}", fit.own_mac, ("mode",))
+        result.add(f"{GROUP}/mac{suffix}", fit.pair_mac, ("mode",))
         result.add(f"{GROUP}/mac_table{suffix}", table, ("mode", "computed"))
         result.add(f"{GROUP}/shape{suffix}", fit.shapes, ("sensor", "mode"))
         result.add(f"{GROUP}/comac{suffix}", comac(measured.shapes, fit.shapes), ("sensor",))

@@ -212,7 +212,7 @@ def _add_parameters(result: Result, posterior: Posterior) -> None:
         bound = np.where(identifiable, posterior.bound, np.inf)
         result.add(f"{group}/cramer_rao", bound, dims, unit)
     result.add(f"{group}/at_bound", priors.at_bound(posterior.fit.eta) & ~priors.fixed, dims)
-    if (priors.given & ~priors.fixed).any():
+    if (priors.has_prior & ~priors.fixed).any():
         result.add(f"{group}/cramer_rao_without_prior", posterior.bound_with(prior=False), dims, unit)
     nonzero = np.where(true == 0, np.nan, true)
     result.add(f"{group}/error_percent", 100 * np.abs(estimate / nonzero - 1), dims, "%")
@@ -269,7 +269,7 @@ def add_diagnostics(result: Result, posterior: Posterior, more: Sequence[str] = 
     result.add_axis(f"{group}/parameter", posterior.likelihood.names)
     result.add(f"{group}/distance_to_optimum", posterior.distance_to_optimum, ("parameter",))
     priors = posterior.likelihood.priors
-    if (priors.given & ~priors.fixed).any():
+    if (priors.has_prior & ~priors.fixed).any():
         conflict = posterior.prior_conflict
         result.add(f"{group}/prior_conflict", conflict, ("parameter",))
         result.add(f"{group}/prior_contradicted", conflict > CONTRADICTED, ("parameter",))
@@ -448,7 +448,7 @@ def _add_record(
 ) -> None:
     """Add measurement, states and residuals of a record; `band` and `true` of its states (rows x n)."""
     group = partial(_group, posterior, k)
-    model, measurement, rows = record.model, record.taken_under.measurement, stored_rows(len(fit.residual))
+    model, measurement, rows = record.model, record.conditions.measurement, stored_rows(len(fit.residual))
     if true is not None:
         true = true[record.left_out.before :][: len(fit.residual)][rows]
     _add_measurement(result, group("measurement"), record, fit)
@@ -479,7 +479,7 @@ def _add_record(
 
 def _add_spectrum(result: Result, group: str, record: TimeRecord, fit: RecordFit) -> None:
     """Add the roots of the power spectral densities of the residuals."""
-    channels = record.taken_under.measurement.channels
+    channels = record.conditions.measurement.channels
     omega, amplitude = spectrum(fit.residual, record.sampling_step)
     units = [f"{channel.unit}.(s/rad)^0.5" for channel in channels]
     result.add_axis(f"{group}/omega", omega, "rad/s")
@@ -532,7 +532,7 @@ def _add_components(result: Result, group: str, model: ParametricModel) -> None:
 def _add_measurement(result: Result, group: str, record: TimeRecord, fit: RecordFit) -> None:
     """Add a record as measured and as predicted, and its excitation."""
     dims, data = ("time", "channel"), record.data
-    loads, measurement = record.taken_under
+    loads, measurement = record.conditions
     units = [channel.unit for channel in measurement.channels]
     unit = common_unit(units)
     result.add_axis(f"{group}/time", record.times, "s")
