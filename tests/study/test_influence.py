@@ -292,7 +292,7 @@ def test_correlations_know_lines_and_ranks():
 
 
 def test_a_scatter_is_thinned_in_order():
-    x, _ = scatter(np.arange(1000.0), np.where(np.arange(1000) % 2, np.nan, 1.0), most=100)
+    x, _ = scatter(np.arange(1000.0), np.where(np.arange(1000) % 2, np.nan, 1.0), max_points=100)
     assert len(x) == 100
     assert (x[0], x[-1]) == (0, 998)
     assert np.all(np.diff(x) > 0)

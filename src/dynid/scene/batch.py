@@ -223,32 +223,32 @@ def varied_parameter(parameters: Mapping[str, Any], path: Sequence[str]) -> str 
     return None
 
 
-def _is_reference(given: Any, key: str) -> bool:
+def _is_reference(parameter: Any, key: str) -> bool:
     """Return True for the key that alone determines a parameter's value, which may have any."""
-    if not isinstance(given, DefinedParameter) or getattr(given, key, None) is None:
+    if not isinstance(parameter, DefinedParameter) or getattr(parameter, key, None) is None:
         return False
-    bounded = given.min is not None or given.max is not None or given.scale == "log"
-    return not bounded and key == reference_key(dict(given))
+    bounded = parameter.min is not None or parameter.max is not None or parameter.scale == "log"
+    return not bounded and key == reference_key(dict(parameter))
 
 
-def dependent_parameters(given: dict[Any, Any], varied: Collection[str]) -> dict[str, Expression]:
+def dependent_parameters(parameters: dict[Any, Any], varied: Collection[str]) -> dict[str, Expression]:
     """Return the expressions of parameters that depend on varied ones, each after those that it needs.
 
     Parameters
     ----------
-    given
+    parameters
         The parameters of the scene, as plain data.
     varied
         The names of those that vary.
     """
-    raw = reference_values(given)
+    raw = reference_values(parameters)
     texts = {name: parse(text) for name, text in raw.items() if isinstance(text, str)}
     order = TopologicalSorter({name: text.names & texts.keys() for name, text in texts.items()})
-    found: dict[str, Expression] = {}
+    dependent: dict[str, Expression] = {}
     for name in order.static_order():
-        if name not in varied and texts[name].names & {*varied, *found}:
-            found[name] = texts[name]
-    return found
+        if name not in varied and texts[name].names & {*varied, *dependent}:
+            dependent[name] = texts[name]
+    return dependent
 
 
 def numbers(raw: Sequence[Any]) -> SampleColumn:
@@ -265,14 +265,14 @@ def numbers(raw: Sequence[Any]) -> SampleColumn:
     return column
 
 
-def evaluate(expression: Expression, known: Mapping[str, Number | SampleColumn], count: int) -> SampleColumn:
+def evaluate(expression: Expression, values: Mapping[str, Number | SampleColumn], count: int) -> SampleColumn:
     """Return the values of an expression, one a sample: the very numbers of each sample alone.
 
     Parameters
     ----------
     expression
         The expression.
-    known
+    values
         For every name in it a value, or one a sample.
     count
         The number of samples.
@@ -281,7 +281,7 @@ def evaluate(expression: Expression, known: Mapping[str, Number | SampleColumn],
     def leaf(item: Fraction | str) -> Number | SampleColumn:
         if isinstance(item, Fraction):
             return item
-        return pi() if item == "pi" else known[item]
+        return pi() if item == "pi" else values[item]
 
     def operate(operation: str, operands: list[Number | SampleColumn]) -> Number | SampleColumn:
         if not any(isinstance(operand, list) for operand in operands):

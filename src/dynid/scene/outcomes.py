@@ -65,17 +65,17 @@ class SampleBlock:
     def __len__(self) -> int:
         return len(self.rows)
 
-    def result(self, place: int, kind: str = "", title: str = "") -> Result:
+    def result(self, index: int, kind: str = "", title: str = "") -> Result:
         """Return the arrays of one of these samples."""
         result = Result(kind, title)
         for path, variable in self.values.items():
-            result.put(path, row_of(variable, place))
+            result.put(path, row_of(variable, index))
         return result
 
     def taken(self, places: Indices, rows: Indices) -> SampleBlock:
         """Return some of these samples, under other row numbers."""
-        whole = len(places) == len(self.rows) and bool(np.all(places == np.arange(len(places))))
-        if whole:
+        is_complete = len(places) == len(self.rows) and bool(np.all(places == np.arange(len(places))))
+        if is_complete:
             return replace(self, rows=rows)
         values = {}
         for path, variable in self.values.items():
@@ -89,21 +89,21 @@ class SampleBlock:
             rows,
             values,
             self.met[places],
-            tuple(self.errors[place] for place in places) if self.errors else (),
-            tuple(self.exit_codes[place] for place in places) if self.errors else (),
+            tuple(self.errors[index] for index in places) if self.errors else (),
+            tuple(self.exit_codes[index] for index in places) if self.errors else (),
         )
 
-    def outcome(self, place: int) -> SampleOutcome:
+    def outcome(self, index: int) -> SampleOutcome:
         """Return the outcome of one of these samples."""
-        met = tuple(self.met[place].tolist())
+        met = tuple(self.met[index].tolist())
         if self.errors:
-            return SampleOutcome(error=self.errors[place], exit_code=self.exit_codes[place], expectations=met)
-        return SampleOutcome(dict(self.result(place)), expectations=met)
+            return SampleOutcome(error=self.errors[index], exit_code=self.exit_codes[index], expectations=met)
+        return SampleOutcome(dict(self.result(index)), expectations=met)
 
 
-def row_of(variable: Variable, place: int) -> Variable:
+def row_of(variable: Variable, index: int) -> Variable:
     """Return the part of one sample of an array with the samples along its first axis."""
-    data = np.array(variable.data[place], dtype=variable.data.dtype)
+    data = np.array(variable.data[index], dtype=variable.data.dtype)
     return Variable(variable.dims[1:], data, variable.units, variable.attrs)
 
 
@@ -134,10 +134,12 @@ class SampleOutcomes(Sequence[SampleOutcome]):
         for outcome in outcomes:
             if outcome is not None:
                 form: list[Any] = [bool(outcome.error), len(outcome.expectations)]
-                for path, one in () if outcome.error else outcome.values.items():
+                for path, variable in () if outcome.error else outcome.values.items():
                     # true, 1 and 1.0 are equal, and not the same.
-                    attrs = tuple((name, type(value), value) for name, value in one.attrs.items())
-                    form.append((path, one.dims, one.data.dtype, one.data.shape, one.units, attrs))
+                    attrs = tuple((name, type(value), value) for name, value in variable.attrs.items())
+                    form.append(
+                        (path, variable.dims, variable.data.dtype, variable.data.shape, variable.units, attrs)
+                    )
                 groups.setdefault(tuple(form), []).append((count, outcome))
             count += 1
         return cls([_block(group) for group in groups.values()], count)
@@ -146,26 +148,26 @@ class SampleOutcomes(Sequence[SampleOutcome]):
         return self._count
 
     @overload
-    def __getitem__(self, place: int) -> SampleOutcome: ...
+    def __getitem__(self, index: int) -> SampleOutcome: ...
     @overload
-    def __getitem__(self, place: slice) -> list[SampleOutcome]: ...
-    def __getitem__(self, place: int | slice) -> SampleOutcome | list[SampleOutcome]:
-        if isinstance(place, slice):
-            return [self[one] for one in range(*place.indices(self._count))]
+    def __getitem__(self, index: slice) -> list[SampleOutcome]: ...
+    def __getitem__(self, index: int | slice) -> SampleOutcome | list[SampleOutcome]:
+        if isinstance(index, slice):
+            return [self[position] for position in range(*index.indices(self._count))]
         holders, places = self._index
-        holder = holders[place]
+        holder = holders[index]
         if holder < 0:
-            raise LookupError(f"sample {place} is pending")
-        found: SampleOutcome = self.blocks[holder].outcome(int(places[place]))
-        return found
+            raise LookupError(f"sample {index} is pending")
+        outcome: SampleOutcome = self.blocks[holder].outcome(int(places[index]))
+        return outcome
 
     @property
     def exit_codes(self) -> NDArray[np.int8]:
         """The exit code of every sample; -1 where it is pending."""
-        found = np.full(self._count, -1, dtype=np.int8)
+        codes = np.full(self._count, -1, dtype=np.int8)
         for block in self.blocks:
-            found[block.rows] = block.exit_codes if block.errors else 0
-        return found
+            codes[block.rows] = block.exit_codes if block.errors else 0
+        return codes
 
     @property
     def pending(self) -> list[int]:
@@ -185,8 +187,8 @@ class SampleOutcomes(Sequence[SampleOutcome]):
         holders, within = self._index
         holders, within = holders[places], within[places]
         for holder in np.unique(holders[holders >= 0]):
-            own = np.flatnonzero(holders == holder)
-            yield self.blocks[holder].taken(within[own], rows[own])
+            members = np.flatnonzero(holders == holder)
+            yield self.blocks[holder].taken(within[members], rows[members])
 
     def between(self, start: int, stop: int) -> Iterator[SampleBlock]:
         """Yield the samples start … stop - 1."""
@@ -221,14 +223,14 @@ class SampleOutcomes(Sequence[SampleOutcome]):
 
 def _block(group: Sequence[tuple[int, SampleOutcome]]) -> SampleBlock:
     """Return outcomes of one form side by side."""
-    rows, outcomes = (list(part) for part in zip(*group, strict=True))
-    one: SampleOutcome = outcomes[0]
-    failed = bool(one.error)
+    rows, outcomes = (list(column) for column in zip(*group, strict=True))
+    first: SampleOutcome = outcomes[0]
+    failed = bool(first.error)
     values = {}
-    for path, variable in () if failed else one.values.items():
+    for path, variable in () if failed else first.values.items():
         parts = [outcome.values[path].data for outcome in outcomes]
         data: NDArray[Any]
-        if all(part is variable.data for part in parts):
+        if all(column is variable.data for column in parts):
             data = np.broadcast_to(variable.data, (len(parts), *variable.data.shape))
         else:
             data = np.stack(parts)
@@ -237,7 +239,7 @@ def _block(group: Sequence[tuple[int, SampleOutcome]]) -> SampleBlock:
     return SampleBlock(
         np.array(rows, dtype=np.intp),
         values,
-        met.reshape(len(rows), len(one.expectations)),
+        met.reshape(len(rows), len(first.expectations)),
         tuple(outcome.error for outcome in outcomes) if failed else (),
         tuple(outcome.exit_code for outcome in outcomes) if failed else (),
     )
@@ -276,33 +278,36 @@ def gather(result: Mapping[str, Variable], collect: tuple[str, ...]) -> dict[str
 
 def selected_paths(result: Mapping[str, Variable], collect: tuple[str, ...]) -> Iterator[str]:
     """Yield the paths of a result that `collect` names, and the status of what may be undefined."""
-    for wanted in (path.strip("/") for path in collect or (NUMBERS,)):
-        if wanted == NUMBERS:
-            found = [
+    for path_or_pattern in (path.strip("/") for path in collect or (NUMBERS,)):
+        if path_or_pattern == NUMBERS:
+            paths = [
                 path
                 for path, variable in result.items()
                 if not GATHERED_ANYWAY.isdisjoint(path.split("/"))
                 and (variable.data.dtype.kind in "bifc" or path.endswith("_status"))
             ]
-        elif wanted in result:
-            if result[wanted].data.dtype.names:
-                raise UsageError(f"{wanted} is a table, which cannot be collected")
-            found = [wanted]
+        elif path_or_pattern in result:
+            if result[path_or_pattern].data.dtype.names:
+                raise UsageError(f"{path_or_pattern} is a table, which cannot be collected")
+            paths = [path_or_pattern]
         else:
-            found = [
+            paths = [
                 path
                 for path, variable in result.items()
-                if (path.startswith(f"{wanted}/") or fnmatchcase(path, wanted))
+                if (path.startswith(f"{path_or_pattern}/") or fnmatchcase(path, path_or_pattern))
                 and not variable.data.dtype.names
             ]
-        statuses = {path for one in (wanted, *found) if (path := _status_of(one))}
-        found += [path for path in result if any(fnmatchcase(path, status) for status in statuses)]
-        if not found and wanted != NUMBERS:
+        statuses = {
+            path for path_or_group in (path_or_pattern, *paths) if (path := _status_of(path_or_group))
+        }
+        paths += [path for path in result if any(fnmatchcase(path, status) for status in statuses)]
+        if not paths and path_or_pattern != NUMBERS:
             raise UsageError(
-                f"there is nothing to collect at '{wanted}'{did_you_mean_path(wanted, result)}",
+                f"there is nothing to collect at '{path_or_pattern}'"
+                f"{did_you_mean_path(path_or_pattern, result)}",
                 remedy="All paths of a result of the scene: dynid show FILE.h5 --all.",
             )
-        yield from found
+        yield from paths
 
 
 def _status_of(path: str) -> str:

@@ -29,9 +29,9 @@ def spread(factor: StudyFactor) -> NDArray[Any]:
         values = np.geomspace(float(start), float(stop), count)
     else:
         step = (stop.exact - start.exact) / max(1, count - 1)
-        whole = start.exact.denominator == step.denominator == 1
-        if whole and abs(start.exact) <= 2**53:  # seeds, sizes, numbers of modes
-            return np.array([int(start.exact + step * place) for place in range(count)], dtype=np.int64)
+        is_integer = start.exact.denominator == step.denominator == 1
+        if is_integer and abs(start.exact) <= 2**53:  # seeds, sizes, numbers of modes
+            return np.array([int(start.exact + step * index) for index in range(count)], dtype=np.int64)
         values = np.linspace(float(start), float(stop), count)
     values[[0, -1]] = float(start), float(stop) if count > 1 else float(start)
     return values
@@ -49,7 +49,7 @@ def quantiles(factor: StudyFactor, unit: NDArray[np.float64]) -> NDArray[Any] | 
     """
     if isinstance(factor, Listed):
         count = len(factor.values)
-        return [factor.values[place] for place in np.minimum((unit * count).astype(int), count - 1)]
+        return [factor.values[index] for index in np.minimum((unit * count).astype(int), count - 1)]
     if isinstance(factor, Spread):
         return _between(float(factor.start), float(factor.stop), unit, factor.scale == "log")
     if isinstance(factor, Uniform):
@@ -185,11 +185,11 @@ def correlated(
         return unit
     from scipy.special import ndtr, ndtri
 
-    wanted = np.eye(unit.shape[1])
-    for one, other, value in pairs:
-        wanted[one, other] = wanted[other, one] = value
+    correlations = np.eye(unit.shape[1])
+    for row, column, value in pairs:
+        correlations[row, column] = correlations[column, row] = value
     try:
-        root = np.linalg.cholesky(wanted)
+        root = np.linalg.cholesky(correlations)
     except np.linalg.LinAlgError:
         raise UsageError(
             "no values have these correlations at once: their matrix is not positive definite",
@@ -200,8 +200,10 @@ def correlated(
     if not strata:
         return _inside(ndtr(scores @ root.T))
     if len(unit) > unit.shape[1]:
-        found = np.atleast_2d(np.corrcoef(scores, rowvar=False))
-        scores = np.linalg.solve(np.linalg.cholesky(found), ((scores - scores.mean(0)) / scores.std(0)).T).T
+        sample_correlations = np.atleast_2d(np.corrcoef(scores, rowvar=False))
+        scores = np.linalg.solve(
+            np.linalg.cholesky(sample_correlations), ((scores - scores.mean(0)) / scores.std(0)).T
+        ).T
     target = scores @ root.T
     ordered = np.sort(unit, axis=0)
     ranks = np.argsort(np.argsort(target, axis=0, kind="stable"), axis=0, kind="stable")

@@ -64,17 +64,19 @@ def study_cost(plan: Plan, target: str) -> Cost:
     job = Job.of(plan.base, plan.collect)
     began = time.thread_time()
     chunks = [run_chunk(job, plan.overrides([0]))]
-    first = each = time.thread_time() - began
+    first = seconds_per_sample = time.thread_time() - began
     if count > 1 and first < _SLOW_SAMPLE:
         chunks.append(run_chunk(job, plan.overrides([*range(1, count)])))
-        each = chunks[-1].seconds / (count - 1)
+        seconds_per_sample = chunks[-1].seconds / (count - 1)
     size = max(
         sum(value.data.nbytes for value in outcome.values.values())
         for chunk in chunks
         for outcome in unpacked(chunk.outcomes.content)
     )
     workers = min(cores(), max(1, remaining))
-    seconds = max(0.0, first - each) + each * remaining / workers if remaining else 0.0
+    seconds = (
+        max(0.0, first - seconds_per_sample) + seconds_per_sample * remaining / workers if remaining else 0.0
+    )
     sample = size + 8 * (6 + len(plan.columns))
     return Cost(
         seconds,

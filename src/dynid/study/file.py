@@ -51,9 +51,9 @@ class StudyArray:
         The array of that sample.
     """
 
-    def __init__(self, path: str, place: tuple[int, int], variable: Variable) -> None:
+    def __init__(self, path: str, position: tuple[int, int], variable: Variable) -> None:
         self.path = path
-        self.place = place
+        self.place = position
         self.dims = variable.dims
         self.units = variable.units
         self.attrs = dict(variable.attrs)
@@ -64,12 +64,12 @@ class StudyArray:
         is_coordinate = variable.dims == (path.rpartition("/")[2],)
         self.shared: NDArray[Any] | None = variable.data if is_coordinate else None
 
-    def add(self, place: tuple[int, int], column: Variable) -> None:
+    def add(self, position: tuple[int, int], column: Variable) -> None:
         """Add the values of samples."""
         data, shape = column.data, column.data.shape[1:]
         self.kinds.add(data.dtype.kind)
-        if place < self.place:
-            self.place, self.units = place, column.units
+        if position < self.place:
+            self.place, self.units = position, column.units
         if shape != self.shape:
             self.ragged = True
             self.shape = tuple(max(pair) for pair in zip(self.shape, shape, strict=True))
@@ -111,24 +111,24 @@ class Layout:
         """Add the arrays of samples."""
         self.expectations = max(self.expectations, block.met.shape[1])
         for number, (path, column) in enumerate(block.values.items()):
-            place, kind = (int(block.rows[0]), number), _kind(path, column)
+            position, kind = (int(block.rows[0]), number), _kind(path, column)
             if kind not in self._arrays:
-                self._arrays[kind] = StudyArray(path, place, row_of(column, 0))
-            self._arrays[kind].add(place, column)
+                self._arrays[kind] = StudyArray(path, position, row_of(column, 0))
+            self._arrays[kind].add(position, column)
 
     @cached_property
     def arrays(self) -> list[StudyArray]:
         """All arrays, in the order of the samples, with unique names."""
-        taken: set[str] = set()
-        found = sorted(self._arrays.values(), key=lambda array: array.place)
-        for array in found:
+        names: set[str] = set()
+        arrays = sorted(self._arrays.values(), key=lambda array: array.place)
+        for array in arrays:
             name, count = array.path, 1
-            while name in taken:
+            while name in names:
                 count += 1
                 name = f"{array.path}_{count}"
-            taken.add(name)
+            names.add(name)
             array.path = name
-        return found
+        return arrays
 
     def array(self, path: str, column: Variable) -> StudyArray:
         """Return the array for values; other axes, or texts instead of numbers, belong to another one."""
@@ -137,9 +137,9 @@ class Layout:
     def declare(self, result: Result, count: int) -> None:
         """Add all arrays to a result, those with a row per sample still without values."""
         for array in self.arrays:
-            place, attrs = f"{RESULTS}/{array.path}", dict(array.attrs)
+            path, attrs = f"{RESULTS}/{array.path}", dict(array.attrs)
             if array.shared is not None:
-                result.add(place, array.shared, array.dims, array.units, **attrs)
+                result.add(path, array.shared, array.dims, array.units, **attrs)
                 continue
             if len(array.kinds) == 1 and array.kinds <= {"b", "i"}:
                 attrs["stored"] = "bool" if "b" in array.kinds else "int64"
@@ -152,7 +152,7 @@ class Layout:
                     ("sample", axis),
                 )
             data = hollow((count, *array.shape), array.dtype)
-            result.add(place, data, ("sample", *array.dims), array.units, **attrs)
+            result.add(path, data, ("sample", *array.dims), array.units, **attrs)
 
     @property
     def row_bytes(self) -> int:
@@ -282,21 +282,21 @@ def _rows(layout: Layout, blocks: Iterator[SampleBlock], start: int, stop: int) 
     data = {array.path: np.full((count, *array.shape), array.blank, array.dtype) for array in arrays}
     lengths = {array.path: np.zeros((count, len(array.shape)), np.int64) for array in arrays if array.ragged}
     for block in blocks:
-        own = block.rows - start
-        codes[own] = block.exit_codes if block.errors else 0
-        errors[own] = block.errors if block.errors else ""
-        met[: block.met.shape[1], own] = block.met.T
+        own_rows = block.rows - start
+        codes[own_rows] = block.exit_codes if block.errors else 0
+        errors[own_rows] = block.errors if block.errors else ""
+        met[: block.met.shape[1], own_rows] = block.met.T
         for path, column in block.values.items():
             array = layout.array(path, column)
             if array.path in data:
                 within: tuple[Any, ...] = tuple(map(slice, column.data.shape[1:]))
-                data[array.path][(own, *within)] = column.data
+                data[array.path][(own_rows, *within)] = column.data
             if array.path in lengths:
-                lengths[array.path][own] = column.data.shape[1:]
-    found = {"study/status": _STATUS[np.sign(codes) + 1], "study/error": errors, "study/exit_code": codes}
-    found |= {f"study/expect/{number}": column for number, column in enumerate(met)}
-    found |= {f"{RESULTS}/{path}": rows for path, rows in data.items()}
-    return found | {f"{RESULTS}/{path}_length": rows for path, rows in lengths.items()}
+                lengths[array.path][own_rows] = column.data.shape[1:]
+    columns = {"study/status": _STATUS[np.sign(codes) + 1], "study/error": errors, "study/exit_code": codes}
+    columns |= {f"study/expect/{number}": column for number, column in enumerate(met)}
+    columns |= {f"{RESULTS}/{path}": rows for path, rows in data.items()}
+    return columns | {f"{RESULTS}/{path}_length": rows for path, rows in lengths.items()}
 
 
 @contextmanager

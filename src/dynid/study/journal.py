@@ -58,8 +58,8 @@ class Damage:
     kept: str
 
     def __str__(self) -> str:
-        least = "" if self.known else "at least "
-        loss = f"{least}{counted(self.lost, 'finished sample')} in it cannot be read" if self.lost else ""
+        bound = "" if self.known else "at least "
+        loss = f"{bound}{counted(self.lost, 'finished sample')} in it cannot be read" if self.lost else ""
         return f"{self.path} was damaged: {loss or 'no sample is lost'}. It is kept as {self.kept}"
 
 
@@ -154,11 +154,11 @@ class Journal:
             If they cannot be written. The journal is then unchanged.
         """
         payloads = [
-            b"".join([_COUNT.pack(len(one)), keys.tobytes(), one.exit_codes, one.content])
-            for keys, one in chunks
+            b"".join([_COUNT.pack(len(record)), keys.tobytes(), record.exit_codes, record.content])
+            for keys, record in chunks
         ]
         try:
-            self._write(b"".join(_HEAD.pack(len(one), zlib.crc32(one)) + one for one in payloads))
+            self._write(b"".join(_HEAD.pack(len(record), zlib.crc32(record)) + record for record in payloads))
         except OSError as error:
             raise self._failed(error) from error
         first = self._count
@@ -171,9 +171,9 @@ class Journal:
         """Yield samples in given rows, with one record in memory at a time."""
         records = np.searchsorted(self._starts, numbers, side="right") - 1
         for record in np.unique(records).tolist():
-            own = np.flatnonzero(records == record)
-            places = (numbers[own] - self._starts[record]).astype(np.intp)
-            yield from self._read(record).picked(places, rows[own])
+            members = np.flatnonzero(records == record)
+            places = (numbers[members] - self._starts[record]).astype(np.intp)
+            yield from self._read(record).picked(places, rows[members])
 
     def close(self) -> None:
         """Close the file, unless it is closed."""
@@ -229,9 +229,9 @@ class Journal:
         if begun != MAGIC and begun.startswith(_ANY_MAGIC):
             self._refuse(begun)
         end, scan = len(MAGIC), _Scan(self._descriptor, size)
-        for place, payload in scan.records():
-            self._index(place, payload)
-            end = place + _HEAD.size + len(payload)
+        for offset, payload in scan.records():
+            self._index(offset, payload)
+            end = offset + _HEAD.size + len(payload)
         if begun != MAGIC and not self._places:
             self._refuse(begun)
         if scan.damaged or begun != MAGIC:
@@ -249,10 +249,10 @@ class Journal:
             raise self._failed(error) from error
         places, end = self._places, len(MAGIC)
         self._places = []
-        with replacing(self.path) as part, open(part, "wb") as file:  # noqa: PTH123
+        with replacing(self.path) as temporary, open(temporary, "wb") as file:  # noqa: PTH123
             file.write(MAGIC)
-            for place, length in zip(places, lengths, strict=True):
-                payload = _read_at(self._descriptor, length, place + _HEAD.size)
+            for offset, length in zip(places, lengths, strict=True):
+                payload = _read_at(self._descriptor, length, offset + _HEAD.size)
                 file.write(_HEAD.pack(length, zlib.crc32(payload)) + payload)
                 self._places.append(end)
                 end += _HEAD.size + length
@@ -269,19 +269,19 @@ class Journal:
             remedy = "Remove it, or write another file with -o."
         raise FileError(problem, remedy=remedy, names=[self.path])
 
-    def _index(self, place: int, payload: bytes) -> None:
+    def _index(self, offset: int, payload: bytes) -> None:
         """Add a record to the index."""
         keys = _keys_of(payload)
         count = len(keys) // SIZE
-        self._places.append(place)
+        self._places.append(offset)
         self._starts.append(self._count)
         self._keys.append(keys)
         self._codes.append(payload[_COUNT.size + len(keys) :][:count])
         self._count += count
 
-    def _payload(self, place: int) -> bytes:
-        length, check = _HEAD.unpack(read_at(self._descriptor, _HEAD.size, place))
-        payload = _read_at(self._descriptor, length, place + _HEAD.size)
+    def _payload(self, offset: int) -> bytes:
+        length, check = _HEAD.unpack(read_at(self._descriptor, _HEAD.size, offset))
+        payload = _read_at(self._descriptor, length, offset + _HEAD.size)
         if zlib.crc32(payload) != check:
             raise FileError(
                 f"{self.path} has changed while the study ran",
@@ -312,40 +312,40 @@ class _Scan:
 
     def records(self) -> Iterator[tuple[int, bytes]]:
         """Yield the place and the payload of each valid record."""
-        place = len(MAGIC)
-        while place < self._size:
-            payload = self._payload(place)
-            following = self._next(place + 1) if payload is None else place + _HEAD.size + len(payload)
+        offset = len(MAGIC)
+        while offset < self._size:
+            payload = self._payload(offset)
+            following = self._next(offset + 1) if payload is None else offset + _HEAD.size + len(payload)
             if payload is None:
-                payload = self._salvaged(place, following)
+                payload = self._salvaged(offset, following)
             if payload is not None:
                 self.lengths.append(len(payload))
-                yield place, payload
-            place = following
+                yield offset, payload
+            offset = following
 
-    def _payload(self, place: int) -> bytes | None:
+    def _payload(self, offset: int) -> bytes | None:
         """Return the payload of the record at a place; None if there is no valid one."""
-        head = read_at(self._descriptor, _HEAD.size, place)
+        head = read_at(self._descriptor, _HEAD.size, offset)
         if len(head) < _HEAD.size:
             return None
         length, check = _HEAD.unpack(head)
-        if length > self._size - place - _HEAD.size:
+        if length > self._size - offset - _HEAD.size:
             return None
-        payload = _read_at(self._descriptor, length, place + _HEAD.size)
+        payload = _read_at(self._descriptor, length, offset + _HEAD.size)
         return payload if _is_whole(payload, check) else None
 
     def _next(self, begin: int) -> int:
         """Return the place of the next valid record, or the end of the file."""
         with mmap.mmap(self._descriptor, 0, access=mmap.ACCESS_READ) as content:
             for mark in _MARK.finditer(content, begin):
-                place = mark.start() - _BEFORE - int(mark[1]) * (SIZE + 1)
-                if place >= begin and self._payload(place) is not None:
-                    return place
+                offset = mark.start() - _BEFORE - int(mark[1]) * (SIZE + 1)
+                if offset >= begin and self._payload(offset) is not None:
+                    return offset
         return self._size
 
-    def _salvaged(self, place: int, following: int) -> bytes | None:
+    def _salvaged(self, offset: int, following: int) -> bytes | None:
         """Return the payload of a record whose length alone is wrong; else count the lost samples."""
-        content = _read_at(self._descriptor, following - place, place)
+        content = _read_at(self._descriptor, following - offset, offset)
         length, check = _HEAD.unpack(content[: _HEAD.size].ljust(_HEAD.size, b"\xff"))
         payload = content[_HEAD.size :]
         if _is_whole(payload, check):
@@ -360,22 +360,23 @@ class _Scan:
 
     def _count(self, content: bytes) -> None:
         """Count the samples of damaged records, as far as their beginnings can be read."""
-        place = 0
-        while place < len(content):
-            length, _, count = struct.unpack("<QII", content[place : place + 16].ljust(16, b"\xff"))
-            mark = _MARK.search(content, place)
-            if mark and mark.start() == place + _BEFORE + int(mark[1]) * (SIZE + 1):
+        offset = 0
+        while offset < len(content):
+            length, _, count = struct.unpack("<QII", content[offset : offset + 16].ljust(16, b"\xff"))
+            mark = _MARK.search(content, offset)
+            if mark and mark.start() == offset + _BEFORE + int(mark[1]) * (SIZE + 1):
                 count = int(mark[1])
-            if not 0 < count <= (len(content) - place) // (SIZE + 1):
+            if not 0 < count <= (len(content) - offset) // (SIZE + 1):
                 count, self.known = 1, False
             self.lost += count
-            if length <= len(content) - place - _HEAD.size:
-                place += _HEAD.size + length
+            if length <= len(content) - offset - _HEAD.size:
+                offset += _HEAD.size + length
                 continue
             starts = (
-                one.start() - _BEFORE - int(one[1]) * (SIZE + 1) for one in _MARK.finditer(content, place)
+                match.start() - _BEFORE - int(match[1]) * (SIZE + 1)
+                for match in _MARK.finditer(content, offset)
             )
-            place = next((start for start in starts if start > place), len(content))
+            offset = next((start for start in starts if start > offset), len(content))
 
 
 def _is_whole(payload: bytes, check: int) -> bool:
@@ -404,11 +405,11 @@ def _copied(descriptor: int, path: str) -> str:
     return name
 
 
-def _read_at(descriptor: int, length: int, place: int) -> bytes:
+def _read_at(descriptor: int, length: int, offset: int) -> bytes:
     parts, left = [], length
-    while left and (part := read_at(descriptor, left, place + length - left)):  # 2 GB at most at a time
-        parts.append(part)
-        left -= len(part)
+    while left and (piece := read_at(descriptor, left, offset + length - left)):  # 2 GB at most at a time
+        parts.append(piece)
+        left -= len(piece)
     return b"".join(parts)
 
 

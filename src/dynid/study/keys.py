@@ -45,14 +45,14 @@ class Keyring:
     def __init__(self, plan: Plan) -> None:
         self._folder = plan.base.folder
         self._digests: dict[str, bytes] = {}
-        gaps = {path: f"\0{place}\0" for place, path in enumerate(plan.settings)}
+        gaps = {path: f"\0{index}\0" for index, path in enumerate(plan.settings)}
         data = dict(set_values(plan.base.source, gaps).data)
         data.pop("title", None)  # it changes no number
         document = {"format": FORMAT, "collect": sorted(plan.collect), "scene": data}
         first, *parts = _canonical(document).split('"\\u0000')
-        gaps_and_pieces = [part.partition('\\u0000"') for part in parts]
+        gaps_and_pieces = [text.partition('\\u0000"') for text in parts]
         self._places = [int(gap) for gap, _, _ in gaps_and_pieces]  # of the paths in the plan, one per gap
-        self._order = [plan.settings[place] for place in self._places]
+        self._order = [plan.settings[index] for index in self._places]
         files = _files(self._folder, _texts(data))
         self._common = hashlib.sha256(b"".join(self._digest(file) for file in files))
         self._common.update(first.encode())
@@ -73,15 +73,15 @@ class Keyring:
         count
             Number of samples.
         """
-        columns_encoded = [[self._encoded(value) for value in columns[place]] for place in self._places]
+        columns_encoded = [[self._encoded(value) for value in columns[index]] for index in self._places]
         rows = zip(*columns_encoded, strict=True) if columns_encoded else iter([()] * count)
-        made = b"".join(self._hashed(row) for row in rows)
-        return np.frombuffer(made, np.uint8).reshape(count, SIZE)
+        digests = b"".join(self._hashed(row) for row in rows)
+        return np.frombuffer(digests, np.uint8).reshape(count, SIZE)
 
     def _hashed(self, encoded: Sequence[bytes]) -> bytes:
-        made = self._common.copy()
-        made.update(self._form % tuple(encoded))
-        return made.digest()[:SIZE]
+        digest = self._common.copy()
+        digest.update(self._form % tuple(encoded))
+        return digest.digest()[:SIZE]
 
     def _encoded(self, value: Any) -> bytes:
         """Return a value as text, followed by the hashes of the files that it names."""
@@ -94,14 +94,14 @@ class Keyring:
         """Return the hash of a file's contents; of its name, if it cannot be read."""
         name = str(file)
         if name not in self._digests:
-            made = hashlib.sha256()
+            digest = hashlib.sha256()
             try:
                 with file.open("rb") as content:
                     while chunk := content.read(_CHUNK):
-                        made.update(chunk)
+                        digest.update(chunk)
             except OSError:
-                made.update(name.encode())
-            self._digests[name] = made.digest()
+                digest.update(name.encode())
+            self._digests[name] = digest.digest()
         return self._digests[name]
 
 
@@ -114,12 +114,12 @@ def sample_keys(plan: Plan, numbers: Sequence[int] | NDArray[np.int64]) -> Keys:
     return np.concatenate(parts)
 
 
-def found_in(known: Keys, wanted: Keys) -> NDArray[np.int64]:
+def found_in(keys: Keys, requested: Keys) -> NDArray[np.int64]:
     """Return the last index of each wanted key among the known ones; -1 if it is not there."""
-    if not len(known):
-        return np.full(len(wanted), -1, dtype=np.int64)
-    order = np.argsort(as_texts(known), kind="stable")
-    ordered, texts = as_texts(known)[order], as_texts(wanted)
+    if not len(keys):
+        return np.full(len(requested), -1, dtype=np.int64)
+    order = np.argsort(as_texts(keys), kind="stable")
+    ordered, texts = as_texts(keys)[order], as_texts(requested)
     last = np.searchsorted(ordered, texts, side="right") - 1
     hit = (last >= 0) & (ordered[np.maximum(last, 0)] == texts)
     return np.where(hit, order[np.maximum(last, 0)], -1)
@@ -139,31 +139,32 @@ def _with_text_keys(value: Any) -> Any:
     """Return data with numeric keys of mappings as texts that no text key equals."""
     if isinstance(value, dict):
         return {
-            key if isinstance(key, str) else f"\1{key}": _with_text_keys(one) for key, one in value.items()
+            key if isinstance(key, str) else f"\1{key}": _with_text_keys(entry)
+            for key, entry in value.items()
         }
-    return [_with_text_keys(one) for one in value] if isinstance(value, list) else value
+    return [_with_text_keys(entry) for entry in value] if isinstance(value, list) else value
 
 
 def _texts(value: Any) -> Iterator[str]:
     """Yield every text in plain data."""
     stack = [value]
     while stack:
-        one = stack.pop()
-        if isinstance(one, dict):
-            stack += one.values()
-        elif isinstance(one, list):
-            stack += one
-        elif isinstance(one, str):
-            yield one
+        entry = stack.pop()
+        if isinstance(entry, dict):
+            stack += entry.values()
+        elif isinstance(entry, list):
+            stack += entry
+        elif isinstance(entry, str):
+            yield entry
 
 
 def _files(folder: Path, texts: Iterator[str]) -> list[Path]:
     """Return the files that texts name, sorted."""
-    found = set()
+    files = set()
     for text in texts:
         try:
             if 0 < len(text) < 1000 and "\n" not in text and "\0" not in text and (folder / text).is_file():
-                found.add(folder / text)
+                files.add(folder / text)
         except (OSError, ValueError):
             continue
-    return sorted(found)
+    return sorted(files)

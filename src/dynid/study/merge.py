@@ -59,8 +59,8 @@ def merge_studies(
         stack.enter_context(locked(os.fspath(target)))
         studies = [stack.enter_context(open_study(file)) for file in files]
         about = [study.result.group_attrs["study"] for study in studies]
-        for own, file in zip(about, files, strict=True):
-            if own["plan"] != about[0]["plan"]:
+        for attrs, file in zip(about, files, strict=True):
+            if attrs["plan"] != about[0]["plan"]:
                 problem = f"{os.fspath(file)} is of another study than {os.fspath(files[0])}"
                 raise UsageError(problem, remedy="Merge the shards of one study, run from the same scenes.")
         rows = _Rows(studies)
@@ -109,13 +109,13 @@ class _Rows:
     def between(self, start: int, stop: int) -> Iterator[SampleBlock]:
         """Yield the finished samples of rows start … stop - 1, file by file."""
         for holder, study in enumerate(self.studies):
-            own = start + np.flatnonzero(self._holders[start:stop] == holder)
-            if len(own):
-                theirs = self._rows[own]
+            target_rows = start + np.flatnonzero(self._holders[start:stop] == holder)
+            if len(target_rows):
+                theirs = self._rows[target_rows]
                 for block in study.between(int(theirs[0]), int(theirs[-1]) + 1):
-                    _, places, wanted = np.intersect1d(block.rows, theirs, return_indices=True)
+                    _, places, matches = np.intersect1d(block.rows, theirs, return_indices=True)
                     if len(places):
-                        yield block.taken(places, own[wanted])
+                        yield block.taken(places, target_rows[matches])
 
     def heading(self) -> StudyHeading:
         """Return the content of the files except the outcomes."""
@@ -128,7 +128,8 @@ class _Rows:
             seed=int(first.attrs["seed"]),
             numbers=self.numbers,
             columns={
-                path: np.concatenate([one[path] for one in columns])[self._chosen] for path in columns[0]
+                path: np.concatenate([inputs[path] for inputs in columns])[self._chosen]
+                for path in columns[0]
             },
             keys=np.concatenate([study.keys for study in self.studies])[self._chosen],
             attrs=first.group_attrs["study"],

@@ -121,7 +121,7 @@ def make_plan(study: Scene) -> Plan:
         if len(paths) == 1:
             columns[paths[0]] = values
         else:
-            columns |= {path: [value[place] for value in values] for place, path in enumerate(paths)}
+            columns |= {path: [value[index] for value in values] for index, path in enumerate(paths)}
     settings = [*columns, *(target for target in model.derive if "." in target)]
     columns |= derived_columns(study, base, columns, size)
     return Plan(study, base, columns, tuple(settings), size, {**attrs, "size": size, "base": model.scene})
@@ -145,12 +145,12 @@ def _sampled(
         lengths = [len(listed[group[0]]) for group in groups]
         size = int(np.prod(lengths, dtype=np.int64))
         places = np.unravel_index(np.arange(size), lengths)
-        place_of = {key: place for group, place in zip(groups, places, strict=True) for key in group}
+        place_of = {key: index for group, index in zip(groups, places, strict=True) for key in group}
         return (
             {
                 key: values[place_of[key]]
                 if isinstance(values, np.ndarray)
-                else [values[place] for place in place_of[key]]
+                else [values[index] for index in place_of[key]]
                 for key, values in listed.items()
             },
             size,
@@ -160,12 +160,13 @@ def _sampled(
     unit = unit_samples(sampling.method, count, len(model.vary), sampling.seed, sampling.indices)
     keys = list(model.vary)
     pairs = [
-        (keys.index(one.between[0]), keys.index(one.between[1]), one.value) for one in sampling.correlation
+        (keys.index(correlation.between[0]), keys.index(correlation.between[1]), correlation.value)
+        for correlation in sampling.correlation
     ]
     unit = correlated(unit, pairs, strata=sampling.method == "latin-hypercube")
     if sampling.indices:
         attrs |= {"design": "saltelli", "base_samples": count, "factors": "\n".join(keys)}
-    drawn = {key: quantiles(model.vary[key], unit[:, place]) for place, key in enumerate(keys)}
+    drawn = {key: quantiles(model.vary[key], unit[:, index]) for index, key in enumerate(keys)}
     return drawn, len(unit), attrs
 
 
@@ -242,15 +243,17 @@ class _Columns:
             else:  # a parameter of the scene
                 parameters = mapping(self.base.source.data, "parameters")
                 raw = parameters[written_key(parameters, path.removeprefix("parameters."))]
-                own = {str(name): f"parameters.{name}" for name in parameters}
-                part = (
+                parameter_paths = {str(name): f"parameters.{name}" for name in parameters}
+                reference_path = (
                     f"{path}.{key}" if (key := reference_key(raw)) else ""
                 )  # of an unknown one, as kb.start
                 raw = raw[key] if key else raw
-                if part in self.known or part in self.model.derive:
-                    self.known[path] = self._column(part)
+                if reference_path in self.known or reference_path in self.model.derive:
+                    self.known[path] = self._column(reference_path)
                 else:
-                    self.known[path] = self._value(parse(raw), own) if isinstance(raw, str) else float(raw)
+                    self.known[path] = (
+                        self._value(parse(raw), parameter_paths) if isinstance(raw, str) else float(raw)
+                    )
             self._open.pop()
         values = self.known[path]
         if not isinstance(values, np.ndarray | float):
@@ -267,7 +270,7 @@ class _Columns:
 
         # A value that is not finite is rejected when it is set: its sample fails.
         with np.errstate(all="ignore"):
-            return np.asarray(expression.fold(leaf, lambda name, given: _OPERATIONS[name](*given)))
+            return np.asarray(expression.fold(leaf, lambda name, operands: _OPERATIONS[name](*operands)))
 
     def _refused(self, message: str) -> SceneError:
         target = next((name for name in self._open if name in self.model.derive), "")

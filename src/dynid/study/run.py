@@ -96,8 +96,8 @@ class Run:
         self.keys = heading.keys
         self.where = journal.numbers(heading.keys[first])  # in the journal; -1: not finished
         self.failed = np.zeros(len(first), dtype=bool)
-        known = self.where >= 0
-        self.failed[known] = journal.failed[self.where[known]]
+        finished = self.where >= 0
+        self.failed[finished] = journal.failed[self.where[finished]]
         if retry_failed:
             self.where[self.failed], self.failed[:] = -1, False
         self.kept = self._count(self.where >= 0)
@@ -134,14 +134,17 @@ class Run:
     def _store(self, chunks: list[Chunk]) -> None:
         """Append finished chunks to the journal."""
         rows = [(numbers - self.numbers.start) // self.numbers.step for numbers, _ in chunks]
-        place = self.journal.append(
-            [(self.keys[own], outcomes) for own, (_, outcomes) in zip(rows, chunks, strict=True)]
+        number = self.journal.append(
+            [
+                (self.keys[rows_of_chunk], outcomes)
+                for rows_of_chunk, (_, outcomes) in zip(rows, chunks, strict=True)
+            ]
         )
-        for own, (_, outcomes) in zip(rows, chunks, strict=True):
-            ones = self.one[own]
-            self.where[ones] = np.arange(place, place + len(own))
+        for rows_of_chunk, (_, outcomes) in zip(rows, chunks, strict=True):
+            ones = self.one[rows_of_chunk]
+            self.where[ones] = np.arange(number, number + len(rows_of_chunk))
             self.failed[ones] = outcomes.failed
-            place += len(own)
+            number += len(rows_of_chunk)
         self._report()
 
     def _report(self) -> None:
@@ -267,14 +270,14 @@ def foreign_samples(name: str, keys: Keys) -> int:
 
     Failed samples of the file hold nothing that would be lost, and are not counted.
     """
-    known = [finished_keys(name, failed=False)] if Path(name).exists() else []
+    finished = [finished_keys(name, failed=False)] if Path(name).exists() else []
     if Path(journal_name(name)).exists():
-        known.append(Journal.read_keys(journal_name(name)))
-    known = [some for some in known if len(some)]
-    if not known:
+        finished.append(Journal.read_keys(journal_name(name)))
+    finished = [some for some in finished if len(some)]
+    if not finished:
         return 0
-    every = np.unique(np.concatenate(known), axis=0)
-    return int(np.sum(found_in(keys, every) < 0))
+    distinct = np.unique(np.concatenate(finished), axis=0)
+    return int(np.sum(found_in(keys, distinct) < 0))
 
 
 def finished_keys(name: str, *, failed: bool = True) -> Keys:
@@ -336,9 +339,9 @@ def _import(name: str, keys: Keys, journal: Journal, retry_failed: bool) -> None
             if len(rows):
                 blocks = []
                 for block in study.between(start, start + step):
-                    _, places, wanted = np.intersect1d(block.rows, rows, return_indices=True)
+                    _, places, matches = np.intersect1d(block.rows, rows, return_indices=True)
                     if len(places):
-                        blocks.append(block.taken(places, wanted))
+                        blocks.append(block.taken(places, matches))
                 journal.append([(study.keys[rows], packed(SampleOutcomes(blocks, len(rows))))])
 
 

@@ -103,14 +103,14 @@ class RunningChunks:
             return
         now = time.monotonic()
         running = list(submitted)[: self._pool.width]  # the others are queued
-        self._since = {one: self._since.get(one, now) for one in running}
-        self._due = {one: self._due.get(one, self._long) for one in running}
-        for one in running:
-            age = now - self._since[one]
-            if age < self._due[one]:
+        self._since = {future: self._since.get(future, now) for future in running}
+        self._due = {future: self._due.get(future, self._long) for future in running}
+        for future in running:
+            age = now - self._since[future]
+            if age < self._due[future]:
                 continue
-            self._due[one] = 2 * age
-            numbers = submitted[one]
+            self._due[future] = 2 * age
+            numbers = submitted[future]
             first, last = int(numbers[0]), int(numbers[-1])
             if len(numbers) > 1:
                 samples = f"{len(numbers)} samples between {first} and {last} have"
@@ -219,7 +219,7 @@ class Scheduler:
                 done: Done = future.result()
             except TimeLimitExceeded:
                 if len(chunk) > 1:
-                    self.singles.extend(chunk[place : place + 1] for place in range(len(chunk)))
+                    self.singles.extend(chunk[index : index + 1] for index in range(len(chunk)))
                 else:
                     self.given_up = 0
                     limit = f"{self.pool.timeout:g} s of --sample-timeout"

@@ -61,9 +61,9 @@ class StudyFile:
         self._arrays = [path for path in arrays if path not in lengths]
         self._shared: dict[str, Variable] = {}
         for path in self._arrays:
-            one = result[path]
-            if one.dims[:1] != ("sample",):
-                self._shared[path] = Variable(one.dims, one.data, one.units, one.attrs)
+            variable = result[path]
+            if variable.dims[:1] != ("sample",):
+                self._shared[path] = Variable(variable.dims, variable.data, variable.units, variable.attrs)
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -119,12 +119,12 @@ class StudyFile:
                 table = np.concatenate([kept[done] for kept in lengths.values()], axis=1)
                 groups = np.unique(table, axis=0, return_inverse=True)[1].reshape(-1)  # a column in NumPy 2.0
             for group in range(int(groups.max()) + 1):
-                own = done[groups == group]
-                yield SampleBlock(own + begin, self._values(own, rows, lengths), judged[own])
+                members = done[groups == group]
+                yield SampleBlock(members + begin, self._values(members, rows, lengths), judged[members])
 
     def _values(
         self,
-        own: NDArray[np.intp],
+        samples: NDArray[np.intp],
         rows: Mapping[str, NDArray[Any]],
         lengths: Mapping[str, NDArray[np.int64]],
     ) -> dict[str, Variable]:
@@ -133,13 +133,13 @@ class StudyFile:
         for path in self._arrays:
             name, variable = path.removeprefix(f"{RESULTS}/"), self.result[path]
             if path in self._shared:
-                one = self._shared[path]
-                data = np.broadcast_to(one.data, (len(own), *one.data.shape))
-                values[name] = Variable(("sample", *one.dims), data, one.units, one.attrs)
+                shared = self._shared[path]
+                data = np.broadcast_to(shared.data, (len(samples), *shared.data.shape))
+                values[name] = Variable(("sample", *shared.dims), data, shared.units, shared.attrs)
                 continue
-            data = rows[path][own]
+            data = rows[path][samples]
             if path in lengths:
-                data = data[(slice(None), *(slice(int(length)) for length in lengths[path][own[0]]))]
+                data = data[(slice(None), *(slice(int(length)) for length in lengths[path][samples[0]]))]
             if "stored" in variable.attrs:
                 data = data.astype(str(variable.attrs["stored"]))
             attrs = {key: value for key, value in variable.attrs.items() if key not in ("stored", "lengths")}

@@ -119,10 +119,19 @@ def packed(outcomes: SampleOutcomes) -> Packed:
     for block in outcomes.blocks:
         pieces += [block.rows.astype("<i4").tobytes(), block.met.tobytes()]
         arrays = []
-        for path, one in block.values.items():
-            kept = one.data[:1] if _is_one_row(one.data) else one.data
-            arrays.append([path, one.dims[1:], one.units, dict(one.attrs), one.data.dtype.str, kept.shape])
-            if one.data.dtype.kind == "O":
+        for path, variable in block.values.items():
+            kept = variable.data[:1] if _is_one_row(variable.data) else variable.data
+            arrays.append(
+                [
+                    path,
+                    variable.dims[1:],
+                    variable.units,
+                    dict(variable.attrs),
+                    variable.data.dtype.str,
+                    kept.shape,
+                ]
+            )
+            if variable.data.dtype.kind == "O":
                 arrays[-1].append(kept.ravel().tolist())
             else:
                 pieces.append(kept.tobytes())

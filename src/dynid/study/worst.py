@@ -42,17 +42,17 @@ def worst_sample(table: StudyTable, name: str, direction: Direction) -> tuple[in
     UsageError
         If there is no such number, or no sample has it.
     """
-    path, place = table.find(name)
-    found = np.full(len(table.numbers), np.nan)
+    path, entry = table.find(name)
+    worst_values = np.full(len(table.numbers), np.nan)
     for start, values in table.variable(path).blocks():
         entries = as_numbers(values).reshape(len(values), -1)
-        if place is not None:
-            entries = entries[:, [np.ravel_multi_index(place, values.shape[1:])] if place else [0]]
-        found[start : start + len(values)] = worst_entries(entries, direction)
-    worst_row = worst(found, direction)
+        if entry is not None:
+            entries = entries[:, [np.ravel_multi_index(entry, values.shape[1:])] if entry else [0]]
+        worst_values[start : start + len(values)] = worst_entries(entries, direction)
+    worst_row = worst(worst_values, direction)
     if worst_row is None:
         raise UsageError(f"no sample has a value at '{name}'")
-    return worst_row, float(found[worst_row])
+    return worst_row, float(worst_values[worst_row])
 
 
 def worst_scene(result: Result, name: str, direction: Direction, target: Path, command: str) -> str:
@@ -111,32 +111,32 @@ def _overrides(table: StudyTable, row: int) -> dict[str, Any]:
     for key, factor in parse_source(str(table.result.attrs["scene"])).data.get("vary", {}).items():
         values = factor if isinstance(factor, list) else factor.get("values", [])
         paths = paths_of(key)
-        for place, path in enumerate(paths):
-            choices[path] = values if len(paths) == 1 else [value[place] for value in values]
-    found = {}
+        for index, path in enumerate(paths):
+            choices[path] = values if len(paths) == 1 else [value[index] for value in values]
+    overrides = {}
     for path, column in table.inputs.items():
         if path in varied or "." in path:  # a derived name without a dot is not set in the scene
             value = column[row].item() if isinstance(column[row], np.generic) else column[row]
-            found[path] = value
+            overrides[path] = value
             for choice in choices.get(path, ()):
                 as_json = isinstance(value, str) and not isinstance(choice, str)
                 if value == (json.dumps(choice) if as_json else choice):
-                    found[path] = choice
+                    overrides[path] = choice
                     break
-    return found
+    return overrides
 
 
 def _relocated(base: Source, values: Mapping[str, Any], target: Path) -> tuple[Any, dict[KeyPath, Any]]:
     """Return the data of a scene with other values and relocated names of files, and all changes by path."""
-    own = [path_of(base, dotted) for dotted in values]
-    whole, others = set_values(base, values), []
-    for place in file_places(whole.data):
-        name = _at(whole.data, place)
+    set_paths = [path_of(base, dotted) for dotted in values]
+    source, others = set_values(base, values), []
+    for name_path in file_places(source.data):
+        name = _at(source.data, name_path)
         new = moved(name, Path(base.file).parent, target)
         if new != name:
-            whole = set_values(whole, {".".join(map(str, place)): new})
-            others += [place] if not any(place[: len(path)] == path for path in own) else []
-    return whole.data, {path: _at(whole.data, path) for path in (*own, *others)}
+            source = set_values(source, {".".join(map(str, name_path)): new})
+            others += [name_path] if not any(name_path[: len(path)] == path for path in set_paths) else []
+    return source.data, {path: _at(source.data, path) for path in (*set_paths, *others)}
 
 
 def _at(data: Any, path: KeyPath) -> Any:

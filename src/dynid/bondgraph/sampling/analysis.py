@@ -29,7 +29,7 @@ ResultColumn = Sequence[Variable]
 """One array of a result for every sample."""
 
 
-def columns(engine: SampledEngine, analysis: Analysis, wanted: Collection[str]) -> dict[str, ResultColumn]:
+def columns(engine: SampledEngine, analysis: Analysis, paths: Collection[str]) -> dict[str, ResultColumn]:
     """Return the wanted arrays of the channels of all samples, by path.
 
     Parameters
@@ -38,15 +38,15 @@ def columns(engine: SampledEngine, analysis: Analysis, wanted: Collection[str]) 
         The samples; of those that are not certain nothing is meant.
     analysis
         What is asked.
-    wanted
+    paths
         The arrays to make.
     """
-    found: dict[str, ResultColumn] = {}
+    by_path: dict[str, ResultColumn] = {}
     for name in engine.channels:
-        found |= {path: column for path, column in _quick(engine, name, wanted).items() if path in wanted}
-    rest = frozenset(path for path in wanted if path not in found)
+        by_path |= {path: column for path, column in _quick(engine, name, paths).items() if path in paths}
+    rest = frozenset(path for path in paths if path not in by_path)
     if not rest:
-        return found
+        return by_path
     results = []  # of each sample by itself
     for number in range(engine.count):
         result = Selection("bond-graph", rest)
@@ -56,44 +56,46 @@ def columns(engine: SampledEngine, analysis: Analysis, wanted: Collection[str]) 
         results.append(result)
     nothing = Variable((), np.asarray(np.nan))
     kept = {path for result in results for path in result}
-    return found | {path: [result.get(path, nothing) for result in results] for path in rest if path in kept}
+    return by_path | {
+        path: [result.get(path, nothing) for result in results] for path in rest if path in kept
+    }
 
 
-def _quick(engine: SampledEngine, of: Channel, wanted: Collection[str]) -> dict[str, ResultColumn]:
+def _quick(engine: SampledEngine, of: Channel, paths: Collection[str]) -> dict[str, ResultColumn]:
     """Return the zeros and poles of a channel, its gains, degrees and verdicts."""
-    found: dict[str, ResultColumn] = {}
+    by_path: dict[str, ResultColumn] = {}
     channel, name = engine.channels[of], f"{of[0]}/{of[1]}"
     group, count = f"bond_graph/transfer_function/{name}", engine.count
     for kind, spectrum in (("zero", channel.zeros), ("pole", channel.poles)):
-        found[f"{group}/{kind}"] = [_axis(kind, spectrum.values.shape[1])] * count
-        found[f"{group}/{kind}s"] = [Variable((f"{kind}",), row, "rad/s") for row in spectrum.values]
+        by_path[f"{group}/{kind}"] = [_axis(kind, spectrum.values.shape[1])] * count
+        by_path[f"{group}/{kind}s"] = [Variable((f"{kind}",), row, "rad/s") for row in spectrum.values]
     group, units = f"bond_graph/properties/{name}", engine.family.reduced.units.of_channel(*of)
     for side, gain in (("dc", channel.dc_gain), ("high_frequency", channel.high_frequency_gain)):
-        if f"{group}/{side}_gain" in wanted:
-            found[f"{group}/{side}_gain"] = [_scalar(value, units) for value in gain()]
+        if f"{group}/{side}_gain" in paths:
+            by_path[f"{group}/{side}_gain"] = [_scalar(value, units) for value in gain()]
     degrees = {"relative_degree": channel.relative_degree, "order": channel.poles.values.shape[1]}
-    found |= {f"{group}/{what}": [_scalar(degree)] * count for what, degree in degrees.items()}
+    by_path |= {f"{group}/{what}": [_scalar(degree)] * count for what, degree in degrees.items()}
     verdicts = {"stable": channel.poles, "minimum_phase": channel.zeros}
     booleans = {truth: _scalar(truth) for truth in (False, True)}
     for what, spectrum in verdicts.items():
         left = np.all(spectrum.sides < 0, axis=1)
-        found[f"{group}/{what}"] = [booleans[bool(truth)] for truth in left]
+        by_path[f"{group}/{what}"] = [booleans[bool(truth)] for truth in left]
     if not channel.hidden.values.shape[1]:
-        found[f"{group}/hidden_mode"] = [_axis("hidden_mode", 0)] * count
-        found[f"{group}/hidden_modes"] = [
+        by_path[f"{group}/hidden_mode"] = [_axis("hidden_mode", 0)] * count
+        by_path[f"{group}/hidden_modes"] = [
             Variable(("hidden_mode",), np.empty(0, dtype=complex), "rad/s")
         ] * count
-    if any(f"{group}/{name}" in wanted for name in ("natural_frequency", "damping_ratio", "time_constant")):
-        each = [natural_frequencies(row) for row in channel.poles.values]
+    if any(f"{group}/{name}" in paths for name in ("natural_frequency", "damping_ratio", "time_constant")):
+        modes = [natural_frequencies(row) for row in channel.poles.values]
         decays = [time_constants(row) for row in channel.poles.values]
-        axes = {length: _axis("mode", length) for length in {len(size) for size, _ in each}}
-        found |= {
-            f"{group}/mode": [axes[len(size)] for size, _ in each],
-            f"{group}/natural_frequency": [Variable(("mode",), size, "rad/s") for size, _ in each],
-            f"{group}/damping_ratio": [Variable(("mode",), ratio) for _, ratio in each],
+        axes = {length: _axis("mode", length) for length in {len(size) for size, _ in modes}}
+        by_path |= {
+            f"{group}/mode": [axes[len(size)] for size, _ in modes],
+            f"{group}/natural_frequency": [Variable(("mode",), size, "rad/s") for size, _ in modes],
+            f"{group}/damping_ratio": [Variable(("mode",), ratio) for _, ratio in modes],
             f"{group}/time_constant": [Variable(("mode",), decay, "s") for decay in decays],
         }
-    return found
+    return by_path
 
 
 def _axis(name: str, length: int) -> Variable:
@@ -115,12 +117,12 @@ _ALONE = frozenset(
 )
 
 
-def shared(wanted: Collection[str], analysis: Analysis) -> bool:
+def shared(paths: Collection[str], analysis: Analysis) -> bool:
     """Test whether samples of an analysis share enough work on these paths to be run together."""
     groups = (*_CHANNELS, _FREQUENCY, _TIME)
-    if analysis.port is not None or not all(path.startswith(groups) for path in wanted):
+    if analysis.port is not None or not all(path.startswith(groups) for path in paths):
         return False
-    return not any(path.rpartition("/")[2] in CHARACTERISTICS for path in wanted)
+    return not any(path.rpartition("/")[2] in CHARACTERISTICS for path in paths)
 
 
 class SampledAnalysis:
@@ -144,9 +146,9 @@ class SampledAnalysis:
     """
 
     def __init__(
-        self, graph: BondGraph, analysis: Analysis, varying: Collection[str], wanted: Collection[str]
+        self, graph: BondGraph, analysis: Analysis, varying: Collection[str], paths: Collection[str]
     ) -> None:
-        self.analysis, self.wanted = analysis, frozenset(wanted)
+        self.analysis, self.wanted = analysis, frozenset(paths)
         self._family = GraphFamily(graph, analysis.inputs, analysis.outputs, tuple(varying), traced=False)
         self._responds = self._asks(_FREQUENCY, _TIME)
         #: The channels as polynomials; None where each sample is to be solved by itself.
@@ -157,10 +159,10 @@ class SampledAnalysis:
             and not ends & _ALONE
             and choose_engine(self._family.reduced, analysis).engine == "exact"
         ):
-            found = self._family.polynomials
+            polynomials = self._family.polynomials
             explained = "hidden_modes" in analysis.results and "hidden_modes" in ends
-            if not explained or not any(one.hidden for one in (found or {}).values()):
-                self._polynomials = found  # explained hidden modes stand in the order of their causes
+            if not explained or not any(polynomial.hidden for polynomial in (polynomials or {}).values()):
+                self._polynomials = polynomials  # explained hidden modes stand in the order of their causes
 
     def run(
         self,
@@ -182,25 +184,27 @@ class SampledAnalysis:
         with no_collection():
             kept = np.flatnonzero(self._family.holds(values, count)).tolist()
             engine: SampledEngine | None = None
-            known: dict[str, ResultColumn] = {}
+            channel_columns: dict[str, ResultColumn] = {}
             if self._polynomials is not None and kept:
                 of_kept = {name: [column[k] for k in kept] for name, column in values.items()}
                 engine = SampledEngine(self._family, self._polynomials, of_kept, len(kept))
-                wanted = {path for path in self.wanted if path.startswith(_CHANNELS)}
-                known = columns(engine, self.analysis, wanted)
-            found: list[Mapping[str, Variable] | None] = [None] * count
-            for place, sample in enumerate(kept):
-                certain = engine is not None and bool(engine.certain[place])
-                sampled = {path: column[place] for path, column in known.items()} if certain else {}
+                channel_paths = {path for path in self.wanted if path.startswith(_CHANNELS)}
+                channel_columns = columns(engine, self.analysis, channel_paths)
+            results: list[Mapping[str, Variable] | None] = [None] * count
+            for position, sample in enumerate(kept):
+                certain = engine is not None and bool(engine.certain[position])
+                sampled = (
+                    {path: column[position] for path, column in channel_columns.items()} if certain else {}
+                )
                 if self._responds or not certain:
-                    one = {name: column[sample] for name, column in values.items()}
+                    sample_values = {name: column[sample] for name, column in values.items()}
                     stored = self.analysis.initial if initial is None else initial[sample]
-                    alone = self._alone(one, stored, channels=not certain)
+                    alone = self._alone(sample_values, stored, channels=not certain)
                     if alone is None:
                         continue
                     sampled |= alone
-                found[sample] = sampled
-            return found
+                results[sample] = sampled
+            return results
 
     def _alone(
         self, values: Mapping[str, Fraction], initial: Mapping[str, float | Fraction], *, channels: bool

@@ -53,16 +53,20 @@ class SampledRoots:
             return np.concatenate([np.empty((count, 0), dtype=kind), *parts], axis=1)
 
         values, radii, sides = joined("values", complex), joined("radii", float), joined("sides", np.int8)
-        each = [np.full((count, batch.values.shape[1] * power), power) for batch, power in factors]
-        powers = np.concatenate([np.empty((count, 0), dtype=int), *each], axis=1)
+        powers_of_factors = [
+            np.full((count, batch.values.shape[1] * power), power) for batch, power in factors
+        ]
+        powers = np.concatenate([np.empty((count, 0), dtype=int), *powers_of_factors], axis=1)
         order = np.lexsort((values.imag, values.real, np.hypot(values.real, values.imag)))
-        return cls(*(np.take_along_axis(part, order, axis=1) for part in (values, radii, sides, powers)))
+        return cls(*(np.take_along_axis(array, order, axis=1) for array in (values, radii, sides, powers)))
 
     def roots(self, sample: int) -> tuple[CertifiedRoot, ...]:
         """Return the roots of one sample, each once."""
-        rows = (part[sample].tolist() for part in (self.values, self.radii, self.sides, self.multiplicities))
-        found = dict.fromkeys(zip(*rows, strict=True))
-        return tuple(CertifiedRoot(value, power, radius, side) for value, radius, side, power in found)
+        rows = (
+            array[sample].tolist() for array in (self.values, self.radii, self.sides, self.multiplicities)
+        )
+        distinct = dict.fromkeys(zip(*rows, strict=True))
+        return tuple(CertifiedRoot(value, power, radius, side) for value, radius, side, power in distinct)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,19 +128,26 @@ class SampledEngine:
         self.family, self.count = family, count
         self.certain = np.ones(count, dtype=bool)
         parts = [
-            part
-            for one in channels.values()
-            for part in (one.numerator, one.denominator, *(factor.polynomial for factor in one.factors))
+            polynomial
+            for polynomials in channels.values()
+            for polynomial in (
+                polynomials.numerator,
+                polynomials.denominator,
+                *(factor.polynomial for factor in polynomials.factors),
+            )
         ]
         self._tables = PowerTables([values[name] for name in family.varying], parts, count)
         self.channels: dict[Channel, SampledChannel] = {}
-        for channel, one in channels.items():
-            above, below = map(self._tables.coefficients, (one.numerator, one.denominator))
+        for channel, polynomials in channels.items():
+            above, below = map(self._tables.coefficients, (polynomials.numerator, polynomials.denominator))
             for columns in (above, below):
                 self.certain &= nonzero(columns[_lowest(columns) :])
-            zeros, poles, hidden = (self._roots(part) for part in (one.zeros, one.poles, one.hidden))
+            zeros, poles, hidden = (
+                self._roots(polynomial)
+                for polynomial in (polynomials.zeros, polynomials.poles, polynomials.hidden)
+            )
             self.certain &= _apart([*zeros, *poles], count) & _apart(hidden, count)
-            roots = (SampledRoots.of(part, count) for part in (zeros, poles, hidden))
+            roots = (SampledRoots.of(polynomial, count) for polynomial in (zeros, poles, hidden))
             self.channels[channel] = SampledChannel(above, below, *roots)
 
     def __getitem__(self, sample: int) -> EngineSample:
@@ -203,8 +214,8 @@ def _apart(spectrum: Sequence[tuple[RootBatch, int]], count: int) -> NDArray[np.
     """Return for which samples no root of one factor may be one of another."""
     if len(spectrum) < 2:
         return np.ones(count, dtype=bool)
-    values = np.concatenate([part.values for part, _ in spectrum], axis=1)
-    return disjoint(values, np.concatenate([part.radii for part, _ in spectrum], axis=1))
+    values = np.concatenate([batch.values for batch, _ in spectrum], axis=1)
+    return disjoint(values, np.concatenate([batch.radii for batch, _ in spectrum], axis=1))
 
 
 def _lowest(columns: Sequence[Integers]) -> int:

@@ -64,14 +64,18 @@ def factors(polynomial: Any) -> tuple[SquarefreeFactor, ...]:
     ring = polynomial.context()
     s = ring.gen(0)
     power = min((int(powers[0]) for powers in polynomial.monoms()), default=0)
-    found = [SquarefreeFactor(s, power)] if power else []
-    for part, multiplicity in _squarefree(polynomial // s**power):
-        even = ring.from_dict({powers: c for powers, c in part.to_dict().items() if powers[0] % 2 == 0})
-        odd = part - even
+    with_multiplicity = [SquarefreeFactor(s, power)] if power else []
+    for squarefree, multiplicity in _squarefree(polynomial // s**power):
+        even = ring.from_dict({powers: c for powers, c in squarefree.to_dict().items() if powers[0] % 2 == 0})
+        odd = squarefree - even
         # roots s and -s are those that even and odd part share; odd/s is even as well
-        pairs = even.gcd(odd // s) if odd != 0 else part
-        found += [SquarefreeFactor(one, multiplicity) for one in (pairs, part // pairs) if one.degrees()[0]]
-    return tuple(found)
+        pairs = even.gcd(odd // s) if odd != 0 else squarefree
+        with_multiplicity += [
+            SquarefreeFactor(factor, multiplicity)
+            for factor in (pairs, squarefree // pairs)
+            if factor.degrees()[0]
+        ]
+    return tuple(with_multiplicity)
 
 
 def _squarefree(polynomial: Any) -> Iterator[tuple[Any, int]]:
@@ -83,11 +87,11 @@ def _squarefree(polynomial: Any) -> Iterator[tuple[Any, int]]:
     b, multiplicity = polynomial // common, 1
     d = slope // common - b.derivative(0)
     while b.degrees()[0]:
-        part = b.gcd(d)
-        if part.degrees()[0]:
-            yield part, multiplicity
-        b, multiplicity = b // part, multiplicity + 1
-        d = d // part - b.derivative(0)
+        factor = b.gcd(d)
+        if factor.degrees()[0]:
+            yield factor, multiplicity
+        b, multiplicity = b // factor, multiplicity + 1
+        d = d // factor - b.derivative(0)
 
 
 class PowerTables:
@@ -115,20 +119,20 @@ class PowerTables:
 
     def coefficients(self, polynomial: Any) -> list[Integers]:
         """Return the coefficients of s, ascending: for every power one integer a sample."""
-        found: list[Any] = [0] * (int(polynomial.degrees()[0]) + 1)
+        columns: list[Any] = [0] * (int(polynomial.degrees()[0]) + 1)
         for (power, *exponents), coefficient in polynomial.terms():
             term: Any = int(coefficient)
             for table, exponent in zip(self._powers, exponents, strict=True):
                 term = term * table[exponent]
-            found[power] = found[power] + term
-        return [np.broadcast_to(np.asarray(column, dtype=object), (self.samples,)) for column in found]
+            columns[power] = columns[power] + term
+        return [np.broadcast_to(np.asarray(column, dtype=object), (self.samples,)) for column in columns]
 
 
 def _powers(values: Sequence[Fraction], degree: int) -> list[Integers]:
     """Return n^e d^(D - e) for e up to D."""
     above, below = (
-        np.array(part, dtype=object)
-        for part in zip(*((v.numerator, v.denominator) for v in values), strict=True)
+        np.array(parts, dtype=object)
+        for parts in zip(*((v.numerator, v.denominator) for v in values), strict=True)
     )
     return [above**e * below ** (degree - e) for e in range(degree + 1)]
 
@@ -136,8 +140,8 @@ def _powers(values: Sequence[Fraction], degree: int) -> list[Integers]:
 def nonzero(columns: Sequence[Integers]) -> NDArray[np.bool_]:
     """Return for which samples the first and the last coefficient are not zero."""
     first, last = columns[0], columns[-1]
-    found: NDArray[np.bool_] = (first != 0) & (last != 0)
-    return found.astype(bool)
+    both: NDArray[np.bool_] = (first != 0) & (last != 0)
+    return both.astype(bool)
 
 
 # --- graphs of a family ---------------------------------------------------------------------------
@@ -222,13 +226,15 @@ class GraphFamily:
         vanished = np.full(count, self._alone)  # elsewhere some values may contradict each other
         fixed = {name: [self.reduced.graph.value(name)] * count for name in self.reduced.valued}
         residues = {name: SampledResidues.of(v, vanished) for name, v in (fixed | dict(values)).items()}
-        one, s = (SampledResidues(np.full(count, x, dtype=np.int64), vanished) for x in (1, _LAPLACE % PRIME))
+        unity, s = (
+            SampledResidues(np.full(count, x, dtype=np.int64), vanished) for x in (1, _LAPLACE % PRIME)
+        )
         for value in values.values():
             vanished |= np.array([not number for number in value], dtype=bool)
         pivots = self.reduced.pivots()
-        found = self.reduced.run([*self.reduced.answers(), *pivots], residues, s, one)
+        registers = self.reduced.run([*self.reduced.answers(), *pivots], residues, s, unity)
         for pivot in pivots:
-            vanished |= found[pivot].images == 0
+            vanished |= registers[pivot].images == 0
         return ~vanished
 
     def at(self, values: Mapping[str, Fraction]) -> ReducedGraph:
@@ -242,28 +248,28 @@ class GraphFamily:
         channels = reduced.channels()
         natural = {port: determinant(reduced, reduction) for port, reduction in reduced.reductions.items()}
         try:
-            named, one = variables(["s", *(f"x{k}" for k in range(len(self.varying)))], _TERMS)
-            values = {name: one.constant(reduced.graph.value(name)) for name in reduced.valued}
+            named, unity = variables(["s", *(f"x{k}" for k in range(len(self.varying)))], _TERMS)
+            values = {name: unity.constant(reduced.graph.value(name)) for name in reduced.valued}
             values |= {name: named[f"x{k}"] for k, name in enumerate(self.varying)}
-            ratios = reduced.run([*channels.values(), *natural.values()], values, named["s"], one)
+            ratios = reduced.run([*channels.values(), *natural.values()], values, named["s"], unity)
             lowest = {register: ratio.lowest_terms() for register, ratio in ratios.items()}
         except FormulaTooLong:
             return None
-        found = {}
+        channel_polynomials = {}
         for channel, register in channels.items():
             port = channel[0]
             numerator, denominator = lowest[register]
             shown = denominator
-            if reduced.graph.integrates(port) and denominator % (s := one.ring.gen(0)) == 0:
+            if reduced.graph.integrates(port) and denominator % (s := unity.ring.gen(0)) == 0:
                 shown = denominator // s
             modes, rest = lowest[natural[port]]
             if numerator == 0 or rest.degrees()[0] or modes % _primitive(shown) != 0:
                 return None
             hidden = factors(modes // _primitive(shown))
-            found[channel] = ChannelPolynomials(
+            channel_polynomials[channel] = ChannelPolynomials(
                 numerator, denominator, factors(numerator), factors(denominator), hidden
             )
-        return found
+        return channel_polynomials
 
 
 def _primitive(polynomial: Any) -> Any:

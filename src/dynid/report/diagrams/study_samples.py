@@ -231,7 +231,7 @@ def _scatter(inputs: Sequence[StudyVariable], outputs: Sequence[StudyVariable]) 
             elif i == j:
                 layers = [_counts(down)]
             else:
-                x, y = scatter(across.values, down.values, most=10**9)
+                x, y = scatter(across.values, down.values, max_points=10**9)
                 if len(x) <= POINTS:
                     layers = [Markers(x, y, "", "s1", "o", 1.6)]
                 else:  # a two-dimensional histogram

@@ -87,13 +87,13 @@ class GraphSamples:
         names |= self._expressions.keys()
         nodes = model.graph.nodes.values()
         constant = [model.analysis.frequency, model.analysis.time, model.control]
-        constant += [part for node in nodes for part in (node.matrix, node.structure, node.joints)]
-        if not shared(self._paths, analysis) or any(names & set(named_in(part)) for part in constant):
+        constant += [block for node in nodes for block in (node.matrix, node.structure, node.joints)]
+        if not shared(self._paths, analysis) or any(names & set(named_in(block)) for block in constant):
             raise NotShared("what is collected is more than numbers of the channels and responses")
         self._binary = analysis.reading == "binary"
         self._fixed = scene.names.parameters
         self._values = _slots({name: node.value for name, node in model.graph.nodes.items()}, names)
-        self._stored = _slots({name: given.f or given.e for name, given in model.initial.items()}, names)
+        self._stored = _slots({name: stored.f or stored.e for name, stored in model.initial.items()}, names)
         self._initial = dict(analysis.initial)
         varying = [*self._values, *(name for kind, name in self._varied.values() if kind == "value")]
         self._analysis = SampledAnalysis(
@@ -116,7 +116,7 @@ class GraphSamples:
 
     def _quantities(self, overrides: Overrides) -> tuple[dict[str, list[Any]], ...]:
         """Return varied parameters, values of elements and stored energies (both exact), one a sample."""
-        known: dict[str, Number | SampleColumn] = dict(self._fixed)
+        numbers_by_name: dict[str, Number | SampleColumn] = dict(self._fixed)
         parameters: dict[str, SampleColumn] = {}
         values: dict[str, list[Fraction | None]] = {}
         stored: dict[str, list[Fraction | None]] = {}
@@ -124,26 +124,28 @@ class GraphSamples:
             column = numbers([override[path] for override in overrides])
             match kind:
                 case "parameter":
-                    known[name] = parameters[name] = column
+                    numbers_by_name[name] = parameters[name] = column
                 case "value":
                     values[name] = _exact(column, binary=self._binary)
                 case _:
                     stored[name] = _exact(column)
         for name, expression in self._expressions.items():
-            known[name] = parameters[name] = evaluate(expression, known, len(overrides))
+            numbers_by_name[name] = parameters[name] = evaluate(expression, numbers_by_name, len(overrides))
         for name, expression in self._values.items():
             if name not in values:
-                values[name] = _exact(evaluate(expression, known, len(overrides)), binary=self._binary)
+                values[name] = _exact(
+                    evaluate(expression, numbers_by_name, len(overrides)), binary=self._binary
+                )
         for name, expression in self._stored.items():
             if name not in stored:
-                stored[name] = _exact(evaluate(expression, known, len(overrides)))
+                stored[name] = _exact(evaluate(expression, numbers_by_name, len(overrides)))
         return parameters, values, stored
 
 
 def _slots(quantities: Mapping[str, Quantity | None], varied: Collection[str]) -> dict[str, Expression]:
     """Return the expressions that depend on varied parameters."""
-    given = {name: quantity.expression for name, quantity in quantities.items() if quantity is not None}
-    return {name: text for name, text in given.items() if text is not None and text.names & set(varied)}
+    expressions = {name: quantity.expression for name, quantity in quantities.items() if quantity is not None}
+    return {name: text for name, text in expressions.items() if text is not None and text.names & set(varied)}
 
 
 def _exact(column: SampleColumn, *, binary: bool = False) -> list[Fraction | None]:

@@ -107,8 +107,8 @@ class IdentificationSamples:
         scene, result = replace(self._scene, model=model), Selection("identification", self._collect)
         try:
             structure = self._structure if self._same else structure_of(scene)
-            given = self._setting_of(scene, structure, override)
-            identified(scene, given, common=self._common, into=result)
+            inputs = self._setting_of(scene, structure, override)
+            identified(scene, inputs, common=self._common, into=result)
             return SampleOutcome(gather(result, self._collect))
         except DynidError:
             return None
@@ -150,8 +150,10 @@ def _changed(model: IdentificationScene, varied: _VariedValue, raw: Any) -> Iden
         low, high = (None if bound is None else float(bound) for bound in (parameter.min, parameter.max))
         if value is None or not (low or 0.0) < float(value) <= (high or math.inf):
             return None
-        other = joint.model_copy(update={varied.letter: parameter.model_copy(update={varied.name: value})})
-        return model.model_copy(update={"joints": {**model.joints, varied.joint: other}})
+        changed_joint = joint.model_copy(
+            update={varied.letter: parameter.model_copy(update={varied.name: value})}
+        )
+        return model.model_copy(update={"joints": {**model.joints, varied.joint: changed_joint}})
     if type(value) is not (int if varied.name == "seed" else Quantity) or float(value) < 0:
         return None
     measurement = model.measurement

@@ -79,20 +79,20 @@ class _VaryingMatrix(NamedTuple):
         size = sum((np.abs(float(c) * pattern) for c, pattern in terms), np.zeros_like(reference))
         rest = reference - varied
         rest[np.abs(rest) <= 8 * np.finfo(float).eps * size] = 0.0
-        beside = (rest != 0) & (np.abs(rest) < _MIN_CONSTANT * size)
-        return cls(rest, list(terms), bool(beside.any()))
+        cancelled = (rest != 0) & (np.abs(rest) < _MIN_CONSTANT * size)
+        return cls(rest, list(terms), bool(cancelled.any()))
 
     def at(self, values: Mapping[str, Array], count: int) -> tuple[Array, NDArray[np.bool_]]:
         """Return the matrices of samples (s x n x n), and which of them have all their digits."""
         total = np.broadcast_to(self.constant, (count, *self.constant.shape)).copy()
-        whole = np.ones(count, dtype=bool)
+        exact = np.ones(count, dtype=bool)
         for coefficient, pattern in self.terms:
             factor = np.broadcast_to(coefficient.fold(_leaf(values), _operated), (count,))
             total += factor[:, None, None] * pattern
-            whole &= np.isfinite(factor) & (
+            exact &= np.isfinite(factor) & (
                 not self.weak or np.abs(factor) > _MIN_CONSTANT * abs(float(coefficient))
             )
-        return total, whole
+        return total, exact
 
 
 def _leaf(values: Mapping[str, Array]) -> Callable[[Real], Any]:
@@ -190,7 +190,7 @@ class ReductionSamples:
         if source.written is not None:
             raise NotShared("the scene is composed of files")
         self._parameters: dict[str, str] = {}  # by path
-        for place, path in enumerate(paths):
+        for index, path in enumerate(paths):
             name = varied_parameter(scene.model.parameters, path.split("."))
             if name is None:  # a value in the structure: as if it were written with a parameter
                 value: Any = source.data
@@ -198,7 +198,7 @@ class ReductionSamples:
                     value = value.get(key) if isinstance(value, dict) else value[key]
                 if isinstance(value, bool) or not isinstance(value, int | float | str):
                     raise NotShared(f"{path} is no number of the structure or its joints")
-                name = f"varied_value_{place}"
+                name = f"varied_value_{index}"
                 source = set_values(source, {f"parameters.{name}": value, path: name})
             self._parameters[path] = name
         self._fixed = read_names(source)[0].parameters
@@ -233,12 +233,12 @@ class ReductionSamples:
                 "masters that barely see a mode, or choices of masters and modes that rounding may change"
             )
         for path, variable in exemplar.items():
-            data, other = variable.data, block.values[path].data[0]
+            data, stacked_data = variable.data, block.values[path].data[0]
             if data.dtype.kind in "fc":
                 size = 1.0 if path.endswith("error") else np.abs(data).max(initial=0.0)
-                agrees = bool(np.all(np.abs(data - other) <= _AGREEMENT * size))
+                agrees = bool(np.all(np.abs(data - stacked_data) <= _AGREEMENT * size))
             else:
-                agrees = np.array_equal(data, other)
+                agrees = np.array_equal(data, stacked_data)
             if not agrees:
                 raise NotShared(f"rounding moves {path} of the scene as it stands")
 
@@ -256,15 +256,15 @@ class ReductionSamples:
         with np.errstate(all="ignore"):  # of samples that are not sure
             matrices, finite = _stacked(self._bare, values, count)
             bare, sure = Stack(*matrices), sure & finite
-            whole = bare
+            jointed = bare
             if self._structure.joints:
                 joints, finite = _stacked(self._joints, values, count)
-                whole = Stack(*(a + b for a, b in zip(matrices, joints, strict=True)))
+                jointed = Stack(*(a + b for a, b in zip(matrices, joints, strict=True)))
                 sure &= finite
             try:
                 choices = []
                 for method in self._methods.values():
-                    chosen, certain = method.choose(bare, whole)
+                    chosen, certain = method.choose(bare, jointed)
                     choices.append(chosen)
                     sure &= certain
             except np.linalg.LinAlgError:
@@ -279,24 +279,24 @@ class ReductionSamples:
             exemplar = self._exemplars[choice]
             if exemplar is not None and exemplar.keys() == self._requested.keys():
                 samples = np.array(members)
-                own = {text: column[samples] for text, column in values.items()}
+                own_values = {text: column[samples] for text, column in values.items()}
                 some = bare if len(members) == count else bare[samples]
-                both = some if whole is bare else whole if len(members) == count else whole[samples]
-                yield from self._block(exemplar, choice, some, both, own, start + samples)
+                both = some if jointed is bare else jointed if len(members) == count else jointed[samples]
+                yield from self._block(exemplar, choice, some, both, own_values, start + samples)
 
     def _block(
         self,
         exemplar: Mapping[str, Variable],
         choice: Sequence[Choice],
         bare: Stack,
-        whole: Stack,
+        jointed: Stack,
         values: Mapping[str, Array],
         rows: NDArray[np.intp],
     ) -> Iterator[SampleBlock]:
         """Yield the samples of the usual case of those with one choice of the methods."""
         try:
             with np.errstate(all="ignore"):
-                arrays, sure = self._arrays(choice, bare, whole, values)
+                arrays, sure = self._arrays(choice, bare, jointed, values)
         except np.linalg.LinAlgError:
             return
         samples = np.flatnonzero(sure)
@@ -314,41 +314,43 @@ class ReductionSamples:
     def _quantities(self, overrides: Overrides) -> tuple[dict[str, Array], NDArray[np.bool_]]:
         """Return the values of quantities by their expressions (samples), and where all are positive."""
         count = len(overrides)
-        known: dict[str, Number | SampleColumn] = dict(self._fixed)
+        numbers_by_name: dict[str, Number | SampleColumn] = dict(self._fixed)
         for path, name in self._parameters.items():
-            known[name] = numbers([one[path] for one in overrides])
+            numbers_by_name[name] = numbers([override[path] for override in overrides])
         for name, expression in self._dependent.items():
-            known[name] = evaluate(expression, known, count)
+            numbers_by_name[name] = evaluate(expression, numbers_by_name, count)
         sure = np.ones(count, dtype=bool)
         for name in self._parameters.values():  # also one that nothing depends on must have a value
-            sure &= np.array([value is not None for value in cast("SampleColumn", known[name])])
+            sure &= np.array([value is not None for value in cast("SampleColumn", numbers_by_name[name])])
         values = {}
         for text, expression in self._expressions.items():
-            column = np.array([_float(value) for value in evaluate(expression, known, count)])
+            column = np.array([_float(value) for value in evaluate(expression, numbers_by_name, count)])
             positive = np.isfinite(column) & (column > 0)
             values[text] = np.where(positive, column, float(1))
             sure &= positive
         return values, sure
 
     def _arrays(
-        self, choice: Sequence[Choice], bare: Stack, whole: Stack, values: Mapping[str, Array]
+        self, choice: Sequence[Choice], bare: Stack, jointed: Stack, values: Mapping[str, Array]
     ) -> tuple[dict[tuple[str, str], Array], NDArray[np.bool_]]:
         """Return the collected arrays by the reduction, or `frf`, and their names; and which are sure."""
         reductions = {
-            name: method.reduce(bare, whole, part)
-            for (name, method), part in zip(self._methods.items(), choice, strict=True)
+            name: method.reduce(bare, jointed, chosen)
+            for (name, method), chosen in zip(self._methods.items(), choice, strict=True)
         }
-        whole.modes(max(max(reduction.numbers) for reduction in reductions.values()))
+        jointed.modes(max(max(reduction.numbers) for reduction in reductions.values()))
         sure = np.ones(len(bare.M), dtype=bool)
         arrays: dict[tuple[str, str], Array] = {}
         for name, reduction in reductions.items():
-            found, usual = compared(whole, reduction, self._names[name], lambda: self._energies(bare, values))
+            compared_arrays, usual = compared(
+                jointed, reduction, self._names[name], lambda: self._energies(bare, values)
+            )
             sure &= usual
-            for array, data in found.items():
+            for array, data in compared_arrays.items():
                 arrays[name, array] = data
                 sure &= np.isfinite(data).all(axis=tuple(range(1, data.ndim)))
         if self._responding:
-            self._add_responses(arrays, whole, reductions, sure)
+            self._add_responses(arrays, jointed, reductions, sure)
         return arrays, sure
 
     def _energies(self, bare: Stack, values: Mapping[str, Array]) -> StackedEnergies:
@@ -378,7 +380,7 @@ class ReductionSamples:
         self,
         out: dict[tuple[str, str], Any],
         full: Stack,
-        made: Mapping[str, StackedReduction],
+        reductions: Mapping[str, StackedReduction],
         sure: NDArray[np.bool_],
     ) -> None:
         """Add the frequency responses, sample by sample; one that fails is not sure any more."""
@@ -386,17 +388,21 @@ class ReductionSamples:
         assert asked is not None
         forces, rows, powers = ports(self._structure, asked.inputs, asked.outputs)
         shape = (len(sure), len(asked.omega), len(asked.outputs), len(asked.inputs))
-        responses = {name: np.zeros(shape, dtype=complex) for name in ("full", *made)}
-        shares = np.zeros((len(sure), len(made), *shape[2:]))
+        responses = {name: np.zeros(shape, dtype=complex) for name in ("full", *reductions)}
+        shares = np.zeros((len(sure), len(reductions), *shape[2:]))
         for s in np.flatnonzero(sure):
             try:
                 exact = direct(full.M[s], full.C[s], full.K[s], Ports(forces, rows, powers), asked.omega)
-                for place, (name, one) in enumerate(made.items()):
-                    where = Ports(one.T[s].T @ forces, rows @ one.T[s], powers)
+                for index, (name, reduction) in enumerate(reductions.items()):
+                    where = Ports(reduction.T[s].T @ forces, rows @ reduction.T[s], powers)
                     responses[name][s] = direct(
-                        one.whole.M[s], one.whole.C[s], one.whole.K[s], where, asked.omega
+                        reduction.jointed.M[s],
+                        reduction.jointed.C[s],
+                        reduction.jointed.K[s],
+                        where,
+                        asked.omega,
                     )
-                    shares[s, place] = frac(responses[name][s], exact)
+                    shares[s, index] = frac(responses[name][s], exact)
             except DynidError:
                 sure[s] = False
             else:
@@ -425,13 +431,13 @@ def _stacked(
     matrices: Sequence[_VaryingMatrix], values: Mapping[str, Array], count: int
 ) -> tuple[list[Array], NDArray[np.bool_]]:
     """Return matrices of samples (s x n x n), unity where not all of them are finite with all digits."""
-    found, sure = [], np.ones(count, dtype=bool)
+    stacks, sure = [], np.ones(count, dtype=bool)
     for varying in matrices:
         matrix, exact = varying.at(values, count)
         exact &= np.isfinite(matrix).all(axis=(1, 2))
-        found.append(np.where(exact[:, None, None], matrix, np.eye(matrix.shape[-1])))
+        stacks.append(np.where(exact[:, None, None], matrix, np.eye(matrix.shape[-1])))
         sure &= exact
-    return found, sure
+    return stacks, sure
 
 
 def _float(value: Number | None) -> float:

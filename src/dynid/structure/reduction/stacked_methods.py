@@ -52,7 +52,7 @@ class StackedReduction:
     ----------
     T
         The bases (s x n x r).
-    bare, whole
+    bare, jointed
         The reduced matrices without and with joints (s x r x r).
     numbers
         Numbers of the full modes that the reduced ones stand for.
@@ -64,7 +64,7 @@ class StackedReduction:
 
     T: Array
     bare: Stack
-    whole: Stack
+    jointed: Stack
     numbers: tuple[int, ...]
     sure: Sure
     condition: Callable[[], Array] | None = None
@@ -345,13 +345,13 @@ def compared(
     energies
         Returns what their `energy_error` needs.
     """
-    modes = reduction.whole.modes(reduction.T.shape[2])
+    modes = reduction.jointed.modes(reduction.T.shape[2])
     reference = jointed.modes(max(reduction.numbers)).numbered(reduction.numbers)
     arrays = {
         "T": reduction.T,
-        "mass": reduction.whole.M,
-        "damping": reduction.whole.C,
-        "stiffness": reduction.whole.K,
+        "mass": reduction.jointed.M,
+        "damping": reduction.jointed.C,
+        "stiffness": reduction.jointed.K,
         "mass_without_joints": reduction.bare.M,
         "damping_without_joints": reduction.bare.C,
         "stiffness_without_joints": reduction.bare.K,

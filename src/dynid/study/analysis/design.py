@@ -54,9 +54,9 @@ def saltelli_design(inputs: Columns) -> SaltelliDesign | None:
     for factors in range(len(inputs), 0, -1):
         if count % (factors + 2) == 0 and count > factors + 2:
             for blocks in (True, False):
-                found = _saltelli_factors(inputs, factors, blocks)
-                if found is not None:
-                    return SaltelliDesign(found, blocks)
+                names_of_factors = _saltelli_factors(inputs, factors, blocks)
+                if names_of_factors is not None:
+                    return SaltelliDesign(names_of_factors, blocks)
     return None
 
 
@@ -68,21 +68,21 @@ def _rows(column: NDArray[Any], factors: int, blocks: bool) -> NDArray[Any]:
 
 
 def _saltelli_factors(inputs: Columns, count: int, blocks: bool) -> tuple[tuple[str, ...], ...] | None:
-    found: list[list[str]] = [[] for _ in range(count)]
+    groups: list[list[str]] = [[] for _ in range(count)]
     for name, column in inputs.items():
         rows = _rows(column, count, blocks)
         a, b = rows[:, :1], rows[:, -1:]
         of_a, of_b = (rows[:, 1:-1] == a).all(axis=0), (rows[:, 1:-1] == b).all(axis=0)
         if of_b.sum() == 1 and not (of_a & of_b).any() and (of_a | of_b).all():
-            found[int(np.flatnonzero(of_b)[0])].append(name)
-    own = [name for group in found for name in group]
-    others = [name for name in inputs if name not in own]
-    if not all(found):
+            groups[int(np.flatnonzero(of_b)[0])].append(name)
+    grouped = [name for group in groups for name in group]
+    others = [name for name in inputs if name not in grouped]
+    if not all(groups):
         return None
     # The other inputs must be functions of the factors; in a part of a grid they are not.
-    together = len(_levels(inputs, own)) if others else 0
-    dependent = all(len(_levels(inputs, [*own, name])) == together for name in others)
-    return tuple(map(tuple, found)) if dependent else None
+    together = len(_levels(inputs, grouped)) if others else 0
+    dependent = all(len(_levels(inputs, [*grouped, name])) == together for name in others)
+    return tuple(map(tuple, groups)) if dependent else None
 
 
 def _levels(inputs: Columns, names: list[str]) -> NDArray[np.intp]:
@@ -235,7 +235,7 @@ def tornado(inputs: Mapping[str, NDArray[Any]], values: Array) -> Tornado | None
     of these samples, less the linear effects of the other inputs (partial residuals), and within the range of
     all samples. Slopes and R² are those of a linear model, in the logarithm of inputs that are spaced by it.
     """
-    known = np.isfinite(values)
+    defined = np.isfinite(values)
     numbers = {name: column for name, column in inputs.items() if column.dtype.kind in "bif"}
     design = one_at_a_time(inputs)
     if design is not None:
@@ -255,7 +255,9 @@ def tornado(inputs: Mapping[str, NDArray[Any]], values: Array) -> Tornado | None
             return None
         remark = "around one centre: exact there, without interactions of inputs"
         return Tornado(_by_swing(bars), "one at a time", float("nan"), remark)
-    return _averaged({name: column[known].astype(float) for name, column in numbers.items()}, values[known])
+    return _averaged(
+        {name: column[defined].astype(float) for name, column in numbers.items()}, values[defined]
+    )
 
 
 def _averaged(inputs: Mapping[str, Array], y: Array) -> Tornado | None:
@@ -278,10 +280,12 @@ def _averaged(inputs: Mapping[str, Array], y: Array) -> Tornado | None:
     r2 = 1 - float(left @ left) / power if power > 0 else float("nan")
     bars = []
     errors = left * np.sqrt(n / (n - len(slopes) - 1))
-    for place, (name, column) in enumerate(varying.items()):
-        own = y.mean() + slopes[place] * standard[:, place] + left  # without the linear effects of the others
-        slope = slopes[place] / scale[place] / (np.exp(mean[place]) if logs[name] else 1.0)
-        bars.append(_bar(name, column, float(slope), own, errors, (float(y.min()), float(y.max()))))
+    for index, (name, column) in enumerate(varying.items()):
+        main_effect = (
+            y.mean() + slopes[index] * standard[:, index] + left
+        )  # without the linear effects of the others
+        slope = slopes[index] / scale[index] / (np.exp(mean[index]) if logs[name] else 1.0)
+        bars.append(_bar(name, column, float(slope), main_effect, errors, (float(y.min()), float(y.max()))))
     of_log = " (in the logarithm of " + ", ".join(name for name in logs if logs[name]) + ")"
     remark = f"a linear model{of_log if any(logs.values()) else ''} explains {100 * r2:.3g} % of the variance"
     if np.isnan(r2):
@@ -294,7 +298,7 @@ def _averaged(inputs: Mapping[str, Array], y: Array) -> Tornado | None:
 
 
 def _bar(
-    name: str, column: Array, slope: float, own: Array, errors: Array, within: tuple[float, float]
+    name: str, column: Array, slope: float, values_alone: Array, errors: Array, within: tuple[float, float]
 ) -> Bar:
     """Return the bar between the samples with the lowest and those with the highest values of an input."""
     ordered, count = np.sort(column), max(1, round(_END * len(column)))
@@ -306,7 +310,7 @@ def _bar(
     if all(end.sum() > 1 for end in ends):
         error = float(np.sqrt(sum(np.mean(errors[end] ** 2) / end.sum() for end in ends)))
     first, last = (float(np.median(column[end])) for end in ends)
-    at_low, at_high = (float(np.clip(own[end].mean(), *within)) for end in ends)
+    at_low, at_high = (float(np.clip(values_alone[end].mean(), *within)) for end in ends)
     return Bar(
         name, first, last, at_low, at_high, slope, max(error, _RELATIVE_ROUND_OFF * (within[1] - within[0]))
     )

@@ -108,27 +108,27 @@ def from_samples(inputs: Sequence[NDArray[np.intp]], values: Array) -> Indices |
     The correlation ratio: an input does not explain the variance within its classes. With the correction for
     the number of classes (Kelley 1935), an input without influence has 0 on average.
     """
-    known = np.isfinite(values)
-    y = values[known]
+    defined = np.isfinite(values)
+    y = values[defined]
     n = y.size
     if n < 2 * _FEWEST_A_BIN:
         return None
     y = y - y.mean()
     variance = float(y @ y) / n
-    if not _varies(variance, float(values[known].mean())):
+    if not _varies(variance, float(values[defined].mean())):
         return None
     first, error = np.full((2, len(inputs)), np.nan)
-    for place, own in enumerate(classes_of[known] for classes_of in inputs):
-        counts = np.bincount(own)
+    for index, classes in enumerate(classes_of[defined] for classes_of in inputs):
+        counts = np.bincount(classes)
         used = int((counts > 0).sum())
         if used < 2:
-            first[place] = error[place] = 0
+            first[index] = error[index] = 0
         elif used < n:
-            means = np.bincount(own, weights=y) / np.maximum(counts, 1)
-            left = np.square(y - means[own])
+            means = np.bincount(classes, weights=y) / np.maximum(counts, 1)
+            left = np.square(y - means[classes])
             unexplained = left.mean() / variance
-            first[place] = 1 - unexplained * (n - 1) / (n - used)
-            error[place] = np.std(left - unexplained * y * y) / variance / np.sqrt(n)
+            first[index] = 1 - unexplained * (n - 1) / (n - used)
+            error[index] = np.std(left - unexplained * y * y) / variance / np.sqrt(n)
     words = f"correlation ratio of {n} samples, first order only"
     return Indices(first, error, None, None, words, n)
 
@@ -141,12 +141,12 @@ def classes(x: NDArray[Any]) -> NDArray[np.intp]:
     x
         An input's numbers or texts, shape (samples,).
     """
-    levels, found = np.unique(sortable(x), return_inverse=True)
-    most = int(np.clip(len(x) // _FEWEST_A_BIN, 2, _MOST_BINS))
+    levels, members = np.unique(sortable(x), return_inverse=True)
+    bins = int(np.clip(len(x) // _FEWEST_A_BIN, 2, _MOST_BINS))
     if len(levels) <= min(_MOST_BINS, len(x) // 2) or levels.dtype.kind == "U":
-        return np.asarray(found)
+        return np.asarray(members)
     ordered = np.sort(x)
-    edges = np.unique(ordered[len(x) * np.arange(1, most) // most])
+    edges = np.unique(ordered[len(x) * np.arange(1, bins) // bins])
     return np.searchsorted(edges, x, side="right")
 
 
@@ -155,11 +155,11 @@ def _varies(variance: float, mean: float) -> bool:
     return bool(variance > (4 * np.finfo(float).eps * abs(mean)) ** 2)
 
 
-def _ratio(part: Array, power: Array, variance: float) -> tuple[Array, Array]:
+def _ratio(explained: Array, power: Array, variance: float) -> tuple[Array, Array]:
     """Return mean(part) / mean(power) for each row, and its standard error."""
-    share = part.mean(axis=-1) / variance
-    slope = (part - share[:, None] * power) / variance
-    return share, slope.std(axis=-1, ddof=1) / np.sqrt(part.shape[-1])
+    share = explained.mean(axis=-1) / variance
+    slope = (explained - share[:, None] * power) / variance
+    return share, slope.std(axis=-1, ddof=1) / np.sqrt(explained.shape[-1])
 
 
 def correlations(
@@ -179,29 +179,29 @@ def correlations(
     ndarray
         Correlations (inputs x results); NaN if one of them does not vary.
     """
-    found = np.full((len(inputs), len(results)), np.nan)
-    for place in np.ndindex(found.shape):
-        x, y = inputs[place[0]], results[place[1]]
-        known = np.isfinite(x) & np.isfinite(y)
-        if known.sum() < 2:
+    coefficients = np.full((len(inputs), len(results)), np.nan)
+    for index in np.ndindex(coefficients.shape):
+        x, y = inputs[index[0]], results[index[1]]
+        defined = np.isfinite(x) & np.isfinite(y)
+        if defined.sum() < 2:
             continue
-        pair = [x[known], y[known]]
+        pair = [x[defined], y[defined]]
         if ranks:  # equal values have their mean rank
             for k, values in enumerate(pair):
                 _, level, counts = np.unique(values, return_inverse=True, return_counts=True)
                 pair[k] = (np.cumsum(counts) - (counts - 1) / 2)[level]
         if all(values.min() < values.max() for values in pair):
             a, b = (values - values.mean() for values in pair)
-            found[place] = np.clip((a / np.linalg.norm(a)) @ (b / np.linalg.norm(b)), -1, 1)
-    return found
+            coefficients[index] = np.clip((a / np.linalg.norm(a)) @ (b / np.linalg.norm(b)), -1, 1)
+    return coefficients
 
 
-def scatter(x: Array, y: Array, most: int = 5000) -> tuple[Array, Array]:
-    """Return at most `most` pairs for a scatter diagram, evenly selected in the order of the plan."""
-    known = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
-    if len(known) > most:
-        known = known[np.linspace(0, len(known) - 1, most).astype(np.int64)]
-    return x[known], y[known]
+def scatter(x: Array, y: Array, max_points: int = 5000) -> tuple[Array, Array]:
+    """Return at most `max_points` pairs for a scatter diagram, evenly selected in the order of the plan."""
+    defined = np.flatnonzero(np.isfinite(x) & np.isfinite(y))
+    if len(defined) > max_points:
+        defined = defined[np.linspace(0, len(defined) - 1, max_points).astype(np.int64)]
+    return x[defined], y[defined]
 
 
 #: Correlation of two inputs above which their shares of a variance overlap noticeably.
@@ -260,10 +260,10 @@ class Influences:
         names = list(numbers)
         if self.design is not None or len(names) < 2:
             return None
-        found = np.corrcoef(list(numbers.values()))
-        np.fill_diagonal(found, 0)
-        first, second = np.unravel_index(np.argmax(np.abs(found)), found.shape)
-        value = float(found[first, second])
+        coefficients = np.corrcoef(list(numbers.values()))
+        np.fill_diagonal(coefficients, 0)
+        first, second = np.unravel_index(np.argmax(np.abs(coefficients)), coefficients.shape)
+        value = float(coefficients[first, second])
         # Five standard errors: of independent samples, one of two million exceeds them.
         chance = 5 / np.sqrt(len(numbers[names[0]]))
         return (names[first], names[second], value) if abs(value) > max(OVERLAPPING, chance) else None

@@ -48,11 +48,11 @@ def statistics(values: Array) -> dict[str, Array | NDArray[np.int64]]:
     # Moments about the median, so that equal values have no deviation at all.
     centre = quantile(ordered, count, 0.5)
     centre = np.where(np.isfinite(centre), centre, 0.0)
-    known = ~np.isnan(ordered)
+    defined = ~np.isnan(ordered)
     with np.errstate(all="ignore"):
         shifted = ordered - centre[..., None]
-        offset = _sum(shifted, known) / count
-        spread = _sum(np.square(shifted - offset[..., None]), known)
+        offset = _sum(shifted, defined) / count
+        spread = _sum(np.square(shifted - offset[..., None]), defined)
         std = np.sqrt(spread / np.where(count > 1, count - 1, np.nan))
     mean = np.where(count > 0, centre + offset, np.nan)
     quantiles = {name: quantile(ordered, count, share) for name, share in QUANTILES.items()}
@@ -63,17 +63,17 @@ def quantile(ordered: Array, count: NDArray[np.int64], share: float) -> Array:
     """Return a quantile of the first `count` of ordered values along the last axis."""
     if not ordered.shape[-1]:
         return np.full(count.shape, np.nan)
-    place = share * np.maximum(count - 1, 0)
-    below = np.floor(place).astype(np.int64)
+    position = share * np.maximum(count - 1, 0)
+    below = np.floor(position).astype(np.int64)
     above = np.minimum(below + 1, np.maximum(count - 1, 0))
     low, high = (np.take_along_axis(ordered, at[..., None], axis=-1)[..., 0] for at in (below, above))
     with np.errstate(invalid="ignore"):
-        between = low + (place - below) * (high - low)
-    return np.where((low == high) | (place == below), low, between)
+        between = low + (position - below) * (high - low)
+    return np.where((low == high) | (position == below), low, between)
 
 
-def _sum(values: Array, known: NDArray[np.bool_]) -> Array:
-    return np.asarray(np.sum(values, axis=-1, where=known))
+def _sum(values: Array, defined: NDArray[np.bool_]) -> Array:
+    return np.asarray(np.sum(values, axis=-1, where=defined))
 
 
 def worst(values: Array, direction: Direction = "max") -> int | None:
@@ -96,8 +96,8 @@ def worst_entries(values: Array, direction: Direction = "max") -> Array:
 def _judged(values: Array, direction: Direction) -> Array:
     """Return values whose largest is the worst; missing ones are -inf."""
     judged = {"max": values, "min": -values, "abs": np.abs(values)}[direction]
-    known = ~np.isnan(judged)
-    return np.where(known, np.maximum(judged, -np.finfo(float).max), -np.inf)
+    defined = ~np.isnan(judged)
+    return np.where(defined, np.maximum(judged, -np.finfo(float).max), -np.inf)
 
 
 def declare(result: Result) -> None:
@@ -140,5 +140,5 @@ def computed(result: Result) -> Iterator[tuple[str, NDArray[Any]]]:
                 for start in range(0, entries[0], step)
             ]
         for name in NAMES:
-            values = parts[0][name] if len(parts) == 1 else np.concatenate([part[name] for part in parts])
+            values = parts[0][name] if len(parts) == 1 else np.concatenate([block[name] for block in parts])
             yield f"{STATISTICS}/{path}/{name}", values

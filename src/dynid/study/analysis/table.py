@@ -113,17 +113,22 @@ class StudyTable:
     @cached_property
     def paths(self) -> list[str]:
         """Paths of all outputs, including texts, in the order of the study's `collect`."""
-        every = {path: self.variable(path) for path in _below(self.result, RESULTS)}
-        found = {path: variable for path, variable in every.items() if variable.dims[:1] == ("sample",)}
+        variables = {path: self.variable(path) for path in _below(self.result, RESULTS)}
+        quantities = {
+            path: variable for path, variable in variables.items() if variable.dims[:1] == ("sample",)
+        }
         lengths = {
             f"{path.rpartition('/')[0]}/{variable.attrs['lengths']}".strip("/")
-            for path, variable in found.items()
+            for path, variable in quantities.items()
             if "lengths" in variable.attrs
         }
-        wanted = [str(one).strip("/") for one in self._scene.get("collect") or ()]
+        collected = [str(path_or_group).strip("/") for path_or_group in self._scene.get("collect") or ()]
         return sorted(
-            (path for path in found if path not in lengths),
-            key=lambda path: next((k for k, one in enumerate(wanted) if _covers(one, path)), len(wanted)),
+            (path for path in quantities if path not in lengths),
+            key=lambda path: next(
+                (k for k, path_or_group in enumerate(collected) if _covers(path_or_group, path)),
+                len(collected),
+            ),
         )
 
     @cached_property
@@ -133,8 +138,8 @@ class StudyTable:
             data = parse_source(str(self.result.attrs.get("scene", ""))).data
         except DynidError:
             return {}
-        whole = isinstance(data, dict) and isinstance(data.get("derive") or {}, dict)
-        return data if whole and isinstance(data.get("collect") or [], list) else {}
+        is_valid = isinstance(data, dict) and isinstance(data.get("derive") or {}, dict)
+        return data if is_valid and isinstance(data.get("collect") or [], list) else {}
 
     @cached_property
     def _frequency_unit(self) -> FrequencyUnit:
@@ -183,9 +188,9 @@ class StudyTable:
         """Yield name and index of each entry of one sample at a path."""
         axes = self.axes(path)
         labels = [[_label(label) for label in axis.labels] for axis in axes]
-        for place in np.ndindex(*(len(axis.labels) for axis in axes)):
-            chosen = ",".join(labels[axis][step] for axis, step in enumerate(place))
-            yield f"{path}[{chosen}]" if axes else path, place
+        for index in np.ndindex(*(len(axis.labels) for axis in axes)):
+            chosen = ",".join(labels[axis][step] for axis, step in enumerate(index))
+            yield f"{path}[{chosen}]" if axes else path, index
 
     def find(self, name: str) -> tuple[str, tuple[int, ...] | None]:
         """Return the path and the index of a named entry; index None for a whole array.
@@ -220,9 +225,9 @@ def in_decimals(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([float(f"{value:.14g}") for value in values])
 
 
-def _covers(wanted: str, path: str) -> bool:
+def _covers(collected: str, path: str) -> bool:
     """Return True if an entry of `collect`, a path, a group or a pattern, names a path."""
-    return path == wanted or path.startswith(f"{wanted}/") or fnmatchcase(path, wanted)
+    return path == collected or path.startswith(f"{collected}/") or fnmatchcase(path, collected)
 
 
 def _below(result: Result, group: str) -> list[str]:
@@ -240,18 +245,18 @@ def _label(label: Any) -> str:
 
 
 def _place(axis: LabelledAxis, label: str, path: str) -> int:
-    names = [_label(own) for own in axis.labels]
+    names = [_label(name) for name in axis.labels]
     if label in names:
         return names.index(label)
-    found = None
+    index = None
     if axis.labels.dtype.kind in "if":
         try:
-            found = axis.find(float(label))
+            index = axis.find(float(label))
         except ValueError:
-            found = None
-    if found is None:
+            index = None
+    if index is None:
         raise UsageError(f"{path} has no {axis.dim} {label}{did_you_mean(label, names)}")
-    return found
+    return index
 
 
 @dataclass(frozen=True)
@@ -280,13 +285,13 @@ def failures(table: StudyTable) -> list[Failure]:
     errors = table.result["study/error"].data[table.failed]
     codes = table.result["study/exit_code"].data[table.failed]
     groups: dict[str, list[int]] = {}
-    for place, error in enumerate(errors):
-        groups.setdefault(_NUMBER.sub("#", str(error)), []).append(place)
-    found = [
+    for row, error in enumerate(errors):
+        groups.setdefault(_NUMBER.sub("#", str(error)), []).append(row)
+    failed = [
         Failure(str(errors[rows[0]]), int(codes[rows[0]]), table.numbers[table.failed[rows]])
         for rows in groups.values()
     ]
-    return sorted(found, key=lambda failure: -len(failure.samples))
+    return sorted(failed, key=lambda failure: -len(failure.samples))
 
 
 #: Most columns of the table.
@@ -352,7 +357,7 @@ def _exported_rows(table: StudyTable, start: int, stop: int, expectations: int) 
     columns += [result[f"{SAMPLES}/{path}"].rows(start, stop) for path in table.inputs]
     for path in table.paths:
         values = table.variable(path).rows(start, stop).reshape(len(code), -1)
-        columns += [part for entry in values.T for part in split(entry)]
+        columns += [column for entry in values.T for column in split(entry)]
     for number in range(expectations):
         met = result[f"study/expect/{number}"].rows(start, stop)
         columns.append(np.where(code == 0, met, np.nan))

@@ -134,5 +134,5 @@ def configured_address() -> str | None:
         import dask
     except ImportError:
         return None
-    found = dask.config.get("scheduler-address", None)
-    return None if found is None else str(found)
+    address_in_config = dask.config.get("scheduler-address", None)
+    return None if address_in_config is None else str(address_in_config)
