@@ -224,7 +224,7 @@ class Result(Mapping[str, Variable]):
         Parameters
         ----------
         group
-            Its path (`bond_graph/frequency_response`); absent: the arrays at the root.
+            Its path (`bond_graph/frequency_response`); default: the arrays at the root.
 
         Raises
         ------

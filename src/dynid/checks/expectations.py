@@ -49,7 +49,7 @@ class LabelledAxis:
         return int(hits[0]) if hits else None
 
     def hint(self, label: Any) -> str:
-        """Return what may be meant by a label that is absent: a similar text, else the labels there are."""
+        """Return what may be meant by a label that is default: a similar text, else the labels there are."""
         similar = did_you_mean(label, map(str, self.labels)) if isinstance(label, str) else ""
         return similar or f"; there are: {shortened([word(entry) for entry in self.labels]) or 'none'}"
 

@@ -278,7 +278,7 @@ def _chosen(
     columns: Sequence[Any] | None,
     key: str,
 ) -> list[UniversalFunction]:
-    """Return the functions of a type by name, or by number among those of the type; absent: all."""
+    """Return the functions of a type by name, or by number among those of the type; default: all."""
     candidates = [function for function in functions if function.kind == kind]
     if not candidates:
         file.refuse(f"holds no {what}", f"Data sets 58 of function type {kind} are read.")

@@ -289,7 +289,7 @@ def complex_datasets(file: DataFile, name: str, key: str) -> NDArray[Any]:
 def _numbers(
     file: DataFile, store: Any, name: str, key: str, kinds: str = "iuf", rows: int | None = None
 ) -> NDArray[Any]:
-    """Return the first rows of a dataset of one or two axes, of numbers of these NumPy kinds; absent: all."""
+    """Return the first rows of a dataset of one or two axes, of numbers of these NumPy kinds; default: all."""
     dataset = _found(file, store, name, key, kinds)
     check_stored(dataset)
     return np.asarray(dataset[:rows])

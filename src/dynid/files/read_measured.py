@@ -56,7 +56,7 @@ def read_columns(
         are dropped.
     columns
         Names, with or without the unit, or numbers from 1: columns of a table, datasets of an HDF5 file,
-        variables of a MATLAB file, functions of a Universal File. Absent: all columns of a table but that of
+        variables of a MATLAB file, functions of a Universal File. Default: all columns of a table but that of
         the times; in an HDF5 file the dataset `measured`.
     step
         The step that the rows are taken to have, s; compared with the times of a table, in an HDF5 file with
@@ -98,7 +98,7 @@ def read_signal(
     path, step, scene_key, layout
         As of `read_columns`.
     column
-        Its name, with or without the unit, or its number from 1. Absent: the only column but that of the
+        Its name, with or without the unit, or its number from 1. Default: the only column but that of the
         times, the only dataset of an HDF5 file but `time` or `t`.
 
     Raises

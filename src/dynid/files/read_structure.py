@@ -64,7 +64,7 @@ def imported(
         The files, or the parts that each matrix is the sum of; damping may be made from the other two
         instead.
     labels
-        Labels of the DOFs; absent: those of the files, else 1 … n.
+        Labels of the DOFs; default: those of the files, else 1 … n.
     joints
         The joints.
     parameters

@@ -106,7 +106,7 @@ class Heading(NamedTuple):
 class DataTable:
     """Rows of numbers, the names of their columns (none: no header), and their times where they have any.
 
-    `timed` is the column of the times, from 0; absent: it is found by its name. `units` are those of the
+    `timed` is the column of the times, from 0; default: it is found by its name. `units` are those of the
     columns in a row of their own; empty: they stand in the names, if anywhere. `doubts` say for which a
     file contradicts itself; `note` says what was skipped; `stamped` are columns of dates and times of day,
     which hold no data. A table that is `selected`
@@ -141,7 +141,7 @@ class DataTable:
     def timed_by(self, column: int, resolution: NDArray[np.float64] | None = None) -> DataTable:
         """Return the table with a column of times, in s or in the unit that its heading has.
 
-        `resolution` is the last place of each time as written; absent: they have twelve digits.
+        `resolution` is the last place of each time as written; default: they have twelve digits.
         """
         times = self.values[:, column]
         if resolution is None:

@@ -35,9 +35,9 @@ def read_columns(file: DataFile, request: ColumnRequest) -> DataTable:
 def read_text(
     file: DataFile, time: str | int | None = None, number: Callable[[str], float | complex] | None = None
 ) -> DataTable:
-    """Return all columns of a text file; `time` is the column of the times, absent: it is found by its name.
+    """Return all columns of a text file; `time` is the column of the times, default: it is found by its name.
 
-    `number` converts a field; absent: to a real number.
+    `number` converts a field; default: to a real number.
     """
     lines_of_file = _text(file).split("\n")
     rows = _rows(file, lines_of_file)

@@ -74,7 +74,7 @@ def check_claim(path: Path, shape: tuple[int, ...], entries: int | None = None) 
     shape
         Rows and columns.
     entries
-        The number of entries of a sparse matrix; absent: it is dense.
+        The number of entries of a sparse matrix; default: it is dense.
 
     Raises
     ------

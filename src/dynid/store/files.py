@@ -37,7 +37,7 @@ def write_result(result: Result, path: str | os.PathLike[str], scene_text: str |
     path
         The file; an existing one is replaced.
     scene_text
-        The YAML text as run; absent: the one in the result, if any.
+        The YAML text as run; default: the one in the result, if any.
 
     Raises
     ------

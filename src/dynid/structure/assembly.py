@@ -77,7 +77,7 @@ class Assembly:
     dofs
         Labels of the DOFs (n).
     sparse
-        True for sparse sums; absent: where there are many DOFs.
+        True for sparse sums; default: where there are many DOFs.
     """
 
     def __init__(self, dofs: Sequence[Label], *, sparse: bool | None = None) -> None:

@@ -74,7 +74,7 @@ def compare(
     methods
         The methods by the names they shall have in the result.
     responses
-        The frequency responses to compare; absent: none.
+        The frequency responses to compare; default: none.
     parts
         Substructures by name, whose shares of the energy are compared.
     result

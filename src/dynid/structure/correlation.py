@@ -145,7 +145,7 @@ def energy_shares(
     values
         Unknown joint parameters by name.
     parts
-        Substructures: name and DOFs; absent: all is the one ``structure``. The remaining DOFs are ``rest``.
+        Substructures: name and DOFs; default: all is the one ``structure``. The remaining DOFs are ``rest``.
 
     Returns
     -------

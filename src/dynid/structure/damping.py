@@ -88,7 +88,7 @@ class ModalDamping:
         return total.merged(), None
 
     def matrix(self, M: Matrix, K: Matrix, values: Mapping[str, float] | None = None) -> Array:
-        """Return C (n x n); `values` of the parameters on which the ratios depend, absent: reference values.
+        """Return C (n x n); `values` of the parameters on which the ratios depend, default: reference values.
 
         Raises
         ------
@@ -167,7 +167,7 @@ class ModalPart:
     M, K
         Mass and stiffness (N x N), without joints.
     T
-        The basis (N x n) of a reduced model; absent: unity.
+        The basis (N x n) of a reduced model; default: unity.
     """
 
     damping: ModalDamping

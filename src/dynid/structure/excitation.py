@@ -137,7 +137,7 @@ def drive(
     model, loads, channels
         The structure, its loads and its channels.
     values
-        Unknown parameters by name, on which the mass moved by the ground may depend; absent: the reference.
+        Unknown parameters by name, on which the mass moved by the ground may depend; default: the reference.
 
     Raises
     ------
@@ -232,7 +232,7 @@ def starting_state(
     loads
         Prescribed motions start as they are prescribed.
     displacement, velocity
-        Initial displacement, m, and velocity, m/s, by DOF; absent: 0.
+        Initial displacement, m, and velocity, m/s, by DOF; default: 0.
 
     Raises
     ------

@@ -40,7 +40,7 @@ class JointParameter:
         The unknown's true value where it is known, positive: what simulated records are made with.
     matrix
         A block over the joint's DOFs that value, start and true value multiply, symmetric and not indefinite;
-        absent: the spring between two DOFs or to ground. With a matrix alone the value is 1.
+        default: the spring between two DOFs or to ground. With a matrix alone the value is 1.
     low, high
         Limits of an unknown value, positive; its start lies within.
     prior

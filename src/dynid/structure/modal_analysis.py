@@ -50,9 +50,9 @@ def summarise(
     model
         The structure.
     lowest
-        Its modes, the rigid-body ones among them; absent: computed, with known joints.
+        Its modes, the rigid-body ones among them; default: computed, with known joints.
     M
-        Its mass with joints that have mass; absent: without.
+        Its mass with joints that have mass; default: without.
     """
     if lowest is None:
         M, C, K = model.with_joints()

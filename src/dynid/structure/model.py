@@ -88,7 +88,7 @@ class StructuralModel(NamedDofs):
     joints
         The joints.
     dofs
-        Labels of the DOFs, whole numbers or texts such as ``w_4``; absent: 1 … n. Where the labels are texts
+        Labels of the DOFs, whole numbers or texts such as ``w_4``; default: 1 … n. Where the labels are texts
         a number names a DOF by its place, from 1.
     basis
         Of a reduced model, the way back to all DOFs.
@@ -312,7 +312,7 @@ class StructuralModel(NamedDofs):
         values
             The parameters by name; those that are absent have their reference values.
         names
-            The parameters, known or unknown, by which to differentiate; absent: `unknowns`.
+            The parameters, known or unknown, by which to differentiate; default: `unknowns`.
 
         Returns
         -------

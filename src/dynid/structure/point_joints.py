@@ -46,10 +46,10 @@ class PointJoint:
     m
         Mass, half of it at each point; or a block over the motions of its points (6 or 12).
     axes
-        Rows: directions of its frame in basic coordinates (3 x 3), orthonormal and right-handed; absent: the
+        Rows: directions of its frame in basic coordinates (3 x 3), orthonormal and right-handed; default: the
         basic ones.
     at
-        Where the relative motion is taken, m; absent: in the middle.
+        Where the relative motion is taken, m; default: in the middle.
     """
 
     name: str

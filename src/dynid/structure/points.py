@@ -45,9 +45,9 @@ class Point:
         ``rigid``: the nodes move as one rigid body; ``distributed``: the point follows their mean. A single
         node is neither.
     at
-        Its place, m, basic coordinates; absent: the node, or the centre of the nodes.
+        Its place, m, basic coordinates; default: the node, or the centre of the nodes.
     weights
-        Of a distributed point a weight for each node, in any unit; absent: equal ones.
+        Of a distributed point a weight for each node, in any unit; default: equal ones.
     """
 
     name: str

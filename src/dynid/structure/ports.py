@@ -27,7 +27,7 @@ class Channel(NamedTuple):
 
     Where the ground moves it is relative to the ground, or `absolute`. What is recorded is ``gain`` times the
     output ``delay`` earlier (s), plus ``offset``. The DOF's `kind` is ``translation``, ``rotation`` or
-    ``unknown``; absent: as its label says, else a translation.
+    ``unknown``; default: as its label says, else a translation.
     """
 
     dof: Label
@@ -123,7 +123,7 @@ class Load(NamedTuple):
 
 
 def _motion(quantity: str | None) -> tuple[str, str]:
-    """Return the units of a quantity, absent: of a force, along a translation and along a rotation."""
+    """Return the units of a quantity, default: of a force, along a translation and along a rotation."""
     if quantity is None:
         return "N", "N.m"
     return UNITS[quantity], UNITS[quantity].replace("m", "rad", 1)

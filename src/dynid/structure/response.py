@@ -121,7 +121,7 @@ def time_response(
     values
         Unknown joint parameters by name.
     displacement, velocity
-        Initial displacement, m, and velocity, m/s, by DOF; absent: 0.
+        Initial displacement, m, and velocity, m/s, by DOF; default: 0.
 
     Returns
     -------

@@ -48,10 +48,10 @@ class SpaceMember:
     rhoA
         Mass per length, kg/m, which may be 0.
     rhoJ
-        Polar mass moment of inertia per length, kg·m; absent: that of a homogeneous section,
+        Polar mass moment of inertia per length, kg·m; default: that of a homogeneous section,
         ``rhoA (EIy + EIz) / EA``.
     orientation
-        A vector in the plane of x and y, on the side of y; absent: z is as near as possible to the basic z,
+        A vector in the plane of x and y, on the side of y; default: z is as near as possible to the basic z,
         and of a member along the basic z, y is the basic y.
     offsets
         Rigid offsets from the two nodes to the ends, m, basic coordinates.

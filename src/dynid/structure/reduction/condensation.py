@@ -172,7 +172,7 @@ class Guyan:
     Parameters
     ----------
     masters
-        Labels, or a rule to choose by. Absent: the DOFs of joints, sensors and loads.
+        Labels, or a rule to choose by. Default: the DOFs of joints, sensors and loads.
     interest
         Purpose of the model.
     """
@@ -214,7 +214,7 @@ class Dynamic:
     Parameters
     ----------
     frequency
-        The frequency, rad/s. Absent: the middle of the band of interest.
+        The frequency, rad/s. Default: the middle of the band of interest.
     masters, interest
         As of `Guyan`.
     """

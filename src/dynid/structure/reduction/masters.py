@@ -40,7 +40,7 @@ class Masters:
     Parameters
     ----------
     count
-        Their number; absent: one a mode.
+        Their number; default: one a mode.
     choose
         ``qr``: column-pivoted QR of the mode matrix's rows; ``effective-independence``: drop the DOFs that
         add least to the modes' information (Kammer); ``mass``: the largest diagonal masses, which often
@@ -238,7 +238,7 @@ def masters_for_modes(
     model
         The full structure.
     masters
-        Labels, or a rule to choose by. Absent: the DOFs of joints, sensors and loads, and as many others as
+        Labels, or a rule to choose by. Default: the DOFs of joints, sensors and loads, and as many others as
         it takes to see all the modes.
     interest
         The DOFs of sensors and loads.
@@ -257,7 +257,7 @@ def masters_alone(
 ) -> Indices:
     """Return the masters of a method that is not made of modes.
 
-    Absent: the DOFs of joints, sensors and loads. A rule to choose by looks at as many of the lowest modes
+    Default: the DOFs of joints, sensors and loads. A rule to choose by looks at as many of the lowest modes
     as masters are wanted; without a count, at those of the band.
 
     Raises

@@ -49,7 +49,7 @@ class ModalTruncation:
     Parameters
     ----------
     modes
-        Numbers from 1, rigid-body modes included, or a range. Absent: those of the band.
+        Numbers from 1, rigid-body modes included, or a range. Default: those of the band.
     residuals
         DOFs whose loads get residual vectors; ``auto``: those of joints, sensors and loads; none: ``()``.
     interest
@@ -150,9 +150,9 @@ class CraigBampton:
     Parameters
     ----------
     masters
-        The boundary: labels, or a rule to choose by. Absent: the DOFs of joints, sensors and loads.
+        The boundary: labels, or a rule to choose by. Default: the DOFs of joints, sensors and loads.
     modes
-        Fixed-interface modes: numbers or a range; a count of 0 is static condensation. Absent: those of
+        Fixed-interface modes: numbers or a range; a count of 0 is static condensation. Default: those of
         the band.
     interest
         Purpose of the model.

@@ -61,10 +61,10 @@ class Serep:
     Parameters
     ----------
     masters
-        Labels, or a rule to choose by (`Masters`). Absent: the DOFs of joints, sensors and loads, with
+        Labels, or a rule to choose by (`Masters`). Default: the DOFs of joints, sensors and loads, with
         others where these do not see all the modes.
     modes
-        Numbers from 1, rigid-body modes included, or a range (`ModeRange`). Absent: one a master; with no
+        Numbers from 1, rigid-body modes included, or a range (`ModeRange`). Default: one a master; with no
         masters either, all of the band; without a band, one a DOF of joints, sensors and loads.
     interest
         Purpose of the model.
@@ -160,7 +160,7 @@ class JointAware:
     masters, modes, interest
         As of `Serep`; modes are those of the structure with joints.
     values
-        Current values of the unknown joint parameters, by name; absent: their starts.
+        Current values of the unknown joint parameters, by name; default: their starts.
     residuals
         As of `ModalTruncation`, of the structure with its joints. Coordinates then are modal, and there are
         no masters.
