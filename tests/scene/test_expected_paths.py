@@ -307,7 +307,7 @@ def test_a_label_that_no_array_has_is_refused_at_its_place(name, path, at, said)
 
 
 WRITERS = ["bondgraph/results", "bondgraph/synthesis", "identification/results", "identification/systems"]
-WRITERS += ["structure/comparison.py", "structure/geometry.py", "structure/modal_analysis.py"]
+WRITERS += ["structure/reduction_comparison.py", "structure/geometry.py", "structure/modal_analysis.py"]
 WRITERS += [
     "structure/response.py",
     "identification/identifiability.py",

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from dynid.errors import DynidError, NumericalError, Singular
-from dynid.structure.comparison import compare
 from dynid.structure.joints import Joint, JointParameter
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.modes import modes
@@ -14,6 +13,7 @@ from dynid.structure.reduction.masters import Masters
 from dynid.structure.reduction.modal import ModalTruncation
 from dynid.structure.reduction.mode_selection import ModeRange
 from dynid.structure.reduction.serep import Serep
+from dynid.structure.reduction_comparison import compare
 from tests.structure.oracle import (
     built,
     exact,

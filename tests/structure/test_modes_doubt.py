@@ -7,13 +7,13 @@ import pytest
 from scipy.sparse import csc_array
 
 from dynid.structure.assembly import Support
-from dynid.structure.comparison import compare
 from dynid.structure.frame import beam
 from dynid.structure.lumped import Link, lumped
 from dynid.structure.modal_analysis import modal_analysis
 from dynid.structure.modes import modes
 from dynid.structure.modes.pencil import StrainEnergy
 from dynid.structure.reduction.serep import Serep
+from dynid.structure.reduction_comparison import compare
 
 # Roots of cos x cosh x = -1, and of cos x cosh x = 1.
 CANTILEVER = np.array([1.875104068711961, 4.694091132974175]) ** 2

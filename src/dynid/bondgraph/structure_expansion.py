@@ -21,7 +21,7 @@ from dynid.structure import labels
 from dynid.structure.matrices import NAMES, Label, Matrix, triplets
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes import modes
-from dynid.structure.reduction.reduction import StructuralReduction
+from dynid.structure.reduction.reduced_model import StructuralReduction
 
 Reading = Literal["decimal", "binary"]
 

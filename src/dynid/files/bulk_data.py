@@ -17,7 +17,7 @@ import numpy as np
 
 from dynid.arrays import Array
 from dynid.errors import FileError
-from dynid.files.fe_text import Reference, check_reference, opened, real
+from dynid.files.fe_text import Reference, check_reference, open_included, real
 from dynid.files.matrix_data import COMPLEX, Container, ImportedMatrix
 from dynid.files.mesh_data import corners, edges
 from dynid.files.untrusted import read_errors
@@ -297,7 +297,7 @@ def _lines(path: Path, reference: Reference, depth: int, size: list[int]) -> Ite
 
     The commands above ``BEGIN BULK`` are left out; files without it are bulk data from their first line.
     """
-    with opened(path, depth, size) as stream:
+    with open_included(path, depth, size) as stream:
         above = depth == 0 and any(re.match(r"\s*BEGIN\s+BULK", line, re.IGNORECASE) for line in stream)
         stream.seek(0)
         for raw in stream:

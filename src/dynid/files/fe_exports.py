@@ -25,7 +25,7 @@ import numpy as np
 from dynid.errors import FileError
 from dynid.files.fe_text import real
 from dynid.files.matrix_data import ImportedMatrix, compressed
-from dynid.files.matrix_market import assembled, one_triangle, read_triplets, whole_places
+from dynid.files.matrix_market import assembled, entry_indices, one_triangle, read_triplets
 from dynid.files.untrusted import check_backed, check_claim, read_errors
 from dynid.structure.labels import DIRECTIONS
 
@@ -195,7 +195,7 @@ def read_script(path: Path) -> ImportedMatrix:
         table = np.loadtxt([row.rstrip(";, ") for row in numbers], ndmin=2) if numbers else np.empty((0, 3))
         if table.shape[1] != 3:
             raise ValueError(f"its rows have {table.shape[1]} numbers, not row, column, value")
-        ends = whole_places(path, table[:, :2])
+        ends = entry_indices(path, table[:, :2])
         size = (int(call["rows"]), int(call["columns"])) if call["rows"] else None
         shape = size or (int(ends.max(initial=1)),) * 2
         if max(shape) > max(path.stat().st_size, 1000):

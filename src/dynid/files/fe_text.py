@@ -17,7 +17,7 @@ Reference: TypeAlias = Callable[[Path, str], Path]
 """Function of a file and the name of another one in it, which returns the path of that, or refuses it."""
 
 
-def opened(path: Path, depth: int, size: list[int]) -> TextIO:
+def open_included(path: Path, depth: int, size: list[int]) -> TextIO:
     """Return a file opened for reading, as one of those that include each other.
 
     Parameters

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.errors import DynidError, FileError
-from dynid.files.matrix_data import COMPLEX, Container, as_numbers, compressed
+from dynid.files.matrix_data import COMPLEX, Container, compressed, real_matrix
 from dynid.files.table import TIME, ColumnRequest, DataFile, DataTable, are_numbers
 from dynid.files.untrusted import check_claim, read_errors
 from dynid.hdf5 import Refused, check_stored, inside, open_hdf5
@@ -124,7 +124,7 @@ def load_hdf5(path: Path, name: str) -> Matrix:
         check_stored(item)
         if what := _contents(item):
             raise FileError(f"{path}: '{name}' holds {what}; a structural matrix is real")
-        values = as_numbers(path, name, item[()])
+        values = real_matrix(path, name, item[()])
         return np.asarray(values).T if "MATLAB_class" in item.attrs else values
 
 
@@ -289,7 +289,7 @@ def complex_datasets(file: DataFile, name: str, key: str) -> NDArray[Any]:
 def _numbers(
     file: DataFile, store: Any, name: str, key: str, kinds: str = "iuf", rows: int | None = None
 ) -> NDArray[Any]:
-    """Return the first rows of a dataset of one or two axes, of numbers of these NumPy kinds; default: all."""
+    """Return the first rows of a dataset of one or two axes, of these NumPy kinds; default: all."""
     dataset = _found(file, store, name, key, kinds)
     check_stored(dataset)
     return np.asarray(dataset[:rows])

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dynid.errors import FileError
-from dynid.files.fe_text import Reference, check_reference, opened, real
+from dynid.files.fe_text import Reference, check_reference, open_included, real
 from dynid.files.mesh_data import corners, edges
 from dynid.files.untrusted import read_errors
 from dynid.number_format import counted
@@ -211,7 +211,7 @@ def blocks(path: Path, reference: Reference = check_reference) -> Iterator[Block
 
 def _lines(path: Path, reference: Reference, depth: int, size: list[int]) -> Iterator[str]:
     """Yield the lines of a file and those that it includes, without comments and blanks at their ends."""
-    with opened(path, depth, size) as stream:
+    with open_included(path, depth, size) as stream:
         for raw in stream:
             line = raw.strip()
             if not line or line.startswith("**"):

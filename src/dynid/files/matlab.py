@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from dynid import trial
 from dynid.arrays import Array
 from dynid.errors import FileError
-from dynid.files.matrix_data import USE_REAL_PART, Container, as_numbers, compressed
+from dynid.files.matrix_data import USE_REAL_PART, Container, compressed, real_matrix
 from dynid.files.table import ColumnRequest, DataFile, DataTable, are_numbers
 from dynid.files.untrusted import MOST_NUMBERS, DiedError, archived, check_claim, read_errors
 from dynid.structure.matrices import Matrix, is_sparse
@@ -98,7 +98,7 @@ def load(path: Path, name: str) -> Matrix:
         raise FileError(problem, remedy=USE_REAL_PART)
     if variable.kind == "sparse":
         return compressed(path, variable.shape, (values[0], values[1], values[2]), "csc")
-    return as_numbers(path, name, values[0])
+    return real_matrix(path, name, values[0])
 
 
 MATRICES = Container(shapes, load, others)
@@ -118,7 +118,7 @@ def arrays(path: Path, name: str) -> tuple[tuple[int, ...] | None, list[Array]]:
         label = f"{name}{{{number}}}" if cells else name
         if values.dtype.kind not in "iufb":
             raise FileError(f"{path}: '{label}' is no matrix of real numbers")
-        contents.append(np.asarray(as_numbers(path, label, values)))
+        contents.append(np.asarray(real_matrix(path, label, values)))
     return variable.shape if cells else None, contents
 
 

@@ -62,7 +62,7 @@ class Container(NamedTuple):
         return matrix if isinstance(matrix, ImportedMatrix) else ImportedMatrix(matrix)
 
 
-def as_numbers(path: Path, name: str, values: Any) -> Matrix:
+def real_matrix(path: Path, name: str, values: Any) -> Matrix:
     """Return a matrix of real numbers in double precision from the object that a library has read.
 
     Raises
@@ -102,7 +102,7 @@ def compressed(path: Path, shape: Any, parts: tuple[Any, Any, Any], layout: str)
         raise FileError(f"{path} holds a sparse matrix of layout {layout!r}; {', '.join(_LAYOUTS)} are read")
     data, *places = (np.asarray(array).ravel() for array in parts)
     check_claim(path, (rows, columns), len(data))
-    numbers = as_numbers(path, "data", data[None, :])
+    numbers = real_matrix(path, "data", data[None, :])
     assert isinstance(numbers, np.ndarray)
     with read_errors(path, "a sparse matrix"):
         if layout == "coo":

@@ -74,7 +74,7 @@ def read_matrix_market(path: Path) -> ImportedMatrix:
             matrix = np.zeros(header.shape)
             matrix.T[np.triu_indices(rows)] = table[:, 0]
             return ImportedMatrix(matrix + np.tril(matrix, -1).T)
-        ends = whole_places(path, table[:, :2])
+        ends = entry_indices(path, table[:, :2])
         return ImportedMatrix(assembled(path, ends, table[:, 2], header.shape, mirror=header.symmetric))
 
 
@@ -158,7 +158,7 @@ def read_triplets(path: Path) -> ImportedMatrix:
             raise FileError(f"{path} holds no triplets")
         if table.shape[1] not in (3, 5):
             raise FileError(f"{path} has {table.shape[1]} columns; triplets have 3 (row, column, value) or 5")
-        ends, values = whole_places(path, table[:, :-1]), table[:, -1]
+        ends, values = entry_indices(path, table[:, :-1]), table[:, -1]
         if len(first) == 3 and all(word.isascii() and word.isdigit() for word in first):
             rows, columns, entries = (int(word) for word in first)
             within = not len(ends[1:]) or bool(np.all(ends[1:].max(axis=0) <= (rows, columns)))
@@ -279,7 +279,7 @@ def one_triangle(ends: NDArray[np.int64]) -> bool:
     return bool(np.all(ends[:, 0] <= ends[:, 1]) or np.all(ends[:, 0] >= ends[:, 1]))
 
 
-def whole_places(path: Path, table: NDArray[np.float64]) -> NDArray[np.int64]:
+def entry_indices(path: Path, table: NDArray[np.float64]) -> NDArray[np.int64]:
     """Return columns of whole numbers.
 
     Raises

@@ -14,7 +14,7 @@ import numpy as np
 
 from dynid.arrays import Array
 from dynid.errors import FileError
-from dynid.files.matrix_data import Container, as_numbers
+from dynid.files.matrix_data import Container, real_matrix
 from dynid.files.untrusted import check_claim, read_errors
 from dynid.structure.dof_order import DofOrder, NodeFile
 from dynid.structure.labels import DIRECTIONS, Label, Node, Nodes
@@ -37,7 +37,7 @@ def load_op2(path: Path, name: str) -> Matrix:
         size, number = _listed(stored)[name]
         check_claim(path, size)
         bare = name.partition("@")[0]
-        return as_numbers(path, name, stored.rdop2mats([bare], which=number)[bare])
+        return real_matrix(path, name, stored.rdop2mats([bare], which=number)[bare])
 
 
 def _listed(stored: Any) -> dict[str, tuple[tuple[int, ...], int]]:
@@ -192,7 +192,7 @@ def load_op4(path: Path, name: str) -> Matrix:
             .OP4()
             .load(str(path), [name], into="dct", justmatrix=True, sparse=True)[name]
         )
-        return as_numbers(path, name, stored)
+        return real_matrix(path, name, stored)
 
 
 OUTPUT2 = Container(op2_shapes, load_op2)

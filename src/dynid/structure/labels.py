@@ -139,7 +139,7 @@ class DofNames:
             return 1.0, self.find(name)
         return (-1.0 if str(name).rpartition(":")[2][0] == "-" else 1.0), self.find(bare)
 
-    def shown(self, name: Label) -> Label:
+    def display_name(self, name: Label) -> Label:
         """Return the name of a DOF or motion in results: its own label, or ``NODE:-DIR`` with a minus sign.
 
         A number stays as it is.

@@ -29,11 +29,11 @@ from dynid.scene.kinds.structures import build_structure
 from dynid.scene.load import Scene
 from dynid.scene.schema.reduction import JointAwareModel, ReductionModel, ReductionScene
 from dynid.structure.backends import BACKENDS
-from dynid.structure.comparison import candidate
 from dynid.structure.model import StructuralModel
 from dynid.structure.modes import modes, solver_for
 from dynid.structure.reduction.methods import METHODS as _CLASSES
 from dynid.structure.reduction.methods import Reductor
+from dynid.structure.reduction_comparison import candidate
 
 #: Joint-aware without residual vectors; `joint-aware` has them.
 ALONE = "joint-aware-modes"

@@ -22,7 +22,7 @@ from dynid.scene.kind import KINDS
 from dynid.scene.load import Scene, check_source
 from dynid.scene.schema.base import ASPECTS, AccuracyModel, aspects_of
 from dynid.scene.yaml.source import Source
-from dynid.structure.comparison import measured
+from dynid.structure.reduction_comparison import measured
 
 _WORKER = "dynid.bench.scenes.measure"
 #: The part of the remaining time that a chosen alternative may take; and the multiple of an equal share that

@@ -155,7 +155,7 @@ def attachments_of(scene: Scene, labels: Sequence[Label]) -> Attachments:
     structure = model.structure
 
     def named(dof: Label) -> Label:
-        return labels[dof - 1] if isinstance(dof, int) and 0 < dof <= len(labels) else names.shown(dof)
+        return labels[dof - 1] if isinstance(dof, int) and 0 < dof <= len(labels) else names.display_name(dof)
 
     def tied(tie: Any, dofs: Sequence[Label], joint: str = "") -> SpringDamper:
         ends = tuple(map(named, dofs))

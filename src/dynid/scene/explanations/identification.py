@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from dynid.identification.identifiability import ExpectedRecords
     from dynid.identification.likelihood.likelihood import Likelihood
     from dynid.scene.schema.identification import EstimatorModel, IdentificationScene, ResponseModel
-    from dynid.structure.reduction.reduction import StructuralReduction
+    from dynid.structure.reduction.reduced_model import StructuralReduction
 
 #: Most states of a graph that are named.
 _STATES = 12

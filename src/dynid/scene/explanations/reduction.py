@@ -17,7 +17,7 @@ from dynid.scene.load import Scene
 from dynid.scene.schema.base import Section
 from dynid.scene.schema.reduction import ReductionScene
 from dynid.structure.modes.modes import solver_for
-from dynid.structure.reduction.reduction import StructuralReduction
+from dynid.structure.reduction.reduced_model import StructuralReduction
 
 #: DOFs up to which bases are computed for an explanation; their modes take well under a second.
 _MADE = DENSE_MODES.value

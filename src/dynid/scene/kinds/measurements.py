@@ -216,7 +216,7 @@ def kind_of(structure: StructuralModel | None, dof: Dof | None) -> str:
 
 def shown(structure: StructuralModel | None, dof: Dof) -> Dof:
     """Return the name of a DOF in results."""
-    return dof if structure is None else structure.dof_names.shown(dof)
+    return dof if structure is None else structure.dof_names.display_name(dof)
 
 
 def _own_label(structure: StructuralModel | None, dof: Dof) -> tuple[float, Dof]:

@@ -46,7 +46,6 @@ from dynid.scene.schema.quantities import Quantity
 from dynid.scene.schema.raw import read_names
 from dynid.scene.schema.reduction import ReductionScene
 from dynid.scene.yaml.source import path_of, set_values
-from dynid.structure.comparison import ARRAYS
 from dynid.structure.correlation import frac
 from dynid.structure.frf import Ports, direct
 from dynid.structure.matrices import as_array
@@ -54,6 +53,7 @@ from dynid.structure.ports import ports
 from dynid.structure.reduction.stacked_choices import Choice
 from dynid.structure.reduction.stacked_methods import StackedEnergies, StackedReduction, compared, stacked
 from dynid.structure.reduction.stacked_modes import Stack
+from dynid.structure.reduction_comparison import ARRAYS
 
 # Structures of more DOFs are run one by one: the work in their matrices is all that counts there.
 _MAX_DOFS = DENSE_MODES.value

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from dynid.scene.schema.measurement import ChannelModel
     from dynid.scene.schema.reduction import ReductionScene
     from dynid.structure.model import StructuralModel
-    from dynid.structure.reduction.reduction import StructuralReduction
+    from dynid.structure.reduction.reduced_model import StructuralReduction
 
 
 _NOT_REQUESTED = "not requested"

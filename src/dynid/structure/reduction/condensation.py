@@ -23,7 +23,7 @@ from dynid.structure.model import StructuralModel
 from dynid.structure.modes.pencil import StrainEnergy
 from dynid.structure.reduction.masters import Indices, Masters, masters_alone
 from dynid.structure.reduction.mode_selection import Interest
-from dynid.structure.reduction.reduction import StructuralReduction, projected
+from dynid.structure.reduction.reduced_model import StructuralReduction, projected
 
 SLAVES = "the slaves' stiffness"
 """Name of the matrix that static methods invert."""

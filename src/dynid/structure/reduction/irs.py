@@ -39,7 +39,7 @@ from dynid.structure.reduction.condensation import (
 )
 from dynid.structure.reduction.masters import Masters, masters_alone
 from dynid.structure.reduction.mode_selection import Interest
-from dynid.structure.reduction.reduction import (
+from dynid.structure.reduction.reduced_model import (
     StructuralReduction,
     cancellation,
     modal_rule,

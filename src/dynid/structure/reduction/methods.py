@@ -24,7 +24,7 @@ from dynid.structure.reduction.irs import Irs
 from dynid.structure.reduction.masters import Indices
 from dynid.structure.reduction.modal import CraigBampton, ModalTruncation
 from dynid.structure.reduction.mode_selection import Interest
-from dynid.structure.reduction.reduction import StructuralReduction, projected
+from dynid.structure.reduction.reduced_model import StructuralReduction, projected
 from dynid.structure.reduction.serep import JointAware, Serep
 from dynid.suggestions import did_you_mean
 

@@ -28,7 +28,7 @@ from dynid.structure.reduction.mode_selection import (
     selected,
     wanted_modes,
 )
-from dynid.structure.reduction.reduction import StructuralReduction, projected
+from dynid.structure.reduction.reduced_model import StructuralReduction, projected
 
 Residuals: TypeAlias = Sequence[Label] | Literal["auto"]
 """DOFs whose loads get residual vectors; ``auto``: those of joints, sensors and loads."""

@@ -40,7 +40,7 @@ from dynid.structure.reduction.mode_selection import (
     selected,
     wanted_modes,
 )
-from dynid.structure.reduction.reduction import (
+from dynid.structure.reduction.reduced_model import (
     StructuralReduction,
     cancellation,
     modal_rule,

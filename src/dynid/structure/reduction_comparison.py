@@ -24,7 +24,7 @@ from dynid.structure.model import StructuralModel
 from dynid.structure.modes import ModeMemory, Modes, modes, remembered_modes
 from dynid.structure.ports import Channel, ports, response_units
 from dynid.structure.reduction.methods import Reductor
-from dynid.structure.reduction.reduction import StructuralReduction
+from dynid.structure.reduction.reduced_model import StructuralReduction
 from dynid.structure.response import common_unit
 
 _PROCESS = Path("/proc/self")
