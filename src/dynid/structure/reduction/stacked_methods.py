@@ -332,7 +332,7 @@ def compared(
     names: Collection[str],
     energies: Callable[[], StackedEnergies],
 ) -> tuple[dict[str, Array], Sure]:
-    """Return the arrays of a comparison by the names that `structure.reduction_comparison` gives them, and where sure.
+    """Return the arrays of a comparison by their names in `structure.reduction_comparison`, and where sure.
 
     Parameters
     ----------
