@@ -82,9 +82,8 @@ class CutLoops:
         for _, below in plant.values():
             common = common * (below // common.gcd(below))
         self._common = common
-        self._plant = [
-            [_scaled(plant[row.measured, column.source], common) for column in loops] for row in loops
-        ]
+        numerators = {channel: above * (common // below) for channel, (above, below) in plant.items()}
+        self._plant = [[numerators[row.measured, column.source] for column in loops] for row in loops]
         #: What counts of roots may still cost.
         self.work = Work(COUNT)
         self.reduced, self.natural = reduced, characteristic_polynomials(reduced)
@@ -330,11 +329,6 @@ def _mixing_gain(row: int, column: int) -> int:
 def _roots_at_origin(polynomial: Any) -> int:
     """Return the multiplicity of the root 0 of a polynomial that is not zero."""
     return next((power for power in range(polynomial.degree() + 1) if polynomial[power] != 0), 0)
-
-
-def _scaled(ratio: tuple[Any, Any], common: Any) -> Any:
-    """Return the numerator of a rational function over a common denominator."""
-    return ratio[0] * (common // ratio[1])
 
 
 def _expanded(matrix: list[list[Any]], unity: Any) -> Any:

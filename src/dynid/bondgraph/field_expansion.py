@@ -16,7 +16,7 @@ from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import pairwise
-from typing import Any, Literal, cast
+from typing import Literal, cast
 
 from dynid.arithmetic.dependent import Dependent, Real
 from dynid.arithmetic.ldl import (
@@ -321,7 +321,9 @@ def field_fault(matrix: Sequence[Sequence[Real]]) -> str:
     try:
         squares(at_reference(nonzero(matrix)))
     except Indefinite:
-        lowest = _lowest_eigenvalue(matrix)
+        import numpy as np  # for a message only
+
+        lowest = float(np.linalg.eigvalsh([[float(entry) for entry in row] for row in matrix])[0])
         return (
             f"the matrix is not positive semidefinite, its lowest eigenvalue is {lowest:.3g}; with unknown "
             "parameters a field is passive"
@@ -341,9 +343,3 @@ def field_warnings(graph: BondGraph) -> list[str]:
         "without end"
         for name in active
     ]
-
-
-def _lowest_eigenvalue(matrix: Sequence[Sequence[Any]]) -> float:
-    import numpy as np  # for a message only
-
-    return float(np.linalg.eigvalsh([[float(entry) for entry in row] for row in matrix])[0])

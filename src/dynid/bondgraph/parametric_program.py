@@ -261,7 +261,7 @@ class Tape:
                 balls = self._balls(
                     self._numbers(leaves, None if omega is None else acb(0, omega), precision)
                 )
-                rounding = float if omega is None else _complex
+                rounding = float if omega is None else complex
                 if all(ball.rel_accuracy_bits() >= _MIN_ACCURATE_BITS for ball in balls):
                     return [rounding(ball) for ball in balls]
                 # what still may be zero with so many bits is zero: a slope at values where it vanishes
@@ -299,10 +299,6 @@ class Tape:
             else:
                 append(-memory[a])
         return [memory[index] for index in self._wanted]
-
-
-def _complex(ball: Any) -> complex:
-    return complex(float(ball.real.mid()), float(ball.imag.mid()))
 
 
 def _vanishes(ball: Any, precision: int) -> bool:

@@ -245,7 +245,9 @@ class _Search:
                 if gained >= 0.1 * predicted:
                     far = float(np.abs(step).max()) >= 0.99 * radius
                     radius = min(2 * radius, 2.0) if gained >= 0.75 * predicted and far else radius
-                    same = seen is here and len(found_multipliers.pieces) == _pieces(trial)
+                    same = seen is here and len(found_multipliers.pieces) == sum(
+                        len(norm.values) for norm in trial.norms
+                    )
                     multipliers = found_multipliers if same else None
                     here, accepted = trial, True
                     break
@@ -406,10 +408,6 @@ class _Search:
                 weights[lead] -= solution[index]
                 index += 1
         return plain + solution @ rows, _Multipliers(weights, solution[: len(now.residuals)])
-
-
-def _pieces(at: Evaluation) -> int:
-    return sum(len(norm.values) for norm in at.norms)
 
 
 def _size(step: Array | None) -> float:

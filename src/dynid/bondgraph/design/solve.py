@@ -121,16 +121,13 @@ def _optima(start: Array, met: list[Solution]) -> list[Optimum]:
     best, *others = sorted(met, key=rank)
     optima = [Optimum(best, 1)]
     for solution in others:
-        same = next((k for k, optimum in enumerate(optima) if _is_same(solution, optimum.solution)), None)
+        distances = [np.abs(solution.found.eta - optimum.solution.found.eta).max() for optimum in optima]
+        same = next((k for k, distance in enumerate(distances) if distance <= _OPTIMUM_DISTANCE), None)
         if same is not None:
             optima[same] = Optimum(optima[same].solution, optima[same].count + 1)
         elif solution.conditions.verified if solution.conditions is not None else _is_isolated(solution):
             optima.append(Optimum(solution, 1))
     return optima
-
-
-def _is_same(a: Solution, b: Solution) -> bool:
-    return bool(np.abs(a.found.eta - b.found.eta).max() <= _OPTIMUM_DISTANCE)
 
 
 def _is_isolated(solution: Solution) -> bool:
@@ -174,7 +171,8 @@ def unreachable(functions: DesignFunctions, missed: Sequence[Evaluation], idle: 
     if not usable:
         return _missing_roots(functions, missed)
     best = min(usable, key=lambda evaluation: float(np.linalg.norm(evaluation.residuals)))
-    places = _rows(design)
+    ends = np.cumsum([0, *map(residual_count, design.roots)]).tolist()
+    places = [slice(a, b) for a, b in pairwise(ends)]  # of the residuals of each root
     off = [k for k, rows in enumerate(places) if np.abs(best.residuals[rows]).max() > MET]
     target, reached = design.roots[off[0]], best.reached[off[0]]
     assert reached is not None
@@ -244,12 +242,6 @@ def no_minimum(functions: DesignFunctions, best: Solution) -> Unreachable | None
                 names=(f"design.free.{parameter.name}", _name(design, target)),
             )
     return None
-
-
-def _rows(design: Design) -> list[slice]:
-    """Return the rows of the residuals of each wanted root."""
-    ends = np.cumsum([0, *map(residual_count, design.roots)]).tolist()
-    return [slice(a, b) for a, b in pairwise(ends)]
 
 
 def _name(design: Design, target: Target) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arrays import Array, ComplexArray
-from dynid.bondgraph.graph import ACTIVATED, STORAGES, BondGraph, GraphUnits, Port, bond_sign, unit_quotient
+from dynid.bondgraph.graph import ACTIVATED, STORAGES, BondGraph, Port, bond_sign, unit_quotient
 from dynid.bondgraph.graph_response import frequency_response
 from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.result import Result
@@ -175,7 +175,9 @@ def add_energy(result: Result, graph: BondGraph, inputs: tuple[str, ...], omega:
     squares = np.abs(frequency_response(reduced, omega).transpose(0, 2, 1)) ** 2
     result.add_axis(f"{_ENERGY}/omega", omega, "rad/s")
     result.add_axis(f"{_ENERGY}/input", list(inputs))
-    joule, watt = ("J", "W") if _true_power(reduced.units, elements.ports) else ("", "")
+    domains = (reduced.units.domains.get(port.node, "thermal") for port in elements.ports)
+    # e f is a power where every domain is known, and none is thermal
+    joule, watt = ("J", "W") if all(domain != "thermal" for domain in domains) else ("", "")
     result.add(f"{_ENERGY}/energy", elements.energy(squares), ("omega", "input", "storage"), joule)
     result.add(f"{_ENERGY}/power", elements.power(squares), ("omega", "input", "resistor"), watt)
 
@@ -197,11 +199,6 @@ def _add_modes(result: Result, elements: EnergyElements, reduced: ReducedGraph) 
     if any(node.type == ACTIVATED for node in reduced.graph.nodes.values()):
         fed = free.poles.real + rates.sum(axis=1)
         result.add(f"{_ENERGY}/growth_rate_by_control", fed, ("mode",), "1/s")
-
-
-def _true_power(units: GraphUnits, ports: list[Port]) -> bool:
-    """Return True where e f is a power everywhere: every domain is known, and none is thermal."""
-    return all(units.domains.get(port.node, "thermal") != "thermal" for port in ports)
 
 
 def add_source_performance(result: Result, graph: BondGraph, inputs: tuple[str, ...], omega: Array) -> None:

@@ -31,7 +31,7 @@ from dynid.lti.quasi_polynomials import PRECISION, QuasiPolynomial, on_axis
 from dynid.lti.stability import Verdict
 from dynid.number_format import counted, roots_text
 from dynid.progress import tracked
-from dynid.result import Result, Variable, as_kept
+from dynid.result import Result, as_kept
 
 MARGINS, FUNCTIONS, LOCUS = "bond_graph/margins", "bond_graph/sensitivity_functions", "bond_graph/root_locus"
 #: Roots of polynomials up to which margins of loops without delays are computed, some seconds, and about how
@@ -341,7 +341,8 @@ def with_delays(result: Result, analysis: Analysis) -> Result:
         if path in true:
             marked_result.put(path, replace(variable, data=as_kept(true[path])))
         elif _approximate(path) and not path.endswith(_EXACT):
-            marked_result.put(path, _marked(variable, text))
+            attributes = {**variable.attrs, "approximate": text}
+            marked_result.put(path, replace(variable, attrs=attributes))
         else:
             marked_result.put(path, variable)
     for group, attributes in result.group_attrs.items():
@@ -356,10 +357,6 @@ _NOTE = "frequency responses, margins and verdicts on stability have the delays 
 
 def _approximate(path: str) -> bool:
     return path.startswith("bond_graph/") and path != "bond_graph/" and not path.startswith(_TRUE)
-
-
-def _marked(variable: Variable, text: str) -> Variable:
-    return replace(variable, attrs={**variable.attrs, "approximate": text})
 
 
 def _high_frequencies(result: Result, analysis: Analysis) -> dict[str, Any]:

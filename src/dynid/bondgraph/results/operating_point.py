@@ -53,16 +53,17 @@ def add_operating_point(result: Result, linear: Linearisation) -> None:
     units = GraphUnits(equations.model.graph)
     ports = list(_variables(point))
     columns = [equations.column(port) for port in ports]
-    determined = [_determined(point, column) for column in columns]
+    determined = [bool(point.equilibria) or column not in point.solution.free for column in columns]
     result.add_axis(f"{GROUP}/variable", [str(port) for port in ports])
-    result.add(f"{GROUP}/value", _kept(point.solution.z[columns], determined), ("variable",))
+    result.add(f"{GROUP}/value", np.where(determined, point.solution.z[columns], np.nan), ("variable",))
     unit_texts = [units.of_output(port) for port in ports]
     if any(unit_texts):
         result.add(f"{GROUP}/unit", unit_texts, ("variable",))
-    sources = [name for name, node in equations.model.graph.nodes.items() if node.type in ("Se", "Sf")]
+    nodes = equations.model.graph.nodes
+    sources = [name for name, node in nodes.items() if node.type in ("Se", "Sf")]
     result.add_axis(f"{GROUP}/input", sources)
     input_values = [
-        point.solution.z[equations.column(_of_source(equations.model.graph.nodes[name].type, name))]
+        point.solution.z[equations.column(Port(name, "e" if nodes[name].type == "Se" else "f"))]
         for name in sources
     ]
     result.add(f"{GROUP}/input_value", np.array(input_values, dtype=float), ("input",))
@@ -96,19 +97,6 @@ def _variables(point: OperatingPoint) -> Iterator[Port]:
     )
     seen |= dict.fromkeys(equations.states)
     yield from dict.fromkeys([*seen, *(port for law in equations.model.laws.values() for port in law.ports)])
-
-
-def _determined(point: OperatingPoint, column: int) -> bool:
-    return bool(point.equilibria) or column not in point.solution.free
-
-
-def _kept(values: np.ndarray, determined: list[bool]) -> np.ndarray:
-    """Return values; those that a given point leaves open are NaN."""
-    return np.where(determined, values, np.nan)
-
-
-def _of_source(kind: str, name: str) -> Port:
-    return Port(name, "e" if kind == "Se" else "f")
 
 
 def _add_slopes(result: Result, linear: Linearisation, units: GraphUnits) -> None:
