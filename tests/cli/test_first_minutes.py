@@ -254,7 +254,7 @@ def test_screens_fit_a_terminal(monkeypatch, width):
     screen = summary(result, "0.1 s", trace=True).splitlines()
     assert max(map(len, screen)) <= width
     table = [["", "start", "estimate"], ["upper.k [N/m]", "1" * 30, "2" * 40], ["c", "3", "4"]]
-    lines = list(aligned(table, gap=4))
+    lines = list(aligned(table))
     assert max(map(len, lines)) <= width
     assert lines.count("") == (1 if width < 100 else 0)  # the second block of columns
 

@@ -479,7 +479,8 @@ def test_frequency_that_the_rest_does_not_replace_has_no_prediction():
     result = identify(model, ModalMeasurement(np.array([20.0, 52.0])))
     for name in ("error", "deviation", "by_scatter"):
         assert np.isnan(modes(result, f"left_out_{name}")).all()
-    heads, rows = modal_table(result)
+    table = modal_table(result)
+    heads, rows = table.columns, table.rows
     assert [row[heads.index("left out")] for row in rows] == ["-", "-"]
     assert "identification/parameters/estimate" in result
     whole = identify(chain(), replace(measured(chain(), noise=0.0), shape=None, shape_std=None, dofs=()))
@@ -636,7 +637,7 @@ def test_the_screen_has_the_first_measured_modes_and_what_they_say():
 
     result = identify(chain(), measured(chain(), seed=5))
     screen = "\n".join(lines(result, rows=3))
-    _, rows = modal_table(result)
+    rows = modal_table(result).rows
     for row in rows[:3]:
         assert " ".join(row) in " ".join(screen.split())
     assert " ".join(rows[3][:3]) not in " ".join(screen.split())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from dynid.cli.text import aligned, columns, folded, paragraph, wrapped
+from dynid.cli.text import aligned, columns, folded, wrapped
 from dynid.number_format import counted, unbroken
 from dynid.report.content import array_rows, content
 from dynid.report.content.blocks import (
@@ -59,7 +59,7 @@ def _headline(title: str, method: str, note: str) -> list[str]:
     """Return title, method and note in one line, or in two on a narrow terminal."""
     right = " · ".join(text for text in (method, note) if text)
     if len(title) + 2 + len(right) > columns():
-        return [title, *paragraph(right)]
+        return [title, *wrapped(right, _WIDTH, initial_indent="  ", subsequent_indent="    ")]
     return [f"{title}{' ' * max(2, min(100, columns()) - len(title) - len(right))}{right}"]
 
 

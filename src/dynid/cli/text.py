@@ -30,37 +30,23 @@ def wrapped(text: str, width: int, **options: Any) -> list[str]:
     return wrap(text, width - max(0, _USUAL - columns()), **options)
 
 
-def paragraph(text: str, indent: str = "  ") -> list[str]:
-    """Return a sentence as lines as long as the screen allows, indented, with a hanging indent."""
-    return wrap(indent + text, columns(), subsequent_indent=f"{indent}  ")
-
-
-def folded(line: str) -> list[str]:
+def folded(line: str, hanging: int | None = None) -> list[str]:
     """Return a line as it is, or as several with a hanging indent where a terminal is narrower."""
     if not sys.stdout.isatty() or len(line) <= columns():
         return [line]
-    hanging = " " * (len(line) - len(line.lstrip()) + 2)
-    return wrap(line, columns(), subsequent_indent=hanging, break_long_words=False, break_on_hyphens=False)
+    left = " " * (len(line) - len(line.lstrip()) + 2 if hanging is None else hanging)
+    return wrap(line, columns(), subsequent_indent=left, break_long_words=False, break_on_hyphens=False)
 
 
 def described(rows: Sequence[tuple[str, str]], indent: str = "  ") -> list[str]:
     """Return names with their descriptions in a second column, which is wrapped on a terminal."""
     width = max((len(name) for name, _ in rows), default=0)
-    left = f"{indent}{'':{width}}  "
-    lines = []
-    for name, text in rows:
-        line = f"{indent}{name:{width}}  {text}"
-        narrow = sys.stdout.isatty() and len(line) > columns()
-        if narrow:
-            pieces = wrap(
-                line, columns(), subsequent_indent=left, break_long_words=False, break_on_hyphens=False
-            )
-        lines += pieces if narrow else [line.rstrip()]
-    return lines
+    lines = (f"{indent}{name:{width}}  {text}".rstrip() for name, text in rows)
+    return [part for line in lines for part in folded(line, len(indent) + width + 2)]
 
 
 def aligned(
-    rows: Sequence[Sequence[str]], indent: str = "    ", *, gap: int = 2, left: Collection[int] = (0,)
+    rows: Sequence[Sequence[str]], indent: str = "    ", left: Collection[int] = (0,)
 ) -> Iterable[str]:
     """Yield a table as lines; one that is wider than a terminal continues in further blocks of columns.
 
@@ -70,18 +56,14 @@ def aligned(
         The cells, with the headings first. The first column is repeated in every block.
     indent
         Blanks before each line.
-    gap
-        Blanks between columns; 2 where the table is too wide with more.
     left
         The columns that are aligned to the left.
     """
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     room = (columns() if sys.stdout.isatty() else 1000) - len(indent)
-    if sum(widths) + gap * (len(widths) - 1) > room:
-        gap = 2
     blocks: list[list[int]] = [[0]]
     for k in range(1, len(widths)):
-        if len(blocks[-1]) > 1 and sum(widths[j] + gap for j in blocks[-1]) + widths[k] > room:
+        if len(blocks[-1]) > 1 and sum(widths[j] + 2 for j in blocks[-1]) + widths[k] > room:
             blocks.append([0])
         blocks[-1].append(k)
     for number, block in enumerate(blocks):
@@ -89,4 +71,4 @@ def aligned(
             yield ""
         for row in rows:
             cells = (f"{row[k]:{'<' if k in left else '>'}{widths[k]}}" for k in block)
-            yield f"{indent}{(' ' * gap).join(cells)}".rstrip()
+            yield f"{indent}{'  '.join(cells)}".rstrip()

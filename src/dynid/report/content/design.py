@@ -18,8 +18,8 @@ _ROOTS, _NAMES, _REACHED = (
 )
 
 
-def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return headings and rows of the free parameters: start, value, limits, values of other designs."""
+def _parameter_table(result: Result) -> TextTable:
+    """Return the table of the free parameters: start, value, limits, values of other designs."""
     others = list(map(str, result[f"{DESIGN}/compared/design"].data)) if compares(result) else []
     values = (
         result[f"{DESIGN}/compared/value"].data.T if others else [()] * len(result[f"{DESIGN}/name"].data)
@@ -34,11 +34,12 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
         limits = [f"{edge:.6g}" if math.isfinite(edge) else "" for edge in (low, high)]
         cells = [general(number, 6) for number in (start, value, *compared)]
         rows.append((str(name), *cells, *limits, remark))
-    return ("", "start", "designed", *others, "min", "max", ""), rows
+    heads = ("", "start", "designed", *others, "min", "max", "")
+    return TextTable(heads, tuple(rows), caption="free parameters").filled()
 
 
-def _target_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return headings and rows of the targets: wanted, at the start, reached, and by other designs."""
+def _target_table(result: Result) -> TextTable:
+    """Return the table of the targets: wanted, at the start, reached, and by other designs."""
     group, unit = f"{DESIGN}/targets", frequency_unit(result)
     get = {
         column: result[f"{group}/{column}"].data
@@ -77,7 +78,8 @@ def _target_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]
                 general(result[f"{DESIGN}/compared/reached"].data[row, k], 6) for row in range(len(others))
             ]
         rows.append(tuple(cells))
-    return ("", "wanted", "start", "designed", *others), rows
+    heads = ("", "wanted", "start", "designed", *others)
+    return TextTable(heads, tuple(rows), caption="targets").filled()
 
 
 def _root(omega: float, damping: float, factor: float, damped: bool) -> str:
@@ -122,9 +124,5 @@ def design_sections(result: Result) -> Iterator[ReportSection]:
     """Yield the section on the design."""
     if f"{DESIGN}/value" not in result:
         return
-    parameters, targets = parameter_table(result), _target_table(result)
-    tables = [
-        TextTable(columns, tuple(rows), caption=caption).filled()
-        for caption, (columns, rows) in (("free parameters", parameters), ("targets", targets))
-    ]
-    yield ReportSection("Design", (*tables, *statements(result)), "answer", screen="design")
+    blocks = (_parameter_table(result), _target_table(result), *statements(result))
+    yield ReportSection("Design", blocks, "answer", screen="design")

@@ -44,9 +44,7 @@ def identifiability_sections(result: Result) -> Iterator[ReportSection]:
         return
     blocks = (_bound_table(result), *_collinear_groups(result), *_interchangeable(result))
     yield ReportSection("Identifiability", blocks, screen="identifiability")
-    columns, rows = _modal_shifts(result)
-    table = TextTable(columns, tuple(rows), caption=_modal_heading(result), noun="mode", brief=8, most=20)
-    yield ReportSection("Parameters and modes", (table,), screen="")
+    yield ReportSection("Parameters and modes", (_modal_shifts(result),), screen="")
 
 
 def _bound_table(result: Result) -> TextTable:
@@ -123,8 +121,8 @@ def _letter(name: str) -> str:
     return letter if letter in ("k", "c") and str(name) != letter else ""
 
 
-def _modal_shifts(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return the changes of frequency and damping of each mode by one per cent of each parameter.
+def _modal_shifts(result: Result) -> TextTable:
+    """Return the table of the changes of each mode by one per cent of each parameter.
 
     Where all parameters are of joints, of k that of the frequency is shown, of c that of the damping; else
     both, one row below the other. Parameters that change no mode, such as gains, have no column then.
@@ -150,7 +148,8 @@ def _modal_shifts(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]
         rows.append((f"{k + 1}", f"{unit.factor * omega[k]:.5g}", f"{100 * zeta[k] + 0.0:.3g} %", *frequency))
         if not joints and any(text != _NO_SHIFT for text in damping):
             rows.append(("", "", "", *damping))
-    return ("mode", unit.name, "ζ", *(str(names[j]) for j in kept)), rows
+    heads = ("mode", unit.name, "ζ", *(str(names[j]) for j in kept))
+    return TextTable(heads, tuple(rows), caption=_modal_heading(result), noun="mode", brief=8, most=20)
 
 
 def shift_text(percent: float, symbol: str = "") -> str:

@@ -94,11 +94,9 @@ def _estimate_sections(result: Result) -> Iterator[ReportSection]:
     yield ReportSection(
         title, tuple(map(Statement, (_record_summary(result), *preparation(result)))), screen=""
     )
-    columns, rows = parameter_table(result)
     verdict, *statements = verdict_statements(result)
     doubts = (statement for statement in statements if statement.tone == "bad")
-    table = TextTable(columns, tuple(rows), brief=ALL, most=ALL)
-    yield ReportSection("Parameters", (table,), "answer", screen="")
+    yield ReportSection("Parameters", (_parameter_table(result),), "answer", screen="")
     yield ReportSection("Parameters", (verdict, *doubts), "answer", screen="")
     yield ReportSection(title, tuple(said for said in statements if said.tone != "bad"), screen="")
 
@@ -160,8 +158,8 @@ def interval(estimate: float, error: float, linear: bool) -> tuple[float, float]
     return estimate / factor, estimate * factor
 
 
-def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return headings and rows of the parameters: start, estimate with error, interval, true value, bound.
+def _parameter_table(result: Result) -> TextTable:
+    """Return the table of the parameters: start, estimate with error, interval, true value, bound.
 
     Intervals are nominal where the residuals contradict the model.
     Error and bound are relative to the true value; of a true value of 0 the bound is absolute. Where a true
@@ -214,7 +212,8 @@ def parameter_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ..
                 *bound,
             )
         )
-    return ("", "start", "rejected estimate" if result.rejected else "estimate", *bars, *truths), rows
+    heads = ("", "start", "rejected estimate" if result.rejected else "estimate", *bars, *truths)
+    return TextTable(heads, tuple(rows), brief=ALL, most=ALL)
 
 
 def _scaled_text(estimate: float, error: float) -> str:

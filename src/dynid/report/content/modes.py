@@ -29,8 +29,8 @@ def modal_summary(result: Result) -> str:
     return f"{counted(measured.data.size, 'measured mode')}, {span}{at}"
 
 
-def modal_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return headings and rows of the modes: frequency, its error and MAC before and after."""
+def modal_table(result: Result) -> TextTable:
+    """Return the table of the modes: frequency, its error and MAC before and after."""
     get = {
         path.removeprefix(f"{GROUP}/"): variable.data
         for path, variable in result.items()
@@ -50,7 +50,7 @@ def modal_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]
         if damping:
             row += [_percent(get["damping_measured"][k]), _percent(get["damping"][k])]
         rows.append(tuple(row))
-    return tuple(heads), rows
+    return TextTable(tuple(heads), tuple(rows), noun="mode", most=ALL)
 
 
 def _modal_statements(result: Result) -> list[str]:
@@ -74,13 +74,8 @@ def _criterion(value: float) -> str:
 def modal_sections(result: Result) -> Iterator[ReportSection]:
     """Yield the comparison of measured and computed modes."""
     if has_modes(result):
-        heads, rows = modal_table(result)
-        table = TextTable(heads, tuple(rows), noun="mode", most=ALL)
-        blocks = (
-            on_page(Statement(modal_summary(result))),
-            table,
-            *map(Statement, _modal_statements(result)),
-        )
+        statements = map(Statement, _modal_statements(result))
+        blocks = (on_page(Statement(modal_summary(result))), modal_table(result), *statements)
         yield ReportSection("Measured modes", blocks, "answer", screen="")
 
 
@@ -92,8 +87,8 @@ def is_requested(result: Result) -> bool:
     return bool(result.group_attrs.get(DERIVED, {}).get("requested", False))
 
 
-def derived_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return headings and rows of the oscillating modes and zeros with their 95 % bands."""
+def derived_table(result: Result) -> TextTable:
+    """Return the table of the oscillating modes and zeros with their 95 % bands."""
     unit, rows = frequency_unit(result), list[tuple[str, ...]]()
     for path in result:
         if not path.startswith(DERIVED) or not path.endswith("/frequency/value"):
@@ -113,7 +108,7 @@ def derived_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]
                 ends = f"{quantity(low, error)} … {quantity(high, error)}" if error else "for all values"
                 cells += [quantity(value, error or None), ends]
             rows.append(tuple(cells))
-    return ("", unit.name, "95 % band", "ζ in %", "95 % band"), rows
+    return TextTable(("", unit.name, "95 % band", "ζ in %", "95 % band"), tuple(rows), most=20)
 
 
 def statements(result: Result) -> Iterator[str]:
@@ -135,7 +130,7 @@ def statements(result: Result) -> Iterator[str]:
 
 def derived_sections(result: Result) -> Iterator[ReportSection]:
     """Yield the section on what follows from the estimate."""
-    columns, rows = derived_table(result) if is_requested(result) else ((), [])
-    table = (TextTable(columns, tuple(rows), most=20),) if rows else ()
-    if blocks := (*table, *map(Statement, statements(result))):
+    table = derived_table(result) if is_requested(result) else None
+    tables = (table,) if table is not None and table.rows else ()
+    if blocks := (*tables, *map(Statement, statements(result))):
         yield ReportSection("What follows from the estimate", blocks, "answer", screen="")

@@ -25,19 +25,14 @@ def method(result: Result) -> str:
 
 def sections(result: Result) -> Iterator[ReportSection]:
     """Yield the comparison of the methods."""
-    columns, rows = _method_table(result)
-    size = counted(len(result["reduction/dof"].data), "DOF")
-    took = seconds_text(result.group_attrs.get("reduction", {}).get("seconds"))
-    effort = f"; its modes took {took}" if took else ""
-    table = TextTable(columns, tuple(rows), frozenset({0}), f"{size}{effort}", brief=ALL)
     unit, *others = remarks(result)
-    yield ReportSection("Methods", (table, unit), "answer", screen="")
+    yield ReportSection("Methods", (_method_table(result), unit), "answer", screen="")
     if others:
         yield ReportSection("Masters and rigid-body modes", tuple(others), screen="")
 
 
-def _method_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return headings and rows: natural frequencies with the joints, errors and costs of each method."""
+def _method_table(result: Result) -> TextTable:
+    """Return the table of the methods: natural frequencies with the joints, errors and costs."""
     reference, common, unit = _reference(result), _common(result), frequency_unit(result)
     elastic = [number for number in sorted(reference) if reference[number]]
     shown = (elastic or sorted(reference))[:_FREQUENCIES]
@@ -71,7 +66,11 @@ def _method_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]
                 "" if not isinstance(peak, float) else f"{peak:.1f} MB" if peak >= 0.1 else "-",
             )
         )
-    return (*columns, "condition", "time", "memory"), rows
+    took = seconds_text(result.group_attrs.get("reduction", {}).get("seconds"))
+    effort = f"; its modes took {took}" if took else ""
+    caption = f"{counted(len(result['reduction/dof'].data), 'DOF')}{effort}"
+    heads = (*columns, "condition", "time", "memory")
+    return TextTable(heads, tuple(rows), frozenset({0}), caption, brief=ALL)
 
 
 def _names(result: Result) -> list[str]:

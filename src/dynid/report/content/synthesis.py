@@ -50,14 +50,14 @@ def sections(result: Result) -> Iterator[ReportSection]:
     function, zeros, poles = wanted(result)
     items = definitions(function, ("kind", _kind_text(result)), ("zeros", zeros), ("poles", poles))
     yield ReportSection(f"Driving-point {_about(result, 'function')}", (items,), "answer", screen="")
-    columns, rows = _form_table(result)
-    yield ReportSection("Forms", (TextTable(columns, tuple(rows)),), "answer", screen="")
+    table = _form_table(result)
+    yield ReportSection("Forms", (table,), "answer", screen="")
     for form in forms(result):
         rows_of_form = tuple(elements(result, form))
-        table = on_page(TextTable(("", "type", "value"), rows_of_form, most=ALL))
+        values = on_page(TextTable(("", "type", "value"), rows_of_form, most=ALL))
         listed = joined((f"{name} = {value}" for name, _, value in rows_of_form), _ELEMENTS)
-        place = "answer" if len(rows) == 1 else "details"
-        blocks = (table, on_screen(Statement(listed, head=f"{form}:")))
+        place = "answer" if len(table.rows) == 1 else "details"
+        blocks = (values, on_screen(Statement(listed, head=f"{form}:")))
         yield ReportSection(f"Elements, {form} form", blocks, place, screen="")
 
 
@@ -76,14 +76,14 @@ def _kind_text(result: Result) -> str:
     return f"positive real, of degree {about['degree']}, {_KINDS[str(about['kind'])]}"
 
 
-def _form_table(result: Result) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return headings and rows: the numbers of elements of each form, and its error analysed back."""
+def _form_table(result: Result) -> TextTable:
+    """Return the table of the forms: the numbers of elements of each form, and its error analysed back."""
     rows = []
     for form, residual in zip(forms(result), result["synthesis/residual"].data, strict=True):
         counts = Counter(map(str, result[f"synthesis/{form}/type"].data))
         numbers = (str(counts[kind]) if counts[kind] else "" for kind in TYPES)
         rows.append((form, *numbers, f"{residual:.1e}" if residual else "exact"))
-    return ("", *TYPES, "error of its coefficients"), rows
+    return TextTable(("", *TYPES, "error of its coefficients"), tuple(rows))
 
 
 def elements(result: Result, form: str) -> Iterator[tuple[str, str, str]]:

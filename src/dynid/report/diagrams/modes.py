@@ -59,12 +59,12 @@ def _pairs(result: Result) -> Picture:
     rows = [[Subplot(axis, PlotAxis("frequency error (%)"), layers, height=150.0)]]
     if shown:
         rows.append([Subplot(axis, PlotAxis("MAC"), shown, height=120.0)])
-    heads, cells = modal_table(result)
+    table = modal_table(result)
     title = "Measured modes before and after"
     about = (
         "Errors of the model's frequencies, and agreement of its shapes with the measured ones (1: the same)."
     )
-    return Picture(chart("measured-modes", title, rows, about), about, FigureTable(heads, tuple(cells)))
+    return Picture(chart("measured-modes", title, rows, about), about, FigureTable(table.columns, table.rows))
 
 
 def _tables(result: Result) -> Picture:
