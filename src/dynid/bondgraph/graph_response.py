@@ -18,74 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid.bondgraph.program.bounded import bounded_response
 from dynid.bondgraph.reduced_graph import GraphProgram, ReducedGraph
 from dynid.defaults import COMPILED_RESPONSES, PLANNED_ANEW
 from dynid.errors import NumericalError, Singular
 from dynid.number_format import frequency_text
-
-# --- complex numbers with error bounds -------------------------------------------------------------
-
-_UNIT_ROUNDOFF = 2.0**-53
-#: Relative rounding error of one complex sum, product and quotient, in units of 2^-53 (Higham 2002, 3.6).
-_SUM_ERROR, _PRODUCT_ERROR, _QUOTIENT_ERROR = 1 * _UNIT_ROUNDOFF, 3 * _UNIT_ROUNDOFF, 8 * _UNIT_ROUNDOFF
-#: Absolute error of a product or quotient that falls below the range of doubles.
-_UNDERFLOW_ERROR = 2.0**-1070
-
-
-class Bounded:
-    """Complex arrays that carry a bound on their own rounding error.
-
-    A pivot that vanishes at some frequency shows as a large bound there, never as a wrong number.
-
-    Parameters
-    ----------
-    value
-        Complex numbers of any shape.
-    error
-        Bound on the absolute error of each.
-    """
-
-    __slots__ = ("error", "value")
-
-    def __init__(self, value: NDArray[np.complex128], error: NDArray[np.float64] | float) -> None:
-        self.value = value
-        self.error = error
-
-    @classmethod
-    def rounded(cls, value: Any) -> Bounded:
-        """Take a number that was rounded once to double precision."""
-        value = np.complex128(value)
-        return cls(value, _UNIT_ROUNDOFF * np.abs(value))
-
-    def __getitem__(self, key: Any) -> Bounded:
-        return Bounded(self.value[key], np.asarray(self.error)[key])
-
-    def __add__(self, other: Bounded) -> Bounded:
-        value = self.value + other.value
-        return Bounded(value, self.error + other.error + _SUM_ERROR * np.abs(value))
-
-    def __sub__(self, other: Bounded) -> Bounded:
-        value = self.value - other.value
-        return Bounded(value, self.error + other.error + _SUM_ERROR * np.abs(value))
-
-    def __neg__(self) -> Bounded:
-        return Bounded(-self.value, self.error)
-
-    def __mul__(self, other: Bounded | int) -> Bounded:
-        if isinstance(other, int):
-            return Bounded(self.value * other, self.error * abs(other))
-        value = self.value * other.value
-        error = np.abs(self.value) * other.error + self.error * (np.abs(other.value) + other.error)
-        return Bounded(value, error + _PRODUCT_ERROR * np.abs(value) + _UNDERFLOW_ERROR)
-
-    def __truediv__(self, other: Bounded) -> Bounded:
-        value = self.value / other.value
-        size = np.abs(other.value) - other.error
-        error = (self.error + np.abs(value) * other.error) / np.where(size > 0, size, 0.0)
-        return Bounded(value, error + _QUOTIENT_ERROR * np.abs(value) + _UNDERFLOW_ERROR)
-
-
-# --- responses -------------------------------------------------------------------------------------
 
 #: A point whose relative error bound exceeds this, for every ten operations, is computed again. The bound
 #: adds up worst cases: in long chains it lies a thousand times above the true error (3e-14 at 300 stages).
@@ -176,15 +113,10 @@ def _double(
     planned: GraphProgram, registers: list[int], omega: NDArray[np.float64]
 ) -> tuple[NDArray[np.complex128], NDArray[np.bool_]]:
     """Return the registers from double precision, and at which points all can be trusted."""
-    values = {name: Bounded.rounded(float(planned.graph.value(name))) for name in planned.valued}
-    s = Bounded((1j * omega).astype(np.complex128), np.zeros_like(omega))
-    with np.errstate(all="ignore"):
-        run = planned.run(registers, values, s, Bounded(np.ones((), dtype=np.complex128), 0.0))
-        columns = [np.broadcast_to(run[register].value, omega.shape) for register in registers]
-        bounds = [np.broadcast_to(run[register].error, omega.shape) for register in registers]
-        response = np.stack(columns, axis=-1)
-        tolerance = _RESPONSE_TOL * max(1.0, len(planned.program) / 10)
-        trusted = np.stack(bounds, axis=-1) <= tolerance * np.abs(response)
+    values = {name: planned.graph.value(name) for name in planned.valued}
+    response, bounds = bounded_response(planned.program, registers, values, omega)
+    with np.errstate(invalid="ignore"):
+        trusted = bounds <= _RESPONSE_TOL * max(1.0, len(planned.program) / 10) * np.abs(response)
     return response, np.all(trusted & np.isfinite(response), axis=1)
 
 

@@ -31,8 +31,8 @@ from dynid.bondgraph.descriptor import (
     without_input_rates,
 )
 from dynid.bondgraph.graph import STORAGES, Port, bond_sign
-from dynid.bondgraph.graph_response import Bounded
 from dynid.bondgraph.parametric_program import ParametricProgram, Tape
+from dynid.bondgraph.program.bounded import bounded_response
 from dynid.bondgraph.reduced_graph import ReducedGraph
 from dynid.bondgraph.reduction.reducer import reduce_graph
 from dynid.errors import NumericalError
@@ -347,25 +347,16 @@ class ParametricResponse:
             Where a response is infinite, or the equations have no unique solution.
         """
         program, leaves = self._program, self._program.leaves(values)
-        bounded = {name: Bounded.rounded(float(number)) for name, number in leaves.items()}
-        s = Bounded((1j * omega).astype(np.complex128), np.zeros_like(omega))
+        responses, error = bounded_response(program, self._registers, leaves, omega)
+        count, theta = int(np.prod(self._shape)), np.abs([values[name] for name in self._unknown])
         with np.errstate(all="ignore"):
-            run = program.run(self._registers, bounded, s, Bounded(np.ones((), dtype=np.complex128), 0.0))
-            numbers = [run[register] for register in self._registers]
-            values_at = np.stack([np.broadcast_to(number.value, omega.shape) for number in numbers], axis=-1)
-            error = np.stack([np.broadcast_to(number.error, omega.shape) for number in numbers], axis=-1)
-            count, size = int(np.prod(self._shape)), np.abs(values_at)
-            theta = np.abs([values[name] for name in self._unknown])
-            size[:, count:] = np.maximum(
-                size[:, count:],
-                (size[:, :count, None] / np.where(theta > 0, theta, np.inf)).reshape(
-                    len(omega), size.shape[1] - count
-                ),
-            )
-            trusted = np.all((error <= _ERROR_BOUND_TOL * size) & np.isfinite(values_at), axis=1)
+            size = np.abs(responses)
+            relative = size[:, :count, None] / np.where(theta > 0, theta, np.inf)
+            size[:, count:] = np.maximum(size[:, count:], relative.reshape(size[:, count:].shape))
+            trusted = np.all((error <= _ERROR_BOUND_TOL * size) & np.isfinite(responses), axis=1)
         for line in np.flatnonzero(~trusted):
-            values_at[line] = self._tape.run(leaves, float(omega[line]))
+            responses[line] = self._tape.run(leaves, float(omega[line]))
         return (
-            values_at[:, :count].reshape(len(omega), *self._shape),
-            values_at[:, count:].reshape(len(omega), *self._shape, len(self._unknown)),
+            responses[:, :count].reshape(len(omega), *self._shape),
+            responses[:, count:].reshape(len(omega), *self._shape, len(self._unknown)),
         )

@@ -20,7 +20,7 @@ import numpy as np
 
 from dynid.bondgraph.analysis_request import Analysis, SensitivityParameter, modelled_storages
 from dynid.bondgraph.exact_engine import TransferFunction
-from dynid.bondgraph.graph_response import Bounded
+from dynid.bondgraph.program.bounded import Bounded
 from dynid.bondgraph.program.program import Register, gradient
 from dynid.bondgraph.reduced_graph import ReducedGraph, characteristic_polynomials
 from dynid.errors import NumericalError, UsageError
