@@ -1,1 +1,5 @@
-"""Readers of matrices in users' files; extension and header choose the format."""
+"""Users' files: matrices, meshes, nodes, tables and Universal Files.
+
+`read_matrix`, `read_mesh`, `read_structure` and `read_measured` are what the rest of the package calls.
+`formats` lists the file formats; each has a module. `untrusted` has the checks of files of unknown origin.
+"""

@@ -11,12 +11,13 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from dynid.arrays import Array
 from dynid.errors import FileError
+from dynid.files.coordinate_systems import BASIC, CoordinateSystem
 from dynid.files.fe_text import Reference, check_reference, open_included, real
 from dynid.files.matrix_data import COMPLEX, Container, ImportedMatrix
 from dynid.files.mesh_data import corners, edges
@@ -39,45 +40,13 @@ _ELEMENTS = {
     "CHEXA": ("hexahedron", 2),
 }  # fmt: skip
 _SYSTEMS = ("CORD1R", "CORD1C", "CORD1S", "CORD2R", "CORD2C", "CORD2S")
+_KINDS: dict[str, Literal["cartesian", "cylindrical", "spherical"]] = {
+    "R": "cartesian",
+    "C": "cylindrical",
+    "S": "spherical",
+}
 _ASETS = ("ASET", "ASET1", "BSET", "BSET1", "CSET", "CSET1", "QSET", "QSET1")
 KEPT = {"GRID", "GRDSET", "SPOINT", "EXTRN", *_SYSTEMS, *_ASETS, *_ELEMENTS, *_CONSTRAINTS}
-
-
-class _System(NamedTuple):
-    """A coordinate system: its kind (R, C or S), origin (3) and axes (3 x 3, rows) in basic coordinates."""
-
-    kind: str
-    origin: Array
-    axes: Array
-
-    def basic(self, position: Array) -> Array:
-        """Return the basic coordinates of a point that is given in the system's own (angles in degrees)."""
-        a, b, c = position
-        if self.kind == "C":
-            turn = np.radians(b)
-            position = np.array([a * np.cos(turn), a * np.sin(turn), c])
-        elif self.kind == "S":
-            down, turn = np.radians(b), np.radians(c)
-            across = a * np.sin(down)
-            position = np.array([across * np.cos(turn), across * np.sin(turn), a * np.cos(down)])
-        return np.asarray(self.origin + position @ self.axes)
-
-    def at(self, point: Array) -> Array:
-        """Return the axes (3 x 3, rows) of displacements at a point in basic coordinates."""
-        if self.kind == "R":
-            return self.axes
-        x, y, z = self.axes @ (point - self.origin)
-        across = np.hypot(x, y)
-        turn = np.arctan2(y, x) if across > 0 else 0.0
-        c, s = np.cos(turn), np.sin(turn)
-        if self.kind == "C":
-            return np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ self.axes
-        down = np.arctan2(across, z) if across or z else 0.0
-        cd, sd = np.cos(down), np.sin(down)
-        return np.array([[sd * c, sd * s, cd], [cd * c, cd * s, -sd], [-s, c, 0.0]]) @ self.axes
-
-
-_BASIC = _System("R", np.zeros(3), np.eye(3))
 
 
 def read_nodes(path: Path) -> NodeFile:
@@ -101,7 +70,7 @@ def nodes_of(path: Path, cards: Mapping[str, Sequence[Card]], orders: Sequence[D
         raise FileError(f"{path} has no nodes (GRID)")
     systems = _systems(cards, grids)
 
-    def system(number: int) -> _System:
+    def system(number: int) -> CoordinateSystem:
         if number not in systems:
             raise FileError(f"{path}: coordinate system {number} is not in the file")
         return systems[number]
@@ -224,7 +193,7 @@ def _grids(path: Path, cards: Mapping[str, Sequence[Card]]) -> dict[int, _Grid]:
     return grids
 
 
-def _systems(cards: Mapping[str, Sequence[Card]], grids: Mapping[int, _Grid]) -> dict[int, _System]:
+def _systems(cards: Mapping[str, Sequence[Card]], grids: Mapping[int, _Grid]) -> dict[int, CoordinateSystem]:
     """Return the coordinate systems by number, those that others refer to first."""
     waiting: dict[int, tuple[str, list[str]]] = {}
     for name in _SYSTEMS:
@@ -235,7 +204,7 @@ def _systems(cards: Mapping[str, Sequence[Card]], grids: Mapping[int, _Grid]) ->
                 for start in (1, 5):
                     if card[start]:
                         waiting[integer(card[start])] = name, card[start + 1 : start + 4]
-    systems = {0: _BASIC}
+    systems = {0: BASIC}
     while waiting:
         done = []
         for number, (name, fields) in waiting.items():
@@ -247,7 +216,7 @@ def _systems(cards: Mapping[str, Sequence[Card]], grids: Mapping[int, _Grid]) ->
                 within, points = [end.input for end in ends], [end.position for end in ends]
             if all(reference in systems for reference in within):
                 basic = [systems[w].basic(point) for w, point in zip(within, points, strict=True)]
-                systems[number] = _System(name[5], basic[0], _frame(number, *basic))
+                systems[number] = CoordinateSystem(basic[0], _frame(number, *basic), _KINDS[name[5]])
                 done.append(number)
         if not done:
             raise ValueError(f"coordinate system {min(waiting)} refers to one that is not there")

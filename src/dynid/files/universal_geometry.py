@@ -7,51 +7,26 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from dynid.arrays import Array
 from dynid.errors import FileError
+from dynid.files.coordinate_systems import BASIC, CoordinateSystem
 from dynid.files.table import DataFile
 from dynid.files.universal_file import UniversalFile
 from dynid.structure.dof_order import NodeFile
 from dynid.structure.labels import DIRECTIONS, Nodes
 
 #: Types of coordinate systems in data sets 18 and 2420.
-_CARTESIAN, _CYLINDRICAL = 0, 1
+_KINDS: dict[int, Literal["cartesian", "cylindrical"]] = {0: "cartesian", 1: "cylindrical"}
 #: Systems that need no definition: files without one mean the basic system by them.
-_BASIC = (0, 1)
+_UNDEFINED = (0, 1)
 #: How far the axes of a system may be from orthonormal: data sets 18 have six digits.
 _ORTHONORMAL_TOL = 1e-4
 #: Descriptors of shell elements in data sets 2412, whose edges are drawn; those of two nodes are lines.
 _SHELLS = range(41, 100)
-
-
-class CoordinateSystem(NamedTuple):
-    """Coordinate system of a test: `origin` (3), `axes` (3 x 3, rows in basic coordinates), and its type."""
-
-    origin: Array
-    axes: Array
-    kind: int = _CARTESIAN
-
-    def basic(self, points: Array) -> Array:
-        """Return points of the system (... x 3) in basic coordinates."""
-        return np.asarray(points @ self.axes + self.origin)
-
-    def at(self, point: Array) -> Array | None:
-        """Return the axes of the system at a point, rows; of a cylindrical one radial, tangential, axial.
-
-        None on the axis of a cylindrical system, where there are none.
-        """
-        if self.kind == _CARTESIAN:
-            return self.axes
-        across = (self.axes @ (point - self.origin))[:2]
-        distance = float(np.hypot(*across))
-        if distance <= 1e-12 * float(np.abs(point - self.origin).max(initial=0.0)) or not distance:
-            return None
-        cosine, sine = across / distance
-        return np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]]) @ self.axes
 
 
 def read_nodes(path: Path) -> NodeFile:
@@ -105,9 +80,9 @@ def _nodes(source: UniversalFile) -> Nodes:
     axes: dict[int | str, Array] = {}
     for node, (point, number) in placed.items():
         system = _system(file, systems, number, node)
-        rows = system.at(point)
-        if rows is None:
+        if system.on_axis(point):
             file.refuse(f"node {node} lies on the axis of system {number}, where no direction is radial")
+        rows = system.at(point)
         if not np.array_equal(rows, np.eye(3)):
             axes[node] = rows
     xyz_m = np.array([point for point, _ in placed.values()]).reshape(-1, 3) / source.units().length
@@ -128,8 +103,8 @@ def _system(
     """Return a coordinate system that a node uses."""
     if number in systems:
         return systems[number]
-    if number in _BASIC:
-        return CoordinateSystem(np.zeros(3), np.eye(3))
+    if number in _UNDEFINED:
+        return BASIC
     file.refuse(
         f"node {node} uses the coordinate system {number}, which the file does not define",
         "Export the systems too (data set 18 or 2420).",
@@ -140,7 +115,7 @@ def _defining(
     file: DataFile, systems: Mapping[int, CoordinateSystem], number: int, node: int
 ) -> CoordinateSystem:
     system = _system(file, systems, number, node)
-    if system.kind != _CARTESIAN:
+    if system.kind != "cartesian":
         file.refuse(
             f"node {node} is placed in system {number}, which is not Cartesian", "Export Cartesian positions."
         )
@@ -173,12 +148,12 @@ def _by_points(
 ) -> CoordinateSystem:
     """Return a system that is given by its origin, a point on +x and one on the +xz plane, in another."""
     if number == 0:
-        return CoordinateSystem(np.zeros(3), np.eye(3))
+        return BASIC
     if number in above or number not in definitions:
         file.refuse(f"system {above[-1]} refers to system {number}, which does not resolve", "It is damaged.")
     kind, reference, points = definitions[number]
     base = _by_points(file, definitions, reference, (*above, number))
-    if base.kind != _CARTESIAN:
+    if base.kind != "cartesian":
         file.refuse(f"system {number} is placed in system {reference}, which is not Cartesian")
     origin, on_x, on_xz = (base.basic(np.asarray(point, dtype=float)) for point in points)
     x, z = on_x - origin, on_xz - origin
@@ -190,7 +165,7 @@ def _by_points(
 def _checked(file: DataFile, number: int, kind: int, origin: Array, axes: Iterable[Any]) -> CoordinateSystem:
     """Return a system whose axes are orthonormal and right-handed, their last digits corrected."""
     rows = np.array([*axes], dtype=float)
-    if kind not in (_CARTESIAN, _CYLINDRICAL):
+    if kind not in _KINDS:
         file.refuse(f"system {number} is spherical (type {kind})", "Export Cartesian or cylindrical systems.")
     good = rows.shape == (3, 3) and np.isfinite(rows).all() and np.isfinite(origin).all()
     if (
@@ -200,9 +175,9 @@ def _checked(file: DataFile, number: int, kind: int, origin: Array, axes: Iterab
     ):
         file.refuse(f"the axes of system {number} are not orthonormal and right-handed", "It is damaged.")
     if np.array_equal(rows, np.eye(3)):
-        return CoordinateSystem(np.asarray(origin, dtype=float), rows, kind)
+        return CoordinateSystem(np.asarray(origin, dtype=float), rows, _KINDS[kind])
     left, _, right = np.linalg.svd(rows)
-    return CoordinateSystem(np.asarray(origin, dtype=float), left @ right, kind)
+    return CoordinateSystem(np.asarray(origin, dtype=float), left @ right, _KINDS[kind])
 
 
 def _lines(source: UniversalFile) -> Iterable[tuple[int, int]]:
