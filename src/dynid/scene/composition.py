@@ -20,10 +20,10 @@ from dynid.scene.model_files import is_instance, with_models
 from dynid.scene.schema.raw import (
     chain_ends,
     chain_fault,
+    law_variable,
     listing,
     mapping,
     mapping_of,
-    own_variable,
     written_key,
 )
 from dynid.scene.yaml.parser import MAX_FAULTS, Positions
@@ -105,7 +105,7 @@ class _Flattening:
         self.marks |= kept
         self.faults += model_faults(self.source, self.models)
         self._raise()
-        self._place("", mapping(data, "graph"), ("graph",), {})
+        self._add_graph("", mapping(data, "graph"), ("graph",), {})
         self._raise()
         for port, (mark, ends) in self.ports.items():
             holder, _, name = port.rpartition(".")
@@ -138,7 +138,7 @@ class _Flattening:
 
     # Instances
 
-    def _place(
+    def _add_graph(
         self,
         prefix: str,
         graph: Mapping[Any, Any],
@@ -222,7 +222,7 @@ class _Flattening:
         scopes = self._arguments(flat, node, path, names)
         mark, unconnected = self._mark(path), [port for port in model.ports if port not in model.nodes]
         for number, copy in enumerate(copies, 1):
-            self._place(f"{copy}.", model.data, model.path, scopes.get(number, scopes[0]))
+            self._add_graph(f"{copy}.", model.data, model.path, scopes.get(number, scopes[0]))
             self.ports |= {f"{copy}.{port}": (mark, []) for port in model.ports}
             self.open |= {f"{copy}.{port}" for port in unconnected}
         if copies != [flat]:
@@ -356,7 +356,7 @@ def _inner(node: Mapping[Any, Any], names: Mapping[str, str], prefix: str, nodes
     if "law" in node:
         law = node["law"]
         for key in law if isinstance(law, dict) else ():
-            variable = own_variable(str(node.get("type")), str(key))
+            variable = law_variable(str(node.get("type")), str(key))
             inside = _Scope(
                 {name: flat_name for name, flat_name in names.items() if name != variable}, prefix, nodes
             )

@@ -68,9 +68,9 @@ def identified_scene(result: Result, file: str = "") -> str:
     changes: dict[Path, Any] = {path: value for path, (value, _) in values.items()}
     data = {key: value for key, value in source.data.items() if key not in _dropped(source.data)}
     changes |= _requests(source.data, data)
-    kept = without_keys(text, _dropped(source.data), data).rstrip() + "\n"
+    kept = _without_keys(text, _dropped(source.data), data).rstrip() + "\n"
     for path, value in changes.items():
-        data = changed_at(data, path, value)
+        data = _changed_at(data, path, value)
     notes = {path: note for path, note in notes.items() if path[0] in data}
     return edited(kept, data, changes, notes)
 
@@ -81,7 +81,7 @@ def _scene_of(result: Result, file: str, names: Sequence[str]) -> Source:
     if not text:
         raise UsageError(f"{file or 'the result'} holds no scene", remedy="Run the scene again.")
     source = parse_source(text, file or "<scene>")
-    if all(place_of_unknown(source.data, name) for name in names):
+    if all(_place_of_unknown(source.data, name) for name in names):
         return source
     return parse_source(dump(composed(source).data), file or "<scene>")  # of one instance, not of the model
 
@@ -90,7 +90,7 @@ def _estimates(source: Source, result: Result) -> Iterator[tuple[Path, tuple[Any
     """Yield path, value and comment of each estimate."""
     parts = (result[f"{_PARAMETERS}/{name}"].data for name in ("name", "estimate", "standard_error"))
     for name, estimate, error in zip(*parts, strict=True):
-        path = place_of_unknown(source.data, str(name))
+        path = _place_of_unknown(source.data, str(name))
         value: Any = float(estimate)
         written = _at(source.data, path)
         if isinstance(written, dict) and "matrix" in written:
@@ -98,7 +98,7 @@ def _estimates(source: Source, result: Result) -> Iterator[tuple[Path, tuple[Any
         yield path, (value, f"{name} {float(error):.3g}")
 
 
-def place_of_unknown(data: Any, name: str) -> Path:
+def _place_of_unknown(data: Any, name: str) -> Path:
     """Return the path of an unknown: a parameter, a joint's k or c, or what an instance of a model is given.
 
     Empty where it is none of these.
@@ -193,16 +193,16 @@ def _at(data: Any, path: Path) -> Any:
     return data
 
 
-def changed_at(data: Any, path: Path, value: Any) -> Any:
+def _changed_at(data: Any, path: Path, value: Any) -> Any:
     """Return data with another value at a path, mappings on the way copied."""
     if not path:
         return value
     copy = dict(data or {})
-    copy[path[0]] = changed_at(copy.get(path[0]), path[1:], value)
+    copy[path[0]] = _changed_at(copy.get(path[0]), path[1:], value)
     return copy
 
 
-def without_keys(text: str, keys: set[str], data: Any) -> str:
+def _without_keys(text: str, keys: set[str], data: Any) -> str:
     """Return the text of a scene without some keys of the top level; comments before the next key stay."""
     root = yaml.compose(text, Loader=yaml.SafeLoader)
     if not isinstance(root, yaml.MappingNode) or root.flow_style:
@@ -254,7 +254,7 @@ def designed_scene_text(result: Result, file: str = "") -> str:
     changes: dict[Path, Any] = {}
     notes: dict[Path, str] = {}
     for name, value, start in zip(names, values, starts, strict=True):
-        path = place_of_unknown(source.data, name)
+        path = _place_of_unknown(source.data, name)
         changes[path], notes[path] = value, f"designed, from {start:.6g}"
     expectations = source.data.get("expect") or []
     expected = [
@@ -269,9 +269,9 @@ def designed_scene_text(result: Result, file: str = "") -> str:
         text = _without_entries(
             source, [k for k, expectation in enumerate(expectations) if expectation not in expected], expected
         )
-    kept = without_keys(text, dropped, data).rstrip() + "\n"
+    kept = _without_keys(text, dropped, data).rstrip() + "\n"
     for path, value in changes.items():
-        data = changed_at(data, path, value)
+        data = _changed_at(data, path, value)
     return edited(kept, data, changes, notes)
 
 

@@ -31,6 +31,7 @@ MAX_NESTING = 50
 _CHARACTERS = 64
 
 _COPY_NUMBER = re.compile("[1-9][0-9]{0,5}")
+_NODE_NAME = re.compile(r"[\w-]+")
 _MODEL_KEYS = ("title", "source", "ports", "parameters", "nodes", "bonds")
 
 
@@ -134,7 +135,7 @@ class _Checks:
         """Note the faults of the nodes of a model, or of the graph, and of the instances among them."""
         for name, node in nodes.items():
             node_path = (*path, "nodes", name)
-            if path[0] == "models" and not _is_name(str(name)):
+            if path[0] == "models" and not _NODE_NAME.fullmatch(str(name)):
                 self._note(node_path, f"'{name}' cannot name a node; use letters, digits, _ and -")
             elif is_instance(node):
                 self._check_instance(str(name), node, node_path)
@@ -260,10 +261,6 @@ def copy_values(node: Mapping[Any, Any]) -> dict[int, dict[str, Any]]:
         for number, values in mapping(node, "copies").items()
         if _COPY_NUMBER.fullmatch(str(number)) and isinstance(values, dict)
     }
-
-
-def _is_name(text: str) -> bool:
-    return bool(text) and all(letter.isalnum() or letter in "_-" for letter in text)
 
 
 def _count(value: Any) -> int:

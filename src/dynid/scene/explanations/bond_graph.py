@@ -17,7 +17,7 @@ from dynid.progress import report_progress
 from dynid.result import Result
 from dynid.scene.explanations.explanation import Explanation, Fact
 from dynid.scene.kinds.bond_graph import question, unused_grids
-from dynid.scene.kinds.synthesis import wanted
+from dynid.scene.kinds.synthesis import driving_function
 from dynid.scene.load import Scene
 from dynid.scene.schema.bond_graph import BondGraphScene
 from dynid.scene.schema.synthesis import SynthesisScene
@@ -93,7 +93,7 @@ def _results(scene: Scene[BondGraphScene], analysis: Analysis) -> list[Fact]:
 def explain_synthesis(scene: Scene[SynthesisScene]) -> Explanation:
     """Return the explanation of a scene of kind `synthesis`, whose forms are made: that takes no time."""
     model = scene.model
-    function = wanted(scene)
+    function = driving_function(scene)
     what = "admittance" if function.admittance else "impedance"
     degree = max(function.numerator.degree(), function.denominator.degree())
     facts = [Fact("function", f"a positive real {what} of degree {degree}: {kind_of(*function.impedance)}")]

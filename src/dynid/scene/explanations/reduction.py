@@ -40,7 +40,7 @@ def explain(scene: Scene[ReductionScene]) -> Explanation:
             for name in progress.tracked(list(methods), "reduction"):
                 bases[name] = methods[name].reduce(structure)
         for index, name in enumerate(methods):
-            said = [] if name in bases else _wanted(model.reduction[index])
+            said = [] if name in bases else _masters_and_modes(model.reduction[index])
             if basis := bases.get(name):
                 said.append(counted(basis.model.size, "coordinate"))
                 said += [f"masters {_listed(basis.masters)}"] if basis.masters else []
@@ -49,7 +49,7 @@ def explain(scene: Scene[ReductionScene]) -> Explanation:
                     said.append(counted(len(basis.modes), "mode") + rule)
                 said += [f"condition {basis.condition:.2g}"] if basis.condition is not None else []
             facts.append(Fact("bases" if index == 0 else "", f"{name}: {'; '.join(said)}"))
-        mode_count = _most_modes(model, bases)
+        mode_count = _mode_count(model, bases)
         solver = solver_for(n, mode_count, None)
     except (NumericalError, UsageError) as error:
         return Explanation(result, facts, obstacle=error)
@@ -68,7 +68,7 @@ def explain(scene: Scene[ReductionScene]) -> Explanation:
     return Explanation(result, facts)
 
 
-def _wanted(reduction: Section) -> list[str]:
+def _masters_and_modes(reduction: Section) -> list[str]:
     """Return the masters and modes of a method, in the terms of the scene."""
     choices = {
         key: getattr(reduction, key)
@@ -89,7 +89,7 @@ def _listed(names: Sequence[object]) -> str:
     return f"{', '.join(map(str, names[:8]))}{', …' * (len(names) > 8)}"
 
 
-def _most_modes(model: ReductionScene, bases: Mapping[str, StructuralReduction]) -> int:
+def _mode_count(model: ReductionScene, bases: Mapping[str, StructuralReduction]) -> int:
     """Return the number of modes of the full structure in the comparison."""
     counts = [max(basis.modes, default=basis.model.size) for basis in bases.values()]
     for reduction in [] if bases else model.reduction:

@@ -100,7 +100,7 @@ _ROOTS: dict[str, frozenset[str]] = {
 _KNOWN_KINDS = frozenset({"bond-graph", "identification", "reduction", "synthesis"})
 
 
-class _Wanted(NamedTuple):
+class _ExpectedPath(NamedTuple):
     """A path in `expect` of a scene or in `collect` of a study, and its place there."""
 
     parts: tuple[str, ...]
@@ -376,16 +376,16 @@ def _bounds_of_complex_numbers(scene: Scene) -> Iterator[Fault]:
                     yield scene.source.fault(("expect", number, key), f"{message}imaginary or magnitude")
 
 
-def _expected(scene: Scene) -> Iterator[_Wanted]:
+def _expected(scene: Scene) -> Iterator[_ExpectedPath]:
     for number, expectation in enumerate(scene.model.expect):
         if parts := _parts(expectation.path):
-            yield _Wanted(parts, scene, ("expect", number, "path"))
+            yield _ExpectedPath(parts, scene, ("expect", number, "path"))
 
 
-def _collected(study: Scene[StudyScene]) -> Iterator[_Wanted]:
+def _collected(study: Scene[StudyScene]) -> Iterator[_ExpectedPath]:
     for number, path in enumerate(study.model.collect):
         if (parts := _parts(path)) and not any(letter in path for letter in "*?["):
-            yield _Wanted(parts, study, ("collect", number))
+            yield _ExpectedPath(parts, study, ("collect", number))
 
 
 def _parts(path: str) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from dynid.bondgraph.operating_point.element_laws import Law, LawGraph
 from dynid.bondgraph.operating_point.equilibrium import OperatingPointRequest, find_operating_point
 from dynid.bondgraph.operating_point.linearisation import Linearisation, linearised
 from dynid.scene.schema.laws import OperatingPointModel, variables_of
-from dynid.scene.schema.raw import own_variable
+from dynid.scene.schema.raw import law_variable
 
 if TYPE_CHECKING:
     from dynid.scene.load import Scene
@@ -39,7 +39,7 @@ def laws_of(scene: Scene, graph: GraphModel) -> dict[str, Law]:
         if law := _law_of(node):
             gives, text = law
             expression = parse(text)
-            variable = own_variable(node.type, gives)
+            variable = law_variable(node.type, gives)
             variables = {variable: Port(name, variable)} if variable in expression.names else {}  # type: ignore[arg-type]
             variables |= {
                 key: port for key, port in variables_of(expression, names.nodes).items() if key != variable

@@ -17,7 +17,7 @@ from dynid.scene.kinds.measurements import (
     initial_motion,
     loads_of,
     measurements_of,
-    shown,
+    result_name,
 )
 from dynid.scene.kinds.parameters import (
     at_starts,
@@ -152,7 +152,7 @@ def setting(
     model = scene.model
     assert model.measurement is not None
     measurements = measurements_of(scene, structure)
-    rebuild = rebuilder(scene, structure)
+    rebuild = _rebuilder(scene, structure)
     if not (model.is_reduced or model.measurement.frf is not None or model.measurement.modes_alone):
         dofs = [
             dof
@@ -161,11 +161,11 @@ def setting(
             for dof in measurement.dofs
         ]
         structure = without_massless(structure, dofs)
-    reduced, truth = models_of(scene, structure, values)
+    reduced, truth = _models_of(scene, structure, values)
     return Setting(reduced, measurements, truth, rebuild)
 
 
-def models_of(
+def _models_of(
     scene: Scene[IdentificationScene], structure: StructuralModel, values: Mapping[str, float] | None = None
 ) -> tuple[StructuralModel, StructuralModel]:
     """Return the models of the estimator and of the simulation; `values` as of `setting`."""
@@ -340,7 +340,7 @@ def interest_of(scene: Scene[IdentificationScene]) -> Interest:
     return Interest(tuple(dict.fromkeys(dof for dof in dofs if dof is not None)), band)
 
 
-def rebuilder(scene: Scene, full: StructuralModel) -> Rebuild | None:
+def _rebuilder(scene: Scene, full: StructuralModel) -> Rebuild | None:
     """Return the function that recomputes a basis that follows the joints; None for other bases."""
     method = reductor_of(scene)
     if method is None or not method.follows_joints:
@@ -377,7 +377,7 @@ def responses(
         ]
         sensors = model.measurement.sensors if model.measurement else []
         driven += [channel.reference.place for channel in sensors if channel.reference]
-        inputs = list(dict.fromkeys(shown(structure, dof) for dof in requested.inputs or driven))
+        inputs = list(dict.fromkeys(result_name(structure, dof) for dof in requested.inputs or driven))
         omega = angular_frequencies(requested.frequency)
         report_progress("frequency response")
         result.merge(frequency_response(structure, inputs, _outputs(model, structure), omega, values))

@@ -89,7 +89,7 @@ def experiments(
                     steps.append(Detrend(1 if step.detrend == "linear" else 0))
             measured.append(prepare(experiment, steps))
         except UsageError as error:
-            where = _own_or_shared(scene, record_path, "prepare").rpartition(".")[0]
+            where = _path_of_key(scene, record_path, "prepare").rpartition(".")[0]
             names = [f"{where}.{name}" for name in error.names]
             raise UsageError(error.problem, remedy=error.remedy, names=names) from error
     return measured
@@ -109,10 +109,10 @@ def _measurement(
     channel_models, step, samples = record.channels or (), number(record.step), record.samples or 0
     channels = tuple(channel_of(channel, model) for channel in channel_models)
     _check_different(channels, f"{record_path}.channels", model)
-    at = _own_or_shared(scene, record_path, "channels")
+    at = _path_of_key(scene, record_path, "channels")
     headings: list[Heading | None] = [None] * len(channels)
     if record.file is not None:
-        table = _samples(scene, record, _own_or_shared(scene, record_path, "file"))
+        table = _samples(scene, record, _path_of_key(scene, record_path, "file"))
         headings = list(table.headings)
     channels = tuple(map(of_stated_kind, channels, channel_models, headings))
     columns = zip(channel_models, headings, channels, strict=True)
@@ -180,8 +180,8 @@ def initial_motion(
     model: IdentificationScene, structure: StructuralModel | None = None
 ) -> dict[str, dict[Dof, float]]:
     """Return the displacements and velocities at t = 0, by DOF."""
-    motions = [(shown(structure, dof), motion) for dof, motion in model.initial.items()]
-    if len({_own_label(structure, dof)[1] for dof, _ in motions}) < len(motions):
+    motions = [(result_name(structure, dof), motion) for dof, motion in model.initial.items()]
+    if len({_signed_label(structure, dof)[1] for dof, _ in motions}) < len(motions):
         raise UsageError(
             "the initial motion of a DOF is given twice, by two of its names", names=("initial",)
         )
@@ -194,19 +194,19 @@ def initial_motion(
 def channel_of(channel_model: ChannelModel, model: IdentifiedGraph | StructuralModel | None = None) -> Any:
     """Return a sensor of a structure, named by its DOFs' own labels where it is known; or of a graph."""
     if channel_model.output is not None:
-        return cast("IdentifiedGraph", model).channel(channel_model.output, *instrument_of(channel_model))
+        return cast("IdentifiedGraph", model).channel(channel_model.output, *_instrument_of(channel_model))
     assert channel_model.quantity is not None
     structure = cast("StructuralModel | None", model)
-    dof, *others = (shown(structure, dof) for dof in channel_model.ends)
+    dof, *others = (result_name(structure, dof) for dof in channel_model.ends)
     reference = others[0] if others else None
-    if reference is not None and _own_label(structure, reference) == _own_label(structure, dof):
+    if reference is not None and _signed_label(structure, reference) == _signed_label(structure, dof):
         ends = " and ".join(map(str, channel_model.ends))
         raise UsageError(
             f"a sensor between {ends} measures nothing: they are one DOF",
             names=("measurement.channels",),
         )
     absolute, kind = channel_model.frame == "absolute", kind_of(structure, dof)
-    return Channel(dof, channel_model.quantity, reference, absolute, *instrument_of(channel_model), kind)
+    return Channel(dof, channel_model.quantity, reference, absolute, *_instrument_of(channel_model), kind)
 
 
 def kind_of(structure: StructuralModel | None, dof: Dof | None) -> str:
@@ -214,26 +214,26 @@ def kind_of(structure: StructuralModel | None, dof: Dof | None) -> str:
     return "" if structure is None or dof is None else structure.kind(dof)
 
 
-def shown(structure: StructuralModel | None, dof: Dof) -> Dof:
+def result_name(structure: StructuralModel | None, dof: Dof) -> Dof:
     """Return the name of a DOF in results."""
     return dof if structure is None else structure.dof_names.display_name(dof)
 
 
-def _own_label(structure: StructuralModel | None, dof: Dof) -> tuple[float, Dof]:
+def _signed_label(structure: StructuralModel | None, dof: Dof) -> tuple[float, Dof]:
     """Return the sign of a DOF's name and its own label, the same by each of its names."""
     return (1.0, dof) if structure is None else structure.dof_names.find_signed(dof)
 
 
-def _with_own_labels(sensor: Any, model: IdentifiedGraph | StructuralModel | None) -> Any:
+def _with_labels(sensor: Any, model: IdentifiedGraph | StructuralModel | None) -> Any:
     """Return a channel or response function with the own labels of its DOFs."""
     structure = cast("StructuralModel | None", model)
     if isinstance(sensor, Channel):
-        reference = None if sensor.reference is None else _own_label(structure, sensor.reference)
-        return sensor._replace(dof=_own_label(structure, sensor.dof), reference=reference)  # type: ignore[arg-type]
+        reference = None if sensor.reference is None else _signed_label(structure, sensor.reference)
+        return sensor._replace(dof=_signed_label(structure, sensor.dof), reference=reference)  # type: ignore[arg-type]
     channel = getattr(sensor, "channel", None)
     if isinstance(channel, Channel):
         return sensor._replace(
-            channel=_with_own_labels(channel, model), force=_own_label(structure, sensor.force)
+            channel=_with_labels(channel, model), force=_signed_label(structure, sensor.force)
         )
     return sensor
 
@@ -242,13 +242,13 @@ def _check_different(
     channels: Sequence[Any], path: str, model: IdentifiedGraph | StructuralModel | None
 ) -> None:
     """Refuse a channel that stands twice, by two names of its DOF."""
-    plain = [_with_own_labels(channel, model) for channel in channels]
+    plain = [_with_labels(channel, model) for channel in channels]
     twice = next((channel for at, channel in enumerate(channels) if plain[at] in plain[:at]), None)
     if twice is not None:
         raise UsageError(f"the channel {twice.name} is listed twice", names=(path, "measurement"))
 
 
-def instrument_of(channel: ChannelModel) -> tuple[Real, Real, Real]:
+def _instrument_of(channel: ChannelModel) -> tuple[Real, Real, Real]:
     """Return gain, offset and delay of a sensor."""
     gain, offset, delay = (getattr(channel, key, None) for key in ("gain", "offset", "delay"))
     return (
@@ -276,7 +276,7 @@ def levels(quantities: Quantity | list[Quantity] | None) -> float | list[float] 
     return [float(level) for level in quantities] if isinstance(quantities, list) else float(quantities)
 
 
-def _own_or_shared(scene: Scene, path: str, key: str) -> str:
+def _path_of_key(scene: Scene, path: str, key: str) -> str:
     """Return the dotted path of a key of a record: its own, or that of all records."""
     value: Any = scene.source.data
     for key_in_path in path.split("."):
@@ -296,15 +296,15 @@ def loads_of(
     def acting(signal_model: SignalPart, signal: Any) -> Any:
         if signal_model.source is not None:
             return cast("IdentifiedGraph", model).load(
-                signal_model.source, signal, *actuator_of(signal_model)
+                signal_model.source, signal, *_actuator_of(signal_model)
             )
         structure = cast("StructuralModel | None", model)
-        dof = None if signal_model.dof is None else shown(structure, signal_model.dof)
+        dof = None if signal_model.dof is None else result_name(structure, signal_model.dof)
         return Load(
             dof,
             signal,
             signal_model.base or signal_model.motion,
-            *actuator_of(signal_model),
+            *_actuator_of(signal_model),
             kind_of(structure, dof),
         )
 
@@ -312,7 +312,7 @@ def loads_of(
     return [acting(signal_model, signal) for signal_model, signal in built]
 
 
-def actuator_of(signal: SignalPart) -> tuple[Real, Real]:
+def _actuator_of(signal: SignalPart) -> tuple[Real, Real]:
     """Return gain and delay with which a signal acts.
 
     A signal in a file was recorded: it is gain times what acts, delay later.
@@ -329,7 +329,7 @@ def _referred(
     if reference.source is not None:
         return (reference.place,)
     structure = cast("StructuralModel | None", model)
-    dof = shown(structure, reference.place)
+    dof = result_name(structure, reference.place)
     return dof, kind_of(structure, dof)
 
 

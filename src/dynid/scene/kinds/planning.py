@@ -8,7 +8,7 @@ from dynid.identification.systems.graph_system import IdentifiedGraph
 from dynid.result import Result
 from dynid.scene.kinds.identification import Setting, expected_values, setting, structure_of
 from dynid.scene.kinds.identified_graphs import identified_graph
-from dynid.scene.kinds.measurements import channel_of, measurements_of, shown
+from dynid.scene.kinds.measurements import channel_of, measurements_of, result_name
 from dynid.scene.load import Scene
 from dynid.scene.schema.identification import IdentificationScene
 from dynid.structure.model import StructuralModel
@@ -81,7 +81,7 @@ def run_plan(
         candidates=[channel_of(channel, labelled) for channel in options.candidates or ()],
         quantities=options.quantities or tuple(UNITS),
         noise={quantity: float(level) for quantity, level in options.noise.items()},
-        dofs=[shown(structure, dof) for dof in force.dofs or ()] or force.sources or (),
+        dofs=[result_name(structure, dof) for dof in force.dofs or ()] or force.sources or (),
         band=(factor * float(force.band[0]), factor * float(force.band[1])) if force.band else None,
     )
     result = plan(reduced, records, request, truth)

@@ -10,7 +10,7 @@ from dynid.defaults import RESIDUALS
 from dynid.errors import NumericalError, UsageError
 from dynid.model_scope import wants_scope
 from dynid.result import Result
-from dynid.scene.kinds.measurements import channel_of, shown
+from dynid.scene.kinds.measurements import channel_of, result_name
 from dynid.scene.kinds.scope import add_geometry, add_reduction_scope
 from dynid.scene.kinds.signals import angular_frequencies
 from dynid.scene.kinds.structures import add_doubts, build_structure
@@ -238,9 +238,9 @@ def responses_of(model: ReductionScene, structure: StructuralModel) -> Requested
     masters = [getattr(reduction, "masters", None) for reduction in model.reduction]
     named = [dof for listed in masters if isinstance(listed, list) for dof in listed]
     dofs = list(dict.fromkeys([*ends, *named])) or [1]
-    dofs = [shown(structure, dof) for dof in dofs]
+    dofs = [result_name(structure, dof) for dof in dofs]
     outputs = [channel_of(item, structure) for item in model.outputs or ()]
-    inputs = [shown(structure, dof) for dof in model.inputs or ()] or dofs[:1]
+    inputs = [result_name(structure, dof) for dof in model.inputs or ()] or dofs[:1]
     return RequestedResponses(
         inputs,
         outputs or [Channel(dof, "displacement", kind=structure.kind(dof)) for dof in dict.fromkeys(dofs)],

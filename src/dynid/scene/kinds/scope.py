@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from dynid.model_scope import ScopePart, add_model_scope, divided
 from dynid.result import Result
-from dynid.scene.kinds.measurements import channel_of, shown
+from dynid.scene.kinds.measurements import channel_of, result_name
 from dynid.scene.schema.base import ASPECTS
 from dynid.structure.geometry import add_motion, add_places, geometry
 
@@ -147,7 +147,7 @@ def _of_reduction(of: str, method: str, size: int, n: int, modes: int, rule: str
 _SHAPES = "identification/modes"
 
 
-def dof_of(name: str) -> int | str:
+def _dof_of(name: str) -> int | str:
     """Return the DOF that a name in a result means: a number, or a text."""
     return int(name) if name.isdecimal() else name
 
@@ -193,15 +193,15 @@ def add_geometry(
             sensors += model.responses.outputs or ()
             loads += model.responses.inputs or ()
     named = {
-        (channel_of(record, structure).name, shown(structure, end)): None
+        (channel_of(record, structure).name, result_name(structure, end)): None
         for record in sensors
         for end in record.ends
     }
-    acting = dict.fromkeys(shown(structure, dof) for dof in loads)
+    acting = dict.fromkeys(result_name(structure, dof) for dof in loads)
     parts = [model.structure, *(getattr(model, "structures", None) or {}).values()]
     imported = any(signal is not None and signal.matrices is not None for signal in parts)
     result.merge(geometry(structure, named, acting, supports=not imported))
     if f"{_SHAPES}/sensor" in result:
         names = [str(name) for name in result[f"{_SHAPES}/sensor"].data]
-        add_places(result, structure, "shape_sensor", ((name, dof_of(name)) for name in names))
+        add_places(result, structure, "shape_sensor", ((name, _dof_of(name)) for name in names))
     add_motion(result, structure if reduced is None else reduced)

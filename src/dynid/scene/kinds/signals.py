@@ -102,7 +102,7 @@ def build_signals(
         factor = 1.0
         if isinstance(signal_model, AmplitudePart) and signal_model.amplitude_unit is not None:
             impulse = isinstance(signal_model, ImpulseSignal)
-            factor = amplitude_factor(
+            factor = _amplitude_factor(
                 signal_model.amplitude_unit, load_of(signal_model), signal_path, impulse=impulse
             )
         try:
@@ -191,7 +191,7 @@ class DrivenSource(NamedTuple):
     unit: str
 
 
-def units_of(measured: Any) -> tuple[str, ...]:
+def _units_of(measured: Any) -> tuple[str, ...]:
     """Return the SI units that a channel, load or frequency response function may have; none: any.
 
     A DOF whose label has no direction may be a translation or a rotation; the domain of a graph's variable
@@ -202,7 +202,7 @@ def units_of(measured: Any) -> tuple[str, ...]:
 
     force = getattr(measured, "force", None)
     if force is not None:
-        above, below = units_of(measured.channel), units_of(measured.load)
+        above, below = _units_of(measured.channel), _units_of(measured.load)
         return tuple(f"{as_factor(a)}/{as_factor(b)}" for a in above for b in below)
     if isinstance(measured, Channel | Load):
         return measured.units
@@ -230,7 +230,7 @@ def recorded_factor(sensor: Sensor, heading: Heading | None, measured: Any, path
     """
     from dynid.units import si_factor
 
-    expected, stated = units_of(measured), "" if heading is None else heading.unit
+    expected, stated = _units_of(measured), "" if heading is None else heading.unit
     if not (sensor.unit or stated or sensor.sensitivity or (heading and heading.doubt)):
         return 1.0
     sensitivity = sensor.sensitivity
@@ -273,7 +273,7 @@ def of_stated_kind(measured: Any, sensor: Sensor, heading: Heading | None) -> An
     return measured
 
 
-def amplitude_factor(unit: str, measured: Any, path: str, *, impulse: bool) -> float:
+def _amplitude_factor(unit: str, measured: Any, path: str, *, impulse: bool) -> float:
     """Return the factor by which an amplitude is multiplied to be SI; that of an impulse is an area.
 
     Raises
@@ -283,7 +283,7 @@ def amplitude_factor(unit: str, measured: Any, path: str, *, impulse: bool) -> f
     """
     from dynid.units import as_factor, si_factor
 
-    expected = [f"{as_factor(name)}.s" if impulse else name for name in units_of(measured)]
+    expected = [f"{as_factor(name)}.s" if impulse else name for name in _units_of(measured)]
     try:
         return si_factor(
             unit, expected, what=f"the area of {_named(measured)}" if impulse else _named(measured)

@@ -181,7 +181,7 @@ def with_units(
     if not parameters:
         return ()
     units: dict[str, set[str]] = {}
-    for quantity, unit in (*_with_own_units(structures), *_of_joints(structures, joints)):
+    for quantity, unit in (*_with_stated_units(structures), *_of_joints(structures, joints)):
         if quantity is not None and quantity.dependent is not None and not quantity.dependent.operation:
             units.setdefault(quantity.dependent.operands[0], set()).add(unit)
     return tuple(
@@ -192,7 +192,7 @@ def with_units(
     )
 
 
-def _with_own_units(structures: Sequence[StructureModel]) -> Iterator[tuple[Quantity | None, str]]:
+def _with_stated_units(structures: Sequence[StructureModel]) -> Iterator[tuple[Quantity | None, str]]:
     """Yield the quantities of structures with their units."""
     for structure in structures:
         for key, quantity in quantities(structure):
@@ -207,7 +207,7 @@ def _of_joints(
     structures: Sequence[StructureModel], joints: Mapping[str, JointModel]
 ) -> Iterator[tuple[Quantity | None, str]]:
     """Yield the values of joints with their units."""
-    labels = _known_labels(structures[0]) if len(structures) == 1 else []
+    labels = _labels_in_file(structures[0]) if len(structures) == 1 else []
     point_masses = all(structure.lumped for structure in structures)
     for joint in joints.values():
         ends = [
@@ -223,7 +223,7 @@ def _of_joints(
                 yield values.value, unit_of(letter, kinds)
 
 
-def _known_labels(structure: StructureModel) -> Sequence[int | str]:
+def _labels_in_file(structure: StructureModel) -> Sequence[int | str]:
     """Return the labels of DOFs that the scene states or determines; empty where files have them."""
     stated = structure.matrices.labels if structure.matrices else None
     return stated if isinstance(stated, list) else structure.labels() or []

@@ -81,7 +81,7 @@ def check_study(scene: Scene) -> None:
         With all faults of the study, or those of the scene it varies.
     """
     model = study_model(scene)
-    faults = [scene.source.fault(path, message) for path, message in study_faults(model)]
+    faults = [scene.source.fault(path, message) for path, message in _study_faults(model)]
     try:
         base = base_scene(scene)
     except FileError as error:
@@ -97,7 +97,7 @@ def check_study(scene: Scene) -> None:
 Located = tuple[tuple[str | int, ...], str]
 
 
-def study_faults(model: StudyScene) -> Iterator[Located]:
+def _study_faults(model: StudyScene) -> Iterator[Located]:
     """Yield the faults of a study without its scene: the path at fault, and a message."""
     yield from _path_faults(model)
     yield from _group_faults(model)

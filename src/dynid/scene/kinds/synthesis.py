@@ -42,7 +42,7 @@ def run(scene: Scene[SynthesisScene], _: Result | None = None) -> Result:
         Where a form that the scene names does not exist.
     """
     model = scene.model
-    function = wanted(scene)
+    function = driving_function(scene)
     forms = tuple(model.forms) if model.forms is not None else None
     circuits, missing = realisations(function, forms, model.domain or "")
     result = Result("synthesis", scene.title)
@@ -53,10 +53,10 @@ def run(scene: Scene[SynthesisScene], _: Result | None = None) -> Result:
 
 def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
     """Yield the step of a run before the synthesis: the test of positive realness."""
-    yield lambda: wanted(scene)
+    yield lambda: driving_function(scene)
 
 
-def wanted(scene: Scene[SynthesisScene]) -> Driving:
+def driving_function(scene: Scene[SynthesisScene]) -> Driving:
     """Return the wanted driving-point function of a scene, found to be positive real.
 
     Raises

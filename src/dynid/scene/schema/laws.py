@@ -22,7 +22,7 @@ from dynid.scene.schema.quantities import (
     raise_faults,
     resolve,
 )
-from dynid.scene.schema.raw import PORT, own_variable
+from dynid.scene.schema.raw import PORT, law_variable
 from dynid.suggestions import did_you_mean
 
 #: Types of nodes whose `value` may depend on variables.
@@ -92,7 +92,7 @@ def _unknown(expression: Expression, names: SceneNames, variable: str) -> Iterat
     """Yield what is wrong with the names in a law."""
     variables = variables_of(expression, names.nodes)
     for port in variables.values():
-        problem = variable_fault(names.nodes, port)
+        problem = _variable_fault(names.nodes, port)
         if problem:
             yield problem
     parameters = [*names.parameters, *names.faulty]
@@ -111,7 +111,7 @@ def _unknown(expression: Expression, names: SceneNames, variable: str) -> Iterat
             yield f"no parameter or variable '{name}'{close}"
 
 
-def variable_fault(nodes: Mapping[str, str], port: Port) -> str:
+def _variable_fault(nodes: Mapping[str, str], port: Port) -> str:
     """Return the reason why a law or an operating point cannot have a variable, or an empty text."""
     kind = nodes.get(port.node)
     if kind == PORT:
@@ -127,10 +127,10 @@ def law_faults(kind: str, law: LawModel, names: SceneNames) -> Iterator[Located]
         yield ("law", AT_KEY), _LINEAR
         return
     for key in sorted(key for key in law.model_fields_set if getattr(law, key) is not None):
-        variable = own_variable(kind, key)
+        variable = law_variable(kind, key)
         try:
             if not variable:
-                form = f"{{{_GIVEN[kind][0]}: …}} of {own_variable(kind, _GIVEN[kind][0])}"
+                form = f"{{{_GIVEN[kind][0]}: …}} of {law_variable(kind, _GIVEN[kind][0])}"
                 yield ("law", key, AT_KEY), f"the law of {kind} is {form}"
             elif problems := list(_unknown(parse(getattr(law, key)), names, variable)):
                 yield ("law", key), "; ".join(problems)
@@ -199,4 +199,4 @@ def _variable_problem(types: Mapping[str, str], name: str) -> str:
     if holder not in types:
         variables = [f"{node}.{quantity}" for node in types]
         return f"'{name}': no node '{holder}'{did_you_mean(name, variables)}"
-    return variable_fault(types, Port(holder, quantity))
+    return _variable_fault(types, Port(holder, quantity))

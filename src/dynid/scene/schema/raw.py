@@ -123,7 +123,7 @@ def ports_of(types: Mapping[str, str], name: str) -> list[str]:
     return [port for port, kind in types.items() if kind == PORT and port.rpartition(".")[0] == name]
 
 
-def own_variable(kind: str, gives: str) -> str:
+def law_variable(kind: str, gives: str) -> str:
     """Return the variable that the law of an element is a function of; empty where it has no such law."""
     return {("R", "e"): "f", ("R", "f"): "e", ("I", "f"): "p", ("C", "e"): "q"}.get((kind, gives), "")
 

@@ -82,7 +82,7 @@ def shorten(text: str) -> str:
     return text if len(text) <= 40 else f"{text[:20]}…"
 
 
-def resolve_tagged(text: str, tag: str) -> Any:
+def _resolve_tagged(text: str, tag: str) -> Any:
     """Return the value of a scalar with a core tag (`!!int`, `!!float`, `!!bool`, `!!null`).
 
     Raises
@@ -96,13 +96,13 @@ def resolve_tagged(text: str, tag: str) -> Any:
         return resolve_plain(f"{value}.0")
     expected = {"int": int, "float": float, "bool": bool, "null": type(None)}.get(kind)
     if expected is None:
-        raise ValueError(tag_message(tag))
+        raise ValueError(_tag_message(tag))
     if type(value) is not expected:
         raise ValueError(f"'{shorten(text)}' is not of the type {kind} that its tag says")
     return value
 
 
-def tag_message(tag: str) -> str:
+def _tag_message(tag: str) -> str:
     """Return the message that a tag is not allowed."""
     shown = tag.replace(CORE, "!!")
     return f"the tag {shorten(shown)} is not allowed; a scene is plain texts, numbers, lists and mappings"
@@ -115,7 +115,7 @@ def place_of(text: str, index: int) -> Place:
     return line, index - max(before.rfind("\n"), before.rfind("\r"))
 
 
-def in_plain_words(error: yaml.YAMLError, text: str, file: str) -> Fault:
+def _in_plain_words(error: yaml.YAMLError, text: str, file: str) -> Fault:
     """Turn a syntax error of the YAML parser into a located fault."""
     problem = str(getattr(error, "problem", None) or error)
     mark, context = getattr(error, "problem_mark", None), getattr(error, "context_mark", None)
@@ -217,7 +217,7 @@ def parse_yaml(text: str, file: str) -> tuple[Any, dict[Path, Positions], list[F
     except _StopError:
         pass
     except yaml.YAMLError as error:
-        builder.faults.append(in_plain_words(error, text, file))
+        builder.faults.append(_in_plain_words(error, text, file))
     return builder.root, builder.marks, builder.faults
 
 
@@ -296,7 +296,7 @@ class _TreeBuilder:
                 return resolve_plain(text) if event.implicit[0] else text
             if tag in ("!", f"{CORE}str"):
                 return text
-            return resolve_tagged(text, tag)
+            return _resolve_tagged(text, tag)
         except ValueError as error:
             self._fault(position, str(error))
             return None
@@ -321,7 +321,7 @@ class _TreeBuilder:
         if len(self._stack) >= MAX_DEPTH:
             self._stop(position, f"nested more than {MAX_DEPTH} deep")
         if event.tag not in (None, "!", f"{CORE}{'seq' if sequence else 'map'}"):
-            self._fault(position, tag_message(event.tag))
+            self._fault(position, _tag_message(event.tag))
         parent = self._stack[-1] if self._stack else None
         as_key = parent is not None and parent.awaits_key()
         if as_key:
