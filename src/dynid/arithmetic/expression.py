@@ -80,14 +80,8 @@ class ExpressionError(UsageError):
         self.column = column
 
 
-def parse_arithmetic(text: str) -> tuple[ast.expr, ...]:
-    """Return the checked nodes of the syntax tree of a text in the order of evaluation, the root last.
-
-    Raises
-    ------
-    ExpressionError
-        When the text is anything but arithmetic on numbers and names.
-    """
+def _parse_arithmetic(text: str) -> tuple[ast.expr, ...]:
+    """Return the checked nodes of the syntax tree of a text in the order of evaluation, the root last."""
     if len(text) > MAX_LENGTH:
         raise ExpressionError(f"an expression has at most {MAX_LENGTH} characters", text, MAX_LENGTH + 1)
     if not text.strip():
@@ -145,7 +139,7 @@ def column_of(text: str, node: ast.expr) -> int:
     return max(len(before.decode()), 1)
 
 
-def operation_of(node: ast.expr) -> tuple[str, int]:
+def _operation_of(node: ast.expr) -> tuple[str, int]:
     """Return the operation of a checked node that is neither number nor name, and its operand count."""
     if isinstance(node, ast.BinOp):
         return _BINARY[type(node.op)], 2
@@ -156,7 +150,7 @@ def operation_of(node: ast.expr) -> tuple[str, int]:
     return node.func.id, len(node.args)
 
 
-def literal_of(node: ast.Constant) -> Fraction:
+def _literal_of(node: ast.Constant) -> Fraction:
     """Return the exact value of a checked literal, as the decimal it is written as."""
     return Fraction(repr(node.value))
 
@@ -295,9 +289,9 @@ class Expression:
         for node in self.steps:
             try:
                 if isinstance(node, ast.Constant | ast.Name):
-                    stack.append(leaf(node.id if isinstance(node, ast.Name) else literal_of(node)))
+                    stack.append(leaf(node.id if isinstance(node, ast.Name) else _literal_of(node)))
                 else:
-                    operation, count = operation_of(node)
+                    operation, count = _operation_of(node)
                     operands = stack[len(stack) - count :]
                     del stack[len(stack) - count :]
                     stack.append(apply(operation, operands))
@@ -335,7 +329,7 @@ def parse(text: str) -> Expression:
     ExpressionError
         When the text is anything but arithmetic on numbers, names, `pi` and the known functions.
     """
-    return Expression(text, parse_arithmetic(text))
+    return Expression(text, _parse_arithmetic(text))
 
 
 def resolve_parameters(raw: Mapping[str, Any]) -> tuple[dict[str, Number], dict[str, str]]:

@@ -338,7 +338,7 @@ def pi() -> Irrational:
 _PI = Term("pi")
 
 
-def operand_of(value: Fraction) -> Term | Fraction:
+def _operand_of(value: Fraction) -> Term | Fraction:
     """Return a number as an operand of terms."""
     return value.term if isinstance(value, Irrational) else value
 
@@ -352,7 +352,7 @@ def irrational(operation: str, operands: Iterable[Fraction], double: float) -> F
         Where it cannot be decided whether a sum is zero, or whether its value can be rounded.
     """
     arguments = tuple(operands)
-    term = Term(operation, tuple(map(operand_of, arguments)))
+    term = Term(operation, tuple(map(_operand_of, arguments)))
     scale = max(abs(float(argument)) for argument in arguments) if operation in ("+", "-") else 1.0
     if operation in _VANISHING and abs(double) <= CANCELLATION * scale:
         return decided(term)

@@ -85,7 +85,7 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
         open_parts = hold(JunctionStructure(graph), ())  # raises where the graph has no solution
         warnings += [undetermined.error.problem for undetermined in open_parts]
         result.add_axis("bond_graph/warnings", np.array(warnings, dtype=object))
-        add_graph_scope(result, None, analysis)
+        _add_graph_scope(result, None, analysis)
         return result
     warnings += reduced.undetermined
     if warnings:
@@ -105,7 +105,7 @@ def analyse(graph: BondGraph, analysis: Analysis, title: str = "") -> Result:
     if analysis.port is not None:
         _add_port(result, reduced, analysis, analysis.port)
     _add_responses(result, reduced, analysis)
-    add_graph_scope(result, reduced, analysis)
+    _add_graph_scope(result, reduced, analysis)
     return _with_delays(result, analysis)
 
 
@@ -238,18 +238,8 @@ def _add_port(result: Result, reduced: ReducedGraph, analysis: Analysis, port: B
 # --- scope of the model ----------------------------------------------------------------------------
 
 
-def add_graph_scope(result: Result, reduced: ReducedGraph | None, analysis: Analysis) -> None:
-    """Add the scope of the model: elements, storages, states, engines and results, used and left out.
-
-    Parameters
-    ----------
-    result
-        The result so far.
-    reduced
-        The graph, reduced; None where it was not.
-    analysis
-        What was asked.
-    """
+def _add_graph_scope(result: Result, reduced: ReducedGraph | None, analysis: Analysis) -> None:
+    """Add the scope of the model: elements, storages, states, engines and results, used and left out."""
     parts = [*analysis.approximations]
     if reduced is not None:
         ports = [set(reduced.dropped(port)) for port in reduced.outputs]

@@ -166,7 +166,7 @@ class FormulaPrinter(ABC):
         return "".join(texts), SUM
 
 
-class TextPrinter(FormulaPrinter):
+class _TextPrinter(FormulaPrinter):
     """Plain text, as SymPy and Python read it."""
 
     def bracket(self, printed: Printed, precedence: int) -> str:
@@ -203,7 +203,7 @@ class TextPrinter(FormulaPrinter):
         return f"{self.bracket(base, ATOM)}**{self.bracket(exponent, ATOM)}", POWER
 
 
-class LatexPrinter(FormulaPrinter):
+class _LatexPrinter(FormulaPrinter):
     """LaTeX in mathematical mode."""
 
     def bracket(self, printed: Printed, precedence: int) -> str:
@@ -247,7 +247,7 @@ class LatexPrinter(FormulaPrinter):
         return rf"{name}\left({', '.join(text for text, _ in operands)}\right)", POWER
 
 
-TEXT, LATEX = TextPrinter(), LatexPrinter()
+TEXT, LATEX = _TextPrinter(), _LatexPrinter()
 
 
 def _unsigned(a: Printed) -> Printed:

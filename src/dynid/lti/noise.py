@@ -69,7 +69,7 @@ class Sampled(SmoothSignal):
 
     @cached_property
     def _coefficients(self) -> Array:
-        return hold_coefficients(np.asarray(self.values), self.hold)
+        return _hold_coefficients(np.asarray(self.values), self.hold)
 
     @property
     def stop(self) -> float:
@@ -93,7 +93,7 @@ class Sampled(SmoothSignal):
         piece = np.clip(np.floor(position + 1e-9).astype(int), 0, len(c) - 1)
         s = (times - self.start) / self.step - piece
         s = np.where(np.abs(s) < 1e-9, 0.0, s)  # a knot, to rounding
-        return shifted_polynomials(c[piece], s)
+        return _shifted_polynomials(c[piece], s)
 
     def breakpoints(self, start: float, stop: float) -> Array:
         """Return the sampling times in [start, stop]."""
@@ -102,22 +102,8 @@ class Sampled(SmoothSignal):
         return np.asarray(self.start + np.arange(first, last + 1) * self.step)
 
 
-def hold_coefficients(values: Array, hold: str) -> Array:
-    """Return the polynomial of every piece of a hold.
-
-    Parameters
-    ----------
-    values
-        Samples, one step apart.
-    hold
-        ``spline`` (cubic, not-a-knot ends), ``linear`` or ``zero``.
-
-    Returns
-    -------
-    Array
-        Coefficients (pieces x ascending powers of the fraction s of the step, 0 <= s <= 1); the zero
-        hold continues the last sample for one step more, the others end at it.
-    """
+def _hold_coefficients(values: Array, hold: str) -> Array:
+    """Return the polynomial of every piece of a hold."""
     if hold == "zero":
         return values[:, None].copy()
     rise = np.diff(values)
@@ -143,7 +129,7 @@ def hold_coefficients(values: Array, hold: str) -> Array:
     return np.stack([values[:-1], left, 3 * rise - 2 * left - right, left + right - 2 * rise], axis=1)
 
 
-def shifted_polynomials(c: Array, s: Array) -> Array:
+def _shifted_polynomials(c: Array, s: Array) -> Array:
     """Return the derivatives of ``sum_j c_j s^j`` (rows x orders) at s."""
     out = np.zeros_like(c)
     degree = c.shape[1] - 1

@@ -214,7 +214,7 @@ def _propagated(system: StateSpace, line: Timeline, initial: Array) -> Array:
     n = len(initial)
     d = balance(system.A)
     A, drive = rescaled(system.A, d), system.B @ line.H / d[:, None]
-    steps = [joint_step(A, drive, line.G, h) for h in line.lengths]
+    steps = [_joint_step(A, drive, line.G, h) for h in line.lengths]
     x = initial / d
     jump = system.B @ line.jumps / d
     forcing = np.empty((len(line.which), n))
@@ -242,16 +242,8 @@ def _propagated(system: StateSpace, line: Timeline, initial: Array) -> Array:
     return np.asarray(states[line.wanted] * d)
 
 
-def joint_step(A: Array, drive: Array, G: Array, h: float) -> tuple[Array, Array]:
-    """Return Phi and Gamma of ``x(t+h) = Phi x(t) + Gamma w(t)`` for ``x' = A x + drive w``, ``w' = G w``.
-
-    Parameters
-    ----------
-    A, drive, G
-        Matrices (n x n, n x p, p x p), 1/s.
-    h
-        Step, s.
-    """
+def _joint_step(A: Array, drive: Array, G: Array, h: float) -> tuple[Array, Array]:
+    """Return Phi and Gamma of ``x(t+h) = Phi x(t) + Gamma w(t)`` for ``x' = A x + drive w``, ``w' = G w``."""
     n = len(A)
     scale = drive_scale(A, drive)
     E = exponential(joint_generator(A, drive * scale, G), h)

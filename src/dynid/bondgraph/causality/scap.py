@@ -38,7 +38,7 @@ from dynid.defaults import LOOKING_AHEAD
 _PRIME = (1 << 61) - 1
 
 
-class StrokeCompletion:
+class _StrokeCompletion:
     """The loops of a graph, and whether strokes on them can be completed.
 
     Parameters
@@ -156,14 +156,14 @@ def run_scap(strokes: Strokes, elements: Iterable[str]) -> AssignedStrokes:
     before = strokes.copy()
     assigned = _Procedure(strokes, None).run(elements)
     if any(assigned.strokes.how[bond] != "source" for bond, _ in assigned.conflicts):
-        ahead = StrokeCompletion(before)
+        ahead = _StrokeCompletion(before)
         if ahead.feasible:
             return _Procedure(before, ahead).run(elements)
     return assigned
 
 
 class _Procedure:
-    def __init__(self, strokes: Strokes, ahead: StrokeCompletion | None) -> None:
+    def __init__(self, strokes: Strokes, ahead: _StrokeCompletion | None) -> None:
         self.strokes, self.ahead = strokes, ahead
         self.conflicts: list[tuple[int, Contradiction]] = []
 

@@ -73,7 +73,7 @@ class OnePortEquivalent:
         return "effort" if self.admittance is None else "flow" if self.impedance is None else ""
 
 
-def one_port_equivalent(
+def _one_port_equivalent(
     cut: GraphBisection, program: Program, name: str, inputs: Sequence[str], names: NameRegistry, suffix: str
 ) -> OnePortEquivalent:
     """Reduce one side with a probe at the port; where one kind of probe has no answer, with the other."""
@@ -198,7 +198,7 @@ class Decomposition(GraphProgram):
         names = NameRegistry(taken_names(self.graph))
         self._suffix, *sides = (reserve_system_names(names, suffix) for suffix in ("", "_source", "_load"))
         self.source, self.load = (
-            one_port_equivalent(self.cut, self.program, side, self.inputs, names, suffix)
+            _one_port_equivalent(self.cut, self.program, side, self.inputs, names, suffix)
             for side, suffix in zip(("source", "load"), sides, strict=True)
         )
         source, load = self.source, self.load

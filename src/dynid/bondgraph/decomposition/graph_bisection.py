@@ -34,7 +34,7 @@ def bond_fault(types: Mapping[str, str], bonds: Sequence[Bond], port: Bond) -> s
     unknown = [name for name in (port.tail, port.head) if name not in types]
     if unknown:
         return "; ".join(f"no node '{name}'{did_you_mean(name, types)}" for name in unknown)
-    if drawn_bond(bonds, port) is not None:
+    if _drawn_bond(bonds, port) is not None:
         return ""
     adjacent = [str(bond) for bond in bonds if {port.tail, port.head} & {bond.tail, bond.head}]
     directions = f"{port}", f"{port.head} -> {port.tail}"
@@ -63,7 +63,7 @@ def loop_fault(types: Mapping[str, str], bonds: Sequence[Bond], port: Bond) -> s
     return ""
 
 
-def drawn_bond(bonds: Iterable[Bond], port: Bond) -> Bond | None:
+def _drawn_bond(bonds: Iterable[Bond], port: Bond) -> Bond | None:
     """Return the bond of a graph that a port names, as it is written or else the other way round."""
     between = [bond for bond in bonds if {bond.tail, bond.head} == {port.tail, port.head}]
     return next((bond for bond in between if bond == port), between[0] if between else None)
@@ -103,7 +103,7 @@ class GraphBisection:
         """Cut a graph at a bond."""
         types = {name: node.type for name, node in graph.nodes.items()}
         problem = bond_fault(types, graph.bonds, port)
-        drawn = drawn_bond(graph.bonds, port)
+        drawn = _drawn_bond(graph.bonds, port)
         if drawn is None:
             raise UsageError(problem, names=("analysis.port",))
         cut = cls(graph, port, drawn)

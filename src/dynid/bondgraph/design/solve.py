@@ -79,7 +79,7 @@ def solve(design: Design) -> Designed:
     coordinates = functions.coordinates
     starts = [coordinates.start, *coordinates.drawn(design.starts - 1, design.seed)]
     evaluations = [functions.at(eta) for eta in starts[: max(2, min(_PROBES, len(starts)))]]
-    idle = without_influence(functions, evaluations)
+    idle = _without_influence(functions, evaluations)
     kept = np.array([parameter.name in idle for parameter in design.free])
     starts = [np.where(kept, coordinates.start, eta) for eta in starts]
     if kept.any():
@@ -98,10 +98,10 @@ def solve(design: Design) -> Designed:
     met = [solution for solution in ends if solution.met]
     if not met:
         missed += [solution.found for solution in ends]
-        raise no_norm(functions, refused) if refused else unreachable(functions, missed, idle)
+        raise _no_norm(functions, refused) if refused else _unreachable(functions, missed, idle)
     optima = _optima(coordinates.start, met)
     best = optima[0].solution
-    if problem := no_minimum(functions, best):
+    if problem := _no_minimum(functions, best):
         raise problem
     return Designed(functions, functions.at(coordinates.start), tuple(optima), idle, len(met))
 
@@ -145,7 +145,7 @@ _LIMIT_DISTANCE = 1e-6
 _FAR_FACTOR = 1e3
 
 
-def without_influence(functions: DesignFunctions, evaluations: Sequence[Evaluation]) -> tuple[str, ...]:
+def _without_influence(functions: DesignFunctions, evaluations: Sequence[Evaluation]) -> tuple[str, ...]:
     """Return the free parameters that no target depends on, by derivatives at several points."""
     free = functions.design.free
     usable = [evaluation for evaluation in evaluations if evaluation.exists]
@@ -164,7 +164,9 @@ def without_influence(functions: DesignFunctions, evaluations: Sequence[Evaluati
     return tuple(idle)
 
 
-def unreachable(functions: DesignFunctions, missed: Sequence[Evaluation], idle: Sequence[str]) -> Unreachable:
+def _unreachable(
+    functions: DesignFunctions, missed: Sequence[Evaluation], idle: Sequence[str]
+) -> Unreachable:
     """Return the error of wanted roots that no start reaches, with the reason."""
     design = functions.design
     usable = [evaluation for evaluation in missed if np.isfinite(evaluation.residuals).all()]
@@ -205,7 +207,7 @@ def unreachable(functions: DesignFunctions, missed: Sequence[Evaluation], idle: 
     return _error(design, target, reason, "Try more `starts`, or another target.")
 
 
-def no_norm(functions: DesignFunctions, refused: Sequence[Evaluation]) -> Unreachable:
+def _no_norm(functions: DesignFunctions, refused: Sequence[Evaluation]) -> Unreachable:
     """Return the error of norms that are infinite at every start."""
     design = functions.design
     index, why = next((k, norm.why) for k, norm in enumerate(refused[0].norms) if norm.why)
@@ -218,7 +220,7 @@ def no_norm(functions: DesignFunctions, refused: Sequence[Evaluation]) -> Unreac
     )
 
 
-def no_minimum(functions: DesignFunctions, best: Solution) -> Unreachable | None:
+def _no_minimum(functions: DesignFunctions, best: Solution) -> Unreachable | None:
     """Return the error of a norm that falls while a parameter without limit runs away; None if none does."""
     design, coordinates = functions.design, functions.coordinates
     if best.conditions is None:

@@ -35,7 +35,7 @@ class LaurentSeries:
     start
         The lowest power; without coefficients all that is known is that no power below occurs.
     coefficients
-        Numbers that know whether they are zero (`CertifiedNumber`, or flint `nmod`).
+        Numbers that know whether they are zero (`_CertifiedNumber`, or flint `nmod`).
     terms
         Most coefficients that are kept.
     """
@@ -90,7 +90,7 @@ class LaurentSeries:
         return _NO_END if self.start >= _NO_END else self.start + len(self.coefficients)
 
 
-class CertifiedNumber:
+class _CertifiedNumber:
     """A number known twice: modulo a large prime, where it vanishes only if it is zero, and in a ball.
 
     Parameters
@@ -107,19 +107,19 @@ class CertifiedNumber:
     def __bool__(self) -> bool:
         return bool(self.residue)
 
-    def __add__(self, other: CertifiedNumber) -> CertifiedNumber:
-        return CertifiedNumber(self.residue + other.residue, self.ball + other.ball)
+    def __add__(self, other: _CertifiedNumber) -> _CertifiedNumber:
+        return _CertifiedNumber(self.residue + other.residue, self.ball + other.ball)
 
-    def __mul__(self, other: CertifiedNumber | int) -> CertifiedNumber:
+    def __mul__(self, other: _CertifiedNumber | int) -> _CertifiedNumber:
         if isinstance(other, int):
-            return CertifiedNumber(self.residue * other, self.ball * other)
-        return CertifiedNumber(self.residue * other.residue, self.ball * other.ball)
+            return _CertifiedNumber(self.residue * other, self.ball * other)
+        return _CertifiedNumber(self.residue * other.residue, self.ball * other.ball)
 
-    def __truediv__(self, other: CertifiedNumber) -> CertifiedNumber:
-        return CertifiedNumber(self.residue / other.residue, self.ball / other.ball)
+    def __truediv__(self, other: _CertifiedNumber) -> _CertifiedNumber:
+        return _CertifiedNumber(self.residue / other.residue, self.ball / other.ball)
 
-    def __neg__(self) -> CertifiedNumber:
-        return CertifiedNumber(-self.residue, -self.ball)
+    def __neg__(self) -> _CertifiedNumber:
+        return _CertifiedNumber(-self.residue, -self.ball)
 
     def __float__(self) -> float:
         return float(self.ball.mid())
@@ -150,12 +150,12 @@ def _certain(planned: GraphProgram, power: int) -> _Point:
 
     field, residues, _ = _residues(planned, power)
     values = {
-        name: CertifiedNumber(residues[name], arb(fmpq(value.numerator, value.denominator)))
+        name: _CertifiedNumber(residues[name], arb(fmpq(value.numerator, value.denominator)))
         for name, value in planned.exact.items()
     }
 
-    def certain(number: int) -> CertifiedNumber:
-        return CertifiedNumber(field(number), arb(number))
+    def certain(number: int) -> _CertifiedNumber:
+        return _CertifiedNumber(field(number), arb(number))
 
     return _Point(certain, values, (power, [certain(1)]))
 

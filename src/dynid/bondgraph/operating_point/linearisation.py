@@ -91,7 +91,7 @@ def linearised(point: OperatingPoint) -> Linearisation:
     from flint import ctx
 
     with ctx.workprec(_SLOPE_BITS):
-        exact = law_slopes(point)
+        exact = _law_slopes(point)
         circuit = _LinearCircuit(point, exact)
     rounded = tuple(
         LawSlopes(
@@ -105,14 +105,8 @@ def linearised(point: OperatingPoint) -> Linearisation:
     return Linearisation(graph, circuit.variables, rounded, tuple(dict.fromkeys(circuit.flat)), point)
 
 
-def law_slopes(point: OperatingPoint) -> list[LawSlopes]:
-    """Return the equations of the laws with their slopes, at high precision.
-
-    Raises
-    ------
-    Singular
-        Where a law has a kink at the point, or no finite slope.
-    """
+def _law_slopes(point: OperatingPoint) -> list[LawSlopes]:
+    """Return the equations of the laws with their slopes, at high precision."""
     from flint import arb
 
     laws, z = point.equations.model.laws, point.solution.exact

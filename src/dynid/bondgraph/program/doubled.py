@@ -103,10 +103,10 @@ class DoubledComplex:
         p, q = rh * ur, ih * ui
         s, e = _two_sum(1.0, -p)
         t, f = _two_sum(s, q)
-        left_r = t + (e + f + (fma(ih, ui, -q) - fma(rh, ur, -p)) - (rl * ur - il * ui))
+        left_r = t + (e + f + (_fma(ih, ui, -q) - _fma(rh, ur, -p)) - (rl * ur - il * ui))
         p, q = rh * ui, ih * ur
         t, f = _two_sum(-p, -q)
-        left_i = t + (f - (fma(rh, ui, -p) + fma(ih, ur, -q)) - (rl * ui + il * ur))
+        left_i = t + (f - (_fma(rh, ui, -p) + _fma(ih, ur, -q)) - (rl * ui + il * ur))
         dr, di = left_r * ur - left_i * ui, left_r * ui + left_i * ur
         re, im = ur + dr, ui + di
         size = modulus * inverse
@@ -123,7 +123,7 @@ def _two_sum(a: Any, b: Any) -> tuple[Any, Any]:
     return s, (a - (s - t)) + (b - t)
 
 
-def fma(a: Any, b: Any, c: Any) -> Any:
+def _fma(a: Any, b: Any, c: Any) -> Any:
     """Return a b + c of doubles: exact where c is -a b rounded, else with one rounding more than fused."""
     p = a * b
     t, u = 134217729.0 * a, 134217729.0 * b  # 2^27 + 1: halves of 26 bits (Veltkamp)
@@ -147,8 +147,8 @@ def _difference_of_products(
     p = ah * bh
     q = ch * dh
     s, error = _two_sum(p, -q)
-    error = error + fma(ah, bh, -p) - fma(ch, dh, -q)
-    error = error + fma(ah, bl, al * bh) - fma(ch, dl, cl * dh)
+    error = error + _fma(ah, bh, -p) - _fma(ch, dh, -q)
+    error = error + _fma(ah, bl, al * bh) - _fma(ch, dl, cl * dh)
     high = s + error
     return high, error - (high - s)
 
@@ -160,7 +160,7 @@ def doubled_reals(exact: Sequence[Fraction | int]) -> Array:
         return np.array([_doubled_real(number) for number in exact]).reshape(-1, 3)
     numerator, denominator = np.array(above, dtype=float), np.array(below, dtype=float)
     high = numerator / denominator
-    low = -fma(high, denominator, -numerator) / denominator  # what is left of the numerator is exact
+    low = -_fma(high, denominator, -numerator) / denominator  # what is left of the numerator is exact
     return np.column_stack((high, low, _STORED_ERROR * abs(high) + _STORED_UNDERFLOW))
 
 

@@ -72,7 +72,7 @@ def numeric_point(values: Mapping[str, Fraction], prime: int) -> ModularPoint:
     return ModularPoint(prime, images, laplace)
 
 
-class ComplexResidue:
+class _ComplexResidue:
     """A number modulo a prime of which -1 is no square, with a part that multiplies a root of -1.
 
     Parameters
@@ -89,24 +89,24 @@ class ComplexResidue:
     def __bool__(self) -> bool:
         return bool(self.real) or bool(self.imaginary)
 
-    def __add__(self, other: ComplexResidue) -> ComplexResidue:
-        return ComplexResidue(self.real + other.real, self.imaginary + other.imaginary)
+    def __add__(self, other: _ComplexResidue) -> _ComplexResidue:
+        return _ComplexResidue(self.real + other.real, self.imaginary + other.imaginary)
 
-    def __sub__(self, other: ComplexResidue) -> ComplexResidue:
-        return ComplexResidue(self.real - other.real, self.imaginary - other.imaginary)
+    def __sub__(self, other: _ComplexResidue) -> _ComplexResidue:
+        return _ComplexResidue(self.real - other.real, self.imaginary - other.imaginary)
 
-    def __neg__(self) -> ComplexResidue:
-        return ComplexResidue(-self.real, -self.imaginary)
+    def __neg__(self) -> _ComplexResidue:
+        return _ComplexResidue(-self.real, -self.imaginary)
 
-    def __mul__(self, other: ComplexResidue | int) -> ComplexResidue:
+    def __mul__(self, other: _ComplexResidue | int) -> _ComplexResidue:
         if isinstance(other, int):
-            return ComplexResidue(self.real * other, self.imaginary * other)
+            return _ComplexResidue(self.real * other, self.imaginary * other)
         real = self.real * other.real - self.imaginary * other.imaginary
-        return ComplexResidue(real, self.real * other.imaginary + self.imaginary * other.real)
+        return _ComplexResidue(real, self.real * other.imaginary + self.imaginary * other.real)
 
-    def __truediv__(self, other: ComplexResidue) -> ComplexResidue:
+    def __truediv__(self, other: _ComplexResidue) -> _ComplexResidue:
         square = other.real * other.real + other.imaginary * other.imaginary
-        return self * ComplexResidue(other.real / square, -other.imaginary / square)
+        return self * _ComplexResidue(other.real / square, -other.imaginary / square)
 
 
 def field_point(
@@ -118,8 +118,8 @@ def field_point(
     if omega is None:
         unity, laplace = field.residues(1), field.residues(random.Random(0xD1F1D).randrange(1, field.prime))
     else:  # -1 has no root modulo the prime, but in the field of its square
-        unity = ComplexResidue(field.residues(1), field.residues(0))
-        laplace = ComplexResidue(field.residues(0), field.residues(field.residue(omega)))
+        unity = _ComplexResidue(field.residues(1), field.residues(0))
+        laplace = _ComplexResidue(field.residues(0), field.residues(field.residue(omega)))
     images = {name: unity * field.residue(value) for name, value in values.items()}
     return ModularPoint(field.prime, images, laplace, one=unity)
 

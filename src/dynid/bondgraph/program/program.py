@@ -20,7 +20,7 @@ from typing import Any, Protocol, Self, TypeVar
 # --- programs -------------------------------------------------------------------------------------
 
 
-class ProgramNumber(Protocol):
+class _ProgramNumber(Protocol):
     """A number type that a program can be run on."""
 
     def __add__(self, other: Self, /) -> Self: ...

@@ -61,7 +61,7 @@ def no_solution(structure: JunctionStructure, junctions: Sequence[str], sources:
     )
 
 
-def not_determined(structure: JunctionStructure, junctions: Iterable[str]) -> Singular:
+def _not_determined(structure: JunctionStructure, junctions: Iterable[str]) -> Singular:
     """Return the error for common variables that the equations leave open."""
     junctions = list(junctions)
     members = _user_names(structure, junctions)
@@ -119,7 +119,7 @@ class Undetermined:
     error: Singular
 
 
-class ModularNodalForm(NamedTuple):
+class _ModularNodalForm(NamedTuple):
     """The nodal form of some junctions at a point modulo a prime.
 
     Parameters
@@ -136,7 +136,7 @@ class ModularNodalForm(NamedTuple):
 
 def _modular_nodal_form(
     structure: JunctionStructure, point: ModularPoint, junctions: Iterable[str]
-) -> ModularNodalForm:
+) -> _ModularNodalForm:
     """Return the nodal form of junctions that no source fixes, driven by all sources."""
     sources = [name for name, node in structure.graph.nodes.items() if node.type in SOURCES]
     program = Program(point)
@@ -149,7 +149,7 @@ def _modular_nodal_form(
                 rows[name][column.name] = int(program.image(entry))
         for source, amount in row.sources.items():
             driven.setdefault(source, {})[name] = int(program.image(amount))
-    return ModularNodalForm(rows, driven)
+    return _ModularNodalForm(rows, driven)
 
 
 def undetermined(structure: JunctionStructure, junctions: Iterable[str] | None = None) -> list[Undetermined]:
@@ -194,7 +194,7 @@ def undetermined(structure: JunctionStructure, junctions: Iterable[str] | None =
             smallest = list(vector), [name for name in graph.nodes if name in sources]
     if smallest is not None:
         raise no_solution(structure, *smallest)
-    return [Undetermined(vector, not_determined(structure, vector)) for vector in elimination.null_vectors()]
+    return [Undetermined(vector, _not_determined(structure, vector)) for vector in elimination.null_vectors()]
 
 
 def hold(structure: JunctionStructure, outputs: Iterable[Port]) -> list[Undetermined]:

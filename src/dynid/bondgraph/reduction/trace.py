@@ -47,7 +47,7 @@ class ReductionStep:
     meaning: str
 
 
-def join_names(names: Iterable[str]) -> str:
+def _join_names(names: Iterable[str]) -> str:
     """Join names as in a sentence: a, b and c."""
     *first, last = names
     return f"{', '.join(first)} and {last}" if first else last
@@ -182,7 +182,7 @@ class TraceRecorder(NoTrace):
             ("impedances", "flow", "series, eq 1") if series else ("admittances", "effort", "parallel, eq 2")
         )
         meaning = (
-            f"{join_names([term.name for term in terms])} share the {common} of "
+            f"{_join_names([term.name for term in terms])} share the {common} of "
             f"{row.kind}-junction {row.name}: their {what} add ({law})"
         )
         nodes = tuple(dict.fromkeys([*self.nodes(row), *(term.name for term in terms)]))
@@ -217,7 +217,7 @@ class TraceRecorder(NoTrace):
         forms = {"0": ("flow", "Norton, eq 15"), "1": ("effort", "Thévenin, eq 16")}
         (have, old), (want, new) = forms[leaf.kind], forms[into.kind]
         meaning = (
-            f"the {have} source{'' if len(sources) == 1 else 's'} {join_names(sources)} with "
+            f"the {have} source{'' if len(sources) == 1 else 's'} {_join_names(sources)} with "
             f"{leaf.origin} on {leaf.kind}-junction {leaf.name} ({old}) is, for {into.name}, "
             f"the equivalent {want} source {label} ({new})"
         )
@@ -248,7 +248,7 @@ class TraceRecorder(NoTrace):
             meaning = f"{row.name} acts on {neighbours[0]} through more than a bond: what it passes on is its"
         else:
             meaning = (
-                f"{row.name} lies between {join_names(neighbours)}: "
+                f"{row.name} lies between {_join_names(neighbours)}: "
                 "what it passes on to them is their multiport"
             )
         meaning += " equivalent (Schur complement of the nodal form, as star to mesh)"
@@ -300,7 +300,7 @@ class TraceRecorder(NoTrace):
         does = f"ties the {what} of {fixed.name} to" if names else f"fixes the {what} of {fixed.name}"
         meaning = f"no element stands on {bare.name}, so its balance alone {does}"
         if names:
-            meaning += f" {join_names(names)}"
+            meaning += f" {_join_names(names)}"
         nodes = (*self.nodes(bare), *self.nodes(fixed))
         definitions = [(self._common_of(fixed), tuple(parts)), *self._gained(fixed, changes)]
         self.record("constraint", nodes, definitions, meaning)

@@ -41,19 +41,12 @@ class ChannelEngine(Protocol):
 # --- formulas -------------------------------------------------------------------------------------
 
 
-def add_formulas(result: Result, reduced: ReducedGraph, request: FormulaRequest | None) -> None:
+def _add_formulas(result: Result, reduced: ReducedGraph, request: FormulaRequest | None) -> None:
     """Add the formulas of every channel.
 
     A formula of a page is the attribute `symbolic` (and `latex`) of its channel. On demand a channel has the
     datasets `program` and `program_latex` (named assignments, none expanded), and where it is to be expanded
     `symbolic_numerator` and `symbolic_denominator`, however long.
-
-    Raises
-    ------
-    NumericalError
-        Where an expansion outgrows its guard.
-    UsageError
-        Where a formula that was asked for cannot be written.
     """
     from dynid.bondgraph.formulas.symbolic import plain, quotient, written
     from dynid.bondgraph.formulas.transfer import expanded, nested, readable
@@ -123,7 +116,7 @@ def _channels(reduced: ReducedGraph, analysis: Analysis, choice: EngineChoice) -
         result.annotate(_group(channel), engine=choice.engine, reading=analysis.reading, **units)
     if "transfer_function" in analysis.results:
         nested = FormulaRequest() if choice.engine == "symbolic" else None
-        add_formulas(result, reduced, analysis.formulas or nested)
+        _add_formulas(result, reduced, analysis.formulas or nested)
     if choice.engine == "symbolic":
         return result
     engine: ExactEngine | FloatEngine

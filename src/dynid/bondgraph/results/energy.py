@@ -28,7 +28,7 @@ _REPEATED_EIGENVALUE_RTOL = 1e-7
 _PARALLEL_RTOL = 1e-4
 
 
-class EnergyElements:
+class _EnergyElements:
     """The elements of a graph that store or dissipate energy, and the variables that measure it.
 
     Parameters
@@ -91,7 +91,7 @@ class EnergyElements:
         return sums
 
 
-class FreeMotions(NamedTuple):
+class _FreeMotions(NamedTuple):
     """The free motions of a graph: `poles` (rad/s, one of each pair), squared amplitudes (modes x ports).
 
     `repeated` has True for the poles that stand more than once; the amplitudes of such a pole are means over
@@ -103,23 +103,15 @@ class FreeMotions(NamedTuple):
     repeated: NDArray[np.bool_]
 
 
-def free_motions(reduced: ReducedGraph, elements: EnergyElements) -> FreeMotions:
-    """Return the free motions of a graph, all sources zero.
-
-    Parameters
-    ----------
-    reduced
-        The graph, its outputs the ports of the elements.
-    elements
-        Elements of positive values.
-    """
+def _free_motions(reduced: ReducedGraph, elements: _EnergyElements) -> _FreeMotions:
+    """Return the free motions of a graph, all sources zero."""
     from scipy.linalg import cholesky, solve_triangular
 
     from dynid.bondgraph.graph_state_space import state_space
 
     system = state_space(reduced)
     if not len(system.A):
-        return FreeMotions(np.zeros(0, complex), np.zeros((0, len(elements.ports))), np.zeros(0, bool))
+        return _FreeMotions(np.zeros(0, complex), np.zeros((0, len(elements.ports))), np.zeros(0, bool))
     # In coordinates whose squares are energies a passive graph has well-conditioned eigenvectors.
     weights = system.C.T * elements.storage_values
     root = cholesky(weights @ system.C, lower=False)
@@ -135,7 +127,7 @@ def free_motions(reduced: ReducedGraph, elements: EnergyElements) -> FreeMotions
         squares.append((np.abs(C @ null_space) ** 2).mean(axis=1))
         repeated.append(near.sum() > 1)
     order = np.argsort(np.abs(poles), kind="stable")
-    return FreeMotions(np.array(poles)[order], np.array(squares)[order], np.array(repeated)[order])
+    return _FreeMotions(np.array(poles)[order], np.array(squares)[order], np.array(repeated)[order])
 
 
 _ENERGY, _SOURCES = "bond_graph/energy", "bond_graph/source_performance"
@@ -162,7 +154,7 @@ def add_energy(result: Result, graph: BondGraph, inputs: tuple[str, ...], omega:
     Singular
         Where the graph leaves a variable of an element undetermined.
     """
-    elements = EnergyElements(graph)
+    elements = _EnergyElements(graph)
     reduced = ReducedGraph(graph, inputs, elements.ports, traced=False)
     result.add_axis(f"{_ENERGY}/storage", np.array(elements.storages, dtype=object))
     result.add_axis(f"{_ENERGY}/resistor", np.array(elements.resistors, dtype=object))
@@ -182,9 +174,9 @@ def add_energy(result: Result, graph: BondGraph, inputs: tuple[str, ...], omega:
     result.add(f"{_ENERGY}/power", elements.power(squares), ("omega", "input", "resistor"), watt)
 
 
-def _add_modes(result: Result, elements: EnergyElements, reduced: ReducedGraph) -> None:
+def _add_modes(result: Result, elements: _EnergyElements, reduced: ReducedGraph) -> None:
     """Add the poles of the whole graph with shares of stored energy, and of what damps them."""
-    free = free_motions(reduced, elements)
+    free = _free_motions(reduced, elements)
     stored, lost = elements.energy(free.squares), elements.power(free.squares)
     total = stored.sum(axis=1, keepdims=True)
     rates, all_lost = lost / (2 * total), lost.sum(axis=1, keepdims=True)

@@ -153,13 +153,13 @@ def add_nonlinear_response(result: Result, analysis: Analysis) -> None:
         if analysis.apart:  # in the order of the linear responses
             signals = {name: (name, signal) for name, signal in analysis.signals}
             sources = [str(name) for name in result[f"{_TIME}/source"].data]
-            alone = [nonlinear_response(point, ports, times, [signals[name]], initial) for name in sources]
+            alone = [_nonlinear_response(point, ports, times, [signals[name]], initial) for name in sources]
             outputs, error = (
                 np.stack([response.outputs for response in alone], axis=-1),
                 max(response.error for response in alone),
             )
         else:
-            outputs, error = nonlinear_response(point, ports, times, analysis.signals, initial)
+            outputs, error = _nonlinear_response(point, ports, times, analysis.signals, initial)
     except NumericalError as failure:
         result.annotate(_TIME, nonlinear=f"left out: {failure.problem}")
         return
@@ -189,7 +189,7 @@ _MAX_VARIABLES = 600
 _MOST_EVALUATIONS, _MOST_BY_SAMPLE = 20_000, 20
 
 
-class NonlinearResponse(NamedTuple):
+class _NonlinearResponse(NamedTuple):
     """A nonlinear response.
 
     Parameters
@@ -204,34 +204,14 @@ class NonlinearResponse(NamedTuple):
     error: float
 
 
-def nonlinear_response(
+def _nonlinear_response(
     point: OperatingPoint,
     outputs: Sequence[Port],
     times: Array,
     signals: Sequence[tuple[str, Signal]],
     initial: Mapping[str, float | Fraction],
-) -> NonlinearResponse:
-    """Return the response to deviations of inputs and stored energy from an equilibrium.
-
-    Parameters
-    ----------
-    point
-        The equilibrium.
-    outputs
-        The variables.
-    times
-        Instants, s, from 0.
-    signals
-        Pairs of an input and its deviation.
-    initial
-        Deviation of the flow of an I or the effort of a C at t = 0, by name.
-
-    Raises
-    ------
-    NumericalError
-        Where there is none: from a point that is no equilibrium, to an impulse, to a source that drives a
-        storage element directly.
-    """
+) -> _NonlinearResponse:
+    """Return the response to deviations of inputs and stored energy from an equilibrium."""
     if not point.equilibria:
         raise NumericalError("the point is given, and not solved for as an equilibrium")
     if any(signal.jump for _, signal in signals):
@@ -240,7 +220,7 @@ def nonlinear_response(
     fine, coarse = run.integrated(TOLERANCE), run.integrated(COARSE)
     size = np.abs(fine).max(axis=0)
     size[size == 0] = 1.0
-    return NonlinearResponse(fine, float((np.abs(fine - coarse) / size).max(initial=0.0)))
+    return _NonlinearResponse(fine, float((np.abs(fine - coarse) / size).max(initial=0.0)))
 
 
 class _Run:

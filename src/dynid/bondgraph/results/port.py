@@ -182,14 +182,14 @@ FlowEffort = tuple[Fraction, Fraction]
 
 
 @dataclass(frozen=True)
-class StaticLine:
+class _StaticLine:
     """The points (f, e) with effort * e + flow * f = right."""
 
     effort: Fraction
     flow: Fraction
     right: Fraction
 
-    def meets(self, line: StaticLine) -> FlowEffort | None:
+    def meets(self, line: _StaticLine) -> FlowEffort | None:
         """Return the point (f, e) that two lines share, None where they are parallel."""
         determinant = self.effort * line.flow - self.flow * line.effort
         if determinant == 0:
@@ -201,8 +201,8 @@ class StaticLine:
     def ends(self, box: tuple[FlowEffort, FlowEffort]) -> tuple[FlowEffort, FlowEffort]:
         """Return the points where the line enters and leaves a box, given by two corners."""
         (left, low), (right, high) = box
-        sides = [StaticLine(Fraction(0), Fraction(1), left), StaticLine(Fraction(0), Fraction(1), right)]
-        sides += [StaticLine(Fraction(1), Fraction(0), low), StaticLine(Fraction(1), Fraction(0), high)]
+        sides = [_StaticLine(Fraction(0), Fraction(1), left), _StaticLine(Fraction(0), Fraction(1), right)]
+        sides += [_StaticLine(Fraction(1), Fraction(0), low), _StaticLine(Fraction(1), Fraction(0), high)]
         crossings = [point for side in sides if (point := self.meets(side)) is not None]
         inside = sorted(point for point in crossings if left <= point[0] <= right and low <= point[1] <= high)
         return inside[0], inside[-1]
@@ -242,7 +242,7 @@ def static_characteristics(parts: Decomposition) -> dict[str, StaticCharacterist
     return characteristics
 
 
-def _line(parts: Decomposition, side: OnePortEquivalent, name: str, outward: int) -> StaticLine | None:
+def _line(parts: Decomposition, side: OnePortEquivalent, name: str, outward: int) -> _StaticLine | None:
     """Return e + Z_eq f = e_eq, or Y_eq e + f = f_eq, at s -> 0, f counted into the load."""
     drives = side.flow if side.impedance is None else side.effort
     immittance = side.admittance if side.impedance is None else side.impedance
@@ -267,13 +267,13 @@ def _line(parts: Decomposition, side: OnePortEquivalent, name: str, outward: int
     if at_common == at_immittance == 0:
         return None
     effort, flow = (at_immittance, at_common) if side.impedance is None else (at_common, at_immittance)
-    return StaticLine(effort, outward * flow, right)
+    return _StaticLine(effort, outward * flow, right)
 
 
-def _box(source: StaticLine, load: StaticLine, operating: FlowEffort) -> tuple[FlowEffort, FlowEffort]:
+def _box(source: _StaticLine, load: _StaticLine, operating: FlowEffort) -> tuple[FlowEffort, FlowEffort]:
     """Return a box around the origin, the operating point and the intercepts of both lines."""
     zero = Fraction(0)
-    axes = StaticLine(Fraction(1), zero, zero), StaticLine(zero, Fraction(1), zero)
+    axes = _StaticLine(Fraction(1), zero, zero), _StaticLine(zero, Fraction(1), zero)
     points = [operating, (zero, zero)]
     points += [point for line in (source, load) for axis in axes if (point := line.meets(axis)) is not None]
     corners = []

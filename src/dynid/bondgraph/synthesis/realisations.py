@@ -126,22 +126,13 @@ def _removed_at_infinity(numerator: Any, denominator: Any) -> tuple[list[Element
     return parts, numerator
 
 
-def without_axis_poles(
+def _without_axis_poles(
     numerator: Any, denominator: Any, bits: int, factor: Any = None
 ) -> tuple[list[OnePort], Any, Any]:
     """Return the elements of the poles of Z = N/D on the imaginary axis, and N and D of what is left.
 
     A pole at infinity is an I, one at 0 a C, a pair ±jω an I and a C in parallel. What is left is exact also
     where ω² is irrational: only the values of those elements are then rounded.
-
-    Parameters
-    ----------
-    numerator, denominator
-        Polynomials in lowest terms (flint `fmpq_poly`) of a positive real function.
-    bits
-        The precision of irrational values.
-    factor
-        The polynomial in w = s² of the poles ±jω; default: found exactly.
     """
     from flint import fmpq_poly
 
@@ -171,13 +162,13 @@ def without_axis_poles(
 def _tanks(numerator: Any, factor: Any, bits: int) -> list[OnePort]:
     """Return the I and C in parallel of every root w of G: U(w)/G'(w) s / (s² - w)."""
     tanks = []
-    for root in real_roots(factor, bits):
+    for root in _real_roots(factor, bits):
         weight = evaluated(numerator, root, bits) / evaluated(factor.derivative(), root, bits)
         tanks.append(parallel(Element("I", -weight / root), Element("C", 1 / weight)))
     return tanks
 
 
-def real_roots(polynomial: Any, bits: int) -> list[Fraction]:
+def _real_roots(polynomial: Any, bits: int) -> list[Fraction]:
     """Return the real roots of a square-free polynomial in descending order: rational ones exactly."""
     from flint import ctx
 
@@ -223,13 +214,13 @@ def foster(numerator: Any, denominator: Any, bits: int, name: str = "Z") -> OneP
     NoSuchForm
         Where a pole off the imaginary axis is complex or multiple, or the constant would be negative.
     """
-    parts, above, below = without_axis_poles(numerator, denominator, bits)
+    parts, above, below = _without_axis_poles(numerator, denominator, bits)
     _refuse_poles(below, name)
     quotient, rest = divmod(above, below)
     constant, is_exact = fraction(quotient[0]), True
     slope = below.derivative()
     sections: list[OnePort] = []
-    for pole in real_roots(below, bits):
+    for pole in _real_roots(below, bits):
         residue, sigma = evaluated(rest, pole, bits) / evaluated(slope, pole, bits), -pole
         if residue > 0:
             sections.append(parallel(Element("R", residue / sigma), Element("C", 1 / residue)))
@@ -287,10 +278,12 @@ def brune(numerator: Any, denominator: Any, bits: int, *, exact: bool = True) ->
     if numerator.degree() == denominator.degree() == 0:
         return Element("R", fraction(numerator[0] / denominator[0]))
     report_progress(f"Brune's form, degree {max(numerator.degree(), denominator.degree())} left")
-    branches, above, below = without_axis_poles(numerator, denominator, bits, _axis(denominator, bits, exact))
+    branches, above, below = _without_axis_poles(
+        numerator, denominator, bits, _axis(denominator, bits, exact)
+    )
     if branches:
         return series(*branches, *([brune(above, below, bits, exact=exact)] if above else []))
-    branches, below, above = without_axis_poles(denominator, numerator, bits, _axis(numerator, bits, exact))
+    branches, below, above = _without_axis_poles(denominator, numerator, bits, _axis(numerator, bits, exact))
     if branches:
         branches = list(map(dual, branches))
         return parallel(*branches, *([brune(above, below, bits, exact=exact)] if below else []))
@@ -349,7 +342,7 @@ def _lowest(numerator: Any, denominator: Any, bits: int) -> _Lowest:
         return lowest
     critical //= critical.gcd(critical.derivative())
     tie = Fraction(1, 1 << bits // 2)
-    for square in real_roots(critical, bits):
+    for square in _real_roots(critical, bits):
         if square < 0:
             value = rounded(value_at(real, square) / value_at(size, square), bits)
             if value < lowest.value * (1 - tie):

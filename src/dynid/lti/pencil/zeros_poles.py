@@ -169,8 +169,8 @@ def zeros_poles(
     if engine == "float":
         if system.state.rank() < system.state.shape[0]:
             raise _singular()
-        poles, of_poles = checked_zeros(system.state)
-        zeros, of_zeros = checked_zeros(system.whole)
+        poles, of_poles = _checked_zeros(system.state)
+        zeros, of_zeros = _checked_zeros(system.whole)
         return SystemZerosPoles(
             zeros=zeros.values,
             poles=poles.values,
@@ -292,17 +292,12 @@ def _singular() -> Singular:
     )
 
 
-def checked_zeros(pencil: IntegerPencil) -> tuple[FiniteEigenvalues, PencilStructure]:
+def _checked_zeros(pencil: IntegerPencil) -> tuple[FiniteEigenvalues, PencilStructure]:
     """Return the finite zeros of a pencil of any shape in floating point, with error bounds and structure.
 
     The structure is exact. Where the pencil is not square or not of full rank, the zeros are those
     eigenvalues of a random square compression at which the rank of the whole pencil drops: at a zero of the
     pencil every compression is singular; its other eigenvalues are not zeros.
-
-    Raises
-    ------
-    Undecided
-        Where floating point does not find as many zeros as there are.
     """
     import numpy as np
     from scipy.sparse import csr_array
