@@ -152,6 +152,6 @@ ALTERNATIVES = {
     ),
     "zeros-poles": (
         Alternative("control-slycot", controlled, needs=("control", "slycot"), peer=True),
-        Alternative("lcapy", lcapy, needs=("lcapy",), most=2, peer=True),
+        Alternative("lcapy", lcapy, needs=("lcapy",), max_size=2, peer=True),
     ),
 }

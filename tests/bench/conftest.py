@@ -28,7 +28,7 @@ class Here:
 
 def _measure_here(patch):
     patch.setattr("dynid.bench.suite.Process", Here)
-    patch.setattr("dynid.bench.worker._ENOUGH", 0.0)
+    patch.setattr("dynid.bench.worker._MIN_SECONDS", 0.0)
 
 
 @pytest.fixture

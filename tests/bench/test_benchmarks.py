@@ -103,7 +103,7 @@ def _slow(each):
     ],
 )
 def test_an_alternative_does_the_work(name, alternative, monkeypatch):
-    monkeypatch.setattr("dynid.bench.worker._ENOUGH", 0.0)
+    monkeypatch.setattr("dynid.bench.worker._MIN_SECONDS", 0.0)
     case, (size, least) = benchmark(name), SMALL[name]
     chosen = next(each for each in case.alternatives if each.name == alternative)
     try:

@@ -67,7 +67,7 @@ def test_entries_that_only_some_samples_have_count_where_they_are(file):
 
 
 def test_statistics_are_the_same_entry_by_entry(file, tmp_path, monkeypatch):
-    monkeypatch.setattr("dynid.study.analysis.sample_statistics._VALUES", 1)
+    monkeypatch.setattr("dynid.study.analysis.sample_statistics._BLOCK_VALUES", 1)
     write(tmp_path / "t.h5", COLUMNS, VALUES, FAILED)
     with open_stored(file) as one, open_stored(tmp_path / "t.h5") as other:
         found = {difference.path for difference in compare(one, other, 0, 0)}

@@ -99,7 +99,7 @@ def test_a_limit_that_nothing_reaches_changes_nothing(undisturbed, tmp_path, exe
 @pytest.mark.usefixtures("impatient")
 def test_a_sample_that_takes_long_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(scheduler, "_REPORT_INTERVAL", 0.2)
-    monkeypatch.setattr(scheduler, "_TICK", 0.05)
+    monkeypatch.setattr(scheduler, "_POLL_SECONDS", 0.05)
     said = []
     plan = planned(tmp_path, MANY)
     run_study(plan, tmp_path / "s.h5", Faulty(1, 5.0, {8: "hangs"}, tmp_path), notice=said.append)

@@ -38,7 +38,7 @@ class Alternative:
         Function of a size that does everything untimed, and returns the work to time.
     needs
         Packages that it needs besides the dependencies of dynid.
-    least, most
+    min_size, max_size
         Smallest and largest size at which it is measured.
     peer
         True for the method of another project, which the default of dynid should not lose to.
@@ -49,8 +49,8 @@ class Alternative:
     name: str
     prepare: Callable[[int], Callable[[], Any]]
     needs: tuple[str, ...] = ()
-    least: int = 0
-    most: int | None = None
+    min_size: int = 0
+    max_size: int | None = None
     peer: bool = False
     unavailable: Callable[[], str] = str
 
@@ -63,7 +63,7 @@ class Alternative:
 
     def at(self, size: int) -> bool:
         """Return True if it is measured at a size."""
-        return self.least <= size and (self.most is None or size <= self.most)
+        return self.min_size <= size and (self.max_size is None or size <= self.max_size)
 
     @cached_property
     def interpreter(self) -> str:
@@ -80,7 +80,7 @@ class TimeLimit(NamedTuple):
 
     alternative: str
     of: str
-    most: float
+    max_ratio: float
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Benchmark:
     measure
         Definition of the error.
     default
-        Function of a size: the alternative that dynid uses there by default; absent: none.
+        Function of a size: the alternative that dynid uses there by default; default: none.
     full
         Sizes that `--full` adds.
     limits

@@ -16,8 +16,8 @@ def plate(side: int, width: float = 1.0, height: float = 1.3) -> tuple[csc_array
     """
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     K, M = _assembled((side, side), corners, 3, _plate_element(width / side, height / side))
-    place = np.indices((side + 1, side + 1)).reshape(2, -1)
-    edge = np.any((place == 0) | (place == side), axis=0)
+    position = np.indices((side + 1, side + 1)).reshape(2, -1)
+    edge = np.any((position == 0) | (position == side), axis=0)
     keep = np.ones(len(edge) * 3, dtype=bool)
     keep[::3] = ~edge  # w is fixed
     return csc_array(K[keep][:, keep]), csc_array(M[keep][:, keep])
@@ -25,8 +25,8 @@ def plate(side: int, width: float = 1.0, height: float = 1.3) -> tuple[csc_array
 
 def deflections(side: int) -> np.ndarray:
     """Return the DOFs (from 1) of such a plate that are deflections."""
-    place = np.indices((side + 1, side + 1)).reshape(2, -1)
-    edge = np.any((place == 0) | (place == side), axis=0)
+    position = np.indices((side + 1, side + 1)).reshape(2, -1)
+    edge = np.any((position == 0) | (position == side), axis=0)
     kinds = np.repeat(~edge, 3) | (np.arange(len(edge) * 3) % 3 > 0)
     return np.flatnonzero((np.arange(len(kinds)) % 3 == 0)[kinds]) + 1
 

@@ -52,7 +52,7 @@ def run_benchmarks(
     names
         Names from `BENCHMARKS`.
     sizes
-        Sizes by name; absent: those of each benchmark.
+        Sizes by name; default: those of each benchmark.
     progress
         Called with a line before each measurement.
     full
@@ -84,16 +84,16 @@ def run_benchmarks(
     """
     result, began, chosen = Result("bench", "Speed against error"), time.monotonic(), list(names)
     skipped: list[str] = []
-    for place, name in enumerate(chosen):
+    for index, name in enumerate(chosen):
         case = benchmark(name)
-        reasons = [each.missing() for each in case.alternatives]
+        reasons = [alternative.missing() for alternative in case.alternatives]
         if all(reasons):
             skipped.append(f"{name}: {'; '.join(dict.fromkeys(reasons))}")
             continue
-        own = sorted((*case.sizes, *case.full)) if full else case.sizes
-        until = began + seconds - sum(BENCHMARKS[later].seconds for later in chosen[place + 1 :])
-        where, wanted = f"{place + 1} of {len(chosen)}: {name}", (sizes or {}).get(name, own)
-        _add(result, name, case, _measured(name, case, wanted, progress, where, clock, until))
+        default_sizes = sorted((*case.sizes, *case.full)) if full else case.sizes
+        until = began + seconds - sum(BENCHMARKS[later].seconds for later in chosen[index + 1 :])
+        where, case_sizes = f"{index + 1} of {len(chosen)}: {name}", (sizes or {}).get(name, default_sizes)
+        _add(result, name, case, _measured(name, case, case_sizes, progress, where, clock, until))
     if chosen and len(skipped) == len(chosen):
         raise UsageError(f"nothing can be measured: {'; '.join(skipped)}")
     spent = time.monotonic() - began
@@ -111,28 +111,30 @@ def _measured(
     until: float,
 ) -> dict[str, list[BenchmarkFigure]]:
     """Measure all alternatives, in turns by size; beyond the first size none is started after `until`."""
-    present = [each for each in case.alternatives if not each.missing()]
-    figures: dict[str, list[BenchmarkFigure]] = {each.name: [] for each in present}
+    present = [alternative for alternative in case.alternatives if not alternative.missing()]
+    figures: dict[str, list[BenchmarkFigure]] = {alternative.name: [] for alternative in present}
     with TemporaryDirectory() as folder, ExitStack() as stack:
         workers = {
-            each.name: stack.enter_context(
+            alternative.name: stack.enter_context(
                 Process(
                     "dynid.bench.worker",
-                    *(name, each.name, clock),
-                    python=each.interpreter,
+                    *(name, alternative.name, clock),
+                    python=alternative.interpreter,
                     threads=1,
                     folder=folder,
                 )
             )
-            for each in present
+            for alternative in present
         }
         for size in sizes:
-            for each in present:
-                if each.at(size):
-                    progress(f"{where}, {case.size} {size:,}, {each.name}")
+            for alternative in present:
+                if alternative.at(size):
+                    progress(f"{where}, {case.size} {size:,}, {alternative.name}")
                     late = size > sizes[0] and time.monotonic() > until
-                    answer = {"late": True} if late else workers[each.name].ask(size)
-                    figures[each.name].append(BenchmarkFigure(size, **(answer or {"failed": "it ended"})))
+                    answer = {"late": True} if late else workers[alternative.name].ask(size)
+                    figures[alternative.name].append(
+                        BenchmarkFigure(size, **(answer or {"failed": "it ended"}))
+                    )
     return figures
 
 
@@ -150,7 +152,11 @@ def _add(result: Result, name: str, case: Benchmark, figures: Mapping[str, list[
         f"{case.size} {size:,}: {', '.join(key for _, key in some)}"
         for size, some in groupby(late, key=lambda pair: pair[0])
     )
-    missing = (f"{each.name} ({each.missing()})" for each in case.alternatives if each.missing())
+    missing = (
+        f"{alternative.name} ({alternative.missing()})"
+        for alternative in case.alternatives
+        if alternative.missing()
+    )
     attrs = {
         "failed": _failures(case, figures),
         "late": "; ".join(left_out),
@@ -164,19 +170,21 @@ def _add(result: Result, name: str, case: Benchmark, figures: Mapping[str, list[
     group = f"bench/{name}"
     result.annotate(group, title=case.title, size=case.size, measure=case.measure, **attrs)
     front = pareto([figure for rows in done.values() for figure in rows])
-    for each in case.alternatives:
-        if each.name not in done:
+    for alternative in case.alternatives:
+        if alternative.name not in done:
             continue
-        here, rows = f"{group}/{each.name}", done[each.name]
+        here, rows = f"{group}/{alternative.name}", done[alternative.name]
         result.add_axis(f"{here}/size", [figure.size for figure in rows])
         for column, units in (("time", "s"), ("memory", "B"), ("error", "")):
             values = np.array([getattr(figure, column) for figure in rows], dtype=float)
             result.add(f"{here}/{column}", values, ("size",), units)
-        taken = [case.default is not None and case.default(figure.size) == each.name for figure in rows]
+        is_default = [
+            case.default is not None and case.default(figure.size) == alternative.name for figure in rows
+        ]
         result.add(f"{here}/pareto", np.array([figure in front for figure in rows]), ("size",))
-        result.add(f"{here}/default", np.array(taken), ("size",))
+        result.add(f"{here}/default", np.array(is_default), ("size",))
         power = exponent(rows)
-        result.annotate(here, peer=each.peer, **({} if power is None else {"exponent": power}))
+        result.annotate(here, peer=alternative.peer, **({} if power is None else {"exponent": power}))
 
 
 def _failures(case: Benchmark, figures: Mapping[str, list[BenchmarkFigure]]) -> str:
@@ -196,11 +204,11 @@ def pareto(figures: Iterable[BenchmarkFigure]) -> list[BenchmarkFigure]:
         row
         for row in rows
         if not any(
-            other.size == row.size
-            and (other.time, other.error) != (row.time, row.error)
-            and other.time <= row.time
-            and other.error <= row.error
-            for other in rows
+            competitor.size == row.size
+            and (competitor.time, competitor.error) != (row.time, row.error)
+            and competitor.time <= row.time
+            and competitor.error <= row.error
+            for competitor in rows
         )
     ]
 
@@ -209,27 +217,29 @@ def beaten(
     case: Benchmark, chosen: Callable[[int], str], done: Mapping[str, list[BenchmarkFigure]]
 ) -> list[str]:
     """Return the peers that are both faster and more accurate than the default, with sizes, as text."""
-    peers = [each.name for each in case.alternatives if each.peer and each.name in done]
+    peers = [
+        alternative.name for alternative in case.alternatives if alternative.peer and alternative.name in done
+    ]
     sizes = sorted({row.size for rows in done.values() for row in rows})
-    found = []
+    texts = []
     for size in sizes:
         at = {name: row for name, rows in done.items() for row in rows if row.size == size}
         default = at.get(chosen(size))
         if default is None:
-            found.append(f"at {case.size} {size:,} the default has no figures")
+            texts.append(f"at {case.size} {size:,} the default has no figures")
             continue
-        found += [
+        texts += [
             f"at {case.size} {size:,} by {name} ({significant(default.time / at[name].time, 2)} times faster)"
             for name in peers
             if name in at and at[name].time < default.time and at[name].error < default.error
         ]
-    return found
+    return texts
 
 
 def limits(case: Benchmark, done: Mapping[str, list[BenchmarkFigure]]) -> list[str]:
     """Return the ratios of times that are limited, as text."""
     return [
-        f"{limit.alternative} takes {ratio:.2f} times {limit.of} (at most {limit.most:g})"
+        f"{limit.alternative} takes {ratio:.2f} times {limit.of} (at most {limit.max_ratio:g})"
         for limit in case.limits
         if limit.alternative in done and limit.of in done
         for ratio in [done[limit.alternative][-1].time / done[limit.of][-1].time]
@@ -268,24 +278,24 @@ def changes(result: Result, earlier: Sequence[Result]) -> list[BenchmarkChange]:
     What is compared are the alternatives of dynid at common sizes. With several measurements of the same
     release a difference that is chance shows between them, and is none.
     """
-    found = []
+    differences = []
     for path, variable in result.items():
         group, _, name = path.rpartition("/")
         if name not in ("time", "memory", "error") or result.group_attrs[group].get("peer"):
             continue
-        least = {"time": 0.0, "memory": SMALL_MEMORY, "error": SMALL_ERROR}[name]
+        threshold = {"time": 0.0, "memory": SMALL_MEMORY, "error": SMALL_ERROR}[name]
         for size, value in zip(result[f"{group}/size"].data.tolist(), variable.data.tolist(), strict=True):
             before = [
-                float(one[path].data[place])
-                for one in earlier
-                if path in one
-                for place in np.flatnonzero(one[f"{group}/size"].data == size)
+                float(measurement[path].data[row])
+                for measurement in earlier
+                if path in measurement
+                for row in np.flatnonzero(measurement[f"{group}/size"].data == size)
             ]
             if not before:
                 continue
             low, high = min(before), max(before)
-            if value > CHANGE * max(high, least):
-                found.append(BenchmarkChange(path, size, value, high))
-            elif CHANGE * max(value, least) < low:
-                found.append(BenchmarkChange(path, size, value, low))
-    return found
+            if value > CHANGE * max(high, threshold):
+                differences.append(BenchmarkChange(path, size, value, high))
+            elif CHANGE * max(value, threshold) < low:
+                differences.append(BenchmarkChange(path, size, value, low))
+    return differences

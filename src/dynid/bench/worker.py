@@ -43,9 +43,9 @@ class Process:
     python
         The interpreter that runs it.
     threads
-        Threads of numerical libraries; absent: their default, or that of the environment.
+        Threads of numerical libraries; default: their default, or that of the environment.
     folder
-        Folder of its temporary files; absent: that of this process.
+        Folder of its temporary files; default: that of this process.
     """
 
     def __init__(
@@ -114,9 +114,9 @@ def serve(answer: Callable[[Any], Any]) -> None:
 
 
 #: Fewest and most runs, and the time after which no further one is started, s.
-_FEWEST, _MOST, _ENOUGH = 3, 25, 0.3
+_MIN_RUNS, _MAX_RUNS, _MIN_SECONDS = 3, 25, 0.3
 #: Time after which fewer runs suffice, s; a first run longer than that by this factor is the measurement.
-_LONG, _WHOLE = 1.0, 60
+_LONG_SECONDS, _SINGLE_RATIO = 1.0, 60
 
 
 def main(name: str, alternative: str, clock: str = "wall") -> None:
@@ -127,7 +127,7 @@ def main(name: str, alternative: str, clock: str = "wall") -> None:
 def measured(name: str, alternative: str, size: int, clock: str = "wall") -> dict[str, Any]:
     """Measure one alternative at one size: median time, rise of the peak memory, error; or the failure."""
     case = benchmark(name)
-    chosen = next(each for each in case.alternatives if each.name == alternative)
+    chosen = next(candidate for candidate in case.alternatives if candidate.name == alternative)
     try:
         work = chosen.prepare(size)
         before, now = peak_memory(), CLOCKS[clock]
@@ -136,7 +136,7 @@ def measured(name: str, alternative: str, size: int, clock: str = "wall") -> dic
         first = now() - start
         memory = peak_memory() - before
         return {
-            "time": first if first > _WHOLE * _LONG else _timed(work, now),
+            "time": first if first > _SINGLE_RATIO * _LONG_SECONDS else _timed(work, now),
             "memory": memory,
             "error": float(case.error(size, result)),
         }
@@ -146,7 +146,9 @@ def measured(name: str, alternative: str, size: int, clock: str = "wall") -> dic
 
 def _timed(work: Callable[[], Any], clock: Callable[[], float]) -> float:
     times: list[float] = []
-    while (len(times) < _FEWEST and sum(times) < _LONG) or (sum(times) < _ENOUGH and len(times) < _MOST):
+    while (len(times) < _MIN_RUNS and sum(times) < _LONG_SECONDS) or (
+        sum(times) < _MIN_SECONDS and len(times) < _MAX_RUNS
+    ):
         start = clock()
         work()
         times.append(clock() - start)
@@ -175,4 +177,4 @@ def peak_memory() -> float:
         return 0.0
     unit = 1 if sys.platform == "darwin" else 1024
     who = resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN
-    return float(max(resource.getrusage(each).ru_maxrss for each in who) * unit)
+    return float(max(resource.getrusage(process).ru_maxrss for process in who) * unit)

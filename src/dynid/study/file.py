@@ -37,7 +37,7 @@ _WITHOUT_LOCKS = frozenset({errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOP
 #: Time to wait for a lock whose holder removes its file just then, s.
 _LOCK_SECONDS = 0.2
 #: Bytes of a lock file that Windows lets no other process read while they are locked; most bytes behind them.
-_LOCKED, _LONGEST = 1, 200
+_LOCK_BYTE, _MAX_HOLDER_BYTES = 1, 200
 
 
 class StudyArray:
@@ -336,8 +336,8 @@ def locked(target: str) -> Iterator[None]:
         ) from error
     try:
         with open(name, "r+b", buffering=0) as file:  # noqa: PTH123
-            file.seek(_LOCKED)
-            file.write(f"process {os.getpid()} on {socket.gethostname()}".encode().ljust(_LONGEST))
+            file.seek(_LOCK_BYTE)
+            file.write(f"process {os.getpid()} on {socket.gethostname()}".encode().ljust(_MAX_HOLDER_BYTES))
         yield
     finally:
         # While it is held: the next holder finds it removed. Windows removes no open file.
@@ -350,7 +350,7 @@ def _holder(name: str) -> str:
     """Return who holds a lock, as written behind the byte that Windows lets no other process read."""
     try:
         with open(name, "rb", buffering=0) as file:  # noqa: PTH123
-            file.seek(_LOCKED)
-            return file.read(_LONGEST).decode(errors="replace").strip() or "another process"
+            file.seek(_LOCK_BYTE)
+            return file.read(_MAX_HOLDER_BYTES).decode(errors="replace").strip() or "another process"
     except OSError:
         return "another process"

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 FORMAT = 1
 SIZE = 16  # bytes: the probability of equal keys of any two of 10^7 samples is 10^-24
-_CHUNK = 2**20
-_SAMPLES = 4096  # samples whose values are in memory as text at a time
+_FILE_CHUNK_BYTES = 2**20
+_SAMPLE_BLOCK = 4096  # samples whose values are in memory as text at a time
 
 Keys = NDArray[np.uint8]
 """Keys of samples (samples x bytes)."""
@@ -97,7 +97,7 @@ class Keyring:
             digest = hashlib.sha256()
             try:
                 with file.open("rb") as content:
-                    while chunk := content.read(_CHUNK):
+                    while chunk := content.read(_FILE_CHUNK_BYTES):
                         digest.update(chunk)
             except OSError:
                 digest.update(name.encode())
@@ -108,8 +108,8 @@ class Keyring:
 def sample_keys(plan: Plan, numbers: Sequence[int] | NDArray[np.int64]) -> Keys:
     """Return the keys of samples of a plan (samples x bytes)."""
     ring, parts = Keyring(plan), [np.empty((0, SIZE), np.uint8)]
-    for start in range(0, len(numbers), _SAMPLES):
-        some = numbers[start : start + _SAMPLES]
+    for start in range(0, len(numbers), _SAMPLE_BLOCK):
+        some = numbers[start : start + _SAMPLE_BLOCK]
         parts.append(ring.keys([plan.values(path, some) for path in plan.settings], len(some)))
     return np.concatenate(parts)
 

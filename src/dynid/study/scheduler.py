@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from dynid.study.executors import StudyExecutor
     from dynid.study.plan import Plan
 
-_SECONDS = 0.5  # of a chunk: long compared with the cost of a message, short for a waiting user
-_SPARE = 4  # a time limit is this many times the expected time of a chunk
+_CHUNK_SECONDS = 0.5  # of a chunk: long compared with the cost of a message, short for a waiting user
+_LIMIT_RATIO = 4  # a time limit is this many times the expected time of a chunk
 _MAX_CHUNK_SAMPLES = 4096  # samples of a chunk
 _CHUNK_RATIO = 4  # ratio of the sizes of successive chunks
-_BYTES = 16 * 2**20  # of a chunk in memory
+_MAX_CHUNK_BYTES = 16 * 2**20  # of a chunk in memory
 _REPORT_INTERVAL = 30.0  # s after which running samples are reported; then after twice as long, and so on
 _SAMPLE_ATTEMPTS = 3  # of a sample whose worker dies each time
-_HOPELESS = 5  # samples given up in a row: they are not the cause
-_TICK = 1.0  # s between two looks at the running chunks
+_MAX_LOST_IN_A_ROW = 5  # samples given up in a row: they are not the cause
+_POLL_SECONDS = 1.0  # s between two looks at the running chunks
 
 Numbers = NDArray[np.int64]
 #: Finished chunk: the numbers of its samples in the plan, and their outcomes.
@@ -50,7 +50,7 @@ class Chunks:
 
     def __init__(self, timeout: float | None = None) -> None:
         self._size = 1
-        self._seconds = _SECONDS if timeout is None else min(_SECONDS, timeout / _SPARE)
+        self._seconds = _CHUNK_SECONDS if timeout is None else min(_CHUNK_SECONDS, timeout / _LIMIT_RATIO)
 
     def size(self, remaining: int, width: int) -> int:
         """Return the size of the next chunk; it decreases towards the end, to keep all workers busy.
@@ -66,7 +66,7 @@ class Chunks:
 
     def learn(self, count: int, seconds: float, size: int = 0) -> None:
         """Record the time (s) and size (bytes) of a chunk; samples of larger chunks take less time each."""
-        fitting = int(count * min(self._seconds / max(seconds, 1e-9), _BYTES / max(size, 1)))
+        fitting = int(count * min(self._seconds / max(seconds, 1e-9), _MAX_CHUNK_BYTES / max(size, 1)))
         self._size = max(1, min(fitting, _CHUNK_RATIO * count, _MAX_CHUNK_SAMPLES))
 
 
@@ -178,7 +178,7 @@ class Scheduler:
             If the executor as a whole is lost.
         """
         while self._submit_chunks():
-            finished, _ = wait(self.submitted, timeout=_TICK, return_when=FIRST_COMPLETED)
+            finished, _ = wait(self.submitted, timeout=_POLL_SECONDS, return_when=FIRST_COMPLETED)
             self._collect(finished)
             self.running.look(self.submitted)
 
@@ -255,9 +255,9 @@ class Scheduler:
             self.suspects.appendleft(chunk)
             return
         self.given_up += 1
-        if self.given_up == _HOPELESS:
+        if self.given_up == _MAX_LOST_IN_A_ROW:
             raise NumericalError(
-                f"workers die whatever they run ({_SAMPLE_ATTEMPTS * _HOPELESS} times in a row)",
+                f"workers die whatever they run ({_SAMPLE_ATTEMPTS * _MAX_LOST_IN_A_ROW} times in a row)",
                 remedy="Find the cause: too little memory, or a damaged installation. "
                 "Then run the study again to resume it.",
             )

@@ -26,7 +26,7 @@ def matrices(stages: int) -> Any:
     """Return A, B, C, D with the velocities and elongations as states, written down by Newton's law."""
     import numpy as np
 
-    m, k, b = (np.array([float(stage[place]) for stage in distinct(stages)]) for place in range(3))
+    m, k, b = (np.array([float(stage[column]) for stage in distinct(stages)]) for column in range(3))
     joints = np.eye(stages) - np.eye(stages, k=1)  # elongation rates by velocities
     A = np.zeros((2 * stages, 2 * stages))
     A[:stages, :stages] = -(joints.T * b) @ joints / m[:, None]
@@ -128,7 +128,7 @@ def _control_polynomials(stages: int) -> Callable[[], Any]:
     return work
 
 
-def _coefficient_error(stages: int, found: Any) -> float:
+def _coefficient_error(stages: int, result: Any) -> float:
     """Return the largest relative error of the coefficients within the range of a double, descending.
 
     The error of a coefficient that is 0 is relative to the largest one.
@@ -137,18 +137,18 @@ def _coefficient_error(stages: int, found: Any) -> float:
 
     errors, denominator = [], characteristic(stages)
     lead = denominator[denominator.degree()]
-    for coefficients, polynomial in zip(found, (numerator(stages), denominator), strict=True):
+    for coefficients, polynomial in zip(result, (numerator(stages), denominator), strict=True):
         ascending = np.asarray(coefficients, dtype=float)[::-1].tolist()
         if len(ascending) <= polynomial.degree() or not np.isfinite(ascending).all():
             return float("inf")
         exact = [polynomial[power] / lead for power in range(len(ascending))]
-        known = [
+        reference = [
             (number, int(c.p) / int(c.q))
             for number, c in zip(ascending, exact, strict=True)
             if c == 0 or abs(int(c.p).bit_length() - int(c.q).bit_length()) < 1000
         ]
-        largest = max(abs(true) for _, true in known)
-        errors.append(max(abs(number - true) / (abs(true) or largest) for number, true in known))
+        largest = max(abs(true) for _, true in reference)
+        errors.append(max(abs(number - true) / (abs(true) or largest) for number, true in reference))
     return float(max(errors))
 
 
@@ -160,7 +160,7 @@ POLYNOMIALS = Benchmark(
     alternatives=(
         Alternative("exact", _coefficients),
         Alternative("ss2tf", _ss2tf, peer=True),
-        Alternative("control-tf", _control_polynomials, needs=("control",), most=100, peer=True),
+        Alternative("control-tf", _control_polynomials, needs=("control",), max_size=100, peer=True),
     ),
     error=_coefficient_error,
     measure="largest relative error of a coefficient of numerator or denominator",
@@ -234,12 +234,12 @@ FORMULA = Benchmark(
     sizes=(2, 3, 8, 200),
     alternatives=(
         Alternative("nested", _nested),
-        Alternative("expanded", _expanded, most=9),
-        Alternative("by-hand", _by_hand, most=9, peer=True),
-        Alternative("sympy", _sympy, most=2, peer=True),
+        Alternative("expanded", _expanded, max_size=9),
+        Alternative("by-hand", _by_hand, max_size=9, peer=True),
+        Alternative("sympy", _sympy, max_size=2, peer=True),
     ),
     # The denominator has (2 4^N + 1)/3 terms.
-    error=lambda stages, found: float(isinstance(found, tuple) and found[1] != (2 * 4**stages + 1) // 3),
+    error=lambda stages, result: float(isinstance(result, tuple) and result[1] != (2 * 4**stages + 1) // 3),
     measure="1 where terms are missing or too many, else 0",
     default=lambda _: "nested",
     full=(9, 500),

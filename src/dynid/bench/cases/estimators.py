@@ -124,20 +124,22 @@ def first_covariance(this: SuspensionRecord) -> Any:
     return root @ root.T
 
 
-def _pass(wish: str, part: float = LINEARISED_DEVIATIONS) -> Callable[[int], Callable[[], Any]]:
-    """Return dynid's pass, compiled or not; `part` 0: linearised anew at every sample."""
+def _pass(wish: str, deviations: float = LINEARISED_DEVIATIONS) -> Callable[[int], Callable[[], Any]]:
+    """Return dynid's pass, compiled or not; `deviations` 0: linearised anew at every sample."""
 
     def prepare(samples: int) -> Callable[[], Any]:
-        return lambda: _passed(samples, wish, part).eta[-1]
+        return lambda: _passed(samples, wish, deviations).eta[-1]
 
     return prepare
 
 
-def _passed(samples: int, wish: str, part: float) -> Pass:
+def _passed(samples: int, wish: str, deviations: float) -> Pass:
     this = case(samples)
     record, prior = this.ensemble.records[0], first_initial_state(this)
     with kernels(wish):
-        return filter_pass(record.model, record.data.values, prior, assumed_noise(this), this.start, part)
+        return filter_pass(
+            record.model, record.data.values, prior, assumed_noise(this), this.start, deviations
+        )
 
 
 def _joseph(precision: str) -> Callable[[int], Callable[[], Any]]:
@@ -216,11 +218,11 @@ def _exact_pass(samples: int) -> Pass:
     return _passed(samples, "1", 0.0)
 
 
-def _filter_error(samples: int, found: Any) -> float:
+def _filter_error(samples: int, logarithms: Any) -> float:
     import numpy as np
 
     exact = _exact_pass(samples)
-    error = float(np.max(np.abs(found - exact.eta[-1]) / exact.deviations[-1]))
+    error = float(np.max(np.abs(logarithms - exact.eta[-1]) / exact.deviations[-1]))
     return error if np.isfinite(error) else float("inf")
 
 
@@ -232,11 +234,11 @@ FILTERS = Benchmark(
         Alternative("square-root", _pass("1")),
         Alternative("square-root-numpy", _pass("0")),
         Alternative("every-sample", _pass("1", 0.0)),
-        Alternative("every-sample-numpy", _pass("0", 0.0), most=8000),
-        Alternative("joseph", _joseph("float64"), most=8000),
-        Alternative("joseph-float32", _joseph("float32"), most=8000),
-        Alternative("imbedding-1", _imbedding(1), most=800),
-        Alternative("imbedding-4", _imbedding(4), most=800),
+        Alternative("every-sample-numpy", _pass("0", 0.0), max_size=8000),
+        Alternative("joseph", _joseph("float64"), max_size=8000),
+        Alternative("joseph-float32", _joseph("float32"), max_size=8000),
+        Alternative("imbedding-1", _imbedding(1), max_size=800),
+        Alternative("imbedding-4", _imbedding(4), max_size=800),
     ),
     error=_filter_error,
     measure="largest distance from the filter linearised at every sample, in its deviations; inf: no number",
@@ -269,9 +271,9 @@ def _estimator(name: str, wish: str = "1") -> Callable[[int], Callable[[], Any]]
         from dynid.identification.estimators.imbedding import InvariantImbedding
         from dynid.identification.estimators.maximum_likelihood import OutputError
 
-        every: dict[str, Estimator] = {f"filter-{k}": Filter(k) for k in (1, 2, 3)}
-        every |= {each.name: each for each in (Auto(), OutputError(), InvariantImbedding())}
-        estimator = every[name]
+        estimators: dict[str, Estimator] = {f"filter-{k}": Filter(k) for k in (1, 2, 3)}
+        estimators |= {each.name: each for each in (Auto(), OutputError(), InvariantImbedding())}
+        estimator = estimators[name]
 
         def work() -> Any:
             with kernels(wish):
@@ -304,11 +306,11 @@ def _least_squares(this: SuspensionRecord) -> Callable[[], Any]:
     return work
 
 
-def _estimator_error(samples: int, found: Any) -> float:
+def _estimator_error(samples: int, estimates: Any) -> float:
     import numpy as np
 
     cases = [case(samples, seed) for seed in _SEEDS]
-    errors = [(eta - this.truth) / this.bound for eta, this in zip(found, cases, strict=True)]
+    errors = [(eta - this.truth) / this.bound for eta, this in zip(estimates, cases, strict=True)]
     return float(np.sqrt(np.mean(np.square(errors))))
 
 
@@ -318,10 +320,10 @@ ESTIMATORS = Benchmark(
     sizes=(800,),
     alternatives=(
         Alternative("auto", _estimator("auto")),
-        Alternative("auto-numpy", _estimator("auto", "0"), most=8000),
+        Alternative("auto-numpy", _estimator("auto", "0"), max_size=8000),
         *(Alternative(f"filter-{k}", _estimator(f"filter-{k}")) for k in (1, 2, 3)),
         Alternative("output-error", _estimator("output-error")),
-        Alternative("invariant-imbedding", _estimator("invariant-imbedding"), most=200),
+        Alternative("invariant-imbedding", _estimator("invariant-imbedding"), max_size=200),
         Alternative("least-squares", each_record(_least_squares), peer=True),
     ),
     error=_estimator_error,

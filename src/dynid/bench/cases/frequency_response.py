@@ -84,7 +84,7 @@ def _nodal(stages: int) -> Callable[[], Any]:
     from scipy.sparse import csc_array
     from scipy.sparse.linalg import splu
 
-    m, k, b = (np.array([complex(stage[place]) for stage in distinct(stages)]) for place in range(3))
+    m, k, b = (np.array([complex(stage[column]) for stage in distinct(stages)]) for column in range(3))
     joints = np.eye(stages) - np.eye(stages, k=1)  # elongations by displacements
     M, K, B = csc_array(np.diag(m)), csc_array(joints.T * k @ joints), csc_array(joints.T * b @ joints)
     force = np.zeros(stages, dtype=complex)
@@ -138,14 +138,14 @@ def _polynomials(stages: int) -> Callable[[], Any]:
     return work
 
 
-def distance(found: Any, exact: Callable[[Any], list[complex]], count: int = 25) -> float:
+def distance(response: Any, exact: Callable[[Any], list[complex]], count: int = 25) -> float:
     """Return the largest relative error of a response at `count` of its frequencies."""
     import numpy as np
 
     places = np.linspace(0, POINTS - 1, count).astype(int)
     true = np.array(exact(frequencies()[places]))
     with np.errstate(all="ignore"):
-        errors = np.abs(found[places] - true) / np.maximum(np.abs(true), _MIN_RESPONSE)
+        errors = np.abs(response[places] - true) / np.maximum(np.abs(true), _MIN_RESPONSE)
         return float(np.nan_to_num(np.max(errors), nan=np.inf))
 
 
@@ -155,15 +155,17 @@ BENCHMARK = Benchmark(
     sizes=(10, 100, 1000, 2000),
     alternatives=(
         Alternative("reduction", by_reduction(reduced)),
-        Alternative("reduction-compiled", _compiled, most=100),
+        Alternative("reduction-compiled", _compiled, max_size=100),
         Alternative("recursion", _recursion, peer=True),
-        Alternative("state-space", _solved, most=10, peer=True),
-        Alternative("sparse-lu", _sparse, most=1000, peer=True),
-        Alternative("sparse-nodal", _nodal, most=1000, peer=True),
-        Alternative("polynomials", _polynomials, most=100, peer=True),
-        Alternative("control", _control, needs=("control",), most=10, peer=True),
+        Alternative("state-space", _solved, max_size=10, peer=True),
+        Alternative("sparse-lu", _sparse, max_size=1000, peer=True),
+        Alternative("sparse-nodal", _nodal, max_size=1000, peer=True),
+        Alternative("polynomials", _polynomials, max_size=100, peer=True),
+        Alternative("control", _control, needs=("control",), max_size=10, peer=True),
     ),
-    error=lambda stages, found: distance(found, partial(exact_response, stages), 25 if stages <= 1000 else 5),
+    error=lambda stages, response: distance(
+        response, partial(exact_response, stages), 25 if stages <= 1000 else 5
+    ),
     default=lambda _: "reduction",
     full=(4000, 10_000),
 )
@@ -204,18 +206,18 @@ def tree(junctions: int) -> ReducedGraph:
 def _leaves_inward(junctions: int, s: Any, number: Callable[[Fraction], Any] = float) -> Any:
     """Return the effort at the root for a unit flow: impedances combined from the leaves inward."""
     rows = _branches(junctions)
-    own: list[Any] = []  # the impedance of a 1-junction, the admittance of a 0-junction
+    immittances: list[Any] = []  # the impedance of a 1-junction, the admittance of a 0-junction
     for _, kind, storage, value, resistance in rows:
         law = s * number(value)
         impedances = law if storage == "I" else 1 / law, number(resistance)
-        own.append(sum(z if kind == "1" else 1 / z for z in impedances))
+        immittances.append(sum(z if kind == "1" else 1 / z for z in impedances))
     root = s
     for k in range(junctions - 1, -1, -1):
         parent, kind = rows[k][:2]
         above = rows[parent][1] if k else "0"
-        seen = own[k] if kind == above else 1 / own[k]
+        seen = immittances[k] if kind == above else 1 / immittances[k]
         if k:
-            own[parent] = own[parent] + seen
+            immittances[parent] = immittances[parent] + seen
         else:
             root = root + seen
     return 1 / root
@@ -244,7 +246,7 @@ TREE = Benchmark(
         Alternative("reduction", by_reduction(tree)),
         Alternative("leaves-inward", _by_leaves, peer=True),
     ),
-    error=lambda junctions, found: distance(found, partial(_exact_tree, junctions), count=5),
+    error=lambda junctions, response: distance(response, partial(_exact_tree, junctions), count=5),
     default=lambda _: "reduction",
     full=(10_000, 50_000),
 )

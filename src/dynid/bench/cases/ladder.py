@@ -19,9 +19,9 @@ from dynid.bondgraph.reduced_graph import ReducedGraph
 _RAILS = "ab"
 
 
-def _value(kind: str, place: int) -> Fraction:
+def _value(kind: str, index: int) -> Fraction:
     """Return a value between 1 and 1.5 of its unit: mF of a C, 1 of an I and an R."""
-    return (1 + Fraction(place * 7919 % 1000, 2000)) * (Fraction(1, 1000) if kind == "C" else 1)
+    return (1 + Fraction(index * 7919 % 1000, 2000)) * (Fraction(1, 1000) if kind == "C" else 1)
 
 
 def _links(stages: int) -> list[tuple[str, str, Fraction, Fraction]]:
@@ -34,8 +34,8 @@ def _links(stages: int) -> list[tuple[str, str, Fraction, Fraction]]:
 def reduced(stages: int) -> ReducedGraph:
     """Return a ladder, planned."""
     nodes, bonds = [Node("u", "Sf")], [Bond("u", "a1")]
-    for place, (rail, k) in enumerate((rail, k) for k in range(1, stages + 1) for rail in _RAILS):
-        nodes += [Node(f"{rail}{k}", "0"), Node(f"C{rail}{k}", "C", _value("C", place))]
+    for index, (rail, k) in enumerate((rail, k) for k in range(1, stages + 1) for rail in _RAILS):
+        nodes += [Node(f"{rail}{k}", "0"), Node(f"C{rail}{k}", "C", _value("C", index))]
         bonds.append(Bond(f"{rail}{k}", f"C{rail}{k}"))
     for tail, head, inertia, resistance in _links(stages):
         link = f"{tail}{head}"
@@ -55,7 +55,7 @@ def nodal(stages: int) -> tuple[Any, Any, Any, Any]:
     rows = [places[end] for end in (*tails, *heads)]
     signs, columns = np.repeat([1.0, -1.0], count), [*range(count), *range(count)]
     incidence = csc_array((signs, (rows, columns)), shape=(2 * stages, count))
-    compliances = [float(_value("C", place)) for place in range(2 * stages)]
+    compliances = [float(_value("C", index)) for index in range(2 * stages)]
     return np.array(compliances), incidence, np.array(inertias, float), np.array(resistances, float)
 
 
@@ -66,26 +66,26 @@ def exact_response(stages: int, omega: Any) -> list[complex]:
     def ball(value: Fraction) -> Any:
         return acb(arb(fmpq(value.numerator, value.denominator)))
 
-    found = []
+    values = []
     with ctx.workprec(400 + 20 * stages):
         laws = [(ball(inertia), ball(resistance)) for _, _, inertia, resistance in _links(stages)]
-        stores = [ball(_value("C", place)) for place in range(2 * stages)]
+        stores = [ball(_value("C", index)) for index in range(2 * stages)]
         for w in omega:
             s = acb(0, float(w))
             passes = [1 / (s * inertia + resistance) for inertia, resistance in laws]
             rungs = passes[2 * (stages - 1) :]
             drive, seen = acb_mat([[1], [0]]), acb_mat([[0, 0], [0, 0]])
             for k in range(stages):
-                rung, (one, other) = rungs[k], (s * store for store in stores[2 * k : 2 * k + 2])
-                seen += acb_mat([[one + rung, -rung], [-rung, other + rung]])
+                rung, (first, second) = rungs[k], (s * store for store in stores[2 * k : 2 * k + 2])
+                seen += acb_mat([[first + rung, -rung], [-rung, second + rung]])
                 if k + 1 == stages:
                     break
                 across = acb_mat([[passes[2 * k], 0], [0, passes[2 * k + 1]]])
                 ahead = across * (seen + across).inv()  # the part of the flow that passes on
                 drive, seen = ahead * drive, ahead * seen
             effort = (seen.inv() * drive)[1, 0]
-            found.append(complex(float(effort.real.mid()), float(effort.imag.mid())))
-    return found
+            values.append(complex(float(effort.real.mid()), float(effort.imag.mid())))
+    return values
 
 
 def _in_order(stages: int) -> Callable[[], Any]:
@@ -126,10 +126,10 @@ BENCHMARK = Benchmark(
     sizes=(100, 200),
     alternatives=(
         Alternative("reduction", by_reduction(reduced)),
-        Alternative("in-order", _in_order, most=10),
-        Alternative("sparse-nodal", _nodal, most=1000, peer=True),
+        Alternative("in-order", _in_order, max_size=10),
+        Alternative("sparse-nodal", _nodal, max_size=1000, peer=True),
     ),
-    error=lambda stages, found: distance(found, partial(exact_response, stages), count=7),
+    error=lambda stages, response: distance(response, partial(exact_response, stages), count=7),
     default=lambda _: "reduction",
     full=(10, 500, 1000, 2000),
 )

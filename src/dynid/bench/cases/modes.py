@@ -47,10 +47,10 @@ def _eigsh(task: Task) -> Callable[[int], Callable[[], Any]]:
     return prepare
 
 
-def _error(found: Any, true: Any) -> float:
+def _error(omega: Any, true: Any) -> float:
     import numpy as np
 
-    return float(np.max(np.abs(np.sort(found) - true) / true))
+    return float(np.max(np.abs(np.sort(omega) - true) / true))
 
 
 def _default(task: Task) -> Callable[[int], str]:
@@ -71,11 +71,11 @@ def lowest_modes(mesh: Mesh, solvers: Sequence[str], **described: Any) -> Benchm
     def task(dofs: int) -> tuple[Any, Any, int]:
         return *mesh(dofs), COUNT
 
-    every = (
+    candidates = (
         Alternative("ldl", _lowest(task, "ldl")),
         Alternative("ldl-uncounted", _lowest(task, "ldl", proof=False)),
         Alternative("splu", _lowest(task, "splu")),
-        Alternative("dense", _lowest(task, "dense"), most=4000),
+        Alternative("dense", _lowest(task, "dense"), max_size=4000),
         Alternative("cholespy", _lowest(task, "cholespy"), needs=("cholespy",)),
         Alternative("pardiso", _lowest(task, "pardiso"), needs=("pypardiso",)),
         Alternative("eigsh", _eigsh(task), peer=True),
@@ -83,8 +83,8 @@ def lowest_modes(mesh: Mesh, solvers: Sequence[str], **described: Any) -> Benchm
 
     return Benchmark(
         size="DOFs",
-        alternatives=[each for each in every if each.name in solvers],
-        error=lambda dofs, found: _error(found, reference(mesh, dofs)),
+        alternatives=[alternative for alternative in candidates if alternative.name in solvers],
+        error=lambda dofs, omega: _error(omega, reference(mesh, dofs)),
         measure="largest relative difference of omega^2 from a subspace iteration",
         default=_default(task),
         **described,
@@ -160,7 +160,7 @@ def _inverse_problem() -> Any:
     import numpy as np
     from scipy.linalg import cholesky, eigvalsh, solve_triangular
 
-    K, M = (part.toarray() for part in plate(_DOFS))
+    K, M = (matrix.toarray() for matrix in plate(_DOFS))
     factor = cholesky(K, lower=True)
     half = solve_triangular(factor, solve_triangular(factor, M, lower=True).T, lower=True)
     return np.sort(1 / eigvalsh((half + half.T) / 2))
@@ -177,7 +177,7 @@ MANY = Benchmark(
         Alternative("eigsh", _eigsh(_task_on_plate), peer=True),
         Alternative("eigh", _eigh, peer=True),
     ),
-    error=lambda count, found: _error(found, _inverse_problem()[:count]),
+    error=lambda count, omega: _error(omega, _inverse_problem()[:count]),
     measure="largest relative difference of omega^2 from those of the inverse problem",
     default=_default(_task_on_plate),
     remark="eigsh does not prove that no mode is missed; eigh has no shapes, and fails on a singular mass",

@@ -67,8 +67,8 @@ def _lsim(samples: int) -> Callable[[], Any]:
     from scipy.signal import lsim
 
     system, times = _system(), _times(samples)
-    given = system.A, system.B, system.C, system.D
-    return lambda: lsim(given, _force(times), times)[1]
+    matrices = system.A, system.B, system.C, system.D
+    return lambda: lsim(matrices, _force(times), times)[1]
 
 
 def _integrated(samples: int) -> Callable[[], Any]:
@@ -96,16 +96,16 @@ def _runge_kutta(samples: int) -> Callable[[], Any]:
     A, b = system.A, system.B[:, 0]
 
     def work() -> Any:
-        x, found = np.zeros(len(A)), np.zeros(samples)
+        x, response = np.zeros(len(A)), np.zeros(samples)
         starts, middles = _force(times), _force(times + _SAMPLE_STEP / 2)
-        for place in range(samples - 1):
-            k1 = A @ x + b * starts[place]
-            k2 = A @ (x + _SAMPLE_STEP / 2 * k1) + b * middles[place]
-            k3 = A @ (x + _SAMPLE_STEP / 2 * k2) + b * middles[place]
-            k4 = A @ (x + _SAMPLE_STEP * k3) + b * starts[place + 1]
+        for index in range(samples - 1):
+            k1 = A @ x + b * starts[index]
+            k2 = A @ (x + _SAMPLE_STEP / 2 * k1) + b * middles[index]
+            k3 = A @ (x + _SAMPLE_STEP / 2 * k2) + b * middles[index]
+            k4 = A @ (x + _SAMPLE_STEP * k3) + b * starts[index + 1]
             x = x + _SAMPLE_STEP / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-            found[place + 1] = system.C[0] @ x
-        return found
+            response[index + 1] = system.C[0] @ x
+        return response
 
     return work
 
@@ -122,15 +122,15 @@ def _newmark(samples: int) -> Callable[[], Any]:
         h = _SAMPLE_STEP
         factor = lu_factor(M + h / 2 * C + h**2 / 4 * K)
         x, v, a = (np.zeros(5) for _ in range(3))
-        found = np.zeros(samples)
-        for place in range(1, samples):
+        response = np.zeros(samples)
+        for index in range(1, samples):
             ahead, faster = x + h * v + h**2 / 4 * a, v + h / 2 * a
             right = -C @ faster - K @ ahead
-            right[4] += forces[place]
+            right[4] += forces[index]
             a = lu_solve(factor, right)
             x, v = ahead + h**2 / 4 * a, faster + h / 2 * a
-            found[place] = v[1]
-        return found
+            response[index] = v[1]
+        return response
 
     return work
 
@@ -145,11 +145,11 @@ def _reference(samples: int) -> Any:
     return propagate(_system(), [force], _times(samples)).outputs[:, 0]
 
 
-def _error(samples: int, found: Any) -> float:
+def _error(samples: int, response: Any) -> float:
     import numpy as np
 
     true = _reference(samples)
-    return float(np.sqrt(np.mean((found - true) ** 2) / np.mean(true**2)))
+    return float(np.sqrt(np.mean((response - true) ** 2) / np.mean(true**2)))
 
 
 BENCHMARK = Benchmark(

@@ -44,11 +44,11 @@ def _method(method: str, **options: Any) -> Callable[[int], Callable[[], Any]]:
     return prepare
 
 
-def _error(dofs: int, found: Any) -> float:
+def _error(dofs: int, result: Any) -> float:
     import numpy as np
 
     true = reference(plate, dofs)[:_COMPARED]
-    return float(np.max(np.abs(np.sqrt(found[:_COMPARED] / true) - 1)))
+    return float(np.max(np.abs(np.sqrt(result[:_COMPARED] / true) - 1)))
 
 
 def _on_masters(method: str, **options: Any) -> Callable[[int], Callable[[], Any]]:
@@ -141,8 +141,8 @@ def _below(band: float | None) -> Callable[[int], Callable[[], Any]]:
             if band is not None:
                 modes = ModeRange(below=band * max(_OMEGA))
                 model = ModalTruncation(modes, interest=Interest(_SENSORS)).reduce(full).model
-            found = identify(model, Experiment(loads, measurement), Filter(), truth=full)
-            return found["identification/parameters/error_percent"].data / 100
+            result = identify(model, Experiment(loads, measurement), Filter(), truth=full)
+            return result["identification/parameters/error_percent"].data / 100
 
         return work
 
@@ -163,23 +163,23 @@ def _with_residuals(residuals: Any) -> Callable[[int], Callable[[], Any]]:
         method = JointAware(None, ModeRange(count), Interest(_SENSORS), residuals=residuals)
 
         def work() -> Any:
-            found = identify(
+            result = identify(
                 method.reduce(full).model,
                 Experiment(loads, measurement),
                 Filter(),
                 truth=full,
                 rebuild=lambda values: method.at(values).reduce(full).model,
             )
-            return found["identification/parameters/error_percent"].data / 100
+            return result["identification/parameters/error_percent"].data / 100
 
         return work
 
     return prepare
 
 
-def _largest(_: int, found: Any) -> float:
+def _largest(_: int, result: Any) -> float:
     """Return the largest magnitude of relative errors."""
-    return float(abs(found).max())
+    return float(abs(result).max())
 
 
 BASIS = Benchmark(
@@ -188,7 +188,7 @@ BASIS = Benchmark(
     sizes=(7,),
     alternatives=(
         *(Alternative(f"below-{band:g}-bands", _below(band)) for band in (5, 1, 2, 10)),
-        Alternative("full", _below(None), most=14),
+        Alternative("full", _below(None), max_size=14),
     ),
     error=_largest,
     measure="largest relative error of a joint's parameter",

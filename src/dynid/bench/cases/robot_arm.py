@@ -65,8 +65,8 @@ class ArmPrediction(NamedTuple):
 
 def data_file() -> Path:
     """Return the file of the record: in the folder ``DYNID_DATA``, else in that beside the sources."""
-    beside = Path(__file__).resolve().parents[4].parent / "shared/data"
-    return Path(os.environ.get(DATA, beside)).resolve() / _FILE
+    shared_data = Path(__file__).resolve().parents[4].parent / "shared/data"
+    return Path(os.environ.get(DATA, shared_data)).resolve() / _FILE
 
 
 def missing_data() -> str:
@@ -111,17 +111,23 @@ def by_graph(samples: int) -> ArmPrediction:
 
     result = run_scene(scene(half))
     names, estimates = (result[f"identification/parameters/{name}"].data for name in ("name", "estimate"))
-    found = dict(zip(names.tolist(), estimates.tolist(), strict=True))
-    whole = scene(2 * half)
-    graph, _ = identified_graph(whole)
-    (one,) = experiments(whole, whole.model.excitation, whole.model.measurement, graph)
-    model = parametric_model(graph, one.loads, one.measurement.channels, one.measurement.record.times)
-    eta = coordinates(graph.unknowns, np.array([found[each.name] for each in graph.unknowns]))
+    estimates_by_name = dict(zip(names.tolist(), estimates.tolist(), strict=True))
+    full_record = scene(2 * half)
+    graph, _ = identified_graph(full_record)
+    (experiment,) = experiments(
+        full_record, full_record.model.excitation, full_record.model.measurement, graph
+    )
+    model = parametric_model(
+        graph, experiment.loads, experiment.measurement.channels, experiment.measurement.record.times
+    )
+    eta = coordinates(
+        graph.unknowns, np.array([estimates_by_name[unknown.name] for unknown in graph.unknowns])
+    )
     at_rest = prediction(model, eta, np.zeros(model.states), *free_prediction(model, eta))
     forced, by_state = at_rest.outputs[:, 0], at_rest.by_state[:, 0]
-    y = np.asarray(one.measurement.source)[:, 0]
+    y = np.asarray(experiment.measurement.source)[:, 0]
     start = np.linalg.lstsq(by_state[:half], y[:half] - forced[:half], rcond=None)[0]
-    return ArmPrediction(found, forced + by_state @ start)
+    return ArmPrediction(estimates_by_name, forced + by_state @ start)
 
 
 def by_arx(u: Array, y: Array, order: int, half: int) -> Array:
@@ -130,10 +136,10 @@ def by_arx(u: Array, y: Array, order: int, half: int) -> Array:
 
     rows = [np.r_[-y[k - order : k][::-1], u[k - order : k + 1][::-1]] for k in range(order, half)]
     theta = np.linalg.lstsq(np.array(rows), y[order:half], rcond=None)[0]
-    found = list(y[half - order : half])
+    prediction = list(y[half - order : half])
     for k in range(half, len(y)):
-        found.append(np.r_[-np.array(found[-order:])[::-1], u[k - order : k + 1][::-1]] @ theta)
-    return np.array(found[order:])
+        prediction.append(np.r_[-np.array(prediction[-order:])[::-1], u[k - order : k + 1][::-1]] @ theta)
+    return np.array(prediction[order:])
 
 
 def by_subspace(u: Array, y: Array, order: int, half: int, depth: int = 20) -> Array:
@@ -153,12 +159,12 @@ def by_subspace(u: Array, y: Array, order: int, half: int, depth: int = 20) -> A
     for k in range(half):
         regressor[k] = np.r_[(C @ powers)[0], (C @ driven)[0], u[k]]
         powers, driven = A @ powers, A @ driven + u[k] * np.eye(order)
-    found = np.linalg.lstsq(regressor, y[:half], rcond=None)[0]
-    x, B, D = found[:order], found[order : 2 * order], found[-1]
+    solution = np.linalg.lstsq(regressor, y[:half], rcond=None)[0]
+    x, B, D = solution[:order], solution[order : 2 * order], solution[-1]
     outputs = []
-    for each in u:
-        outputs.append((C @ x)[0] + D * each)
-        x = A @ x + B * each
+    for value in u:
+        outputs.append((C @ x)[0] + D * value)
+        x = A @ x + B * value
     return np.array(outputs)[half:]
 
 
@@ -174,9 +180,9 @@ def _peer(name: str, method: Callable[..., Array], order: int) -> Alternative:
     return Alternative(f"{name}-{order}", prepare, peer=True, unavailable=missing_data)
 
 
-def _error(samples: int, found: Any) -> float:
+def _error(samples: int, prediction: Any) -> float:
     measured = record(samples)[1][samples // 2 : 2 * (samples // 2)]
-    return 1 - fit(measured, found[: len(measured)]) / 100
+    return 1 - fit(measured, prediction[: len(measured)]) / 100
 
 
 BENCHMARK = Benchmark(

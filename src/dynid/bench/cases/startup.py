@@ -44,8 +44,8 @@ def _folder() -> Path:
             (folder / scene.name).write_text(scene.read_text(encoding="utf-8"), encoding="utf-8")
     for scene in folder.glob("*.yaml"):
         data = read_source(scene).data
-        for place in file_places(data):
-            (folder / str(reduce(getitem, place, data))).touch()
+        for path in file_places(data):
+            (folder / str(reduce(getitem, path, data))).touch()
     return folder
 
 
@@ -62,7 +62,7 @@ def _process(*arguments: str) -> Callable[[int], Callable[[], Any]]:
 def _expanded(arguments: Iterable[str]) -> list[str]:
     """Return arguments with all scenes in place of ``*``."""
     scenes = sorted(path.name for path in _folder().glob("*.yaml"))
-    return [part for given in arguments for part in (scenes if given == "*" else [given])]
+    return [text for argument in arguments for text in (scenes if argument == "*" else [argument])]
 
 
 def _ran(arguments: list[str]) -> list[str]:
@@ -87,8 +87,8 @@ def _on_result(command: str, kind: str, *arguments: str) -> Callable[[int], Call
     return prepare
 
 
-def _imports_of(*arguments: str, own: bool) -> Callable[[int], Callable[[], Any]]:
-    """Return the import of the modules that a command loads; `own`: those of dynid and of Python, too."""
+def _imports_of(*arguments: str, of_dynid: bool) -> Callable[[int], Callable[[], Any]]:
+    """Return the import of the modules that a command loads; `of_dynid`: those of dynid and Python, too."""
 
     def prepare(_: int) -> Callable[[], Any]:
         script = f"import sys; from dynid.cli import main; sys.argv = {['dynid', *_expanded(arguments)]!r}\n"
@@ -97,9 +97,9 @@ def _imports_of(*arguments: str, own: bool) -> Callable[[int], Callable[[], Any]
             [sys.executable, "-c", script], cwd=_folder(), check=True, capture_output=True, text=True
         )
         loaded = ran.stdout.split("modules ", 1)[1].split()
-        without = {"__main__"} if own else {"__main__", "dynid", *sys.stdlib_module_names}
+        without = {"__main__"} if of_dynid else {"__main__", "dynid", *sys.stdlib_module_names}
         names = [name for name in loaded if name.partition(".")[0] not in without and "-" not in name]
-        listed = f"{'-'.join(arguments[:2]).replace('*', 'all')}-{'modules' if own else 'packages'}.txt"
+        listed = f"{'-'.join(arguments[:2]).replace('*', 'all')}-{'modules' if of_dynid else 'packages'}.txt"
         (_folder() / listed).write_text("\n".join(names), encoding="utf-8")
         again = (
             "import importlib\n"
@@ -116,8 +116,8 @@ def _beside_imports(name: str, *arguments: str) -> tuple[Alternative, ...]:
     """Return a command, the import of the same modules, and of those of other packages alone."""
     return (
         Alternative(name, _dynid(*arguments)),
-        Alternative(f"modules-of-{name}", _imports_of(*arguments, own=True)),
-        Alternative(f"packages-of-{name}", _imports_of(*arguments, own=False)),
+        Alternative(f"modules-of-{name}", _imports_of(*arguments, of_dynid=True)),
+        Alternative(f"packages-of-{name}", _imports_of(*arguments, of_dynid=False)),
     )
 
 
@@ -143,7 +143,7 @@ BENCHMARK = Benchmark(
         Alternative("schema", _dynid("schema", "study")),
         Alternative("run-bond-graph", _dynid("run", "bond-graph.yaml", "-q")),
         *_run("identification.yaml"),
-        *(one for scene in _SCENES if scene.is_file() for one in _run(scene.name)),
+        *(alternative for scene in _SCENES if scene.is_file() for alternative in _run(scene.name)),
         Alternative("show", _on_result("show", "bond-graph")),
         Alternative("report", _on_result("report", "identification", "-q")),
         Alternative(
@@ -199,8 +199,10 @@ def _files(dofs: int) -> Path:
     from scipy.sparse import coo_array, diags_array, eye_array, kron
 
     n = _side(dofs)
-    one = diags_array([[2.0] * n, [-1.0] * (n - 1), [-1.0] * (n - 1)], offsets=[0, 1, -1]) * (n + 1) ** 2
-    curvature = kron(one, eye_array(n)) + kron(eye_array(n), one / _RATIO**2)
+    second_difference = (
+        diags_array([[2.0] * n, [-1.0] * (n - 1), [-1.0] * (n - 1)], offsets=[0, 1, -1]) * (n + 1) ** 2
+    )
+    curvature = kron(second_difference, eye_array(n)) + kron(eye_array(n), second_difference / _RATIO**2)
     folder, area = Path(tempfile.mkdtemp()), 1 / (n + 1) ** 2
     for name, matrix in (("K", curvature @ curvature * area), ("M", eye_array(n * n) * area)):
         mmwrite(folder / f"{name}.mtx", coo_array(matrix), symmetry="symmetric", precision=17)
@@ -233,17 +235,17 @@ def _by_dynid(folder: Path) -> Any:
 def _by_script(folder: Path) -> Any:
     import numpy as np
 
-    with np.load(folder / "found.npz") as found:
-        return found["frequencies"]
+    with np.load(folder / "found.npz") as arrays:
+        return arrays["frequencies"]
 
 
-def _error(dofs: int, found: Any) -> float:
+def _error(dofs: int, result: Any) -> float:
     import numpy as np
 
     n = _side(dofs)
     along = (2 * (n + 1) * np.sin(np.pi * np.arange(1, n + 1) / (2 * (n + 1)))) ** 2
     exact = np.sort((along[:, None] + along / _RATIO**2).ravel())[:_COUNT]
-    return float(np.max(np.abs(np.sort(found) / exact - 1)))
+    return float(np.max(np.abs(np.sort(result) / exact - 1)))
 
 
 PLATE = Benchmark(

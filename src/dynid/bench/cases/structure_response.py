@@ -75,8 +75,8 @@ def _by_method(method: str) -> Callable[[int], Callable[[], Any]]:
         omega = _frequencies(count)
 
         def work() -> Any:
-            found = frequency_response_functions(M, C, K, ports, omega, method=method)
-            return found.response[:, 0, 0]
+            result = frequency_response_functions(M, C, K, ports, omega, method=method)
+            return result.response[:, 0, 0]
 
         return work
 
@@ -117,7 +117,7 @@ def _true(count: int) -> Any:
     from scipy.sparse.linalg import splu
 
     M, C, K, ports, _ = _plate()
-    wide, found = [part.astype(np.longdouble) for part in (M, C, K)], []
+    wide, responses = [matrix.astype(np.longdouble) for matrix in (M, C, K)], []
     for w in _frequencies(count)[_places(count)].astype(np.longdouble):
         Z = [wide[2] - w**2 * wide[0], w * wide[1]]
         factor = splu(csc_array(Z[0].astype(float) + 1j * Z[1].astype(float)))
@@ -125,15 +125,15 @@ def _true(count: int) -> Any:
         for _ in range(4):
             product = Z[0] @ x.real - Z[1] @ x.imag + 1j * (Z[1] @ x.real + Z[0] @ x.imag)
             x += factor.solve((ports.forces[:, 0] - product).astype(complex))
-        found.append(ports.rows[0] @ x)
-    return np.array(found)
+        responses.append(ports.rows[0] @ x)
+    return np.array(responses)
 
 
-def _error(count: int, found: Any) -> float:
+def _error(count: int, response: Any) -> float:
     import numpy as np
 
     true = _true(count)
-    return float(np.max(np.abs(found[_places(count)] - true) / (np.abs(true) + np.median(np.abs(true)))))
+    return float(np.max(np.abs(response[_places(count)] - true) / (np.abs(true) + np.median(np.abs(true)))))
 
 
 BENCHMARK = Benchmark(
@@ -240,8 +240,8 @@ def _by_dynid(make: Callable[[_Case], Any]) -> Callable[[int], Callable[[], Any]
         case = _case(lines)
 
         def work() -> Any:
-            found = identify(make(case), case.measurement)
-            return found["identification/parameters/estimate"].data
+            result = identify(make(case), case.measurement)
+            return result["identification/parameters/estimate"].data
 
         return work
 
@@ -272,10 +272,10 @@ def _by_scipy(lines: int) -> Callable[[], Any]:
     return work
 
 
-def _joints_error(_: int, found: Any) -> float:
+def _joints_error(_: int, estimates: Any) -> float:
     import numpy as np
 
-    return float(np.max(np.abs(np.asarray(found) / list(_TRUE.values()) - 1)))
+    return float(np.max(np.abs(np.asarray(estimates) / list(_TRUE.values()) - 1)))
 
 
 JOINTS = Benchmark(

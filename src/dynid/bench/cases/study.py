@@ -64,10 +64,10 @@ def planned(scene: str, study: str, samples: int) -> Plan:
     from dynid.study.plan import make_plan
 
     folder = Path(tempfile.mkdtemp())
-    made = study.format(samples=samples)
-    name = next(line for line in made.splitlines() if line.startswith("scene:")).split()[1]
+    text = study.format(samples=samples)
+    name = next(line for line in text.splitlines() if line.startswith("scene:")).split()[1]
     (folder / name).write_text(scene, encoding="utf-8")
-    (folder / "study.yaml").write_text(made, encoding="utf-8")
+    (folder / "study.yaml").write_text(text, encoding="utf-8")
     return make_plan(load_scene(folder / "study.yaml"))
 
 
@@ -81,7 +81,9 @@ def together(plan: Plan, path: str) -> Work:
     from dynid.scene.batch import run_batch
 
     overrides = plan.overrides(range(plan.size))
-    return lambda: np.array([one.values[path].data for one in run_batch(plan.base, overrides, plan.collect)])
+    return lambda: np.array(
+        [outcome.values[path].data for outcome in run_batch(plan.base, overrides, plan.collect)]
+    )
 
 
 def alone(plan: Plan, path: str) -> Work:
@@ -91,7 +93,9 @@ def alone(plan: Plan, path: str) -> Work:
     from dynid.scene.batch import run_alone
 
     overrides = plan.overrides(range(plan.size))
-    return lambda: np.array([run_alone(plan.base, one, plan.collect).values[path].data for one in overrides])
+    return lambda: np.array(
+        [run_alone(plan.base, override, plan.collect).values[path].data for override in overrides]
+    )
 
 
 def _as_study(executor: str) -> Callable[[int], Work]:
@@ -121,19 +125,19 @@ def run_each(plan: Plan, path: str) -> Work:
     from dynid.store import read_result
 
     def work() -> Any:
-        found = []
+        poles = []
         for number in range(plan.size):
             target = Path(tempfile.mkdtemp()) / "sample.h5"
             settings = [f"--set={key}={value!r}" for key, value in plan.override(number).items()]
             command = [sys.executable, "-m", "dynid", "run", plan.base.source.file, "-q", "-o", str(target)]
             subprocess.run([*command, *settings], check=True)
-            found.append(read_result(target)[path].data)
-        return np.array(found)
+            poles.append(read_result(target)[path].data)
+        return np.array(poles)
 
     return work
 
 
-def _error(samples: int, found: Any) -> float:
+def _error(samples: int, results: Any) -> float:
     """Return the largest relative distance from the poles of Park & Kim 1997, eq 21, to 50 digits."""
     plan, errors = _plan(samples), []
     for number in range(0, samples, max(1, samples // 100)):
@@ -146,9 +150,9 @@ def _error(samples: int, found: Any) -> float:
             real = -b / (2 * mass)
             imag = (A_p**2 / (C_a * mass) - real**2).sqrt()
             size = (real**2 + imag**2).sqrt()
-            poles = found[number].tolist()
+            poles = results[number].tolist()
             off = ((Decimal(p.real) - real) ** 2 + (abs(Decimal(p.imag)) - imag) ** 2 for p in poles)
-            errors.append(float(max(part.sqrt() for part in off) / size))
+            errors.append(float(max(squared.sqrt() for squared in off) / size))
     return max(errors)
 
 
@@ -160,8 +164,8 @@ BENCHMARK = Benchmark(
         Alternative("study-processes", _as_study("processes")),
         Alternative("study-serial", _as_study("serial")),
         Alternative("together", lambda samples: together(_plan(samples), _POLES)),
-        Alternative("run", lambda samples: alone(_plan(samples), _POLES), most=100),
-        Alternative("process-each", lambda samples: run_each(_plan(samples), _POLES), most=3),
+        Alternative("run", lambda samples: alone(_plan(samples), _POLES), max_size=100),
+        Alternative("process-each", lambda samples: run_each(_plan(samples), _POLES), max_size=3),
     ),
     error=_error,
     measure="largest relative distance of poles from eq 21 in 50 digits",
@@ -198,7 +202,7 @@ collect: [{_FREQUENCIES}]
 _beams = partial(planned, _BEAM, _BEAMS)
 
 
-def _off_frequencies(samples: int, found: Any) -> float:
+def _off_frequencies(samples: int, frequencies: Any) -> float:
     """Return the error against the frequencies of one beam, scaled by the root of EI / rhoA."""
     import numpy as np
     from scipy.linalg import eigh
@@ -209,11 +213,11 @@ def _off_frequencies(samples: int, found: Any) -> float:
 
     ends = [Support(1, ("w",)), Support(_ELEMENTS + 1, ("w", "theta"))]
     unit = beam(_ELEMENTS, _LENGTH, 1.0, 1.0, supports=ends)
-    omega = np.sqrt(eigh(as_array(unit.K), as_array(unit.M), eigvals_only=True)[: found.shape[1]])
+    omega = np.sqrt(eigh(as_array(unit.K), as_array(unit.M), eigvals_only=True)[: frequencies.shape[1]])
     plan = _beams(samples)
     values = np.array([list(plan.override(number).values()) for number in range(samples)], dtype=float)
     true = np.sqrt(values[:, :1] / values[:, 1:]) * omega
-    return float(np.max(np.abs(found / true - 1)))
+    return float(np.max(np.abs(frequencies / true - 1)))
 
 
 REDUCTIONS = Benchmark(
@@ -223,8 +227,8 @@ REDUCTIONS = Benchmark(
     full=(10_000,),
     alternatives=(
         Alternative("together", lambda samples: together(_beams(samples), _FREQUENCIES)),
-        Alternative("run", lambda samples: alone(_beams(samples), _FREQUENCIES), most=100),
-        Alternative("process-each", lambda samples: run_each(_beams(samples), _FREQUENCIES), most=3),
+        Alternative("run", lambda samples: alone(_beams(samples), _FREQUENCIES), max_size=100),
+        Alternative("process-each", lambda samples: run_each(_beams(samples), _FREQUENCIES), max_size=3),
     ),
     default=lambda _: "together",
     error=_off_frequencies,
@@ -270,22 +274,22 @@ collect:
 _seeds = partial(planned, _SUSPENSION, _SEEDS)
 
 
-def _off_optimum(samples: int, found: Any) -> float:
+def _off_optimum(samples: int, estimates: Any) -> float:
     """Return the distance from the maximum of the likelihood, climbed from the truth, in standard errors."""
     import numpy as np
 
     from dynid.scene.batch import run_alone
 
-    plan, most = _seeds(samples), 0.0
+    plan, worst = _seeds(samples), 0.0
     error = "identification/parameters/standard_error"
     truth: dict[str, str | float] = {"estimator.method": "output-error"}
     for joint in ("upper", "lower"):
         truth |= {f"joints.{joint}.k.start": 2.0e4, f"joints.{joint}.c.start": 20}
     for number in range(min(samples, 10)):
         reference = run_alone(plan.base, {**plan.override(number), **truth}, (_ESTIMATE, error)).values
-        off = np.abs(found[number] - reference[_ESTIMATE].data) / reference[error].data
-        most = max(most, float(off.max()))
-    return most
+        off = np.abs(estimates[number] - reference[_ESTIMATE].data) / reference[error].data
+        worst = max(worst, float(off.max()))
+    return worst
 
 
 IDENTIFICATIONS = Benchmark(
@@ -295,8 +299,8 @@ IDENTIFICATIONS = Benchmark(
     full=(10_000,),
     alternatives=(
         Alternative("together", lambda samples: together(_seeds(samples), _ESTIMATE)),
-        Alternative("run", lambda samples: alone(_seeds(samples), _ESTIMATE), most=100),
-        Alternative("process-each", lambda samples: run_each(_seeds(samples), _ESTIMATE), most=3),
+        Alternative("run", lambda samples: alone(_seeds(samples), _ESTIMATE), max_size=100),
+        Alternative("process-each", lambda samples: run_each(_seeds(samples), _ESTIMATE), max_size=3),
     ),
     default=lambda _: "together",
     error=_off_optimum,

@@ -38,12 +38,12 @@ def relative_to(true: Any, size: float) -> Any:
     return np.where(scale > 0, scale, 1.0)
 
 
-def _error(found: Any, true: Any) -> float:
+def _error(roots: Any, true: Any) -> float:
     """Return the largest relative distance of (zeros, poles) from the true ones."""
     import numpy as np
 
     size = float(abs(true[1]).max())
-    return max(distance(np.asarray(got), roots, size) for got, roots in zip(found, true, strict=True))
+    return max(distance(np.asarray(got), roots, size) for got, roots in zip(roots, true, strict=True))
 
 
 def _by_engine(model: Callable[[int], ReducedGraph], engine: str) -> Callable[[int], Callable[[], Any]]:
@@ -161,14 +161,14 @@ CHAIN = Benchmark(
     alternatives=(
         Alternative("exact", _by_engine(reduced, "exact")),
         Alternative("float", _by_engine(reduced, "float")),
-        Alternative("exact-unstarted", _unstarted, least=STARTED_ROOTS.value // 2 + 1, most=100),
-        Alternative("pencil", _pencil_engine, most=100),
+        Alternative("exact-unstarted", _unstarted, min_size=STARTED_ROOTS.value // 2 + 1, max_size=100),
+        Alternative("pencil", _pencil_engine, max_size=100),
         Alternative("control", _control_alone, needs=("control",), peer=True),
-        Alternative("control-tf", _control_tf, needs=("control",), most=100, peer=True),
+        Alternative("control-tf", _control_tf, needs=("control",), max_size=100, peer=True),
         Alternative("eigvals", _eigenvalues, peer=True),
-        Alternative("ss2zpk", _polynomials, most=100, peer=True),
+        Alternative("ss2zpk", _polynomials, max_size=100, peer=True),
     ),
-    error=lambda stages, found: _error(found, true_roots(stages)),
+    error=lambda stages, roots: _error(roots, true_roots(stages)),
     measure="largest relative distance from the exact roots; inf: a wrong count",
     default=lambda stages: "exact" if 2 * stages <= EXACT_ROOTS.value else "float",  # two states a stage
 )
@@ -217,10 +217,10 @@ MESH = Benchmark(
     size="side",
     sizes=(3, 4),
     alternatives=(
-        Alternative("exact", _by_engine(_mesh, "exact"), most=7),
+        Alternative("exact", _by_engine(_mesh, "exact"), max_size=7),
         Alternative("float", _by_engine(_mesh, "float")),
     ),
-    error=lambda side, found: _error(found, _true_roots_of_mesh(side)),
+    error=lambda side, roots: _error(roots, _true_roots_of_mesh(side)),
     measure="largest relative distance from the exact roots; inf: a wrong count",
     default=_engine_for_mesh,
     full=(5, 6),
@@ -256,13 +256,13 @@ def _eigvals(size: int) -> Callable[[], Any]:
     return lambda: np.linalg.eigvals(A)
 
 
-def _pencil_error(size: int, found: Any) -> float:
+def _pencil_error(size: int, roots: Any) -> float:
     import numpy as np
 
     masses = size // 2
     omega = 2 * np.sin(np.pi * np.arange(1, masses + 1) / (2 * (masses + 1)))
     true = 1j * np.concatenate([-omega[::-1], omega])
-    return float(np.max(np.abs(found[np.argsort(found.imag)] - true) / np.abs(true)))
+    return float(np.max(np.abs(roots[np.argsort(roots.imag)] - true) / np.abs(true)))
 
 
 PENCIL = Benchmark(

@@ -41,7 +41,7 @@ METHODS = (*_CLASSES, ALONE)
 #: Frequencies below this part of the highest are rigid-body motions, measured by that.
 _RIGID_FREQUENCY_RATIO = 1e-6
 #: Samples of a hold per requested instant, and the most in all.
-_FINER, _MOST = (1, 2, 4), 1_000_000
+_HOLD_RATIOS, _MAX_HOLD_SAMPLES = (1, 2, 4), 1_000_000
 Work = Callable[[list[Any]], Callable[[], Any]]
 
 
@@ -86,16 +86,18 @@ class Aspect:
     least_error: Callable[[Any], float | None] = nothing
 
 
-def name_of(part: ReductionModel) -> str:
+def name_of(reduction: ReductionModel) -> str:
     """Return the name of a reduction of a scene among the alternatives."""
     return (
-        ALONE if isinstance(part, JointAwareModel) and part.residuals in (None, [], "none") else part.method
+        ALONE
+        if isinstance(reduction, JointAwareModel) and reduction.residuals in (None, [], "none")
+        else reduction.method
     )
 
 
-def sizes_around(size: int, most: int) -> list[int]:
+def sizes_around(size: int, max_size: int) -> list[int]:
     """Return a size and twice that size, as far as they are below the number of all coordinates."""
-    return [each for each in (size, 2 * size) if each < most] or [size]
+    return [coordinates for coordinates in (size, 2 * size) if coordinates < max_size] or [size]
 
 
 def described(name: str, size: int, ends: int) -> dict[str, Any]:
@@ -148,21 +150,21 @@ def solvers(
     def solver(backend: str) -> Callable[[int], Callable[[], Any]]:
         return lambda _: lambda: modes(*matrices, count, below, backend).omega
 
-    def error(found: Any, reference: Any) -> float:
-        if len(found) != len(reference):
+    def error(result: Any, reference: Any) -> float:
+        if len(result) != len(reference):
             return float("inf")
         scale = np.maximum(reference, _RIGID_FREQUENCY_RATIO * reference.max(initial=0.0))
-        return float((np.abs(found - reference) / np.where(scale > 0, scale, 1.0)).max(initial=0.0))
+        return float((np.abs(result - reference) / np.where(scale > 0, scale, 1.0)).max(initial=0.0))
 
     names = ["dense", *BACKENDS] if size <= ALL_MODES.value else list(BACKENDS)
     needs = {
         name: () if name in ("ldl", "splu") else (backend.package,) for name, backend in BACKENDS.items()
     }
-    every = [(Alternative(name, solver(name), needs.get(name, ())), size) for name in names]
+    points = [(Alternative(name, solver(name), needs.get(name, ())), size) for name in names]
     return Aspect(
         title="solver of the modes",
         size="DOFs",
-        points=every,
+        points=points,
         chosen=frozenset({(solver_for(size, count, below, getattr(matrices[2], "nnz", 0)), size)}),
         because=f"chosen by default: {DENSE_MODES}; {FEW_MODES}",
         error=error,
@@ -189,15 +191,17 @@ def propagation(work: Work, signals: Sequence[Any], times: NDArray[np.float64]) 
             # One sample beyond the last instant: a zero hold ends before its last sample.
             finer = np.linspace(0.0, times[-1], samples)
             step = times[-1] / (samples - 1)
-            return work([each if each.jump else Sampled(each.value(finer), step, hold) for each in signals])
+            return work(
+                [signal if signal.jump else Sampled(signal.value(finer), step, hold) for signal in signals]
+            )
 
         return prepare
 
-    def error(found: Any, reference: Any) -> float:
+    def error(result: Any, reference: Any) -> float:
         size = float(np.sqrt(np.mean(reference**2)))
-        return float(np.sqrt(np.mean((found - reference) ** 2))) / (size if size > 0 else 1.0)
+        return float(np.sqrt(np.mean((result - reference) ** 2))) / (size if size > 0 else 1.0)
 
-    sizes = [k * (count - 1) + 1 for k in _FINER if k * count <= _MOST] or [count]
+    sizes = [k * (count - 1) + 1 for k in _HOLD_RATIOS if k * count <= _MAX_HOLD_SAMPLES] or [count]
     exact = Alternative("exact", lambda _: work(list(signals)))
     points = [(exact, count), *((Alternative(hold, held(hold)), size) for hold in HOLDS for size in sizes)]
     return Aspect(
@@ -221,17 +225,19 @@ class ReducedFrequencies(NamedTuple):
 def basis(scene: Scene) -> Aspect:
     """Return reductions by all methods at several sizes, beside those of the scene."""
     model, structure = _structure(scene)
-    own, interest = methods_of(model), interest_of(model)
-    made = {name: candidate(structure, method) for name, method in own.items()}
-    sizes = {name: each.reduction.model.size for name, each in made.items()}
+    methods, interest = methods_of(model), interest_of(model)
+    candidates = {name: candidate(structure, method) for name, method in methods.items()}
+    sizes = {name: reduced_model.reduction.model.size for name, reduced_model in candidates.items()}
     largest, compared = max(sizes.values()), max(1, min(sizes.values()))
-    asked = max(2 * largest, *(max(each.numbers, default=1) for each in made.values()))
+    asked = max(
+        2 * largest, *(max(reduced_model.numbers, default=1) for reduced_model in candidates.values())
+    )
     ends = len(dict.fromkeys([*(dof for joint in structure.joints for dof in joint.dofs), *interest.dofs]))
 
     def reduced(name: str) -> Callable[[int], Callable[[], ReducedFrequencies]]:
         def prepare(size: int) -> Callable[[], ReducedFrequencies]:
-            part = read_reduction(described(name, size, ends))
-            return _reduced(structure, build_reductor(part, interest, "accuracy"))(size)
+            reduction = read_reduction(described(name, size, ends))
+            return _reduced(structure, build_reductor(reduction, interest, "accuracy"))(size)
 
         return prepare
 
@@ -240,16 +246,16 @@ def basis(scene: Scene) -> Aspect:
         omega = modes(*structure.with_joints(), count=few).omega
         return ReducedFrequencies(omega, np.arange(1, len(omega) + 1))
 
-    def error(found: ReducedFrequencies, reference: ReducedFrequencies) -> float:
-        numbers = found.numbers[:compared]
-        if len(found.omega) < compared or numbers.max() > len(reference.omega):
+    def error(result: ReducedFrequencies, reference: ReducedFrequencies) -> float:
+        numbers = result.numbers[:compared]
+        if len(result.omega) < compared or numbers.max() > len(reference.omega):
             return float("inf")
         true = reference.omega[numbers - 1]
         scale = np.where(true > 0, true, reference.omega.max(initial=1.0))
-        return float((np.abs(found.omega[:compared] - true) / scale).max())
+        return float((np.abs(result.omega[:compared] - true) / scale).max())
 
     points = [(Alternative("full", lambda _: full), structure.size)]
-    points += [(Alternative(name, _reduced(structure, own[name])), size) for name, size in sizes.items()]
+    points += [(Alternative(name, _reduced(structure, methods[name])), size) for name, size in sizes.items()]
     points += [
         (Alternative(name, reduced(name)), size)
         for name in METHODS
@@ -271,8 +277,8 @@ def _reduced(
     structure: StructuralModel, method: Reductor
 ) -> Callable[[int], Callable[[], ReducedFrequencies]]:
     def work() -> ReducedFrequencies:
-        made = candidate(structure, method)
-        return ReducedFrequencies(made.modes.omega, np.array(made.numbers, dtype=np.int64))
+        reduction = candidate(structure, method)
+        return ReducedFrequencies(reduction.modes.omega, np.array(reduction.numbers, dtype=np.int64))
 
     return lambda _: work
 
@@ -280,8 +286,8 @@ def _reduced(
 def solver(scene: Scene) -> Aspect:
     """Return the solvers of the full structure's modes."""
     model, structure = _structure(scene)
-    made = (candidate(structure, method) for method in methods_of(model).values())
-    return solvers(structure, max(max(each.numbers, default=1) for each in made))
+    candidates = (candidate(structure, method) for method in methods_of(model).values())
+    return solvers(structure, max(max(reduction.numbers, default=1) for reduction in candidates))
 
 
 def _structure(scene: Scene[ReductionScene]) -> tuple[ReductionScene, StructuralModel]:
@@ -306,9 +312,11 @@ def engine(scene: Scene) -> Aspect:
             asked = analysis.results & (NUMERIC | {"transfer_function"})
             if name == "symbolic" and "transfer_function" not in asked:
                 raise UsageError("formulas alone: zeros, poles and properties need numbers")
-            wanted = {"transfer_function"} if name == "symbolic" else asked | {"zeros", "poles"}
-            own = replace(analysis, engine=name, results=frozenset(wanted), port=None, times=None, omega=None)
-            return lambda: _roots(analyse(graph, own))
+            results = {"transfer_function"} if name == "symbolic" else asked | {"zeros", "poles"}
+            request = replace(
+                analysis, engine=name, results=frozenset(results), port=None, times=None, omega=None
+            )
+            return lambda: _roots(analyse(graph, request))
 
         return prepare
 
@@ -325,27 +333,27 @@ def engine(scene: Scene) -> Aspect:
 
 def _roots(result: Result) -> dict[str, tuple[Any, Any]]:
     """Return zeros and poles of every channel, with their error bounds or estimates."""
-    found = {}
+    roots = {}
     for path, variable in result.items():
         group, _, name = path.rpartition("/")
         if path.startswith(_TRANSFER_FUNCTIONS) and name in ("zeros", "poles"):
             errors = (f"{group}/{name[:-1]}_error_{kind}" for kind in ("bound", "estimate"))
-            radius = next(result[each].data for each in errors if each in result)
-            found[path] = variable.data, radius
-    return found
+            radius = next(result[path_of_error].data for path_of_error in errors if path_of_error in result)
+            roots[path] = variable.data, radius
+    return roots
 
 
-def _error(found: dict[str, tuple[Any, Any]], reference: dict[str, tuple[Any, Any]]) -> float | None:
-    if not found:
+def _error(roots: dict[str, tuple[Any, Any]], reference: dict[str, tuple[Any, Any]]) -> float | None:
+    if not roots:
         return None  # formulas
     worst = 0.0
     for path, (true, radius) in reference.items():
         poles = reference[path.rpartition("/")[0] + "/poles"][0]
         size = float(np.abs(poles).max(initial=0.0))
-        if found is reference:
+        if roots is reference:
             worst = max(worst, float((radius / relative_to(true, size)).max(initial=0.0)))
         else:
-            worst = max(worst, distance(found[path][0], true, size))
+            worst = max(worst, distance(roots[path][0], true, size))
     return worst
 
 
@@ -361,8 +369,8 @@ def response_of(graph: BondGraph, asked: Analysis) -> Aspect:
 
     def work(signals: list[Any]) -> Callable[[], Any]:
         driven = tuple(zip((name for name, _ in analysis.signals), signals, strict=True))
-        own = replace(analysis, signals=driven)
-        return lambda: analyse(graph, own)["bond_graph/time_response/response"].data
+        request = replace(analysis, signals=driven)
+        return lambda: analyse(graph, request)["bond_graph/time_response/response"].data
 
     return propagation(work, [signal for _, signal in analysis.signals], asked.times)
 

@@ -61,8 +61,8 @@ class EstimatedParameters(NamedTuple):
 
 def estimator(scene: Scene[IdentificationScene]) -> Aspect:
     """Return the estimators, and the one that the scene names."""
-    given = scene.model.estimator
-    own = scene.source.data.get("estimator") or {}
+    requested = scene.model.estimator
+    written = scene.source.data.get("estimator") or {}
     passes = {**dict.fromkeys(NAMES["identification"]["estimator"], 1), "output-error": 0}
     points = []
 
@@ -70,15 +70,17 @@ def estimator(scene: Scene[IdentificationScene]) -> Aspect:
         return _identified(scene, {"estimator": {"method": "filter", "passes": passes}})(passes)
 
     for name in passes:
-        options = own if name == given.method else {"method": name}
+        options = written if name == requested.method else {"method": name}
         if name != "filter":
             points.append((Alternative(name, _identified(scene, {"estimator": options})), passes[name]))
             continue
-        tried = sorted({*_PASSES, given.passes or 1})
+        tried = sorted({*_PASSES, requested.passes or 1})
         points += [(Alternative(name, filtered), k) for k in tried]
-    chosen = given.passes or FILTER_PASSES.value if given.method == "filter" else passes[given.method]
-    named = "as requested" if "method" in own else f"chosen by default: {ESTIMATOR}"
-    return _of_parameters("estimator", "passes", points, (given.method, chosen), named, _is_known(scene))
+    chosen = (
+        requested.passes or FILTER_PASSES.value if requested.method == "filter" else passes[requested.method]
+    )
+    named = "as requested" if "method" in written else f"chosen by default: {ESTIMATOR}"
+    return _of_parameters("estimator", "passes", points, (requested.method, chosen), named, _is_known(scene))
 
 
 def basis(scene: Scene) -> Aspect:
@@ -90,12 +92,12 @@ def basis(scene: Scene) -> Aspect:
     chosen, because = ("full", n), "no reduction is asked for"
     size = max(1, n // 2)
     tried = [size]
-    if method is not None and (part := reduction_of(scene)) is not None:
+    if method is not None and (reduction := reduction_of(scene)) is not None:
         size = method.reduce(structure).model.size
-        own, name = scene.source.data["reduction"], name_of(part)
+        written, name = scene.source.data["reduction"], name_of(reduction)
         chosen, because = (name, size), f"as requested; chosen by default: {BASIS_BAND}; {RESIDUALS}"
         tried = sizes_around(size, n)
-        points.append((Alternative(name, _identified(scene, {"reduction": own})), size))
+        points.append((Alternative(name, _identified(scene, {"reduction": written})), size))
     ends = len(
         dict.fromkeys([*(d for joint in structure.joints for d in joint.dofs), *interest_of(scene).dofs])
     )
@@ -104,10 +106,10 @@ def basis(scene: Scene) -> Aspect:
         return lambda size: _identified(scene, {"reduction": described(name, size, ends)})(size)
 
     points += [
-        (Alternative(name, reduced(name)), each)
+        (Alternative(name, reduced(name)), point)
         for name in METHODS
-        for each in tried
-        if (name, each) != chosen
+        for point in tried
+        if (name, point) != chosen
     ]
     return _of_parameters("basis of the model", "coordinates", points, chosen, because, _is_known(scene))
 
@@ -129,11 +131,11 @@ def _held(scene: Scene, name: str) -> Callable[[int], Callable[[], EstimatedPara
     measurement = data["measurement"]
     shared = "simulate" in measurement
 
-    def changed(given: Any, *, simulated: bool) -> Any:
-        known = ("random",) if simulated else ("random", "file")
-        if isinstance(given, dict):
-            return {**given, "hold": name} if given.get("kind") in known else given
-        return [changed(each, simulated=simulated) for each in given]
+    def changed(signals: Any, *, simulated: bool) -> Any:
+        kinds = ("random",) if simulated else ("random", "file")
+        if isinstance(signals, dict):
+            return {**signals, "hold": name} if signals.get("kind") in kinds else signals
+        return [changed(signal, simulated=simulated) for signal in signals]
 
     records = [
         {**record, "excitation": changed(record["excitation"], simulated=shared or "simulate" in record)}
@@ -150,10 +152,10 @@ def _held(scene: Scene, name: str) -> Callable[[int], Callable[[], EstimatedPara
 
 def response(scene: Scene[IdentificationScene]) -> Aspect:
     """Return the ways to propagate the time response."""
-    wanted = scene.model.graph_analysis
-    if wanted is not None:
+    requested = scene.model.graph_analysis
+    if requested is not None:
         built = identified_graph(scene)[1]
-        return response_of(built.graph, graph_analysis(scene, wanted, built))
+        return response_of(built.graph, graph_analysis(scene, requested, built))
     structure, values = responding_structure(scene)
     asked = time_question(scene, structure)
     loads = asked.pop("loads")
@@ -169,10 +171,10 @@ def response(scene: Scene[IdentificationScene]) -> Aspect:
 def modes_of(scene: Scene[IdentificationScene]) -> Aspect:
     """Return the solvers of the requested modes."""
     structure, values = responding_structure(scene)
-    wanted = scene.model.responses
-    assert wanted is not None
-    assert wanted.modes is not None
-    return solvers(structure, *which_modes(wanted.modes), values)
+    requested = scene.model.responses
+    assert requested is not None
+    assert requested.modes is not None
+    return solvers(structure, *which_modes(requested.modes), values)
 
 
 def _identified(
@@ -182,12 +184,12 @@ def _identified(
 
     def prepare(_: int) -> Callable[[], EstimatedParameters]:
         kept = {key: v for key, v in (data or scene.source.data).items() if key not in _OUTSIDE}
-        other = check_source(replace(scene.source, data={**kept, **changes}, overridden=True))
+        changed_scene = check_source(replace(scene.source, data={**kept, **changes}, overridden=True))
 
         def work() -> EstimatedParameters:
-            found, group = run_scene(other), "identification/parameters"
+            result, group = run_scene(changed_scene), "identification/parameters"
             columns = ("estimate", "true", "standard_error", "cramer_rao")
-            return EstimatedParameters(*(found[f"{group}/{name}"].data for name in columns))
+            return EstimatedParameters(*(result[f"{group}/{name}"].data for name in columns))
 
         return work
 
@@ -205,21 +207,21 @@ def _of_parameters(
     points: list[tuple[Alternative, int]],
     chosen: tuple[str, int],
     because: str,
-    known: bool,
+    has_truth: bool,
 ) -> Aspect:
     """Return an aspect whose error is that of the parameters; its least_error are the Cramér–Rao bounds."""
 
-    def error(found: EstimatedParameters, reference: EstimatedParameters) -> float:
-        true = found.true if np.isfinite(found.true).all() else reference.estimate
-        return float(np.sqrt(np.mean((found.estimate / true - 1) ** 2)))
+    def error(estimates: EstimatedParameters, reference: EstimatedParameters) -> float:
+        true = estimates.true if np.isfinite(estimates.true).all() else reference.estimate
+        return float(np.sqrt(np.mean((estimates.estimate / true - 1) ** 2)))
 
-    def least_error(found: EstimatedParameters) -> float | None:
-        if not np.isfinite(found.true).all():
+    def least_error(estimates: EstimatedParameters) -> float | None:
+        if not np.isfinite(estimates.true).all():
             return None
-        return float(np.sqrt(np.mean((found.bound / found.true) ** 2)))
+        return float(np.sqrt(np.mean((estimates.bound / estimates.true) ** 2)))
 
     measure = "RMS relative error of the parameters, against their true values"
-    if not known:
+    if not has_truth:
         measure = "RMS relative distance of the parameters from those of the reference"
     return Aspect(
         title=title,

@@ -24,10 +24,9 @@ from dynid.scene.schema.base import ASPECTS, AccuracyModel, aspects_of
 from dynid.scene.yaml.source import Source
 from dynid.structure.reduction_comparison import measured
 
-_WORKER = "dynid.bench.scenes.measure"
 #: The part of the remaining time that a chosen alternative may take; and the multiple of an equal share that
 #: any other may take, so that a slow one leaves time to the others.
-_SHARE, _FAIR = 0.5, 2.0
+_MAX_SHARE, _FAIR_SHARES = 0.5, 2.0
 
 #: Expected time of a further run relative to the longest so far.
 _MARGIN = 1.5
@@ -52,14 +51,14 @@ class TrialResult(NamedTuple):
 
     time: float = 0.0
     memory: float = 0.0
-    found: Any = None
+    result: Any = None
     failed: str = ""
 
 
 def aspect_of(scene: Scene, name: str) -> Aspect:
     """Return an aspect of a scene."""
-    found: Aspect = KINDS[scene.kind].load("alternatives")[name](scene)
-    return found
+    aspect: Aspect = KINDS[scene.kind].load("alternatives")[name](scene)
+    return aspect
 
 
 def add_accuracy(
@@ -77,7 +76,7 @@ def add_accuracy(
     scene
         The scene.
     options
-        Alternatives, repeats and budget of time; absent: the scene's block `accuracy`, or all.
+        Alternatives, repeats and budget of time; default: the scene's block `accuracy`, or all.
     progress
         Called with a line before each measurement.
 
@@ -90,11 +89,11 @@ def add_accuracy(
     error, and its reference: the most accurate alternative that succeeded.
     """
     asked = options or getattr(scene.model, "accuracy", None) or AccuracyModel()
-    wanted = asked.alternatives or dict.fromkeys(ASPECTS[scene.kind])
+    requested = asked.alternatives or dict.fromkeys(ASPECTS[scene.kind])
     aspects = {}
     for name in aspects_of(scene.model):
-        if name in wanted:
-            aspect, names = aspect_of(scene, name), wanted[name]
+        if name in requested:
+            aspect, names = aspect_of(scene, name), requested[name]
             if isinstance(names, list):  # the requested alternatives and the chosen ones
                 points = aspect.points
                 kept = [p for p in points if p[0].name in names or (p[0].name, p[1]) in aspect.chosen]
@@ -131,12 +130,15 @@ class _Trial:
         self._deadline = monotonic() + budget
         self._process: Process | None = None
         self.tries: dict[str, dict[Key, _Try]] = {
-            name: {(each.name, size): _Try(failed=each.missing()) for each, size in aspect.points}
+            name: {
+                (alternative.name, size): _Try(failed=alternative.missing())
+                for alternative, size in aspect.points
+            }
             for name, aspect in aspects.items()
         }
-        every = [(name, key, key in aspects[name].chosen) for name in aspects for key in self.tries[name]]
+        trials = [(name, key, key in aspects[name].chosen) for name in aspects for key in self.tries[name]]
         #: The alternatives in the order of the trials, the chosen ones first.
-        self._order = sorted(every, key=lambda item: not item[2])
+        self._order = sorted(trials, key=lambda item: not item[2])
 
     def __enter__(self) -> Self:
         return self
@@ -150,38 +152,38 @@ class _Trial:
 
     def run(self, repeats: int) -> None:
         """Run every alternative once, and again within the budget of time."""
-        for place, (aspect, key, chosen) in enumerate(self._order):
-            part = _SHARE if chosen else min(_SHARE, _FAIR / (len(self._order) - place))
-            self._try(aspect, key, part)
+        for position, (aspect, key, chosen) in enumerate(self._order):
+            share = _MAX_SHARE if chosen else min(_MAX_SHARE, _FAIR_SHARES / (len(self._order) - position))
+            self._try(aspect, key, share)
         for _ in range(repeats - 1):
             for aspect, key, _chosen in self._order:
-                found = self.tries[aspect][key]
-                if found.times and _MARGIN * max(found.times) < self._left:
+                trial = self.tries[aspect][key]
+                if trial.times and _MARGIN * max(trial.times) < self._left:
                     self._try(aspect, key, 1.0)
 
-    def _try(self, aspect: str, key: Key, part: float) -> None:
-        found = self.tries[aspect][key]
-        if found.failed:
+    def _try(self, aspect: str, key: Key, share: float) -> None:
+        trial = self.tries[aspect][key]
+        if trial.failed:
             return
         if self._process is None and self._left > 0:
             self._process = Process(__name__)
             if self._process.ask(self._scene.source, self._left) is None:
                 self._close()
         if self._left <= 0 or self._process is None:
-            found.failed = f"not run: the budget of {self._budget:g} s was used up"
+            trial.failed = f"not run: the budget of {self._budget:g} s was used up"
             return
         self._progress(f"{aspect}: {key[0]}, {key[1]:,}")
-        seconds = max(0.0, part * self._left)
+        seconds = max(0.0, share * self._left)
         answer: TrialResult | None = self._process.ask(TrialRequest(aspect, *key), seconds)
         if answer is None:
             self._close()
-            if not found.times:
-                found.failed = f"not run to its end: too slow for the budget of {self._budget:g} s"
+            if not trial.times:
+                trial.failed = f"not run to its end: too slow for the budget of {self._budget:g} s"
         elif answer.failed:
-            found.failed = answer.failed
+            trial.failed = answer.failed
         else:
-            found.answer = found.answer or answer
-            found.times.append(answer.time)
+            trial.answer = trial.answer or answer
+            trial.times.append(answer.time)
 
     def _close(self) -> None:
         if self._process is not None:
@@ -190,11 +192,11 @@ class _Trial:
 
 
 def _add(result: Result, group: str, aspect: Aspect, tries: Mapping[Key, _Try]) -> None:
-    found = {key: each.answer.found for key, each in tries.items() if each.answer is not None}
-    reference = next((key for key, it in found.items() if aspect.error(it, it) is not None), None)
+    results = {key: row.answer.result for key, row in tries.items() if row.answer is not None}
+    reference = next((key for key, it in results.items() if aspect.error(it, it) is not None), None)
     figures = {}
-    for key, it in found.items():
-        tried, error = tries[key], None if reference is None else aspect.error(it, found[reference])
+    for key, it in results.items():
+        tried, error = tries[key], None if reference is None else aspect.error(it, results[reference])
         assert tried.answer is not None
         size, error = key[1], np.nan if error is None else error
         figures[key] = BenchmarkFigure(size, tried.time, tried.answer.memory, error)
@@ -204,7 +206,7 @@ def _add(result: Result, group: str, aspect: Aspect, tries: Mapping[Key, _Try]) 
     result.annotate(group, title=aspect.title, size=aspect.size, measure=aspect.measure)
     result.annotate(group, because=aspect.because, reference=reference[0] if reference else "")
     # All sizes do the same work here.
-    front = pareto(replace(each, size=0) for each in figures.values() if np.isfinite(each.error))
+    front = pareto(replace(row, size=0) for row in figures.values() if np.isfinite(row.error))
     for name in names:
         keys = sorted(key for key in figures if key[0] == name)
         if not keys:
@@ -216,7 +218,7 @@ def _add(result: Result, group: str, aspect: Aspect, tries: Mapping[Key, _Try]) 
         }
         if np.isnan(columns["error"]).any():
             del columns["error"]
-        bounds = [bound for key in keys if (bound := aspect.least_error(found[key])) is not None]
+        bounds = [bound for key in keys if (bound := aspect.least_error(results[key])) is not None]
         if len(bounds) == len(keys):
             columns["bound"] = bounds
         for column, values in columns.items():
@@ -229,8 +231,13 @@ def _add(result: Result, group: str, aspect: Aspect, tries: Mapping[Key, _Try]) 
 
 def _status(name: str, tries: Mapping[Key, _Try]) -> str:
     """Return the status of an alternative, with its size where sizes differ."""
-    own = {size: each.failed for (other, size), each in sorted(tries.items()) if other == name}
-    sizes = {text: [f"{size:,}" for size in own if own[size] == text] for text in dict.fromkeys(own.values())}
+    failures = {
+        size: trial.failed for (other_name, size), trial in sorted(tries.items()) if other_name == name
+    }
+    sizes = {
+        text: [f"{size:,}" for size in failures if failures[size] == text]
+        for text in dict.fromkeys(failures.values())
+    }
     if len(sizes) == 1:
         return next(iter(sizes)) or "done"
     return "; ".join(f"{', '.join(which)}: {text}" for text, which in sizes.items() if text)
@@ -246,12 +253,12 @@ class Worker:
             self._aspects = {name: aspect_of(scene, name) for name in aspects_of(scene.model)}
             return TrialResult()
         points = self._aspects[asked.aspect].points
-        wanted = (asked.alternative, asked.size)
-        chosen = next(each for each, size in points if (each.name, size) == wanted)
+        key = (asked.alternative, asked.size)
+        chosen = next(alternative for alternative, size in points if (alternative.name, size) == key)
         try:
             work = chosen.prepare(asked.size)
             with measured() as cost:
-                found = work()
+                result = work()
             seconds = cost.seconds
             if seconds < _MIN_TIMED_SECONDS:
                 before = perf_counter()
@@ -259,7 +266,7 @@ class Worker:
                 seconds = perf_counter() - before
         except (DynidError, ArithmeticError, ValueError, MemoryError) as error:
             return TrialResult(failed=" ".join(str(error).split()) or type(error).__name__)
-        return TrialResult(seconds, 1024**2 * (cost.peak_megabytes or 0.0), found)
+        return TrialResult(seconds, 1024**2 * (cost.peak_megabytes or 0.0), result)
 
 
 def main() -> None:

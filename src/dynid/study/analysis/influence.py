@@ -19,8 +19,8 @@ from dynid.arrays import Array
 from dynid.study.analysis.design import SaltelliDesign, saltelli_design, sortable
 from dynid.study.analysis.table import StudyTable
 
-_MOST_BINS = 50
-_FEWEST_A_BIN = 10
+_MAX_BINS = 50
+_MIN_BIN_SAMPLES = 10
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def from_samples(inputs: Sequence[NDArray[np.intp]], values: Array) -> Indices |
     defined = np.isfinite(values)
     y = values[defined]
     n = y.size
-    if n < 2 * _FEWEST_A_BIN:
+    if n < 2 * _MIN_BIN_SAMPLES:
         return None
     y = y - y.mean()
     variance = float(y @ y) / n
@@ -142,8 +142,8 @@ def classes(x: NDArray[Any]) -> NDArray[np.intp]:
         An input's numbers or texts, shape (samples,).
     """
     levels, members = np.unique(sortable(x), return_inverse=True)
-    bins = int(np.clip(len(x) // _FEWEST_A_BIN, 2, _MOST_BINS))
-    if len(levels) <= min(_MOST_BINS, len(x) // 2) or levels.dtype.kind == "U":
+    bins = int(np.clip(len(x) // _MIN_BIN_SAMPLES, 2, _MAX_BINS))
+    if len(levels) <= min(_MAX_BINS, len(x) // 2) or levels.dtype.kind == "U":
         return np.asarray(members)
     ordered = np.sort(x)
     edges = np.unique(ordered[len(x) * np.arange(1, bins) // bins])

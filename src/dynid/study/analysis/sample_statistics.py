@@ -24,7 +24,7 @@ NAMES = ("mean", "std", *QUANTILES, "count")
 
 Direction = Literal["max", "min", "abs"]
 
-_VALUES = 2**22  # values in memory at a time
+_BLOCK_VALUES = 2**22  # values in memory at a time
 
 
 def statistics(values: Array) -> dict[str, Array | NDArray[np.int64]]:
@@ -134,7 +134,7 @@ def computed(result: Result) -> Iterator[tuple[str, NDArray[Any]]]:
         if not entries or not math.prod(entries):
             parts = [statistics(as_numbers(variable.data))]
         else:
-            step = max(1, _VALUES // max(1, samples * math.prod(entries[1:])))
+            step = max(1, _BLOCK_VALUES // max(1, samples * math.prod(entries[1:])))
             parts = [
                 statistics(as_numbers(variable.entries(start, start + step)))
                 for start in range(0, entries[0], step)

@@ -16,7 +16,7 @@ from dynid.study.executors.processes import WorkerDied, run_timed
 
 _CONNECT_SECONDS = 10.0  # seconds to connect to the scheduler
 _TALKATIVE = ("distributed", "tornado", "asyncio")  # loggers
-_ASK = 2.0  # seconds between two queries of the number of threads
+_QUERY_SECONDS = 2.0  # seconds between two queries of the number of threads
 
 
 class DaskExecutor(StudyExecutor):
@@ -70,7 +70,7 @@ class DaskExecutor(StudyExecutor):
 
     def _counted(self) -> int:
         """Return the number of threads of the cluster, queried every few seconds."""
-        if self._client is not None and time.monotonic() > self._asked + _ASK:
+        if self._client is not None and time.monotonic() > self._asked + _QUERY_SECONDS:
             try:
                 self._threads = sum(self._client.nthreads().values())
             except (OSError, TimeoutError, CancelledError) as error:
