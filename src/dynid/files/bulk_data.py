@@ -65,7 +65,7 @@ def read_nodes(path: Path) -> NodeFile:
 def nodes_of(path: Path, cards: Mapping[str, Sequence[Card]], orders: Sequence[DofOrder] = ()) -> NodeFile:
     """Return the nodes of cards by name; `orders` of DOFs that are known from elsewhere come first."""
     grids = _grids(path, cards)
-    scalars = sorted({point for card in cards.get("SPOINT", ()) for point in listed_points(card)})
+    scalars = sorted({point for card in cards.get("SPOINT", ()) for point in _listed_points(card)})
     if not grids:
         raise FileError(f"{path} has no nodes (GRID)")
     systems = _systems(cards, grids)
@@ -118,21 +118,21 @@ def _orders(cards: Mapping[str, Sequence[Card]], all_components: Mapping[int, st
         if node
     ]
     if outside:
-        yield DofOrder("EXTRN", tuple(label for pair in outside for label in component_labels(*pair)), True)
+        yield DofOrder("EXTRN", tuple(label for pair in outside for label in _component_labels(*pair)), True)
     kept: dict[int, set[str]] = {}
     for name in _ASETS:
         for card in cards.get(name, ()):
             if name.endswith("1"):
-                pairs = [(node, card[1]) for node in listed_points(card[1:])]
+                pairs = [(node, card[1]) for node in _listed_points(card[1:])]
             else:
                 pairs = [(integer(n), c) for n, c in zip(card[1::2], card[2::2], strict=False) if n]
             for node, components in pairs:
                 kept.setdefault(node, set()).update(components or "0")
     if kept:
-        analysed = (component_labels(node, "".join(sorted(kept[node]))) for node in sorted(kept))
+        analysed = (_component_labels(node, "".join(sorted(kept[node]))) for node in sorted(kept))
         yield DofOrder("a-set", tuple(label for labels_of_node in analysed for label in labels_of_node), True)
     labels = tuple(
-        label for node in sorted(all_components) for label in component_labels(node, all_components[node])
+        label for node in sorted(all_components) for label in _component_labels(node, all_components[node])
     )
     yield DofOrder("g-set", labels, True)
     held = set(_constrained(cards, _HELD))
@@ -158,12 +158,12 @@ def _constrained(cards: Mapping[str, Sequence[Card]], kinds: _Places) -> Iterato
                 along = card[at] or (default if name == "GRID" else "")
                 if not along.isdecimal():
                     continue
-                nodes = [integer(card[node])] if node is not None else listed_points(card[at:])
+                nodes = [integer(card[node])] if node is not None else _listed_points(card[at:])
                 for grid in nodes:
-                    yield from component_labels(grid, along)
+                    yield from _component_labels(grid, along)
 
 
-def component_labels(node: int, components: str) -> list[Label]:
+def _component_labels(node: int, components: str) -> list[Label]:
     """Return the labels of a node's DOFs by components ``1`` … ``6``; of a scalar point its number."""
     along = [DIRECTIONS[int(digit) - 1] for digit in components if digit in "123456"]
     return [f"{node}:{direction}" for direction in along] if along else [node]
@@ -296,7 +296,7 @@ def _fields(line: str) -> list[str]:
     return fields + [""] * (count + 1 - len(fields))
 
 
-def listed_points(fields: Iterable[str]) -> list[int]:
+def _listed_points(fields: Iterable[str]) -> list[int]:
     """Return the points of a list of fields behind a name, with ``THRU``."""
     words = [field.upper() for field in list(fields)[1:] if field and "." not in field]
     if "THRU" in words:
@@ -398,5 +398,5 @@ def _labelled(rows: Sequence[tuple[int, int, int, int, float]], *, symmetric: bo
     if symmetric:  # one of two mirrored entries is there, or both
         lone = (i != j) & ~np.isin(j * n + i, i * n + j)
         i, j, values = (np.concatenate(pair) for pair in ((i, j[lone]), (j, i[lone]), (values, values[lone])))
-    labels = tuple(component_labels(node, str(component))[0] for node, component in dofs.tolist())
+    labels = tuple(_component_labels(node, str(component))[0] for node, component in dofs.tolist())
     return ImportedMatrix(coo_array((values, (i, j)), shape=(n, n)).tocsc(), labels)

@@ -42,7 +42,7 @@ def read_calculix(path: Path) -> ImportedMatrix:
     order = path.with_suffix(".dof")
     if not order.is_file():
         return matrix
-    labels = read_order(order)
+    labels = _read_order(order)
     rows = matrix.matrix.shape[0]
     if rows != len(labels):
         truncated = ": it is truncated" if rows < len(labels) else ""
@@ -50,7 +50,7 @@ def read_calculix(path: Path) -> ImportedMatrix:
     return replace(matrix, labels=labels, at_least=False)
 
 
-def read_order(path: Path) -> tuple[str, ...]:
+def _read_order(path: Path) -> tuple[str, ...]:
     """Return the labels of the DOFs in a file `.dof`."""
     with read_errors(path, "an order of DOFs of CalculiX"):
         if path.stat().st_size > 1_000_000_000:

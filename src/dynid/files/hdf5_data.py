@@ -24,12 +24,12 @@ from dynid.suggestions import did_you_mean
 _MAX_NAMES = 1000
 
 
-def hdf5_shapes(path: Path) -> dict[str, tuple[int, ...]]:
+def _hdf5_shapes(path: Path) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the matrices of a file, by their paths in it."""
     return {name: shape for name, shape in _hdf5_members(path).items() if isinstance(shape, tuple)}
 
 
-def hdf5_others(path: Path) -> dict[str, str]:
+def _hdf5_others(path: Path) -> dict[str, str]:
     """Return what stands in a file beside its matrices, by path."""
     return {name: what for name, what in _hdf5_members(path).items() if isinstance(what, str)}
 
@@ -110,7 +110,7 @@ def _is_complex(dataset: Any) -> bool:
     return dtype.kind == "c" or fields == {"r", "i"}
 
 
-def load_hdf5(path: Path, name: str) -> Matrix:
+def _load_hdf5(path: Path, name: str) -> Matrix:
     """Return one matrix of a file. MATLAB's matrices are stored transposed."""
     import h5py
 
@@ -128,7 +128,7 @@ def load_hdf5(path: Path, name: str) -> Matrix:
         return np.asarray(values).T if "MATLAB_class" in item.attrs else values
 
 
-MATRICES = Container(hdf5_shapes, load_hdf5, hdf5_others)
+MATRICES = Container(_hdf5_shapes, _load_hdf5, _hdf5_others)
 """The reader of the matrices of a file."""
 
 

@@ -36,7 +36,7 @@ _LEAST_MEMORY, _MOST_MEMORY = 2**31, 24 * MOST_NUMBERS
 _MATLAB_BYTES_A_SECOND = 10_000_000  # of a file, read at least
 
 
-class MatlabVariable(NamedTuple):
+class _MatlabVariable(NamedTuple):
     """A variable: ``full``, ``sparse`` or ``cell``, its shape, and the names of its arrays in the archive.
 
     Those of a sparse one are data, row indices and column starts; a cell that holds no numbers has ``""``.
@@ -74,7 +74,7 @@ def others(path: Path) -> dict[str, str]:
 _MATRICES = ("full", "sparse")
 
 
-def _contents(variable: MatlabVariable) -> str:
+def _contents(variable: _MatlabVariable) -> str:
     size = " x ".join(map(str, variable.shape))
     names = {"cell": f"a cell array of {size} cells", "struct": f"a {size} structure array", "char": "text"}
     if 0 in variable.shape:
@@ -132,13 +132,13 @@ def complex_matrix(path: Path, name: str) -> np.ndarray[Any, np.dtype[Any]]:
     return values.astype(complex if values.dtype.kind == "c" else float)
 
 
-def _variables(path: Path) -> dict[str, MatlabVariable]:
+def _variables(path: Path) -> dict[str, _MatlabVariable]:
     """Return the numeric variables of a file by name."""
     with np.load(_archive(path), allow_pickle=False) as stored:
         if "problem" in stored:
             raise FileError(f"{path} cannot be read as {_WHAT}: {stored['problem']}", remedy=_REMEDY)
         index = json.loads(str(stored["index"]))
-    return {name: MatlabVariable(kind, tuple(shape), parts) for name, (kind, shape, parts) in index.items()}
+    return {name: _MatlabVariable(kind, tuple(shape), parts) for name, (kind, shape, parts) in index.items()}
 
 
 def _values(path: Path, parts: list[str]) -> list[np.ndarray[Any, np.dtype[Any]]]:
@@ -176,7 +176,7 @@ def archive(path: str, target: str) -> None:
 
     from scipy.io.matlab import loadmat, whosmat
 
-    index: dict[str, MatlabVariable] = {}
+    index: dict[str, _MatlabVariable] = {}
     members: dict[str, Any] = {}
     try:
         with warnings.catch_warnings():
@@ -185,7 +185,7 @@ def archive(path: str, target: str) -> None:
             for name, shape, kind in whosmat(path):
                 if kind in _PASSED_OVER or name.startswith("__"):
                     if name and not name.startswith("__"):
-                        index.setdefault(name, MatlabVariable(kind, shape, []))
+                        index.setdefault(name, _MatlabVariable(kind, shape, []))
                     continue
                 count = int(np.prod(shape, dtype=object))
                 if kind != "sparse" and count * (8 if kind in ("cell", "struct") else 1) > bytes_held:
@@ -193,7 +193,7 @@ def archive(path: str, target: str) -> None:
                 # What is too large is refused where it is asked for.
                 index.setdefault(
                     name,
-                    MatlabVariable("full" if count > MOST_NUMBERS and kind != "sparse" else "", shape, []),
+                    _MatlabVariable("full" if count > MOST_NUMBERS and kind != "sparse" else "", shape, []),
                 )
             names = [name for name, variable in index.items() if not variable.kind]
             stored = loadmat(path, variable_names=names)
@@ -208,7 +208,7 @@ def archive(path: str, target: str) -> None:
 
 
 def _add(
-    name: str, value: Any, depth: int, index: dict[str, MatlabVariable], members: dict[str, Any]
+    name: str, value: Any, depth: int, index: dict[str, _MatlabVariable], members: dict[str, Any]
 ) -> None:
     """Add a variable as SciPy returns it, with the fields of a structure, and of those within it."""
     from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque
@@ -220,12 +220,12 @@ def _add(
 
     if is_sparse(value):
         value = value.tocsc()
-        index[name] = MatlabVariable("sparse", value.shape, kept(value.data, value.indices, value.indptr))
+        index[name] = _MatlabVariable("sparse", value.shape, kept(value.data, value.indices, value.indptr))
     elif isinstance(value, MatlabFunction | MatlabObject | MatlabOpaque) or not isinstance(value, np.ndarray):
         return
     elif value.dtype.names:
         if value.shape != (1, 1):
-            index[name] = MatlabVariable("struct", value.shape, [])
+            index[name] = _MatlabVariable("struct", value.shape, [])
         elif depth < _DEEPEST:
             for field in value.dtype.names:
                 _add(f"{name}/{field}", value[field][0, 0], depth + 1, index, members)
@@ -233,9 +233,9 @@ def _add(
         if not depth:
             contents = value.ravel(order="F")
             places = [kept(cell)[0] if _is_numeric(cell) else "" for cell in contents]
-            index[name] = MatlabVariable("cell", value.shape, places)
+            index[name] = _MatlabVariable("cell", value.shape, places)
     elif _is_numeric(value):
-        index[name] = MatlabVariable("full", value.shape, kept(value))
+        index[name] = _MatlabVariable("full", value.shape, kept(value))
 
 
 def _is_numeric(value: Any) -> bool:

@@ -25,13 +25,13 @@ _WHAT = "Nastran OUTPUT2"
 _SETS = ("a", "l", "f", "n", "g")
 
 
-def op2_shapes(path: Path) -> dict[str, tuple[int, ...]]:
+def _op2_shapes(path: Path) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the matrices of a file, by name; of several with one name ``NAME@1`` and so on."""
     with read_errors(path, _WHAT, claims=True), _opened(path) as stored:
         return {name: size for name, (size, _) in _listed(stored).items()}
 
 
-def load_op2(path: Path, name: str) -> Matrix:
+def _load_op2(path: Path, name: str) -> Matrix:
     """Return one matrix of a file."""
     with read_errors(path, _WHAT, claims=True), _opened(path) as stored:
         size, number = _listed(stored)[name]
@@ -119,17 +119,17 @@ def _of_table(table: Any, sets: Sequence[str]) -> NodeFile:
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     """Open a file by pyyeti, whose warnings about tables that are not wanted are left out."""
-    op2 = nastran_module("op2", path)
+    op2 = _nastran_module("op2", path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         with op2.OP2(str(path)) as stored:
             yield stored
 
 
-def op4_shapes(path: Path) -> dict[str, tuple[int, ...]]:
+def _op4_shapes(path: Path) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the matrices of a file, by name."""
     with _reading_op4(path):
-        names, sizes, *_ = nastran_module("op4", path).OP4().dir(str(path), verbose=False)
+        names, sizes, *_ = _nastran_module("op4", path).OP4().dir(str(path), verbose=False)
         if twice := [name for name, count in Counter(names).items() if count > 1]:
             raise FileError(
                 f"{path} has several matrices named {twice[0]}", remedy="Give a file with one of them."
@@ -183,24 +183,24 @@ def _check_records(path: Path) -> None:
 _HEADERS = (24, 48)
 
 
-def load_op4(path: Path, name: str) -> Matrix:
+def _load_op4(path: Path, name: str) -> Matrix:
     """Return one matrix of a file, sparse where it is stored so."""
     with _reading_op4(path):
-        check_claim(path, op4_shapes(path)[name], path.stat().st_size)
+        check_claim(path, _op4_shapes(path)[name], path.stat().st_size)
         stored = (
-            nastran_module("op4", path)
+            _nastran_module("op4", path)
             .OP4()
             .load(str(path), [name], into="dct", justmatrix=True, sparse=True)[name]
         )
         return real_matrix(path, name, stored)
 
 
-OUTPUT2 = Container(op2_shapes, load_op2)
-OUTPUT4 = Container(op4_shapes, load_op4)
+OUTPUT2 = Container(_op2_shapes, _load_op2)
+OUTPUT4 = Container(_op4_shapes, _load_op4)
 """The readers of the matrices of a file."""
 
 
-def nastran_module(name: str, path: Path) -> Any:
+def _nastran_module(name: str, path: Path) -> Any:
     """Return a module of pyyeti, an optional package, to read a Nastran file.
 
     Raises

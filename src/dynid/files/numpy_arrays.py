@@ -21,7 +21,7 @@ _SPARSE = {"data", "format", "shape"}
 _PARTS = {"coo": ("data", "row", "col")}
 
 
-def numpy_shapes(path: Path) -> dict[str, tuple[int, ...]]:
+def _numpy_shapes(path: Path) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the arrays of a file, by name."""
     with read_errors(path, "NumPy file"):
         if not zipfile.is_zipfile(path):
@@ -43,7 +43,7 @@ def numpy_shapes(path: Path) -> dict[str, tuple[int, ...]]:
             return {ONLY: tuple(int(number) for number in np.ravel(stored["shape"])[:2])}
 
 
-def load_numpy(path: Path, name: str) -> Matrix:
+def _load_numpy(path: Path, name: str) -> Matrix:
     """Return one matrix of a file. Nothing pickled is ever loaded."""
     with read_errors(path, "NumPy file"):
         if not zipfile.is_zipfile(path):
@@ -66,7 +66,7 @@ def load_numpy(path: Path, name: str) -> Matrix:
             return compressed(path, stored["shape"], (data, indices, pointers), layout)
 
 
-MATRICES = Container(numpy_shapes, load_numpy)
+MATRICES = Container(_numpy_shapes, _load_numpy)
 """The reader of the matrices of a file."""
 
 

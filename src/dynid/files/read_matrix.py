@@ -81,7 +81,7 @@ def _read(file: MatrixFile, role: str) -> ImportedMatrix:
     return load_matrix(file.path, _choose(file.path, file.name, role, shapes_in(file.path)))
 
 
-def container_of(path: Path) -> Container:
+def _container_of(path: Path) -> Container:
     """Return the reader of a file that holds several matrices."""
     container = format_of(path, "matrices").matrices
     assert container is not None
@@ -90,12 +90,12 @@ def container_of(path: Path) -> Container:
 
 def shapes_in(path: Path) -> dict[str, tuple[int, ...]]:
     """Return the shapes of the matrices of a file that holds several, by name."""
-    return container_of(path).shapes(path)
+    return _container_of(path).shapes(path)
 
 
 def load_matrix(path: Path, name: str) -> ImportedMatrix:
     """Return one matrix, by its name, of a file that holds several."""
-    return container_of(path).matrix(path, name)
+    return _container_of(path).matrix(path, name)
 
 
 def read_state_space(path: Path, names: Mapping[str, str]) -> dict[str, Matrix]:
@@ -158,7 +158,7 @@ def _choose(path: Path, name: str | None, role: str, shapes: Mapping[str, Sequen
     if len(shapes) == 1 and role not in ("B", "C") and not named_as_another:
         return only
     raise FileError(
-        f"{path} does not say which matrix is the {role}{_known(shapes, container_of(path).others(path))}",
+        f"{path} does not say which matrix is the {role}{_known(shapes, _container_of(path).others(path))}",
         remedy="Name it: {path: …, name: …}.",
     )
 
@@ -177,7 +177,7 @@ def _named(path: Path, name: str, shapes: Mapping[str, Sequence[int]]) -> str:
     alike = [spelled for spelled in shapes if spelled.lower() == name.lower()]
     if name in shapes or len(alike) == 1:
         return name if name in shapes else alike[0]
-    others = container_of(path).others(path)
+    others = _container_of(path).others(path)
     for spelled, what in others.items():
         # A field of what is no structure of matrices has no matrix, either.
         if name.lower() == spelled.lower() or name.lower().startswith(f"{spelled.lower()}/"):
@@ -204,7 +204,7 @@ def check_real(path: Path, role: str, real: Sequence[str], *, required: bool = T
     FileError
         If a complex one is likelier, or if there is no real one and something else has such a name.
     """
-    others = container_of(path).others(path)
+    others = _container_of(path).others(path)
     counts = required and not real
     usual = [name for name in named_as(others, role) if counts or others[name] == COMPLEX]
     if usual and (not real or _rank(usual[0], role) < _rank(real[0], role)):

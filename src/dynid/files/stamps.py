@@ -108,7 +108,7 @@ def printed_resolution(fields: Iterable[str]) -> NDArray[np.float64]:
     return resolution
 
 
-def step_disagreement(
+def _step_disagreement(
     times: NDArray[np.float64], step: float, resolution: NDArray[np.float64]
 ) -> StepDisagreement | None:
     """Return the disagreement of the times of a record with its step.
@@ -154,12 +154,12 @@ def clock_of(
     Parameters
     ----------
     times, step, resolution
-        As of `step_disagreement`.
+        As of `_step_disagreement`.
     """
     rows = np.flatnonzero(~np.isnan(times))
     if len(rows) < 2:
         return None
-    wrong = step_disagreement(times, step, resolution)
+    wrong = _step_disagreement(times, step, resolution)
     if wrong is None:
         mean, away = _line(rows, times[rows])
         return Clock(mean, mean / step - 1, _rms(away))

@@ -43,7 +43,7 @@ def read_text(
     rows = _rows(file, lines_of_file)
     skipped, late = _above_names(rows, number or _number)
     rows = rows[skipped:]
-    start, dialect = rows[0][0], find_dialect(file, rows)
+    start, dialect = rows[0][0], _find_dialect(file, rows)
     first = [field.strip() for field in dialect.split(rows[0][1])]
     has_header = _are_names(first)
     body = rows[has_header:]
@@ -191,10 +191,10 @@ def _above_names(rows: Lines, number: Callable[[str], float | complex]) -> tuple
     ):
         if separator is not None and separator not in rows[-1][1]:
             continue
-        dialects = [Dialect(separator, comma, joined) for comma in (False, True)]
+        dialects = [_Dialect(separator, comma, joined) for comma in (False, True)]
         split = dialects[0].split
 
-        def is_row(line: str, dialects: list[Dialect] = dialects) -> bool:
+        def is_row(line: str, dialects: list[_Dialect] = dialects) -> bool:
             return any(_all_read(number, dialect, line) for dialect in dialects)
 
         if not is_row(rows[-1][1]):
@@ -224,7 +224,7 @@ def _filled(fields: list[str]) -> int:
     return max((number for number, field in enumerate(fields, 1) if field.strip()), default=0)
 
 
-def _all_read(number: Callable[[str], float | complex], dialect: Dialect, line: str) -> bool:
+def _all_read(number: Callable[[str], float | complex], dialect: _Dialect, line: str) -> bool:
     """Return True if a line has numbers in all of its fields, one of them at least not missing."""
     fields = [dialect.number(field.strip()) for field in dialect.split(line)]
     return any(field.lower() not in _MISSING for field in fields) and all(
@@ -246,7 +246,7 @@ def _text(file: DataFile) -> str:
     file.refuse("is not a text", "Tables are text in UTF-8, or HDF5 (.h5).")
 
 
-def _row(file: DataFile, number: int, line: str, dialect: Dialect, count: int, late: int) -> list[str]:
+def _row(file: DataFile, number: int, line: str, dialect: _Dialect, count: int, late: int) -> list[str]:
     delete = f" {_DELETE}" if number <= late else ""
     if not line.strip(" \t" if dialect.separator != "\t" else " "):
         if count > 1:
@@ -322,7 +322,7 @@ _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+")
 _PLAIN = re.compile(rf"[-+]?\d+{_EXPONENT}|nan|na|n/a|", re.IGNORECASE)
 
 
-class Dialect(NamedTuple):
+class _Dialect(NamedTuple):
     """`separator` of the fields (None: spaces), whether decimals take a `comma`.
 
     `joined`: a date and the time of day behind it are one field, although a space separates them.
@@ -358,7 +358,7 @@ def _joined(fields: list[str]) -> list[str]:
     return joined
 
 
-def find_dialect(file: DataFile, rows: Lines) -> Dialect:
+def _find_dialect(file: DataFile, rows: Lines) -> _Dialect:
     """Return the dialect of a table.
 
     Raises
@@ -374,14 +374,14 @@ def find_dialect(file: DataFile, rows: Lines) -> Dialect:
     return joined if len(dialect.split(last)) != names == len(joined.split(last)) else dialect
 
 
-def _separated(file: DataFile, rows: Lines) -> Dialect:
+def _separated(file: DataFile, rows: Lines) -> _Dialect:
     first = rows[0][1]
     separator = next((mark for mark in ";\t" if mark in first), None)
     if separator is None and "|" in first and all("|" in line for _, line in rows if line.strip()):
         separator = "|"
     if separator is None and "," in "".join(line for _, line in rows[:2]):
         return _with_commas(file, rows)
-    dialect = Dialect(separator)
+    dialect = _Dialect(separator)
     fields = [
         (number, field.strip())
         for number, line in rows
@@ -415,15 +415,15 @@ def _separated(file: DataFile, rows: Lines) -> Dialect:
                 "Write decimals in one way.",
                 line=max(pointed[0], numbers[0][0]),
             )
-    return Dialect(separator, bool(numbers))
+    return _Dialect(separator, bool(numbers))
 
 
-def _with_commas(file: DataFile, rows: Lines) -> Dialect:
+def _with_commas(file: DataFile, rows: Lines) -> _Dialect:
     """Return the dialect of a table with commas, which separate or are decimal, and no other separators.
 
     Where both is possible, it is refused.
     """
-    separating, decimal = Dialect(","), Dialect(None, comma=True)
+    separating, decimal = _Dialect(","), _Dialect(None, comma=True)
     header = (
         len(rows) > 1 and not _is_numeric(separating, rows[0][1]) and not _is_numeric(decimal, rows[0][1])
     )
@@ -449,7 +449,7 @@ def _with_commas(file: DataFile, rows: Lines) -> Dialect:
     return separating
 
 
-def _is_numeric(dialect: Dialect, line: str) -> bool:
+def _is_numeric(dialect: _Dialect, line: str) -> bool:
     """Return True if all fields of a line are numbers or stamps, or missing."""
     numeric = (_WITH_COMMA,) if dialect.comma else (_WITH_POINT,)
     return all(

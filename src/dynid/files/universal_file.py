@@ -200,7 +200,7 @@ def read_columns(file: DataFile, request: ColumnRequest) -> DataTable:
                 f"function {number} ({function.name}) has other times than the first",
                 "Put records of different sampling into files of their own.",
             )
-    coarse = 0.0 if functions[0].even else stored_precision(times)
+    coarse = 0.0 if functions[0].even else _stored_precision(times)
     names, units = ([*item] for item in zip(*((item.name, item.units) for item in functions), strict=True))
     values = np.column_stack([function.values for function in functions])
     # Names of functions repeat in practice; numbers distinguish them. None of them is a column of times.
@@ -270,7 +270,7 @@ def mean_step(x: NDArray[np.float64]) -> float:
     """Return the mean increment of an abscissa between points that may be missing; 0 of fewer than two."""
     if len(x) < 2:
         return 0.0
-    steps, rounding = np.diff(x), stored_precision(x) * float(abs(x[0]) + abs(x[-1]))
+    steps, rounding = np.diff(x), _stored_precision(x) * float(abs(x[0]) + abs(x[-1]))
     usual = float(np.median(steps))
     intervals = len(steps)
     if usual > 4 * rounding:
@@ -278,7 +278,7 @@ def mean_step(x: NDArray[np.float64]) -> float:
     return _of_whole_rate(float(x[-1] - x[0]) / intervals, rounding / intervals)
 
 
-def stored_precision(x: NDArray[np.float64]) -> float:
+def _stored_precision(x: NDArray[np.float64]) -> float:
     """Return the relative rounding of abscissae that are stored one by one: six digits in text."""
     if np.array_equal(x, [float(f"{value:.5e}") for value in x]):
         return _INCREMENT_RTOL

@@ -99,7 +99,7 @@ def write_blocks(
     import h5py
 
     name = os.fspath(path)
-    hollow = {index for index, variable in result.items() if is_hollow(variable)}
+    hollow = {index for index, variable in result.items() if _is_hollow(variable)}
     with replacing(name) as temporary, closing(Sink(temporary)) as sink, deferred_interrupts() as check:
         try:
             with h5py.File(sink, "w", libver="earliest") as file:
@@ -127,7 +127,7 @@ def hollow(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     return np.broadcast_to(np.empty((), dtype), shape)
 
 
-def is_hollow(variable: Variable) -> bool:
+def _is_hollow(variable: Variable) -> bool:
     """Return True for a hollow array."""
     return variable.data.ndim > 0 and not any(variable.data.strides)
 

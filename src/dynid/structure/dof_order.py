@@ -68,7 +68,7 @@ _SPATIAL = (DIRECTIONS[:3], DIRECTIONS)
 _PLANE = (("x", "y", "rz"), DIRECTIONS[:2])
 
 
-def usual_orders(nodes: Nodes, size: int) -> Iterator[DofOrder]:
+def _usual_orders(nodes: Nodes, size: int) -> Iterator[DofOrder]:
     """Yield the usual orders of as many DOFs in all where each node has the same: none of them is stated."""
     numbers = nodes.numbers
     ascending = sorted(numbers, key=lambda node: (isinstance(node, str), node))
@@ -150,7 +150,7 @@ def assigned(
     if stated:
         return stated[0].labels, _checked(K, stated[0].labels, file.nodes, stated=True)
     others = [order for order in file.orders if not order.stated and len(order.labels) == n]
-    others += usual_orders(file.nodes, n)
+    others += _usual_orders(file.nodes, n)
     likeliest = _likeliest(K, others, file.nodes)
     confirmed = bool(likeliest) and likeliest[0][1].share >= _CONFIRMED
     if confirmed and len(likeliest) == 1:

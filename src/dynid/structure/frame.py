@@ -297,7 +297,7 @@ class _Piece(NamedTuple):
     span: tuple[Real, Real]
 
 
-def carried_rotations(members: Iterable[Member | _Piece]) -> set[int]:
+def _carried_rotations(members: Iterable[Member | _Piece]) -> set[int]:
     """Return the nodes, of those that members name, whose rotation at least one of them carries."""
     return {
         node for member in members for end, node in enumerate(member.nodes, 1) if end not in member.hinges
@@ -356,6 +356,6 @@ def _moment_free(
     for node in range(1, count + 1):
         if node not in reached:
             raise UsageError(f"node {node} belongs to no member", remedy="Join it, or leave it out.")
-    carried = carried_rotations(pieces) | {mass.node for mass in masses if mass.J}
+    carried = _carried_rotations(pieces) | {mass.node for mass in masses if mass.J}
     carried |= {spring.node for spring in springs if spring.direction == "theta"}
     return sorted(reached - carried)

@@ -132,7 +132,7 @@ def frequency_response_functions(
         with suppress(DynidError):  # then the natural frequencies are not known
             near = modes(M, C, K, backend="dense").omega
         return response._replace(evaluate=partial(direct, M, C, K, ports), near=near)
-    return by_modes(M, C, K, ports, w, accuracy, backend)
+    return _by_modes(M, C, K, ports, w, accuracy, backend)
 
 
 def direct(M: Matrix, C: Matrix, K: Matrix, ports: Ports, omega: Array) -> ComplexArray:
@@ -181,7 +181,7 @@ def _solved(M: Matrix, C: Matrix, K: Matrix, forces: Array, omega: float) -> Arr
     return np.asarray(scale[:, None] * factor.solve(scale[:, None] * forces))
 
 
-def by_modes(
+def _by_modes(
     M: Matrix, C: Matrix, K: Matrix, ports: Ports, omega: Array, accuracy: float, backend: str = "auto"
 ) -> FrequencyResponse:
     """Compute the response of the modes of the band with residual vectors.

@@ -122,7 +122,7 @@ class DofNames:
             return matches[0]
         said = self.misnamed(name)
         if said is None:
-            raise no_such(name, self.labels)
+            raise _no_such(name, self.labels)
         raise UsageError(said, names=(str(name),))
 
     def find_signed(self, name: Label) -> tuple[float, Label]:
@@ -258,7 +258,7 @@ def checked(labels: Iterable[Label], n: int) -> tuple[Label, ...]:
     return names
 
 
-def no_such(dof: Label, labels: Sequence[Label]) -> UsageError:
+def _no_such(dof: Label, labels: Sequence[Label]) -> UsageError:
     """Return the error for a DOF that does not exist; it lists those that do."""
     hint = ""
     if isinstance(dof, str):

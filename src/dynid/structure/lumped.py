@@ -28,7 +28,7 @@ class _Cluster:
         self.mass, self.stiffness = mass, 0.0
 
 
-def check_springs(masses: Sequence[float], springs: Sequence[tuple[tuple[int, ...], float]]) -> None:
+def _check_springs(masses: Sequence[float], springs: Sequence[tuple[tuple[int, ...], float]]) -> None:
     """Refuse springs that are rounding in a stiffness matrix: the parts that they join would come out free.
 
     Springs are taken from the stiffest down. Each holds two clusters of masses together, or one to the
@@ -152,5 +152,5 @@ def lumped(
         pattern = DependentMatrix(np.outer(direction, direction))
         assembly.add("C", dofs, pattern.times(link.c))
         assembly.add("K", dofs, pattern.times(link.k))
-    check_springs([float(mass) for mass in masses], [(link.dofs, float(link.k)) for link in links])
+    _check_springs([float(mass) for mass in masses], [(link.dofs, float(link.k)) for link in links])
     return assembly.model(None, joints, parameters, translations=True)

@@ -214,7 +214,7 @@ class ReductionByParts:
             complete = np.count_nonzero(row) == np.count_nonzero(row[places])
             if row[places].any():
                 rows[label if complete else f"{prefix}{label}"] = row[places]
-        changed, change = with_coordinates(part_model, rows)
+        changed, change = _with_coordinates(part_model, rows)
         options = dict(reduction.options)
         if masters:
             options["masters"] = [label for label in masters if label in changed.dofs]
@@ -227,7 +227,7 @@ class ReductionByParts:
 def reduced_with_motions(method: Any, model: StructuralModel) -> StructuralReduction:
     """Return a structure reduced by a method, for which motions at joints, sensors and loads are DOFs."""
     ends = _interfaces(model, method.interest)
-    changed, change = with_coordinates(model, {label: model.row(label) for label in ends})
+    changed, change = _with_coordinates(model, {label: model.row(label) for label in ends})
     reduced: StructuralReduction = method.reduce(changed)
     if change is None:
         return reduced
@@ -274,7 +274,7 @@ def _cut(model: StructuralModel, places: Indices) -> StructuralModel:
     )
 
 
-def with_coordinates(model: StructuralModel, rows: Mapping[Label, Array]) -> tuple[StructuralModel, Any]:
+def _with_coordinates(model: StructuralModel, rows: Mapping[Label, Array]) -> tuple[StructuralModel, Any]:
     """Return a structure in which motions are DOFs, and the DOFs that it had by those (n x n).
 
     Parameters

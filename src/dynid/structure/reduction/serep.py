@@ -84,11 +84,11 @@ class Serep:
         Singular
             If a mode is invisible at the masters.
         """
-        return on_modes(model, None, self.masters, self.modes, self.interest)
+        return _on_modes(model, None, self.masters, self.modes, self.interest)
 
 
 @guarded("the reduction on modes")
-def on_modes(
+def _on_modes(
     model: StructuralModel,
     values: Mapping[str, float] | None,
     masters: Sequence[Label] | Masters | None,
@@ -191,7 +191,7 @@ class JointAware:
         """
         values = {unknown.name: unknown.start for unknown in model.unknowns} | dict(self.values or {})
         if not self.residuals:
-            return on_modes(model, values, self.masters, self.modes, self.interest)
+            return _on_modes(model, values, self.masters, self.modes, self.interest)
         return on_modes_and_residuals(
             model, model.with_joints(values), self.modes, self.residuals, self.interest, retained=True
         )
