@@ -15,13 +15,12 @@ from dynid.identification.diagnosis.equivalent_optima import expected_optima
 from dynid.identification.diagnosis.posterior import channels_of_records
 from dynid.identification.diagnosis.symmetry import interchangeable
 from dynid.identification.diagnosis.verdict import deciding_text, interchange_text
-from dynid.identification.estimators.origin import identifiable_origin
 from dynid.identification.information import Information
 from dynid.identification.least_squares import thin_svd
 from dynid.identification.likelihood.lack_of_fit import compare_models
 from dynid.identification.likelihood.likelihood import Fit, Likelihood
 from dynid.identification.likelihood.modal_record import ModalRecord
-from dynid.identification.problem import Measured, Problem
+from dynid.identification.problem import Measured, Problem, identifiable_origin
 from dynid.identification.systems.linear_system import LinearSystem
 from dynid.identification.systems.parametric_model import Model, Rebuild
 from dynid.lti.exponential import balance, rescaled
@@ -114,21 +113,20 @@ def _expectation(likelihood: Likelihood) -> tuple[Fit, list[Array], str, bool]:
     unknowns = likelihood.unknowns
     true = truths(unknowns)
     at_truth = not np.isnan(true).any()
-    fit = likelihood.fit(coordinates(unknowns, true) if at_truth else _beside_starts(likelihood), clean=True)
+    if at_truth:
+        eta = coordinates(unknowns, true)
+    else:  # where an estimation begins
+        try:
+            eta = identifiable_origin(likelihood).eta
+        except NotIdentifiable:
+            eta = starts(unknowns)
+    fit = likelihood.fit(eta, clean=True)
     noise, assumed = [], False
     for record in likelihood.records:
         level = record.data.noise if record.data.noise is not None else record.stated_noise_or(np.zeros(1))
         assumed = assumed or not level.all()
         noise.append(np.where(level > 0, level, NOMINAL_NOISE * record.data.rms))
     return fit, noise, "true" if at_truth else "start", assumed
-
-
-def _beside_starts(likelihood: Likelihood) -> Array:
-    """Return the coordinates at which an estimation begins (p)."""
-    try:
-        return identifiable_origin(likelihood).eta
-    except NotIdentifiable:
-        return starts(likelihood.unknowns)
 
 
 def identifiability(

@@ -26,18 +26,17 @@ from dynid.identification.diagnosis.symmetry import distinct_kinds, like_paramet
 from dynid.identification.estimators.auto import Auto, FrfAuto, drawn_starts
 from dynid.identification.estimators.estimate import Estimate, EstimationStage, Estimator, Sweep
 from dynid.identification.estimators.maximum_likelihood import Huber
-from dynid.identification.estimators.origin import identifiable_origin
 from dynid.identification.likelihood.frf_record import FrfLikelihood
 from dynid.identification.likelihood.likelihood import Likelihood
 from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
-from dynid.identification.problem import Measured, Problem, SharedRecords
+from dynid.identification.problem import Measured, Problem, SharedRecords, identifiable_origin
 from dynid.identification.results.write_rejected import raise_rejected
 from dynid.identification.results.write_result import Further, add_identification
 from dynid.identification.systems.parametric_model import Model, Rebuild, unknowns_of, with_fixed
 from dynid.identification.systems.record_values import true_states
 from dynid.lti.floating import guarded
 from dynid.number_format import sentence
-from dynid.parameters import Parameter, named, starts
+from dynid.parameters import named, starts
 from dynid.result import Result
 from dynid.structure.model import StructuralModel
 
@@ -169,7 +168,11 @@ def posterior_of(problem: Problem, estimator: Any, *, suggest: bool = False) -> 
     values = [record.full_data for record in likelihood.records]
     origin, unknowns = identifiable_origin(likelihood.ideal), model.unknowns
     eta = origin.eta
-    fixed = {unknown.name: _guess(unknown) for unknown in unknowns if unknown.name in origin.undetermined}
+    fixed = {
+        unknown.name: unknown.start if unknown.prior is None else unknown.prior.value
+        for unknown in unknowns
+        if unknown.name in origin.undetermined
+    }
     astray: Posterior | None = None
     searches = 0
     for _ in range(1 + len(unknowns)):
@@ -268,11 +271,6 @@ def _settled(
         likelihood = problem.likelihood_of(model, values)
         likelihood = likelihood.continuing(posterior.likelihood).continuing(covering)
     return posterior, model
-
-
-def _guess(unknown: Parameter) -> float:
-    """Return the mean of the prior of a parameter, or its start where it has none."""
-    return unknown.start if unknown.prior is None else unknown.prior.value
 
 
 def _rebuilt(rebuild: Rebuild, fixed: Mapping[str, float], values: Mapping[str, float]) -> Any:

@@ -340,13 +340,9 @@ class Information:
         root[np.ix_(free, free)] = np.linalg.solve(R, np.eye(len(size))) / size[:, None]
         return root
 
-    @cached_property
-    def _deviations(self) -> Array:
-        return np.sqrt(self.covariance().diagonal())
-
     def deviations(self) -> Array:
         """Return the lower bound on the standard deviations of the coordinates (p)."""
-        return self._deviations.copy()
+        return np.sqrt(self.covariance().diagonal())
 
     def correlation(self) -> Array:
         """Return the correlations of the estimates of the coordinates (p x p)."""

@@ -14,7 +14,6 @@ largest ones is below 0.7.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -314,13 +313,8 @@ def _no_evidence(likelihood: Likelihood) -> str:
     reasons = []
     if without:
         reasons.append(f"no prior of {', '.join(without)}")
-    if any(_free_states(records)):
+    if any(isinstance(record, TimeRecord) and not record.model.known.all() for record in records):
         reasons.append("the initial state has no prior")
     if any(np.isnan(record.stated_noise).any() for record in records):
         reasons.append("the noise is not given")
     return "; ".join(reasons)
-
-
-def _free_states(records: Sequence[RecordLikelihood]) -> list[bool]:
-    """Return for each record if part of its initial state is unknown."""
-    return [isinstance(record, TimeRecord) and not record.model.known.all() for record in records]

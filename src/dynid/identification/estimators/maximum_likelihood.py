@@ -121,18 +121,14 @@ def refine(likelihood: Likelihood, eta: Array, iterations: int = 50) -> Refined:
         If a parameter leaves its start by a factor of a million.
     """
     eta, steps = likelihood.priors.clipped(eta), 0
-    if likelihood.priors.pulled.any() and _is_open(likelihood, likelihood.fit(eta)):
-        for pull in _PULLS:
+    if likelihood.priors.pulled.any():
+        fit = likelihood.fit(eta)
+        deviations = likelihood.information(fit, likelihood.likeliest(fit)).deviations()
+        for pull in _PULLS if likelihood.priors.open(deviations).any() else ():
             middle = _nearest_maximum(replace(likelihood, pull=pull), eta, iterations)
             eta, steps = middle.fit.eta, steps + middle.steps
     maximum = _nearest_maximum(likelihood, eta, iterations)
     return Refined(maximum.fit, maximum.steps + steps)
-
-
-def _is_open(likelihood: Likelihood, fit: Fit) -> bool:
-    """Return True if records leave a direction between limits open."""
-    deviations = likelihood.information(fit, likelihood.likeliest(fit)).deviations()
-    return bool(likelihood.priors.open(deviations).any())
 
 
 def _nearest_maximum(likelihood: Likelihood, eta: Array, iterations: int) -> Refined:

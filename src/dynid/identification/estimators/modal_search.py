@@ -77,7 +77,8 @@ class ModalSearch:
         search.attempt("spans of close modes", partial(guided, routes[1], origin), drawn=alone)
         count, reach = _AROUND_START
         for number, start in enumerate(drawn_starts(likelihood.priors, origin, count, reach, 0), 1):
-            if search.agreed or (search.accepted and not alone) or (alone and _is_alike(search)):
+            alike = _is_confirmed(search) or (bool(search.tried) and search.agreeing >= _FROM_START)
+            if search.agreed or (alike if alone else search.accepted):
                 break
             search.attempt(
                 f"start {number} of {count}", partial(guided, routes[number % 2], start), drawn=True
@@ -94,11 +95,6 @@ def _guide(records: tuple[ModalRecord, ...], origin: Array) -> Likelihood:
     means = np.where(priors.has_prior, priors.means, origin)
     deviations = np.where(priors.has_prior, priors.deviations, spread)
     return replace(likelihood, stated_priors=replace(priors, means=means, deviations=deviations))
-
-
-def _is_alike(search: Search) -> bool:
-    """Return True if the attempts from the given start, or enough accepted ones, ended alike."""
-    return _is_confirmed(search) or (bool(search.tried) and search.agreeing >= _FROM_START)
 
 
 def _is_confirmed(search: Search) -> bool:

@@ -189,13 +189,8 @@ class ModalRecord(RecordLikelihood):
     @property
     def nuisances(self) -> int:
         """Number of scales of shapes."""
-        return int(self._scales.sum())
-
-    @cached_property
-    def _scales(self) -> NDArray[np.int_]:
-        """Number of real scales of each shape (r)."""
-        there = np.count_nonzero(~np.isnan(self.measurement.shapes), axis=0) > 0
-        return np.asarray(there * (2 if self.measurement.complex_shapes else 1), dtype=int)
+        shapes = np.count_nonzero((~np.isnan(self.measurement.shapes)).any(axis=0))
+        return int(shapes) * (2 if self.measurement.complex_shapes else 1)
 
     # Values and their deviations.
 

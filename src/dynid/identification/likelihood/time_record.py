@@ -246,7 +246,9 @@ class TimeRecord(RecordLikelihood):
             predicted = prediction(model, eta, x0, free, steps)
             residual = values - predicted.outputs
             triangles, counts = self.triangles(residual, predicted.by_state, predicted.by_parameter)
-        self._remember(eta, x0, predicted)
+        self._last.clear()
+        if predicted.by_state.size <= _MAX_KEPT_NUMBERS:
+            self._last[eta.tobytes() + x0.tobytes()] = predicted
         size = np.sqrt(np.einsum("cr,cr->c", triangles[..., -1], triangles[..., -1]) / counts) * self.data.rms
         trajectory = Trajectory(predicted.outputs, predicted.states, x0)
         level = self.noise_in(counts, size)
@@ -259,12 +261,6 @@ class TimeRecord(RecordLikelihood):
             free, steps = free_prediction(self.model, fit.eta)
             return prediction(self.model, fit.eta, fit.predicted.start, free, steps)
         return self._last[key]
-
-    def _remember(self, eta: Array, x0: Array, predicted: Prediction) -> None:
-        """Keep the prediction of the last fit, if it is small."""
-        self._last.clear()
-        if predicted.by_state.size <= _MAX_KEPT_NUMBERS:
-            self._last[eta.tobytes() + x0.tobytes()] = predicted
 
     # Noise model.
 

@@ -164,7 +164,13 @@ def _add_all(
         if "frequency_response" in request.kinds:
             omega = _grid(derived.poles) if request.omega is None else request.omega
             for pair in pairs:
-                _add_response(result, derived, pair, omega)
+                group = f"{DERIVED}/frequency_response/{pair.output}/{pair.input}"
+                bands = zip(
+                    ("magnitude", "phase"), derived.response(omega, pair), (pair.unit, "rad"), strict=True
+                )
+                for name, band, unit in bands:
+                    result.add_axis(f"{group}/{name}/omega", omega, "rad/s")
+                    _add_band(result, f"{group}/{name}", band, ("omega",), unit)
     group, dims = f"{DERIVED}/verdicts", ("verdict",)
     result.add_axis(f"{group}/verdict", [verdict.name for verdict in verdicts])
     result.add(f"{group}/holds", [verdict.holds for verdict in verdicts], dims)
@@ -206,15 +212,6 @@ def _add_pairs(result: Result, group: str, axis: str, family: RootFamily) -> Non
     for name, band, unit in zip(("frequency", "damping"), family.frequencies(), ("rad/s", ""), strict=True):
         result.add_axis(f"{group}/{name}/{axis}", np.arange(1, len(band.value) + 1))
         _add_band(result, f"{group}/{name}", band, (axis,), unit)
-
-
-def _add_response(result: Result, derived: DerivedQuantities, pair: Pair, omega: Array) -> None:
-    group = f"{DERIVED}/frequency_response/{pair.output}/{pair.input}"
-    for name, band, unit in zip(
-        ("magnitude", "phase"), derived.response(omega, pair), (pair.unit, "rad"), strict=True
-    ):
-        result.add_axis(f"{group}/{name}/omega", omega, "rad/s")
-        _add_band(result, f"{group}/{name}", band, ("omega",), unit)
 
 
 def _add_band(result: Result, group: str, band: ConfidenceBand, dims: tuple[str, ...], unit: str) -> None:

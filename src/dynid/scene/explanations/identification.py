@@ -102,7 +102,7 @@ def _add_record(
     scene: Scene[IdentificationScene], result: Result, facts: list[Fact], names: list[str]
 ) -> Any:
     """Add identifiability, and what is said of record and estimator; return the likelihood."""
-    from dynid.identification.estimators.origin import identifiable_origin
+    from dynid.identification.problem import identifiable_origin
 
     model = scene.model
     assert model.measurement is not None
