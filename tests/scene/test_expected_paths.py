@@ -204,7 +204,7 @@ def test_a_reduction_that_is_not_made_cannot_be_expected(path, said):
     [fault] = impossible_paths(check(REDUCED.replace("PATH", path)))
     assert (fault.line, fault.column) == (7, 12)
     assert said in fault.message
-    for possible in ("reduction/guyan/frequencies", "reduction/guyan_2/mac", "structure/geometry/position"):
+    for possible in ("reduction/guyan/frequencies", "reduction/guyan_2/mac", "reduction/need/part"):
         assert list(impossible_paths(check(REDUCED.replace("PATH", possible)))) == []
 
 
@@ -275,6 +275,111 @@ def test_every_path_of_a_result_may_be_expected_and_no_other(name):
     expecting_absent, first = expecting_all(file, absent)
     found = {absent[fault.line - first] for fault in impossible_paths(expecting_absent)}
     assert [path for path in absent if path not in found] == []
+
+
+def _beginnings(path):
+    parts = path.split("/")
+    return ["/".join(parts[:depth]) for depth in range(1, len(parts) + 1)]
+
+
+#: Axes whose labels the scene says, by beginnings of the groups: of its grids, and numbers up to a count.
+GRIDS = {
+    "omega": ("bond_graph/frequency_response", "bond_graph/port", "bond_graph/design", "bond_graph/energy",
+              "structure/frequency_response", "reduction/frf"),
+    "time": ("bond_graph/time_response", "structure/time_response"),
+}  # fmt: skip
+COUNTS = {
+    "mode": ("bond_graph/properties", "bond_graph/energy", "structure/modes", "reduction/",
+             "identification/modes"),
+    "pole": ("bond_graph/transfer_function", "bond_graph/sensitivities", "bond_graph/port"),
+    "zero": ("bond_graph/transfer_function", "bond_graph/sensitivities", "bond_graph/port"),
+}  # fmt: skip
+
+
+def _labels_of(result, axes):
+    """Yield path, dimension and labels of the first array with each axis in each group."""
+    seen = set()
+    for path, variable in result.items():
+        for dim, length in zip(variable.dims, variable.shape, strict=True):
+            key = (path.rpartition("/")[0], dim)
+            if length and key not in seen and path.startswith(axes.get(dim, ())):
+                seen.add(key)
+                yield path, dim, axis_of(result, path, dim, length).labels
+
+
+def _labels_beyond(scene, result):
+    """Yield labels that arrays do not have: between, before and behind those of grids, above any count."""
+    for path, dim, labels in _labels_of(result, GRIDS):
+        middle = len(labels) // 2
+        between = [float(labels[middle - 1 : middle + 1].mean())] if len(labels) > 1 else []
+        yield from ((path, dim, label) for label in (*between, labels[0] - 1e-3, labels[-1] * 1.01))
+    for path, dim, _ in _labels_of(result, COUNTS):
+        yield path, dim, 100_000
+    exact = {} if scene.kind != "reduction" else {"mode": ("reduction/",)}
+    if scene.kind == "identification":
+        listed = scene.model.responses is not None and scene.model.responses.modes is not None
+        exact = {"mode": ("structure/modes",) * listed + ("identification/modes",)}
+    yield from ((path, dim, len(labels) + 1) for path, dim, labels in _labels_of(result, exact))
+
+
+def _labels_within(result):
+    axes = {dim: (*GRIDS.get(dim, ()), *COUNTS.get(dim, ())) for dim in GRIDS | COUNTS}
+    for path, dim, labels in _labels_of(result, axes):
+        yield from ((path, dim, label) for label in (labels[0], labels[len(labels) // 2], labels[-1]))
+
+
+def expecting_labels(file, labels):
+    """Return a shipped scene that expects entries with labels, and the number of the line of the first."""
+    text = file.read_text().partition("\nexpect:")[0].rstrip() + "\nexpect:\n"
+    paths = [(path, f"at: {{{dim}: {float(label)!r}}}") for path, dim, label in labels]
+    lines = "".join(f"  - {{path: '{path}', {at}, value: 1}}\n" for path, at in [("kind", "max: 1"), *paths])
+    return check_source(apply_overrides(parse_source(text + lines, str(file)), ())), text.count("\n") + 2
+
+
+#: Scenes that run in a fraction of a second.
+QUICK = [*FAST, "isolator_design", "isolator_transmissibility", "suspension_measured"]
+QUICK += ["beam_frf", "beam_joints", "chain_modes", "motor_shaft", "two_tank"]
+
+
+#: Groups that follow from the data of a run, not from requests of the scene alone.
+OF_DATA = {
+    *("accuracy", "structure", "structure/nodes"),  # of `run --accuracy`; doubts about entries
+    *("identification/rejected", "identification/equivalent_optima", "identification/first_pass"),
+    "identification/identifiability/interchangeable",
+    *("identification/modes/directions", "identification/modes/trade_off/frequencies"),
+    "identification/modes/trade_off/shapes",
+    "bond_graph/design/compared",
+}
+#: Derived quantities that nobody requests are left out of large systems and of what is not converged.
+DERIVED = "identification/derived"
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in SCENES]
+)
+def test_groups_and_labels_are_refused_where_the_run_has_none(name):
+    """Groups of other results, frequencies and times between those of the grid, numbers above the count."""
+    file = CONFIGS / f"{name}.yaml"
+    scene = load_scene(file)
+    result = run_scene(scene)
+    groups = {path.rpartition("/")[0] for path in result} | set(result.group_attrs)
+    present = {group for path in groups for group in _beginnings(path)}
+    unrequested = DERIVED not in present or not result.group_attrs[DERIVED].get("requested", True)
+    absent = [
+        f"{group}/{names.split()[0]}"
+        for group, names in LAYOUT.items()
+        if names and "*" not in group and group not in present | OF_DATA
+        if not (group.startswith(DERIVED) and getattr(scene.model, "derived", None) is None and unrequested)
+    ]
+    expected, first = expecting_all(file, absent)
+    refused = {absent[fault.line - first] for fault in impossible_paths(expected)}
+    assert [path for path in absent if path not in refused] == []
+    labels = list(_labels_beyond(scene, result))
+    expected, first = expecting_labels(file, labels)
+    refused = {fault.line - first for fault in impossible_paths(expected)}
+    assert [label for k, label in enumerate(labels) if k not in refused] == []
+    inside = list(_labels_within(result))
+    assert list(impossible_paths(expecting_labels(file, inside)[0])) == []
 
 
 @pytest.mark.parametrize(

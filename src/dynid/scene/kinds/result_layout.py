@@ -260,7 +260,6 @@ LAYOUT: dict[str, str] = {
         "sensor_position sensor_direction sensor_turns load load_position load_direction load_turns "
         "shape_sensor shape_sensor_position shape_sensor_direction shape_sensor_turns"
     ),
-    "structure/need": _NEED,
     "reduction": "method dof solver seconds peak_megabytes doubt",
     "reduction/*": (
         "T mass damping stiffness masters master modes basis_mode condition frequencies reference "

@@ -167,6 +167,15 @@ ReductionModel = Annotated[
 ]
 
 
+def max_size(reduction: Section) -> int | None:
+    """Return the most coordinates that a reduction can have; None where the scene does not say them."""
+    masters = _count(getattr(reduction, "masters", None))
+    if masters is not None and isinstance(reduction, CraigBamptonModel):
+        modes = _count(reduction.modes)
+        return None if modes is None else masters + modes
+    return masters
+
+
 def result_names(methods: list[str]) -> list[str]:
     """Return the names of reductions in a result: their methods, numbered from the second on."""
     seen: Counter[str] = Counter()

@@ -1,0 +1,258 @@
+"""Labels in `at` of expectations that no result has: names, frequencies, times and numbers along axes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynid.bondgraph.graph import SOURCES, STORAGES
+from dynid.errors import DynidError
+from dynid.scene.kinds.expected_requests import analysis_of, structure_in
+from dynid.scene.kinds.parameters import unknown_parameters
+from dynid.scene.kinds.result_layout import names_in
+from dynid.scene.schema.joints import ParameterModel
+from dynid.scene.schema.reduction import max_size, result_names
+from dynid.scene.schema.references import sections
+from dynid.suggestions import did_you_mean, shortened
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from dynid.scene.load import Scene
+    from dynid.scene.schema.identification import IdentificationScene
+
+#: What separates the words of names of channels and DOFs, and the words that a scene need not write.
+_WORD = re.compile(r"[^\w]+")
+_CHANNEL_WORDS = frozenset(
+    {"initial", "displacement", "velocity", "acceleration", "force", "e", "f", "q", "p"}
+    | {"x", "y", "z", "rx", "ry", "rz"}
+)
+#: Axes that are numbered from 1.
+_NUMBERED = frozenset(
+    {"mode", "full_mode", "pole", "zero", "hidden_mode", "natural_mode", "optimum", "equilibrium"}
+    | {"step", "branch", "direction"}
+)
+#: Groups of graphs over the frequencies of the analysis, and those whose number of roots storages bound.
+_OVER_FREQUENCY = frozenset({"frequency_response", "energy", "source_performance", "sensitivity_functions"})
+_WITH_ROOTS = frozenset({"transfer_function", "properties", "energy", "sensitivities", "port"})
+_ROOT_AXES = frozenset({"mode", "pole", "zero", "natural_mode", "hidden_mode"})
+#: Groups of identifications whose axis `parameter` is that of the unknown ones.
+_OF_PARAMETERS = frozenset(
+    ("identification", name) for name in ("parameters", "rejected", "diagnostics", "equivalent_optima")
+)
+#: Relative difference within which expectations select a number on an axis (`dynid.checks.comparison.RTOL`).
+_LABEL_RTOL = 1e-9
+#: Dimensions without a coordinate.
+_UNLABELLED = frozenset({"line", "master", "basis_mode", "end"})
+
+
+def problem_of_words(scene: Scene, names: Sequence[str]) -> str:
+    """Return the first word in names of channels, DOFs or parameters that stands nowhere in the scene.
+
+    They are made of the scene's words, by points and colons; those of channels that a file names are not.
+    """
+    words = _words(scene.source.data)
+    strange = [word for name in names for word in _WORD.split(name) if not (word.isdigit() or word in words)]
+    if not strange or "file" in words:
+        return ""
+    return f"nothing in the scene is called '{strange[0]}'{did_you_mean(strange[0], words)}"
+
+
+def _words(data: Any) -> set[str]:
+    """Return the words of a scene: its keys and texts, but for `expect`, split into words."""
+    words, waiting = set(_CHANNEL_WORDS), [value for key, value in data.items() if key != "expect"]
+    for key in data.keys() - {"expect"}:
+        words.add(str(key))
+    while waiting:
+        entry = waiting.pop()
+        if isinstance(entry, dict):
+            waiting += [*entry, *entry.values()]
+        elif isinstance(entry, list):
+            waiting += entry
+        elif isinstance(entry, str):
+            words.update(_WORD.split(entry))
+    return words
+
+
+def method_names(scene: Scene, parts: tuple[str, ...]) -> list[str]:
+    """Return the names of the reductions of a scene, which are arrays in `reduction/frf`."""
+    if parts[:2] != ("reduction", "frf"):
+        return []
+    return result_names([reduction.method for reduction in scene.model.reduction])
+
+
+def problem_of_label(
+    scene: Scene, parts: tuple[str, ...], dim: str, label: str | float, *, certain: bool
+) -> str:
+    """Return the reason why an array has no dimension of a name, or none with a label; empty where it may."""
+    groups = [names for k in range(1, len(parts)) if (names := names_in(parts[:k])) is not None]
+    dims = frozenset().union(*groups)
+    if not dims:
+        return ""
+    if dim not in dims | _UNLABELLED:
+        return f"'{parts[-1]}' has no dimension '{dim}'{did_you_mean(dim, dims)}"
+    if dim in _NUMBERED:
+        if isinstance(label, str) or label < 1 or not float(label).is_integer():
+            return f"there is no {dim} {label}; they are numbered from 1"
+        count = _max_count(scene, parts, dim) if certain else None
+        return (
+            ""
+            if count is None or label <= count
+            else f"there is no {dim} {label:g}; there are {count} at most"
+        )
+    if dim in ("omega", "time"):
+        return _problem_of_grid(scene, parts, dim, label) if certain else ""
+    labels = _labels(scene, parts).get(dim) if certain else None
+    if labels is None or str(label) in labels:
+        return ""
+    if not labels:  # names that are made of the scene's words
+        return problem_of_words(scene, [str(label)])
+    return f"there is no {dim} '{label}'{similar_or_all(str(label), labels)}"
+
+
+def _labels(scene: Scene, parts: tuple[str, ...]) -> dict[str, list[str]]:
+    """Return the labels of axes of the arrays in a group, as far as the scene alone says them."""
+    if parts[0] == "bond_graph":
+        labels = labels_of_graph(scene)
+        axes_of_groups = {
+            "margins": ("loop",),
+            "sensitivity_functions": ("loop",),
+            "reduction": ("output",),
+        } | {
+            "frequency_response": ("output", "input"),
+            "frequency_peaks": ("output", "input"),
+            "time_response": ("output", "source"),
+        }
+        axes = axes_of_groups.get(parts[1], ()) if len(parts) == 3 else ()
+        return {axis: labels[axis] for axis in axes if axis in labels}
+    if scene.kind == "identification" and parts[:2] in _OF_PARAMETERS:
+        return dict.fromkeys(("parameter", "other"), _unknown_names(scene))
+    if scene.kind == "reduction" and parts[0] == "reduction":
+        return {"method": method_names(scene, ("reduction", "frf"))}
+    return {}
+
+
+def _problem_of_grid(scene: Scene, parts: tuple[str, ...], dim: str, label: str | float) -> str:
+    """Return the reason why a grid that the scene gives has no such frequency or time."""
+    grid = _frequencies(scene, parts) if dim == "omega" else _times(scene, parts)
+    if grid is None:
+        return ""
+    unit = "rad/s" if dim == "omega" else "s"
+    if isinstance(label, str):
+        return f"there is no {dim} '{label}'; a number is meant, {unit}"
+    if np.isclose(grid, label, rtol=_LABEL_RTOL, atol=0).any():
+        return ""
+    near = np.unique(grid[np.clip(np.searchsorted(grid, label) + np.array([-1, 0]), 0, len(grid) - 1)])
+    neighbours = " and ".join(map(repr, near.tolist()))
+    return f"there is no {dim} {label:g} on the grid; next to it: {neighbours} {unit}"
+
+
+def _frequencies(scene: Scene, parts: tuple[str, ...]) -> NDArray[np.float64] | None:
+    """Return the frequencies of a group, rad/s, where the scene gives them."""
+    from dynid.scene.kinds.signals import angular_frequencies
+
+    grid = None
+    if parts[0] == "bond_graph" and parts[1] in _OVER_FREQUENCY | {"port", "design"}:
+        analysis = analysis_of(scene)
+        if parts[1] in _OVER_FREQUENCY or parts[2] == "frequency_response":
+            grid = analysis.frequency if analysis is not None else None
+    elif parts[:2] == ("structure", "frequency_response"):
+        grid = scene.model.responses.frequency
+    elif parts[:2] == ("reduction", "frf"):
+        grid = scene.model.frequency
+    elif parts[:3] == ("identification", "derived", "frequency_response") and scene.model.derived:
+        analysis = scene.model.responses or scene.model.graph_analysis
+        grid = analysis.frequency if analysis is not None else None
+    return None if grid is None else angular_frequencies(grid)
+
+
+def _times(scene: Scene, parts: tuple[str, ...]) -> NDArray[np.float64] | None:
+    """Return the times of a response, s, where the scene gives them."""
+    from dynid.scene.kinds.signals import record_of
+
+    if parts[1:2] != ("time_response",):
+        return None
+    analysis = analysis_of(scene) if parts[0] == "bond_graph" else scene.model.responses
+    return None if analysis is None or analysis.time is None else record_of(analysis.time).times
+
+
+def _max_count(scene: Scene, parts: tuple[str, ...], dim: str) -> int | None:
+    """Return the largest number on a numbered axis; None where the run alone says it."""
+    if scene.kind == "identification" and parts[:2] == ("identification", "modes") and dim == "mode":
+        modes = scene.model.measurement.modes
+        return len(modes.values) if modes.file is None else None
+    requested = None
+    if scene.kind == "identification" and parts[:2] == ("structure", "modes"):
+        requested = scene.model.responses.modes.count
+    try:
+        size = _size(scene, parts, dim)
+    except DynidError:  # which the run meets before its end
+        size = None
+    counts = [count for count in (requested, size) if count is not None]
+    return min(counts) if counts else None
+
+
+@lru_cache(maxsize=1)
+def _storages(scene: Scene) -> int:
+    """Return the number of storages of the graph of a scene, with those of its controllers."""
+    if scene.kind == "bond-graph":
+        from dynid.scene.kinds.bond_graph import built_graph
+
+        built = built_graph(scene)
+    else:
+        from dynid.scene.kinds.identified_graphs import identified_graph
+
+        built = identified_graph(scene)[1]
+    return sum(node.type in STORAGES for node in built.graph.nodes.values())
+
+
+def _size(scene: Scene, parts: tuple[str, ...], dim: str) -> int | None:
+    """Return the number of storages of a graph, or of modes of a structure, that bounds a numbered axis."""
+    if parts[0] == "bond_graph":
+        return _storages(scene) if dim in _ROOT_AXES and parts[1] in _WITH_ROOTS else None
+    if dim not in ("mode", "full_mode"):
+        return None
+    if scene.kind == "reduction" and parts[0] == "reduction":
+        reduction = scene.model.reduction[method_names(scene, ("reduction", "frf")).index(parts[1])]
+        size, full = max_size(reduction), structure_in(scene).size
+        return full if size is None else min(size, full)
+    with_modes = parts[:2] in (("structure", "modes"), ("identification", "derived"))
+    if scene.kind == "identification" and with_modes and scene.model.graph is None:
+        return structure_in(scene).size
+    return None
+
+
+def _unknown_names(scene: Scene[IdentificationScene]) -> list[str]:
+    """Return the names of the unknown parameters of a scene; none where others than `parameters` are."""
+    if any(joint.start is not None for _, joint in sections(scene.model.joints, ParameterModel)):
+        return []
+    return [parameter.name for parameter in unknown_parameters(scene.model)]
+
+
+def labels_of_graph(scene: Scene) -> dict[str, list[str]]:
+    """Return the labels of axes of the results of a graph, as far as the scene alone says them."""
+    model, analysis, labels = scene.model, analysis_of(scene), dict[str, list[str]]()
+    if model.control is not None:
+        labels["loop"] = [f"{loop.measured} -> {loop.source}" for loop in model.control.loops]
+    if analysis is not None and not any(node.ports for node in model.graph.nodes.values()):
+        sources = [name for name, node in model.graph.nodes.items() if node.type in SOURCES]
+        sources += model.control.signals if model.control is not None else ()
+        labels["output"] = [str(port) for port in analysis.outputs]
+        labels["input"] = analysis.inputs or sources
+        labels["source"] = sources
+    return labels
+
+
+def similar_or_all(name: str, candidates: Sequence[str]) -> str:
+    """Return the end of a message about a name: a similar one, else those there are."""
+    return did_you_mean(name, candidates) or f"; there are: {shortened(sorted(candidates))}"
+
+
+def not_among(what: str, name: str, candidates: list[str]) -> str:
+    """Return the reason why an axis has no such label."""
+    hint = did_you_mean(name, candidates) or f"; there are: {shortened(candidates)}"
+    return f"'{name}' is not an {what}{hint}"
