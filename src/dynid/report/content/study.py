@@ -23,7 +23,7 @@ from dynid.report.scenes import plain_data
 from dynid.result import Result
 from dynid.study.analysis.influence import Influences
 from dynid.study.analysis.sample_statistics import Direction, statistics, worst
-from dynid.study.analysis.table import Failure, StudyColumn, StudyTable, failures
+from dynid.study.analysis.table import StudyColumn, StudyTable, failures
 from dynid.suggestions import short_paths
 
 #: The statistics of a number; the least and the largest value with their samples.
@@ -73,12 +73,21 @@ def sections(result: Result) -> Iterator[ReportSection]:
 
 def _samples(table: StudyTable) -> Iterator[ReportSection]:
     """Yield the status of the samples, and their inputs."""
-    status = Statement(_status_text(table), "bad" if len(table.failed) or len(table.pending) else "good")
-    blocks: list[Block] = [status]
+    counts = {"done": int(table.done.sum()), "failed": len(table.failed), "pending": len(table.pending)}
+    text = " · ".join(f"{count:,} {what}" for what, count in counts.items() if count or what == "done")
+    complete = not (counts["failed"] or counts["pending"])
+    blocks: list[Block] = [Statement(text, "good" if complete else "bad")]
     if len(table.pending):
         blocks.append(Statement("interrupted: run the study again to resume it", "bad"))
     if reasons := failures(table):
-        rows = tuple((f"{len(reason.samples):,}", reason.error, _first_samples(reason)) for reason in reasons)
+        rows = tuple(
+            (
+                f"{len(reason.samples):,}",
+                reason.error,
+                ", ".join(map(str, reason.samples[:3])) + ", …" * (len(reason.samples) > 3),
+            )
+            for reason in reasons
+        )
         heads = ("samples", "failed with", "numbers")
         caption = "reasons of failures"
         blocks.append(TextTable(heads, rows, caption=caption, noun="reason", brief=_ERRORS, most=_REASONS))
@@ -139,17 +148,6 @@ def _approximate_texts(table: StudyTable) -> list[str]:
     return [
         f"approximate, {reason}: {', '.join(dict.fromkeys(outputs))}" for reason, outputs in names.items()
     ]
-
-
-def _status_text(table: StudyTable) -> str:
-    """Return the numbers of samples that are done, failed and pending."""
-    counts = {"done": int(table.done.sum()), "failed": len(table.failed), "pending": len(table.pending)}
-    return " · ".join(f"{count:,} {what}" for what, count in counts.items() if count or what == "done")
-
-
-def _first_samples(failure: Failure) -> str:
-    """Return the first samples that failed for one reason."""
-    return ", ".join(map(str, failure.samples[:3])) + (", …" if len(failure.samples) > 3 else "")
 
 
 def _compared_samples(table: StudyTable) -> str:
