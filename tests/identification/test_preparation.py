@@ -157,6 +157,7 @@ def test_detrending_passes_over_missing_samples_and_leaves_a_dead_sensor_dead():
             "the band ends at 400 rad/s, but at this sampling nothing is known from 314",
         ),
         (Sine(), BandPass(1e-4, 50.0), "nothing is left of it"),
+        (Sine(), BandPass(1e-290, 50.0), "poles at z = 1"),
         (Sine(), Decimate(500), "nothing is left of it"),
         (Step(), Detrend(0), "a signal of kind step does not stay one"),
         (Impulse(), BandPass(3.0, 50.0), "a signal of kind impulse does not stay one"),

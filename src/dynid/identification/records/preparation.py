@@ -166,6 +166,11 @@ class BandPass(_Filter):
         filter_design: Design = butter(
             self.order, edges, "lowpass" if self.low == 0 else "bandpass", output="zpk"
         )
+        if not np.abs(filter_design[1]).max() < 1:  # poles at z = 1 in double precision: no gain at rest
+            raise UsageError(
+                f"the band begins at {self.low:.3g} rad/s, too low for this sampling: poles at z = 1",
+                remedy="Begin it at 0, which is a low-pass, or higher.",
+            )
         return filter_design
 
 
