@@ -104,10 +104,12 @@ def test_a_sum_of_norms_has_the_least_value_of_all_neighbours():
     found = designed(criteria)
     functions, best = found.functions, found.solution
     assert best.conditions.verified
-    assert best.objective == pytest.approx(best.found.norms[0].value + 2 * best.found.norms[1].value)
+    assert best.objective == pytest.approx(
+        best.evaluation.norms[0].value + 2 * best.evaluation.norms[1].value
+    )
     rng = np.random.default_rng(0)
     for step in rng.normal(size=(20, 2)) * 1e-3:
-        near = functions.at(best.found.eta + step)
+        near = functions.at(best.evaluation.eta + step)
         assert near.norms[0].value + 2 * near.norms[1].value > best.objective
 
 

@@ -72,7 +72,7 @@ def transfer_of(shot, program, values, inputs, s):
         lacking = fed[root] - sum(entry * value for entry, value in zip(matrix[root], x, strict=True))
         found[source] = at[shot.reading.common] * x[root] + at[shot.reading.drive] * lacking
         if source == shot.reading.by:
-            found[source] += at[shot.reading.own]
+            found[source] += at[shot.reading.direct]
     return found
 
 
@@ -84,7 +84,7 @@ def registers_of(shot, program):
         *(term.register for state in states for term in state.terms),
         *(register for link in shot.links for register in (link.forward, link.back)),
         *(shot.known or {}).values(),
-        *(shot.reading.common, shot.reading.drive, shot.reading.own),
+        *(shot.reading.common, shot.reading.drive, shot.reading.direct),
     }
 
 

@@ -61,7 +61,7 @@ class Solution:
 
     Attributes
     ----------
-    found
+    evaluation
         The targets there.
     objective
         The weighted sum of the norms; 0 without any.
@@ -71,7 +71,7 @@ class Solution:
         Of the minimum; None without a norm to minimise.
     """
 
-    found: Evaluation
+    evaluation: Evaluation
     objective: float
     met: bool
     conditions: Conditions | None = None

@@ -63,7 +63,7 @@ class Designed:
     def values(self) -> dict[str, float]:
         """The designed values of the free parameters."""
         names = [parameter.name for parameter in self.functions.design.free]
-        values = self.functions.coordinates.values(self.solution.found.eta)
+        values = self.functions.coordinates.values(self.solution.evaluation.eta)
         return dict(zip(names, values.tolist(), strict=True))
 
 
@@ -97,7 +97,7 @@ def solve(design: Design) -> Designed:
             ends.append(Solution(here, 0.0, met=True))
     met = [solution for solution in ends if solution.met]
     if not met:
-        missed += [solution.found for solution in ends]
+        missed += [solution.evaluation for solution in ends]
         raise _no_norm(functions, refused) if refused else _unreachable(functions, missed, idle)
     optima = _optima(coordinates.start, met)
     best = optima[0].solution
@@ -116,12 +116,14 @@ def _optima(start: Array, met: list[Solution]) -> list[Optimum]:
     def rank(solution: Solution) -> tuple[int, bool, float]:
         behind = round((solution.objective - lowest) / (_OBJECTIVE_RTOL * abs(lowest))) if lowest else 0
         unsure = solution.conditions is not None and not solution.conditions.verified
-        return behind, unsure, float(np.linalg.norm(solution.found.eta - start))
+        return behind, unsure, float(np.linalg.norm(solution.evaluation.eta - start))
 
     best, *others = sorted(met, key=rank)
     optima = [Optimum(best, 1)]
     for solution in others:
-        distances = [np.abs(solution.found.eta - optimum.solution.found.eta).max() for optimum in optima]
+        distances = [
+            np.abs(solution.evaluation.eta - optimum.solution.evaluation.eta).max() for optimum in optima
+        ]
         same = next((k for k, distance in enumerate(distances) if distance <= _OPTIMUM_DISTANCE), None)
         if same is not None:
             optima[same] = Optimum(optima[same].solution, optima[same].count + 1)
@@ -132,7 +134,7 @@ def _optima(start: Array, met: list[Solution]) -> list[Optimum]:
 
 def _is_isolated(solution: Solution) -> bool:
     """Return True if the targets leave no freedom at a solution."""
-    jacobian = solution.found.jacobian
+    jacobian = solution.evaluation.jacobian
     used = np.abs(jacobian).max(axis=0) > 0
     return bool(np.linalg.matrix_rank(jacobian, 1e-9 * np.abs(jacobian).max()) == np.count_nonzero(used))
 
@@ -225,20 +227,21 @@ def _no_minimum(functions: DesignFunctions, best: Solution) -> Unreachable | Non
     design, coordinates = functions.design, functions.coordinates
     if best.conditions is None:
         return None
-    values = coordinates.values(best.found.eta)
+    values = coordinates.values(best.evaluation.eta)
     for k, parameter in enumerate(design.free):
-        away = best.found.eta[k] - coordinates.start[k]
+        away = best.evaluation.eta[k] - coordinates.start[k]
         factor = np.exp(abs(away)) if parameter.logarithmic else abs(away)
         limit = parameter.high if away > 0 else parameter.low
         open_end = limit is None or (parameter.logarithmic and limit <= 0)
         at_end = (
-            min(best.found.eta[k] - functions.low[k], functions.high[k] - best.found.eta[k]) < _LIMIT_DISTANCE
+            min(best.evaluation.eta[k] - functions.low[k], functions.high[k] - best.evaluation.eta[k])
+            < _LIMIT_DISTANCE
         )
         if open_end and (at_end or (factor > _FAR_FACTOR and not best.conditions.verified)):
             way, key = ("grows", "max") if values[k] > parameter.start else ("falls", "min")
             target = design.criteria[0]
             return Unreachable(
-                f"the {target} has no minimum: it still falls, at {best.found.norms[0].value:.6g}, as "
+                f"the {target} has no minimum: it still falls, at {best.evaluation.norms[0].value:.6g}, as "
                 f"{parameter.name} {way} to {values[k]:.3g}",
                 remedy=f"Give {parameter.name} a limit: `{key}`.",
                 names=(f"design.free.{parameter.name}", _name(design, target)),

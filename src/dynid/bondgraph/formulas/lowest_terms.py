@@ -217,7 +217,7 @@ class FormulaRing:
 class SumTerm(NamedTuple):
     """A term of a sum: its value, and the expression that it is, with a sign; none where several are one."""
 
-    part: ReducedQuotient
+    quotient: ReducedQuotient
     sign: int
     expression: RegisterExpression | None
 
@@ -228,20 +228,20 @@ def combined(summands: list[SumTerm]) -> list[SumTerm]:
     pair = next(iter(_cancelling(left)), None)
     while pair is not None:
         first, second = pair
-        total = added(first.part, second.part)
+        total = added(first.quotient, second.quotient)
         left = [term for term in left if term is not first and term is not second]
         left += [SumTerm(total, 1, None)] if total.above != 0 else []
         pair = next(iter(_cancelling(left)), None)
-    total = ReducedQuotient(summands[0].part.above * 0, summands[0].part.below ** 0)
+    total = ReducedQuotient(summands[0].quotient.above * 0, summands[0].quotient.below ** 0)
     cancelled = False
     for term in left:
-        total = added(total, term.part)
+        total = added(total, term.quotient)
         cancelled |= total.cancelled
     return [SumTerm(total, 1, None)] if cancelled else left
 
 
 def _cancelling(summands: list[SumTerm]) -> Iterator[tuple[SumTerm, SumTerm]]:
-    return (pair for pair in combinations(summands, 2) if added(pair[0].part, pair[1].part).cancelled)
+    return (pair for pair in combinations(summands, 2) if added(pair[0].quotient, pair[1].quotient).cancelled)
 
 
 def added(a: ReducedQuotient, b: ReducedQuotient) -> ReducedQuotient:

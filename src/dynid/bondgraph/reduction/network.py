@@ -284,21 +284,21 @@ class PortForm:
 
     Parameters
     ----------
-    common, drive, own
+    common, drive, direct
         Coefficients.
     by
-        The input that `own` multiplies: the output's node, or the energy that it stores at t = 0.
+        The input that `direct` multiplies: the output's node, or the energy that it stores at t = 0.
     """
 
     common: Register
     drive: Register
-    own: Register
+    direct: Register
     by: str
 
     def scaled(self, program: Program, factor: Register) -> PortForm:
         """Return the form times a factor."""
         common, drive, direct = (
-            program.mul(factor, coefficient) for coefficient in (self.common, self.drive, self.own)
+            program.mul(factor, coefficient) for coefficient in (self.common, self.drive, self.direct)
         )
         return PortForm(common, drive, direct, self.by)
 
@@ -361,4 +361,4 @@ def channel(net: NodalNetwork, form: PortForm, source: str, common: Register) ->
     program = net.program
     drive = net.root.sources.get(source, program.zero)
     value = program.add(program.mul(form.common, common), program.mul(form.drive, drive))
-    return program.add(value, form.own) if source == form.by else value
+    return program.add(value, form.direct) if source == form.by else value

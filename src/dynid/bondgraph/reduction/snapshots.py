@@ -88,7 +88,7 @@ class Snapshot:
         then gives the source's reaction.
     reading
         The output: `common` times the root's common variable, `drive` times what its balance lacks, and
-        `own` times the input `by`.
+        `direct` times the input `by`.
     changed, gone
         Junctions on which something changed in this step, and those that it consumed.
     """

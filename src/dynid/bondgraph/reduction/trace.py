@@ -325,7 +325,7 @@ class TraceRecorder(NoTrace):
             relation = ((self.program.one, root.fixing),) if root.fixing in self.net.inputs else ()
         definitions.append((common, relation))
         if (port.node, port.quantity) != (root.name, letter):
-            output = ((form.common, common), (form.drive, source), (form.own, form.by))
+            output = ((form.common, common), (form.drive, source), (form.direct, form.by))
             parts = tuple((register, by) for register, by in output if not zero(register))
             definitions.append((self.variable(port.quantity, port.node), parts))
         self.record("prototype", self.nodes(root), definitions, prototype.describe(root.name))

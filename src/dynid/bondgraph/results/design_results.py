@@ -38,7 +38,7 @@ def add_design(result: Result, designed: Designed, omega: Array | None) -> None:
     best = designed.solution
     result.annotate(GROUP, starts=design.starts, ended=designed.ended, seed=design.seed)
     result.add_axis(f"{GROUP}/name", [parameter.name for parameter in design.free])
-    values = coordinates.values(best.found.eta)
+    values = coordinates.values(best.evaluation.eta)
     lows = np.array([-math.inf if parameter.low is None else parameter.low for parameter in design.free])
     highs = np.array([math.inf if parameter.high is None else parameter.high for parameter in design.free])
     for name, column in (
@@ -63,7 +63,7 @@ def add_design(result: Result, designed: Designed, omega: Array | None) -> None:
     optima = designed.optima
     result.add_axis(f"{GROUP}/optima/optimum", np.arange(1, len(optima) + 1))
     result.add_axis(f"{GROUP}/optima/name", [parameter.name for parameter in design.free])
-    optimal_values = np.array([coordinates.values(optimum.solution.found.eta) for optimum in optima])
+    optimal_values = np.array([coordinates.values(optimum.solution.evaluation.eta) for optimum in optima])
     result.add(f"{GROUP}/optima/value", optimal_values, ("optimum", "name"))
     result.add(f"{GROUP}/optima/objective", [optimum.solution.objective for optimum in optima], ("optimum",))
     result.add(f"{GROUP}/optima/count", [optimum.count for optimum in optima], ("optimum",))
@@ -105,11 +105,11 @@ def _add_targets(result: Result, designed: Designed) -> None:
     result.add(f"{group}/wanted_damping", dampings, ("target",), note="where one is wanted")
     damped = [isinstance(target, RootTarget) and target.damping is not None for target in design.targets]
     result.add(f"{group}/damping_wanted", damped, ("target",))
-    for name, at in (("start", designed.start), ("reached", designed.solution.found)):
+    for name, at in (("start", designed.start), ("reached", designed.solution.evaluation)):
         rows = _values(functions, at)
         result.add(f"{group}/{name}", [row[0] for row in rows], ("target",))
         result.add(f"{group}/{name}_damping", [row[1] for row in rows], ("target",), note="0 of a norm")
-    result.add(f"{group}/residual", _residuals(functions, designed.solution.found), ("target",))
+    result.add(f"{group}/residual", _residuals(functions, designed.solution.evaluation), ("target",))
     if design.compared:
         others = [functions.at(functions.coordinates.of(values)) for values in design.compared.values()]
         group = f"{GROUP}/compared"
@@ -157,7 +157,7 @@ def _add_responses(result: Result, designed: Designed, omega: Array | None) -> N
     """Add the responses of the targets' channels at the start and as designed."""
     functions, group = designed.functions, f"{GROUP}/frequency_response"
     design = functions.design
-    ends = (functions.coordinates.start, designed.solution.found.eta)
+    ends = (functions.coordinates.start, designed.solution.evaluation.eta)
     matrices = [functions.matrices(eta) for eta in ends]
     channels: dict[str, Target] = {}
     for target in design.targets:
