@@ -89,7 +89,7 @@ class Journal:
     def __init__(self, path: str) -> None:
         self.path = path
         self.damage: Damage | None = None
-        self._places: list[int] = []  # where each record begins
+        self._offsets: list[int] = []  # of the records
         self._starts: list[int] = []  # the number of the first sample of each
         self._keys: list[bytes] = []
         self._codes: list[bytes] = []
@@ -185,7 +185,10 @@ class Journal:
         """Return the outcomes of a record; the last one is cached."""
         if self._last is None or self._last[0] != record:
             self._last = None
-            payload = self._payload(self._places[record])
+            payload = _valid_payload(self._descriptor, self._offsets[record], self._end)
+            if payload is None:
+                problem = f"{self.path} has changed while the study ran"
+                raise FileError(problem, remedy="Run the study again.", names=[self.path])
             (count,) = _COUNT.unpack_from(payload)
             try:
                 self._last = record, unpacked(payload[_COUNT.size + count * (SIZE + 1) :])
@@ -232,7 +235,7 @@ class Journal:
         for offset, payload in scan.records():
             self._index(offset, payload)
             end = offset + _HEAD.size + len(payload)
-        if begun != MAGIC and not self._places:
+        if begun != MAGIC and not self._offsets:
             self._refuse(begun)
         if scan.damaged or begun != MAGIC:
             end = self._renew(scan.lengths)
@@ -247,14 +250,14 @@ class Journal:
             self._kept = _copied(self._descriptor, f"{self.path}.damaged")
         except OSError as error:
             raise self._failed(error) from error
-        places, end = self._places, len(MAGIC)
-        self._places = []
+        places, end = self._offsets, len(MAGIC)
+        self._offsets = []
         with replacing(self.path) as temporary, open(temporary, "wb") as file:  # noqa: PTH123
             file.write(MAGIC)
             for offset, length in zip(places, lengths, strict=True):
                 payload = _read_at(self._descriptor, length, offset + _HEAD.size)
                 file.write(_HEAD.pack(length, zlib.crc32(payload)) + payload)
-                self._places.append(end)
+                self._offsets.append(end)
                 end += _HEAD.size + length
             self.close()  # Windows replaces no open file
         self._descriptor = descriptor_of(self.path)
@@ -273,22 +276,11 @@ class Journal:
         """Add a record to the index."""
         keys = _keys_of(payload)
         count = len(keys) // SIZE
-        self._places.append(offset)
+        self._offsets.append(offset)
         self._starts.append(self._count)
         self._keys.append(keys)
         self._codes.append(payload[_COUNT.size + len(keys) :][:count])
         self._count += count
-
-    def _payload(self, offset: int) -> bytes:
-        length, check = _HEAD.unpack(read_at(self._descriptor, _HEAD.size, offset))
-        payload = _read_at(self._descriptor, length, offset + _HEAD.size)
-        if zlib.crc32(payload) != check:
-            raise FileError(
-                f"{self.path} has changed while the study ran",
-                remedy="Run the study again.",
-                names=[self.path],
-            )
-        return payload
 
 
 class _Scan:
@@ -314,7 +306,7 @@ class _Scan:
         """Yield the place and the payload of each valid record."""
         offset = len(MAGIC)
         while offset < self._size:
-            payload = self._payload(offset)
+            payload = _valid_payload(self._descriptor, offset, self._size)
             following = self._next(offset + 1) if payload is None else offset + _HEAD.size + len(payload)
             if payload is None:
                 payload = self._salvaged(offset, following)
@@ -323,23 +315,12 @@ class _Scan:
                 yield offset, payload
             offset = following
 
-    def _payload(self, offset: int) -> bytes | None:
-        """Return the payload of the record at a place; None if there is no valid one."""
-        head = read_at(self._descriptor, _HEAD.size, offset)
-        if len(head) < _HEAD.size:
-            return None
-        length, check = _HEAD.unpack(head)
-        if length > self._size - offset - _HEAD.size:
-            return None
-        payload = _read_at(self._descriptor, length, offset + _HEAD.size)
-        return payload if _is_whole(payload, check) else None
-
     def _next(self, begin: int) -> int:
         """Return the place of the next valid record, or the end of the file."""
         with mmap.mmap(self._descriptor, 0, access=mmap.ACCESS_READ) as content:
             for mark in _MARK.finditer(content, begin):
                 offset = mark.start() - _BEFORE - int(mark[1]) * (SIZE + 1)
-                if offset >= begin and self._payload(offset) is not None:
+                if offset >= begin and _valid_payload(self._descriptor, offset, self._size) is not None:
                     return offset
         return self._size
 
@@ -377,6 +358,18 @@ class _Scan:
                 for match in _MARK.finditer(content, offset)
             )
             offset = next((start for start in starts if start > offset), len(content))
+
+
+def _valid_payload(descriptor: int, offset: int, end: int) -> bytes | None:
+    """Return the payload of the record at an offset; None if there is no valid one before `end`."""
+    head = read_at(descriptor, _HEAD.size, offset)
+    if len(head) < _HEAD.size:
+        return None
+    length, check = _HEAD.unpack(head)
+    if length > end - offset - _HEAD.size:
+        return None
+    payload = _read_at(descriptor, length, offset + _HEAD.size)
+    return payload if _is_whole(payload, check) else None
 
 
 def _is_whole(payload: bytes, check: int) -> bool:
