@@ -99,7 +99,10 @@ def read_harwell_boeing(path: Path) -> ImportedMatrix:
             check_backed(path, max(rows, columns), entries, 2)
             if len(cards) > 4 and cards[4] > 0:
                 next(lines)  # the formats of right-hand sides
-            formats = [_FORMAT.fullmatch(word.strip()) for word in _formats(head[3])]
+            words = [head[3][:16], head[3][16:32], head[3][32:52]]
+            if not all(_FORMAT.fullmatch(word.strip()) for word in words):
+                words = head[3].split()[:3]  # between blanks, not in 16, 16 and 20 characters
+            formats = [_FORMAT.fullmatch(word.strip()) for word in words]
             starts = _numbers(lines, formats[0], columns + 1, int)
             indices = _numbers(lines, formats[1], entries, int)
             values = _numbers(lines, formats[2], entries, float)
@@ -113,12 +116,6 @@ def read_harwell_boeing(path: Path) -> ImportedMatrix:
     mapping = path.with_suffix(".mapping")
     labels: tuple[str, ...] = _mapping(mapping, rows) if mapping.is_file() else ()
     return ImportedMatrix(matrix, labels)
-
-
-def _formats(line: str) -> list[str]:
-    """Return the formats of pointers, indices and values: in 16, 16 and 20 characters, or between blanks."""
-    fixed = [line[:16], line[16:32], line[32:52]]
-    return fixed if all(_FORMAT.fullmatch(word.strip()) for word in fixed) else line.split()[:3]
 
 
 def _numbers(

@@ -280,7 +280,7 @@ class _File:
             for block in blocks:
                 for column in block.groups.T:
                     for tag in np.unique(column[column != 0]).tolist():
-                        group = self.names.get((_dimension(name), tag), str(tag))
+                        group = self.names.get((_DIMENSIONS.get(name.rstrip("0123456789"), 3), tag), str(tag))
                         parts = grouped.setdefault(group, [members(()) for _ in kinds])
                         parts[index] = np.union1d(parts[index], back[first + np.flatnonzero(column == tag)])
                 first += len(block.nodes)
@@ -306,10 +306,6 @@ def _nodes(kind: int) -> int:
     if kind not in _KINDS:
         raise ValueError(f"elements of type {kind} are not known")
     return _KINDS[kind][1]
-
-
-def _dimension(name: str) -> int:
-    return _DIMENSIONS.get(name.rstrip("0123456789"), 3)
 
 
 def _unique_rows(rows: Places) -> tuple[Places, Places]:

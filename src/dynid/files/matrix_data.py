@@ -42,10 +42,6 @@ class ImportedMatrix:
     at_least: bool = False
 
 
-def _nothing_else(_: Path) -> dict[str, str]:
-    return {}
-
-
 class Container(NamedTuple):
     """The reader of a format that holds several matrices: their shapes by name, and one of them.
 
@@ -54,7 +50,7 @@ class Container(NamedTuple):
 
     shapes: Callable[[Path], dict[str, tuple[int, ...]]]
     load: Callable[[Path, str], Matrix | ImportedMatrix]
-    others: Callable[[Path], dict[str, str]] = _nothing_else
+    others: Callable[[Path], dict[str, str]] = lambda _: {}
 
     def matrix(self, path: Path, name: str) -> ImportedMatrix:
         """Return one matrix of a file, by its name."""

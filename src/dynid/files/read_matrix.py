@@ -63,7 +63,11 @@ def read_matrix(file: MatrixFile, role: str) -> ImportedMatrix:
     FileError
         If the file cannot be read, does not say which matrix is meant, or has no entry in it.
     """
-    imported = _read(file, role)
+    form = format_of(file.path, "matrix", "matrices")
+    if form.matrix is not None:
+        imported = form.matrix(file.path)
+    else:
+        imported = load_matrix(file.path, _choose(file.path, file.name, role, shapes_in(file.path)))
     entries = imported.matrix.data if is_sparse(imported.matrix) else imported.matrix
     if not np.any(entries):
         without = " Leave 'damping' out where there is none." if role == "damping" else ""
@@ -72,13 +76,6 @@ def read_matrix(file: MatrixFile, role: str) -> ImportedMatrix:
             remedy=f"Export it again, and compare the size of the file with the model.{without}",
         )
     return imported
-
-
-def _read(file: MatrixFile, role: str) -> ImportedMatrix:
-    form = format_of(file.path, "matrix", "matrices")
-    if form.matrix is not None:
-        return form.matrix(file.path)
-    return load_matrix(file.path, _choose(file.path, file.name, role, shapes_in(file.path)))
 
 
 def _container_of(path: Path) -> Container:

@@ -36,13 +36,6 @@ _WORDS = (
 )  # fmt: skip
 
 
-def _plain(said: str) -> str:
-    """Return the message of a parser without terms of its interface."""
-    for pattern, text in _WORDS:
-        said = re.sub(pattern, text, said)
-    return said
-
-
 @contextmanager
 def read_errors(path: Path, what: str, *, claims: bool = False) -> Iterator[None]:
     """Turn any error of a library that parses a user's file into a `FileError`.
@@ -60,7 +53,10 @@ def read_errors(path: Path, what: str, *, claims: bool = False) -> Iterator[None
     except OSError as error:
         raise FileError(f"{path} cannot be read as {what}: {error.strerror or error}") from None
     except Exception as error:  # parsers fail in many ways on damaged files
-        said = _plain(" ".join(str(error).split()))[:200] or type(error).__name__
+        said = " ".join(str(error).split())
+        for pattern, text in _WORDS:
+            said = re.sub(pattern, text, said)
+        said = said[:200] or type(error).__name__
         raise FileError(f"{path} cannot be read as {what}: {said}") from None
 
 

@@ -18,7 +18,7 @@ from dynid._version import __version__
 from dynid.errors import FileError, UsageError
 from dynid.file_access import replace_file, replacing
 from dynid.hdf5 import CHECKED, checksum, open_hdf5
-from dynid.result import REJECTED, Result, Scalar, Variable
+from dynid.result import REJECTED, Result, Scalar
 from dynid.store.reader import CURRENT, INTERRUPTED, StoredVariable, read_root, reading
 from dynid.store.writer import ArrayWriter, Sink, write_attrs
 
@@ -99,7 +99,11 @@ def write_blocks(
     import h5py
 
     name = os.fspath(path)
-    hollow = {index for index, variable in result.items() if _is_hollow(variable)}
+    hollow = {
+        index
+        for index, variable in result.items()
+        if variable.data.ndim > 0 and not any(variable.data.strides)
+    }
     with replacing(name) as temporary, closing(Sink(temporary)) as sink, deferred_interrupts() as check:
         try:
             with h5py.File(sink, "w", libver="earliest") as file:
@@ -125,11 +129,6 @@ def write_blocks(
 def hollow(shape: tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
     """Return an array of a shape and type without values, which takes no memory."""
     return np.broadcast_to(np.empty((), dtype), shape)
-
-
-def _is_hollow(variable: Variable) -> bool:
-    """Return True for a hollow array."""
-    return variable.data.ndim > 0 and not any(variable.data.strides)
 
 
 def read_result(path: str | os.PathLike[str], partial: bool = False) -> Result:
