@@ -200,9 +200,17 @@ def check_source(source: Source) -> Scene:
     SceneError
         With all faults of the scene.
     """
-    scene = validated(source)
-    if check_valid := KINDS[scene.kind].load("check_valid"):
-        check_valid(scene)
+    scene, faults = _validated(source)
+    if scene is not None and (check_valid := KINDS[scene.kind].load("check_valid")):
+        try:
+            check_valid(scene)
+        except SceneError as error:
+            faults += error.faults
+        except FileError:  # that a file is missing hides no fault
+            if not faults:
+                raise
+    if scene is None or faults:
+        raise SceneError(faults)
     complete = _completed(scene)
     return scene if complete is scene.source else check_source(complete)
 
@@ -215,29 +223,37 @@ def validated(source: Source) -> Scene:
     SceneError
         With all faults of the keys.
     """
+    scene, faults = _validated(source)
+    if scene is None or faults:
+        raise SceneError(faults)
+    return scene
+
+
+def _validated(source: Source) -> tuple[Scene | None, list[Fault]]:
+    """Return the scene of a source, and its faults; unknown keys and unresolved parameters hide no others."""
     from pydantic import ValidationError
 
-    from dynid.scene.schema.faults import located_faults
+    from dynid.scene.schema.faults import located_faults, without_unknown_keys
     from dynid.scene.schema.raw import read_names
 
     source = composed(as_current(source))
     model = _model_of(source)
     names, faults = read_names(source)
+    data = with_text_keys(source.data)
     try:
-        valid = model.model_validate(with_text_keys(source.data), context=names)
+        valid = model.model_validate(data, context=names)
     except ValidationError as error:
-        reported = {
-            (fault.file, fault.line, fault.column) for fault in faults
-        }  # of parameters, with their cause
-        faults += [
-            fault
-            for fault in located_faults(source, model, error)
-            if (fault.file, fault.line, fault.column) not in reported
-        ]
-        raise SceneError(faults) from None
-    if faults:
-        raise SceneError(faults)
-    return Scene(source, valid, names)
+        # A parameter that has no value is reported with the cause.
+        reported = {(fault.file, fault.line, fault.column) for fault in faults}
+        located = located_faults(source, model, error)
+        complete = not faults
+        faults += [fault for fault in located if (fault.file, fault.line, fault.column) not in reported]
+        try:
+            valid = model.model_validate(without_unknown_keys(data, error), context=names)
+        except ValidationError:
+            return None, faults
+        return Scene(source, valid, names) if complete else None, faults
+    return None if faults else Scene(source, valid, names), faults
 
 
 def _completed(scene: Scene) -> Source:

@@ -17,7 +17,7 @@ from dynid.arithmetic.expression import Expression, parse
 from dynid.errors import SceneError
 from dynid.result import Scalar
 from dynid.scene.kinds.study import base_scene, study_model
-from dynid.scene.schema.raw import mapping, reference_key, written_key
+from dynid.scene.schema.base import DefinedParameter
 from dynid.scene.schema.study import Listed, grid_groups, known_names, paths_of
 from dynid.study.designs import correlated, quantiles, spread, unit_samples
 
@@ -224,7 +224,7 @@ class _Columns:
         self.base = base
         self.size = size
         self.known: dict[str, Any] = dict(columns)
-        self.names = known_names(self.model, mapping(base.source.data, "parameters"))
+        self.names = known_names(self.model, base.model.parameters)
         self._open: list[str] = []  # paths in evaluation
 
     def all(self) -> dict[str, NDArray[np.float64]]:
@@ -241,19 +241,20 @@ class _Columns:
             if path in self.model.derive:
                 self.known[path] = self._value(parse(self.model.derive[path]), self.names)
             else:  # a parameter of the scene
-                parameters = mapping(self.base.source.data, "parameters")
-                raw = parameters[written_key(parameters, path.removeprefix("parameters."))]
-                parameter_paths = {str(name): f"parameters.{name}" for name in parameters}
-                reference_path = (
-                    f"{path}.{key}" if (key := reference_key(raw)) else ""
-                )  # of an unknown one, as kb.start
-                raw = raw[key] if key else raw
+                parameters = self.base.model.parameters
+                entry = parameters[path.removeprefix("parameters.")]
+                defined = isinstance(entry, DefinedParameter)
+                reference_path = f"{path}.{entry.reference_key}" if defined else ""  # such as kb.start
+                expression = entry.reference.expression if defined else None
+                if isinstance(entry, str):
+                    expression = parse(entry)
                 if reference_path in self.known or reference_path in self.model.derive:
                     self.known[path] = self._column(reference_path)
+                elif expression is not None:
+                    paths = {name: f"parameters.{name}" for name in parameters}
+                    self.known[path] = self._value(expression, paths)
                 else:
-                    self.known[path] = (
-                        self._value(parse(raw), parameter_paths) if isinstance(raw, str) else float(raw)
-                    )
+                    self.known[path] = float(entry.reference if defined else entry)
             self._open.pop()
         values = self.known[path]
         if not isinstance(values, np.ndarray | float):

@@ -45,7 +45,7 @@ from dynid.report.figure import Figure, FigureTable, Picture
 from dynid.report.notation import short
 from dynid.report.scenes import scene_of, scene_of_text
 from dynid.report.svg import SMALL, Svg
-from dynid.scene.schema.raw import MULTIPORTS, PORT, node_types
+from dynid.scene.schema.raw import MULTIPORTS, PORT
 
 if TYPE_CHECKING:
     from dynid.result import Result
@@ -105,7 +105,7 @@ def drawn_graph(result: Result) -> DrawnGraph:
 
 def _graph_of(scene: Scene) -> DrawnGraph:
     """Return the graph of a scene."""
-    model, types = scene.model, node_types(scene.source.data)
+    model, types = scene.model, scene.names.nodes
     nodes, boxes, laws = [], dict[str, str](), dict[str, tuple[str, ...]]()
 
     def holder(end: str) -> str:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, cast
 from dynid.arithmetic.expression import ExpressionError, parse
 from dynid.errors import Fault, FileError, SceneError, UsageError
 from dynid.scene.load import Scene, check_source
-from dynid.scene.schema.raw import mapping
 from dynid.scene.schema.study import (
     MAX_SAMPLES,
     Listed,
@@ -201,7 +200,7 @@ def _sampling_faults(model: StudyScene) -> Iterator[Located]:
 
 def refused(scene: Scene, model: StudyScene, base: Scene) -> Iterator[Fault]:
     """Yield the faults of paths that the scene lacks, or of which it rejects every value."""
-    parameters = [str(name) for name in mapping(base.source.data, "parameters")]
+    parameters = list(base.model.parameters)
     names = known_names(model, parameters)
     for target, text in model.derive.items():
         for name in sorted(parse(text).names - names.keys()):

@@ -213,9 +213,15 @@ class DefinedParameter(Section):
         return self
 
     @property
+    def reference_key(self) -> str:
+        """The key of its true value where that is known, else of its start; of a known value this one."""
+        return next(key for key in ("true", "start", "value") if getattr(self, key) is not None)
+
+    @property
     def reference(self) -> Quantity:
-        """Its true value where it is known, else its start; of a known value this one."""
-        return next(value for value in (self.true, self.start, self.value) if value is not None)
+        """The quantity under that key."""
+        quantity: Quantity = getattr(self, self.reference_key)
+        return quantity
 
 
 _FORMS_OF_A_PARAMETER = (

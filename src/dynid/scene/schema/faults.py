@@ -76,6 +76,26 @@ def located_faults(source: Source, model: type[BaseModel], error: ValidationErro
     return faults
 
 
+def without_unknown_keys(data: Any, error: ValidationError) -> Any:
+    """Return the data of a scene without unknown keys, so that its other faults are found as well."""
+    unknown = {
+        _unknown_key(data, item["loc"]) for item in error.errors() if item["type"] == "extra_forbidden"
+    }
+
+    def kept(section: Any, path: tuple[Any, ...]) -> Any:
+        if isinstance(section, dict):
+            return {
+                key: kept(value, (*path, key))
+                for key, value in section.items()
+                if (*path, key) not in unknown
+            }
+        if isinstance(section, list):
+            return [kept(value, (*path, index)) for index, value in enumerate(section)]
+        return section
+
+    return kept(data, ())
+
+
 def located(source: Source, faults: Iterable[Located]) -> list[Fault]:
     """Return faults by their paths in a scene, each at its line and column."""
     return [
