@@ -3,7 +3,7 @@
 import pytest
 
 from dynid.cli.watch import files_of
-from tests.structure.mesh_files import referring
+from tests.files.mesh_files import referring
 
 
 @pytest.mark.parametrize("form", ["abaqus", "abaqus nodes", "nastran", "xdmf"])

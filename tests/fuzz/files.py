@@ -23,8 +23,8 @@ from dynid.files.read_matrix import MatrixFile, read_matrix
 from dynid.files.read_measured import read_columns
 from dynid.store import write_result
 from tests.files.test_matlab_and_universal_files import stored
+from tests.files.test_readers import WRITERS
 from tests.fuzz.record import RECORD, asked, kept_records
-from tests.structure.test_readers import WRITERS
 
 # Longer than a file is read on trial, so that what would never end is refused.
 _SECONDS = 60

@@ -2,7 +2,7 @@
 
 `DYNID_FOREIGN_MODELS` names a folder with their repositories `pyyeti`, `sdynpy`, `exudyn`, `pynastran` and
 `suitesparse`; without it the test is skipped. The file `oracle.json` in it has what pyNastran reads
-(`tests/data/foreign_oracle.py` writes it). As a script, ``python -m tests.structure.test_foreign_models``,
+(`tests/data/foreign_oracle.py` writes it). As a script, ``python -m tests.files.test_foreign_models``,
 this module lists the verdict on each file.
 """
 

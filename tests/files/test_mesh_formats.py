@@ -14,8 +14,8 @@ from dynid.files.read_mesh import read_mesh
 from dynid.structure.matrices import as_array
 from dynid.structure.solid import Material, solid
 from dynid.trial import survives
+from tests.files.mesh_files import ABAQUS, referring
 from tests.structure.boxes import box
-from tests.structure.mesh_files import ABAQUS, referring
 
 pytestmark = pytest.mark.usefixtures("untried")
 
