@@ -130,11 +130,11 @@ def measured(name: str, alternative: str, size: int, clock: str = "wall") -> dic
     chosen = next(candidate for candidate in case.alternatives if candidate.name == alternative)
     try:
         work = chosen.prepare(size)
-        before, now = peak_memory(), CLOCKS[clock]
+        before, now = _peak_memory(), CLOCKS[clock]
         start = now()
         result = work()  # loads, compiles, and fills caches
         first = now() - start
-        memory = peak_memory() - before
+        memory = _peak_memory() - before
         return {
             "time": first if first > _SINGLE_RATIO * _LONG_SECONDS else _timed(work, now),
             "memory": memory,
@@ -169,7 +169,7 @@ def processor() -> float:
 CLOCKS: dict[str, Callable[[], float]] = {"wall": perf_counter, "processor": processor}
 
 
-def peak_memory() -> float:
+def _peak_memory() -> float:
     """Return the largest resident size of this process, or of one it ran, so far, bytes; 0: unknown."""
     try:
         import resource

@@ -262,7 +262,7 @@ def gather(result: Mapping[str, Variable], collect: tuple[str, ...]) -> dict[str
     UsageError
         Where there is nothing at a path, or a table, which has no place in a study.
     """
-    chosen = dict.fromkeys(selected_paths(result, collect))
+    chosen = dict.fromkeys(_selected_paths(result, collect))
     for path in list(chosen):
         for dim in result[path].dims:  # its coordinate is in the same group, or in the nearest one above
             group = path
@@ -276,7 +276,7 @@ def gather(result: Mapping[str, Variable], collect: tuple[str, ...]) -> dict[str
     return {path: result[path] for path in chosen}
 
 
-def selected_paths(result: Mapping[str, Variable], collect: tuple[str, ...]) -> Iterator[str]:
+def _selected_paths(result: Mapping[str, Variable], collect: tuple[str, ...]) -> Iterator[str]:
     """Yield the paths of a result that `collect` names, and the status of what may be undefined."""
     for path_or_pattern in (path.strip("/") for path in collect or (NUMBERS,)):
         if path_or_pattern == NUMBERS:

@@ -111,7 +111,8 @@ def make_plan(study: Scene) -> Plan:
     Raises
     ------
     FileError, SceneError
-        If the scene that it varies cannot be read, or has faults.
+        If the scene that it varies cannot be read, or has faults; if expressions of `derive` refer to each
+        other in a circle, or to a value that is no number.
     """
     model, base = study_model(study), base_scene(study)
     factors, size, attrs = _sampled(model)
@@ -123,7 +124,7 @@ def make_plan(study: Scene) -> Plan:
         else:
             columns |= {path: [value[index] for value in values] for index, path in enumerate(paths)}
     settings = [*columns, *(target for target in model.derive if "." in target)]
-    columns |= derived_columns(study, base, columns, size)
+    columns |= _Columns(study, base, columns, size).all()
     return Plan(study, base, columns, tuple(settings), size, {**attrs, "size": size, "base": model.scene})
 
 
@@ -191,32 +192,8 @@ _OPERATIONS: dict[str, Any] = {
 }
 
 
-def derived_columns(
-    study: Scene, base: Scene, columns: Mapping[str, Any], size: int
-) -> dict[str, NDArray[np.float64]]:
-    """Evaluate the `derive` of a study for every sample.
-
-    Parameters
-    ----------
-    study
-        The study.
-    base
-        The scene that it varies; expressions may use its parameters, with their values in each sample.
-    columns
-        The varied values, by path.
-    size
-        The number of samples.
-
-    Raises
-    ------
-    SceneError
-        If expressions refer to each other in a circle, or to a value that is no number.
-    """
-    return _Columns(study, base, columns, size).all()
-
-
 class _Columns:
-    """Columns by path or name, evaluated on demand."""
+    """Columns by path or name, evaluated on demand; expressions may use the parameters of the base scene."""
 
     def __init__(self, study: Scene, base: Scene, columns: Mapping[str, Any], size: int) -> None:
         self.study = study

@@ -70,7 +70,7 @@ class Chunks:
         self._size = max(1, min(fitting, _CHUNK_RATIO * count, _MAX_CHUNK_SAMPLES))
 
 
-class RunningChunks:
+class _RunningChunks:
     """Running chunks with their start times, to report those that take long.
 
     Parameters
@@ -157,7 +157,7 @@ class Scheduler:
         self.plan = plan
         self.numbers = numbers
         self.arrived = arrived
-        self.running = RunningChunks(pool, plan, notice)
+        self.running = _RunningChunks(pool, plan, notice)
         self.chunks = Chunks(pool.timeout)
         self.next = 0
         self.submitted: dict[Future[Any], Numbers] = {}

@@ -108,7 +108,7 @@ def assumed_noise(this: SuspensionRecord) -> Any:
     return first_noise(this.ensemble)[0]
 
 
-def first_initial_state(this: SuspensionRecord) -> InitialState:
+def _first_initial_state(this: SuspensionRecord) -> InitialState:
     """Return the prior of all filters."""
     from dynid.identification.estimators.filter_passes import wide_prior
 
@@ -120,7 +120,7 @@ def first_covariance(this: SuspensionRecord) -> Any:
     import numpy as np
 
     record = this.ensemble.records[0]
-    root = first_initial_state(this).root * np.append(record.model.scale, np.ones(4))[:, None]
+    root = _first_initial_state(this).root * np.append(record.model.scale, np.ones(4))[:, None]
     return root @ root.T
 
 
@@ -135,7 +135,7 @@ def _pass(wish: str, deviations: float = LINEARISED_DEVIATIONS) -> Callable[[int
 
 def _passed(samples: int, wish: str, deviations: float) -> Pass:
     this = case(samples)
-    record, prior = this.ensemble.records[0], first_initial_state(this)
+    record, prior = this.ensemble.records[0], _first_initial_state(this)
     with kernels(wish):
         return filter_pass(
             record.model, record.data.values, prior, assumed_noise(this), this.start, deviations
@@ -189,7 +189,7 @@ def _imbedding(substeps: int) -> Callable[[int], Callable[[], Any]]:
 
         this = case(samples)
         record = this.ensemble.records[0]
-        prior = first_initial_state(this)
+        prior = _first_initial_state(this)
         weights = 1 / (2 * assumed_noise(this) ** 2 * STEP)
         times, h = record.model.line.nodes, STEP / substeps
 

@@ -63,7 +63,7 @@ class ArmPrediction(NamedTuple):
     outputs: Array
 
 
-def data_file() -> Path:
+def _data_file() -> Path:
     """Return the file of the record: in the folder ``DYNID_DATA``, else in that beside the sources."""
     shared_data = Path(__file__).resolve().parents[4].parent / "shared/data"
     return Path(os.environ.get(DATA, shared_data)).resolve() / _FILE
@@ -71,7 +71,7 @@ def data_file() -> Path:
 
 def missing_data() -> str:
     """Return what is missing to run, or an empty text."""
-    path = data_file()
+    path = _data_file()
     return "" if path.is_file() else f"no file {path}; {DATA} names the folder with '{_FILE}'"
 
 
@@ -79,7 +79,7 @@ def record(samples: int) -> Array:
     """Return torque and acceleration (2 x samples)."""
     import numpy as np
 
-    return np.loadtxt(data_file(), max_rows=samples).T
+    return np.loadtxt(_data_file(), max_rows=samples).T
 
 
 def fit(measured: Array, predicted: Array) -> float:
@@ -103,7 +103,7 @@ def by_graph(samples: int) -> ArmPrediction:
     from dynid.scene.run import run_scene
     from dynid.scene.yaml.source import parse_source
 
-    path, half = data_file(), samples // 2
+    path, half = _data_file(), samples // 2
 
     def scene(count: int) -> Any:
         text = _SCENE.replace("FILE", f"'{path}'").replace("SAMPLES", str(count))

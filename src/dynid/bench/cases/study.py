@@ -118,7 +118,7 @@ def _as_study(executor: str) -> Callable[[int], Work]:
     return prepare
 
 
-def run_each(plan: Plan, path: str) -> Work:
+def _run_each(plan: Plan, path: str) -> Work:
     """Return one command for each sample of a study, which reads the array at a path of its result."""
     import numpy as np
 
@@ -165,7 +165,7 @@ BENCHMARK = Benchmark(
         Alternative("study-serial", _as_study("serial")),
         Alternative("together", lambda samples: together(_plan(samples), _POLES)),
         Alternative("run", lambda samples: alone(_plan(samples), _POLES), max_size=100),
-        Alternative("process-each", lambda samples: run_each(_plan(samples), _POLES), max_size=3),
+        Alternative("process-each", lambda samples: _run_each(_plan(samples), _POLES), max_size=3),
     ),
     error=_error,
     measure="largest relative distance of poles from eq 21 in 50 digits",
@@ -228,7 +228,7 @@ REDUCTIONS = Benchmark(
     alternatives=(
         Alternative("together", lambda samples: together(_beams(samples), _FREQUENCIES)),
         Alternative("run", lambda samples: alone(_beams(samples), _FREQUENCIES), max_size=100),
-        Alternative("process-each", lambda samples: run_each(_beams(samples), _FREQUENCIES), max_size=3),
+        Alternative("process-each", lambda samples: _run_each(_beams(samples), _FREQUENCIES), max_size=3),
     ),
     default=lambda _: "together",
     error=_off_frequencies,
@@ -300,7 +300,7 @@ IDENTIFICATIONS = Benchmark(
     alternatives=(
         Alternative("together", lambda samples: together(_seeds(samples), _ESTIMATE)),
         Alternative("run", lambda samples: alone(_seeds(samples), _ESTIMATE), max_size=100),
-        Alternative("process-each", lambda samples: run_each(_seeds(samples), _ESTIMATE), max_size=3),
+        Alternative("process-each", lambda samples: _run_each(_seeds(samples), _ESTIMATE), max_size=3),
     ),
     default=lambda _: "together",
     error=_off_optimum,

@@ -134,7 +134,7 @@ _RELATIVE_ROUND_OFF = 1e-12
 _DECADE = 10.0
 
 
-def is_even(values: Array) -> bool:
+def _is_even(values: Array) -> bool:
     """Return True if ascending values are evenly spaced."""
     steps = np.diff(values)
     return bool(np.ptp(steps) <= 1e-6 * np.abs(steps).max())
@@ -143,9 +143,9 @@ def is_even(values: Array) -> bool:
 def is_logarithmic(column: Array) -> bool:
     """Return True if an input is spaced by its logarithm: on a grid, or around the median of its samples."""
     levels = np.unique(column)
-    if len(levels) < 3 or not levels[0] > 0 or not np.isfinite(levels[-1]) or is_even(levels):
+    if len(levels) < 3 or not levels[0] > 0 or not np.isfinite(levels[-1]) or _is_even(levels):
         return False
-    if is_even(np.log(levels)):
+    if _is_even(np.log(levels)):
         return True
     low, middle, high = levels[0], float(np.median(column)), levels[-1]
     off = abs((middle - low) / (high - low) - 0.5), abs(np.log(middle / low) / np.log(high / low) - 0.5)
