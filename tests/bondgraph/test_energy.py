@@ -221,6 +221,64 @@ def test_a_critically_damped_oscillator_has_one_motion():
     assert result["bond_graph/energy/repeated"].data.all()
 
 
+def beside(parts):
+    """Return the nodes and bonds of parts beside each other, all driven by one effort."""
+    nodes, bonds = {"F": "Se", "j": 0}, ["F -> j"]
+    for k, (elements, links) in enumerate(parts):
+        nodes |= {f"{name}{k}": element for name, element in elements.items()}
+        ends = [link.split(" -> ") for link in links]
+        bonds += [f"j -> a{k}", *(" -> ".join(f"{name}{k}" for name in names) for names in ends)]
+    return nodes, bonds
+
+
+def carts(m, n, b):
+    """Two carts on a damper: poles 0 and -b (1/m + 1/n)."""
+    elements = {"a": 1, "m": node("I", m), "s": 0, "b": node("R", b), "c": 1, "n": node("I", n)}
+    return elements, ["a -> m", "a -> s", "s -> b", "s -> c", "c -> n"]
+
+
+def oscillator(m, k, b):
+    elements = {"a": 1, "m": node("I", m), "k": node("C", k), "b": node("R", b)}
+    return elements, ["a -> m", "a -> k", "a -> b"]
+
+
+@pytest.mark.parametrize("engine", ["exact", "float"])
+def test_poles_at_the_origin_are_counted(engine):
+    """Each pair of carts has a pole at 0, which eigenvalues in floating point give as 1e-17."""
+    parts = [carts("1/3", "7/11", "13/17"), carts("0.3", "1.7", "2.9"), carts("5/7", "3/13", "1/19")]
+    result = run(*beside(parts), ["energy"], output="m0.f", engine=engine)
+    repeated, poles = (result[f"bond_graph/energy/{name}"].data for name in ("repeated", "poles"))
+    assert repeated.tolist() == [True] * 3 + [False] * 3
+    assert np.abs(poles[:3]).max() <= (0 if engine == "exact" else 1e-13)
+    assert ("note" in result["bond_graph/energy/repeated"].attrs) is (engine == "float")
+    stored = result["bond_graph/energy/stored_share"].data
+    np.testing.assert_allclose(stored[:3], np.tile(stored[:1], (3, 1)), rtol=1e-9)
+    momenta = [(1 / 3, 7 / 11), (0.3, 1.7), (5 / 7, 3 / 13)]  # carts of a pair move together
+    shares = [mass / sum(pair) / 3 for pair in momenta for mass in pair]
+    np.testing.assert_allclose(stored[0], shares, rtol=1e-9)
+
+
+@pytest.mark.parametrize("engine", ["exact", "float"])
+def test_poles_that_are_near_each_other_are_not_repeated(engine):
+    """Compliances apart by 4e-9 of themselves: each motion is that of one oscillator."""
+    parts = [oscillator("3/7", "1/5", "1/100"), oscillator("3/7", "50000000/249999999", "1/100")]
+    result = run(*beside(parts), ["energy"], output="m0.f", engine=engine)
+    assert not result["bond_graph/energy/repeated"].data.any()
+    stored = np.sort(result["bond_graph/energy/stored_share"].data, axis=1)
+    np.testing.assert_allclose(stored, [[0, 0, 0.5, 0.5]] * 2, atol=1e-3)
+
+
+def test_a_double_pole_of_irrational_values_is_repeated():
+    """Critically damped: b = 2 sqrt(m/k) with m = 3, C = 1/7 has the double pole -sqrt(7/3)."""
+    nodes = CHAIN | {"m": node("I", 3), "k": node("C", "1/7"), "b": node("R", "2*sqrt(21)")}
+    result = run(nodes, CHAIN_BONDS, ["energy"])
+    assert result["bond_graph/energy/repeated"].data.tolist() == [True, True]
+    np.testing.assert_allclose(result["bond_graph/energy/poles"].data, [-math.sqrt(7 / 3)] * 2, rtol=1e-15)
+    np.testing.assert_allclose(
+        result["bond_graph/energy/stored_share"].data, np.full((2, 2), 0.5), rtol=1e-12
+    )
+
+
 def test_a_controller_feeds_a_mode():
     """Velocity feedback of gain 0.2 adds 0.2 to the damper's 0.4 N s/m of a mass of 2 kg."""
     loops = {"loops": [{"from": "m.f", "to": "F", "controller": {"gain": "0.2"}, "reference": "r"}]}

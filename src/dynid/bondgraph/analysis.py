@@ -193,7 +193,7 @@ def _add_engineering(result: Result, reduced: ReducedGraph, analysis: Analysis) 
 
         report_progress("energy")
         if "energy" in asked:
-            add_energy(result, graph, analysis.inputs, analysis.omega)
+            add_energy(result, graph, analysis)
         if "source_performance" in asked and analysis.omega is not None:
             add_source_performance(result, graph, analysis.inputs, analysis.omega)
 

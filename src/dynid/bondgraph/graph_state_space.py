@@ -194,10 +194,6 @@ def zero_parts(reduced: ReducedGraph, port: Port, source: str) -> tuple[ZeroPart
     Singular
         Where the input does not reach the output.
     """
-    from flint import fmpq_mat
-
-    from dynid.arithmetic.field_polynomials import FieldPolynomial
-
     system, equations = constrained(reduced, port, source, NumberField.rational(reduced.graph))
     with _unreached(port, source):
         solved = [(block, solve(block.forms, [])[0]) for block in irreducible_blocks(equations)]
@@ -205,16 +201,29 @@ def zero_parts(reduced: ReducedGraph, port: Port, source: str) -> tuple[ZeroPart
     for block, rates in solved:
         if not rates:
             continue
-        polynomial = None
-        if len(rates) <= _MAX_POLYNOMIAL_STATES:  # det(s - A), times a positive integer
-            rows = [[_rational(form.get(("w", name), 0)) for name in rates] for form in rates.values()]
-            characteristic, field = fmpq_mat(rows).charpoly(), reduced.graph.field
-            polynomial = (
-                characteristic.numer() if field is None else FieldPolynomial(field, characteristic).numer()
-            )
+        small = len(rates) <= _MAX_POLYNOMIAL_STATES
+        polynomial = _characteristic_polynomial(reduced.graph, rates) if small else None
         carriers = tuple(system.carriers(block.rows, block.unknowns))
         parts.append(ZeroPart(carriers, tuple(system.name(name) for name in rates), polynomial))
     return tuple(parts)
+
+
+def natural_polynomial(reduced: ReducedGraph) -> Any:
+    """Return the characteristic polynomial of the A of `state_space`, exactly, times a positive integer."""
+    return _characteristic_polynomial(reduced.graph, _derived(reduced, ())[1])
+
+
+def _characteristic_polynomial(graph: BondGraph, rates: dict[str, LinearForm]) -> Any:
+    """Return det(s - A) of the rates of states, over the integers or the graph's field."""
+    from flint import fmpq_mat
+
+    rows = [[_rational(form.get(("w", name), 0)) for name in rates] for form in rates.values()]
+    characteristic = fmpq_mat(rows).charpoly()
+    if graph.field is None:
+        return characteristic.numer()
+    from dynid.arithmetic.field_polynomials import FieldPolynomial
+
+    return FieldPolynomial(graph.field, characteristic).numer()
 
 
 def _rational(number: Any) -> Any:
