@@ -361,6 +361,7 @@ def test_records_are_not_read_from_version_7_3(tmp_path):
         read_columns(tmp_path / "x.mat", ["y"])
 
 
+@pytest.mark.usefixtures("untried")
 def test_a_lack_of_memory_in_the_separate_process_is_reported(mat, monkeypatch):
     def lack(*_, **__):
         raise MemoryError
