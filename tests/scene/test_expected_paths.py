@@ -148,6 +148,23 @@ def test_a_path_of_what_is_not_computed_is_a_fault_at_its_place(path, said):
     assert "is not in the result" in outcome.message
 
 
+@pytest.mark.parametrize(
+    ("name", "analysis", "said"),
+    [
+        ("numerator", "engine: float", "'engine: float' forms no 'numerator'"),
+        ("gain", "engine: exact", "in place of 'gain'"),
+        ("zeros", "results: [transfer_function]", "'zeros' comes with the result 'zeros'"),
+        ("poles", "results: [transfer_function, zeros]", "'poles' comes with the result 'poles'"),
+    ],
+)
+def test_what_the_engine_or_the_results_leave_out_of_a_channel_is_a_fault(name, analysis, said):
+    path = f"bond_graph/transfer_function/m_s.f/v_in/{name}"
+    scene = check(expecting(path).replace(f"results: {RESULTS}", analysis))
+    [fault] = impossible_paths(scene)
+    assert said in fault.message
+    assert path not in run_scene(scene)
+
+
 def test_an_estimate_is_chosen_by_its_label():
     text = """
 dynid: 1

@@ -33,6 +33,7 @@ from dynid.suggestions import did_you_mean
 if TYPE_CHECKING:
     from dynid.errors import Fault
     from dynid.scene.load import Scene
+    from dynid.scene.schema.bond_graph import AnalysisModel
     from dynid.scene.schema.study import StudyScene
 
 #: Attributes of a channel's properties that are named like one of these.
@@ -198,6 +199,22 @@ def _problem_of_graph(scene: Scene, rest: list[str], certain: bool) -> str:
             return not_among(axis, name, labels[axis])
     if group == "properties" and len(below) > 2:
         return _problem_of_property(below[2], asked, certain)
+    if group == "transfer_function" and len(below) == 3 and certain:
+        return _problem_of_channel(below[2], analysis)
+    return ""
+
+
+def _problem_of_channel(name: str, analysis: AnalysisModel) -> str:
+    """Return the reason why a channel has no array of a name; empty where it may have."""
+    holders: dict[str, ResultName] = {"zeros": "zeros", "poles": "poles"}
+    holders |= dict.fromkeys(("numerator", "denominator", "gain"), "transfer_function")
+    holder = holders.get(name)
+    if holder is not None and holder not in analysis.asked():
+        return f"'{name}' comes with the result '{holder}', which 'results' does not list; add it"
+    if name in ("numerator", "denominator") and analysis.engine == "float":
+        return f"'engine: float' forms no '{name}': expect zeros, poles and gain, or write 'engine: exact'"
+    if name == "gain" and analysis.engine == "exact":
+        return "the exact engine has 'numerator' and 'denominator' in place of 'gain'"
     return ""
 
 
