@@ -59,7 +59,7 @@ def test_a_study_is_shown_in_the_unit_of_its_scene_and_stored_in_radians(unit, c
     with pytest.raises(SystemExit):
         main(["show", "s.h5"])
     (line,) = [line for line in capsys.readouterr().out.splitlines() if "natural_frequency" in line]
-    assert unit in line.split()
+    assert f"[{unit}]" in line.split()
     assert f"{shown.max():.4g}" in line
 
 
