@@ -65,7 +65,7 @@ def _with_path(source: Source, fault: Fault) -> Fault:
     return fault if named else replace(fault, message=f"{dotted}: {fault.message}")
 
 
-class SceneBuilder:
+class _SceneBuilder:
     """Base of builders, with the data of a scene."""
 
     def __init__(self, kind: str, title: str) -> None:
@@ -97,7 +97,7 @@ class SceneBuilder:
         return scene_from(deepcopy({**self._data, **data}), folder)
 
 
-class GraphBuilder(SceneBuilder):
+class GraphBuilder(_SceneBuilder):
     """A bond graph, node by node; for sub-models, designs and other blocks use `scene_from`.
 
     Parameters
@@ -158,7 +158,7 @@ class GraphBuilder(SceneBuilder):
         )
 
 
-class StructureBuilder(SceneBuilder):
+class StructureBuilder(_SceneBuilder):
     """A structure with joints and its measurement.
 
     Parameters

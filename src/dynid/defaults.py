@@ -36,7 +36,7 @@ class Default(Generic[T]):
 
 
 @dataclass(frozen=True)
-class Threshold(Generic[T]):
+class _Threshold(Generic[T]):
     """A threshold that no benchmark justifies.
 
     Parameters
@@ -54,11 +54,11 @@ class Threshold(Generic[T]):
         return self.sentence.format(value=self.value)
 
 
-class Limit(Threshold[T]):
+class Limit(_Threshold[T]):
     """A limit of cost: up to it the more accurate way is taken, beyond it another, or an error is raised."""
 
 
-class Level(Threshold[T]):
+class Level(_Threshold[T]):
     """A level of a statistical decision."""
 
 

@@ -121,15 +121,15 @@ def _rates(operation: str, operands: list[Dual], value: Number) -> list[Number]:
 T = TypeVar("T")
 
 
-class Evaluated(NamedTuple):
+class _Evaluated(NamedTuple):
     """A value, and its derivatives by the parameters, by name, those that vanish left out."""
 
     value: float
     slopes: Mapping[str, float]
 
 
-def _as_floats(dual: Dual) -> Evaluated:
-    return Evaluated(float(dual.value), {name: float(rate) for name, rate in dual.slopes.items()})
+def _as_floats(dual: Dual) -> _Evaluated:
+    return _Evaluated(float(dual.value), {name: float(rate) for name, rate in dual.slopes.items()})
 
 
 class Dependent:
@@ -216,11 +216,11 @@ class Dependent:
 
         return self.fold(leaf, lambda node, operands: operate(node.operation, operands))
 
-    def at(self, values: Mapping[str, float]) -> Evaluated:
+    def at(self, values: Mapping[str, float]) -> _Evaluated:
         """Return value and derivatives at values of the parameters, as floats; raises as `dual`."""
         return _as_floats(self.dual(values))
 
-    def at_reference(self) -> Evaluated:
+    def at_reference(self) -> _Evaluated:
         """Return value and derivatives at the reference values of the parameters; raises as `dual`."""
         return _as_floats(self.dual(self.references))
 
@@ -320,20 +320,20 @@ def _ordered(number: Dependent, done: Container[int]) -> list[Dependent]:
     return order
 
 
-class Multiple(NamedTuple):
+class _Multiple(NamedTuple):
     """A dependent number as a number times another: ``factor * core``."""
 
     factor: float
     core: Dependent
 
 
-def like_terms(numbers: Sequence[Dependent]) -> list[Multiple]:
+def like_terms(numbers: Sequence[Dependent]) -> list[_Multiple]:
     """Return numbers as multiples; those that are multiples of the same expression have the same core.
 
     Factors are drawn out of products, quotients, negatives and powers with a numerical exponent; an
     expression is the same if it is built alike from the same parameters and numbers.
     """
-    split: dict[int, Multiple] = {}
+    split: dict[int, _Multiple] = {}
     places: dict[tuple[Any, ...], int] = {}
     at: dict[int, int] = {}  # by the ids of numbers, as `split` and `common`, which keeps them
     cores: dict[int, Dependent] = {}
@@ -345,13 +345,13 @@ def like_terms(numbers: Sequence[Dependent]) -> list[Multiple]:
         factor, core = split[id(number)]
         if id(core) not in common:
             common[id(core)] = cores.setdefault(_place(core, places, at), core)
-        terms.append(Multiple(factor, common[id(core)]))
+        terms.append(_Multiple(factor, common[id(core)]))
     return terms
 
 
-def _multiple(node: Dependent, split: Mapping[int, Multiple]) -> Multiple:
+def _multiple(node: Dependent, split: Mapping[int, _Multiple]) -> _Multiple:
     """Return a number as a multiple, its operands split already."""
-    irreducible = Multiple(1.0, node)
+    irreducible = _Multiple(1.0, node)
     if node.operation not in ("*", "/", "neg", "**"):
         return irreducible
     try:
@@ -374,7 +374,7 @@ def _multiple(node: Dependent, split: Mapping[int, Multiple]) -> Multiple:
             core = core if second is None else (1 if core is None else core) / second
     except ArithmeticError:
         return irreducible
-    return Multiple(factor, core) if core is not None and math.isfinite(factor) and factor else irreducible
+    return _Multiple(factor, core) if core is not None and math.isfinite(factor) and factor else irreducible
 
 
 def _place(number: Dependent, places: dict[tuple[Any, ...], int], at: dict[int, int]) -> int:
@@ -388,9 +388,9 @@ def _place(number: Dependent, places: dict[tuple[Any, ...], int], at: dict[int, 
     return at[id(number)]
 
 
-def evaluated(value: Real, values: Mapping[str, float]) -> Evaluated:
+def evaluated(value: Real, values: Mapping[str, float]) -> _Evaluated:
     """Return any number with its derivatives at values of the parameters."""
-    return value.at(values) if isinstance(value, Dependent) else Evaluated(float(value), {})
+    return value.at(values) if isinstance(value, Dependent) else _Evaluated(float(value), {})
 
 
 def substituted(expression: Expression, values: Mapping[str, Real]) -> Any:

@@ -123,7 +123,7 @@ class Benchmark:
     remark: str = ""
 
 
-class CatalogueEntry(NamedTuple):
+class _CatalogueEntry(NamedTuple):
     """The module of a benchmark, or `module:name`, and its time in a default run on two idle cores, s.
 
     It may use time that those after it do not need; on a slower machine larger sizes are left out, and named.
@@ -136,31 +136,31 @@ class CatalogueEntry(NamedTuple):
 
 #: The benchmarks by name, in the order of a run.
 BENCHMARKS = {
-    "frequency-response": CatalogueEntry("frequency_response", 18),
-    "frequency-response-on-loops": CatalogueEntry("ladder", 8),
-    "frequency-response-of-trees": CatalogueEntry("frequency_response:TREE", 0),
-    "zeros-poles": CatalogueEntry("zeros_poles:CHAIN", 12),
-    "polynomials": CatalogueEntry("chain:POLYNOMIALS", 3),
-    "loops": CatalogueEntry("zeros_poles:MESH", 3),
-    "symbolic": CatalogueEntry("chain:FORMULA", 3),
-    "pencils": CatalogueEntry("zeros_poles:PENCIL", 2),
-    "propagation": CatalogueEntry("propagation", 7),
-    "filters": CatalogueEntry("estimators:FILTERS", 16),
-    "estimators": CatalogueEntry("estimators:ESTIMATORS", 11),
-    "reduction": CatalogueEntry("reduction:PLATE", 9),
-    "basis": CatalogueEntry("reduction:BASIS", 3),
-    "residuals": CatalogueEntry("reduction:RESIDUAL_VECTORS", 2),
-    "modes": CatalogueEntry("modes:PLATE", 13),
-    "modes-of-solids": CatalogueEntry("modes:SOLID", 3),
-    "many-modes": CatalogueEntry("modes:MANY", 2),
-    "structure-response": CatalogueEntry("structure_response", 3),
-    "frf-joints": CatalogueEntry("structure_response:JOINTS", 5),
-    "plate-process": CatalogueEntry("startup:PLATE", 0),  # minutes at the size that matters
-    "startup": CatalogueEntry("startup", 17),
-    "study": CatalogueEntry("study", 15),
-    "study-of-reductions": CatalogueEntry("study:REDUCTIONS", 0),
-    "study-of-identifications": CatalogueEntry("study:IDENTIFICATIONS", 0),
-    "robot-arm": CatalogueEntry("robot_arm", 0),  # its data are not in the package
+    "frequency-response": _CatalogueEntry("frequency_response", 18),
+    "frequency-response-on-loops": _CatalogueEntry("ladder", 8),
+    "frequency-response-of-trees": _CatalogueEntry("frequency_response:TREE", 0),
+    "zeros-poles": _CatalogueEntry("zeros_poles:CHAIN", 12),
+    "polynomials": _CatalogueEntry("chain:POLYNOMIALS", 3),
+    "loops": _CatalogueEntry("zeros_poles:MESH", 3),
+    "symbolic": _CatalogueEntry("chain:FORMULA", 3),
+    "pencils": _CatalogueEntry("zeros_poles:PENCIL", 2),
+    "propagation": _CatalogueEntry("propagation", 7),
+    "filters": _CatalogueEntry("estimators:FILTERS", 16),
+    "estimators": _CatalogueEntry("estimators:ESTIMATORS", 11),
+    "reduction": _CatalogueEntry("reduction:PLATE", 9),
+    "basis": _CatalogueEntry("reduction:BASIS", 3),
+    "residuals": _CatalogueEntry("reduction:RESIDUAL_VECTORS", 2),
+    "modes": _CatalogueEntry("modes:PLATE", 13),
+    "modes-of-solids": _CatalogueEntry("modes:SOLID", 3),
+    "many-modes": _CatalogueEntry("modes:MANY", 2),
+    "structure-response": _CatalogueEntry("structure_response", 3),
+    "frf-joints": _CatalogueEntry("structure_response:JOINTS", 5),
+    "plate-process": _CatalogueEntry("startup:PLATE", 0),  # minutes at the size that matters
+    "startup": _CatalogueEntry("startup", 17),
+    "study": _CatalogueEntry("study", 15),
+    "study-of-reductions": _CatalogueEntry("study:REDUCTIONS", 0),
+    "study-of-identifications": _CatalogueEntry("study:IDENTIFICATIONS", 0),
+    "robot-arm": _CatalogueEntry("robot_arm", 0),  # its data are not in the package
 }
 
 

@@ -105,7 +105,7 @@ def _product(a_coefficients: Polynomial, b_coefficients: Polynomial) -> list[Rea
 
 
 @dataclass(frozen=True)
-class ClosedLoops:
+class _ClosedLoops:
     """A graph with its loops closed.
 
     Parameters
@@ -126,7 +126,7 @@ class ClosedLoops:
     integrals: dict[str, Port]
 
 
-def close_loops(graph: BondGraph, loops: Iterable[Loop]) -> ClosedLoops:
+def close_loops(graph: BondGraph, loops: Iterable[Loop]) -> _ClosedLoops:
     """Return a graph with feedback; delays are approximated (`Loop.approximated`).
 
     Parameters
@@ -146,7 +146,7 @@ def close_loops(graph: BondGraph, loops: Iterable[Loop]) -> ClosedLoops:
         circuit.drive(source)
     answered = tuple(circuit.close(loop.approximated()) for loop in loops)
     closed = BondGraph(circuit.nodes.values(), circuit.bonds)
-    return ClosedLoops(closed, circuit.variables, answered, circuit.integrals)
+    return _ClosedLoops(closed, circuit.variables, answered, circuit.integrals)
 
 
 class Circuit:

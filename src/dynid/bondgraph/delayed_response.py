@@ -17,7 +17,7 @@ from dynid.bondgraph.graph_response import frequency_response
 from dynid.bondgraph.reduced_graph import ReducedGraph
 
 #: Condition of I + L above which a pole lies on the axis.
-_MAX_CONDITION = 1e12
+_MAX_LOOP_CONDITION = 1e12
 
 
 def delayed_response(
@@ -88,7 +88,7 @@ def _turned_response(
             response = np.full((len(omega), len(shown), len(driven)), np.inf, dtype=complex)
             finite = np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(prompt).all(axis=(1, 2))
             solvable = np.flatnonzero(finite)
-            solvable = solvable[np.linalg.cond(matrix[solvable]) < _MAX_CONDITION]
+            solvable = solvable[np.linalg.cond(matrix[solvable]) < _MAX_LOOP_CONDITION]
             solved = np.linalg.solve(matrix[solvable], prompt[solvable][:, fed_back][:, :, driven])
             response[solvable] = prompt[solvable][:, shown][:, :, driven] - back[solvable][:, shown] @ solved
         return response

@@ -450,7 +450,7 @@ def without_input_rates(rates: dict[str, LinearForm], outputs: list[LinearForm])
 
 
 @dataclass(frozen=True)
-class IrreducibleBlock:
+class _IrreducibleBlock:
     """A square part of a system: the places of its equations, and their terms in its own unknowns."""
 
     rows: list[int]
@@ -462,7 +462,7 @@ class IrreducibleBlock:
         return {symbol[1] for form in self.forms for symbol in form}
 
 
-def irreducible_blocks(equations: Sequence[LinearForm]) -> list[IrreducibleBlock]:
+def irreducible_blocks(equations: Sequence[LinearForm]) -> list[_IrreducibleBlock]:
     """Split equations into the smallest square systems whose determinants multiply to that of the whole.
 
     Equations and unknowns can be ordered so that the system is block triangular; each block is returned
@@ -505,7 +505,7 @@ def irreducible_blocks(equations: Sequence[LinearForm]) -> list[IrreducibleBlock
     row_of[column_of] = np.arange(size)
     _, label = connected_components(pattern(row_of[columns]), directed=True, connection="strong")
     by_row, by_column = label.tolist(), label[row_of].tolist()
-    blocks = [IrreducibleBlock([], []) for _ in range(max(by_row) + 1)]
+    blocks = [_IrreducibleBlock([], []) for _ in range(max(by_row) + 1)]
     block_of = {name: by_column[column] for name, column in columns_of.items()}
     for row, form in enumerate(equations):
         inside = {s: v for s, v in form.items() if s[0] != "u" and block_of[s[1]] == by_row[row]}

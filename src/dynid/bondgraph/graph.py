@@ -102,7 +102,7 @@ def no_collection() -> Iterator[None]:
             gc.enable()
 
 
-class ValueExpression(Protocol):
+class _ValueExpression(Protocol):
     """An arithmetic expression that can be evaluated over any number type."""
 
     @property
@@ -148,7 +148,7 @@ class Node:
     name: str
     type: NodeType
     value: Fraction | None = None
-    formula: ValueExpression | None = None
+    formula: _ValueExpression | None = None
     domain: str = ""
     dependent: Dependent | None = None
     part: str = ""
@@ -190,7 +190,7 @@ class Port:
 
 
 @dataclass(frozen=True)
-class GraphFault:
+class _GraphFault:
     """A fault of a graph: at a node, or at the bond of that index."""
 
     message: str
@@ -220,17 +220,17 @@ class BondGraph:
     def __init__(self, nodes: Iterable[Node], bonds: Iterable[Bond]) -> None:
         self.nodes: dict[str, Node] = {node.name: node for node in nodes}
         self.bonds: tuple[Bond, ...] = tuple(bonds)
-        faults: list[GraphFault] = []
+        faults: list[_GraphFault] = []
         if len(self.bonds) < _ARRAY_CHECK_BONDS or not self._sound():
             faults += graph_faults({name: node.type for name, node in self.nodes.items()}, self.bonds)
         unvalued = [node for node in self.nodes.values() if node.type in VALUED and not node.value]
         faults += [
-            GraphFault(f"{node.type} '{node.name}' has no value", node=node.name)
+            _GraphFault(f"{node.type} '{node.name}' has no value", node=node.name)
             for node in unvalued
             if node.value is None
         ]
         faults += [
-            GraphFault(f"the modulus of {node.type} '{node.name}' is zero", node=node.name)
+            _GraphFault(f"the modulus of {node.type} '{node.name}' is zero", node=node.name)
             for node in unvalued
             if node.type in TWO_PORTS and node.value == 0
         ]
@@ -368,7 +368,7 @@ def bond_sign(graph: BondGraph, name: str) -> int:
     return 1 if graph.bonds_of(name)[0].head == name else -1
 
 
-def graph_faults(types: Mapping[str, str], bonds: Sequence[Bond]) -> list[GraphFault]:
+def graph_faults(types: Mapping[str, str], bonds: Sequence[Bond]) -> list[_GraphFault]:
     """Return the faults of a graph's shape: loose ends, and nodes with too many bonds.
 
     Parameters
@@ -379,7 +379,7 @@ def graph_faults(types: Mapping[str, str], bonds: Sequence[Bond]) -> list[GraphF
         Bonds between those nodes; bonds to other names are left to the caller to report.
     """
     faults = [
-        GraphFault(f"the bond '{bond}' ends where it starts", bond=index)
+        _GraphFault(f"the bond '{bond}' ends where it starts", bond=index)
         for index, bond in enumerate(bonds)
         if bond.tail == bond.head
     ]
@@ -397,7 +397,7 @@ def graph_faults(types: Mapping[str, str], bonds: Sequence[Bond]) -> list[GraphF
         else:
             continue
         what = f"{kind}-junction" if kind in JUNCTIONS else kind
-        faults.append(GraphFault(f"{what} '{name}' {message}", node=name))
+        faults.append(_GraphFault(f"{what} '{name}' {message}", node=name))
     return faults
 
 

@@ -32,7 +32,7 @@ _MIN_ENERGY_SHARE = 0.005
 
 
 @dataclass(frozen=True)
-class HiddenMode:
+class _HiddenMode:
     """A natural mode that is hidden in a channel.
 
     Parameters
@@ -62,7 +62,7 @@ class HiddenMode:
         return ", ".join(f"{name} {100 * share:.3g} %" for name, share in self.energy.items())
 
 
-def hidden_modes(reduced: ReducedGraph, channel: Channel, polynomial: Any) -> Iterator[HiddenMode]:
+def hidden_modes(reduced: ReducedGraph, channel: Channel, polynomial: Any) -> Iterator[_HiddenMode]:
     """Explain the hidden modes of a channel.
 
     Parameters
@@ -78,7 +78,7 @@ def hidden_modes(reduced: ReducedGraph, channel: Channel, polynomial: Any) -> It
         exact = _rank_deficits(reduced, channel, factor) if rational else None
         for root in certified_roots(factor):
             deficits = exact or _deficits_in_balls(reduced, channel, factor, root.value)
-            yield HiddenMode(
+            yield _HiddenMode(
                 root=replace(root, multiplicity=int(multiplicity)),
                 uncontrollable=deficits.input > 0,
                 unobservable=deficits.output > 0,

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 _NAMES = ("A", "B", "C", "D")
 
 
-class StateOfGraph(NamedTuple):
+class _StateOfGraph(NamedTuple):
     """A state of the equations, as a variable of the graph: q of a C, f of an I, or an output's integral.
 
     `port` names the variable; `kind` is ``q``, ``f``, or ``integral`` of one that stores no energy.
@@ -59,7 +59,7 @@ class StateOfGraph(NamedTuple):
     kind: str
 
 
-class StoredEnergy(NamedTuple):
+class _StoredEnergy(NamedTuple):
     """Energy at some values: that of a state x is ``sum(sizes * (rows @ x)**2) / 2``.
 
     `rows` gives the effort of each C and the flow of each I; `sizes` their values.
@@ -121,7 +121,7 @@ class ParametricEquations:
         ]
         stores = [Port(name, "e" if graph.nodes[name].type == "C" else "f") for name in self.storages]
         rates, outputs = solve(system.equations, [*forms, *(system.output(port) for port in stores)])
-        self.states: list[StateOfGraph] = []
+        self.states: list[_StateOfGraph] = []
         scales: dict[FormSymbol, RegisterNumber] = {}  # the new state over the old one
         for name in rates:
             state, scale = self._state(name, reduced, field)
@@ -147,11 +147,11 @@ class ParametricEquations:
 
     def _state(
         self, name: str, reduced: ReducedGraph, field: NumberField
-    ) -> tuple[StateOfGraph, RegisterNumber]:
+    ) -> tuple[_StateOfGraph, RegisterNumber]:
         """Return the state that an unknown of the equations stands for, and its ratio to that unknown."""
         if name.startswith("integral:"):
             node, _, quantity = name.removeprefix("integral:").rpartition(".")
-            return StateOfGraph(Port(node, "q" if quantity == "q" else "p"), "integral"), field.one
+            return _StateOfGraph(Port(node, "q" if quantity == "q" else "p"), "integral"), field.one
         nodes, junction = self.graph.nodes, reduced.structure.junctions.get(name)
         kind = nodes[name].type if junction is None else "I" if junction.kind == "1" else "C"
         element = name
@@ -161,8 +161,10 @@ class ParametricEquations:
             )
         sign = bond_sign(self.graph, element)
         if kind == "I":  # the flow of a 1-junction is that of its elements; what integrates has its own arrow
-            return StateOfGraph(Port(element, "f"), "f"), field.one * (sign if junction is None else 1)
-        return StateOfGraph(Port(element, "q"), "q"), field.value(element) * (1 if junction is None else sign)
+            return _StateOfGraph(Port(element, "f"), "f"), field.one * (sign if junction is None else 1)
+        return _StateOfGraph(Port(element, "q"), "q"), field.value(element) * (
+            1 if junction is None else sign
+        )
 
     # --- matrices ------------------------------------------------------------------------------
 
@@ -251,14 +253,14 @@ class ParametricEquations:
             (index[0], index[1]) for index, _ in entries
         ]
 
-    def energy(self, values: Mapping[str, float]) -> StoredEnergy:
+    def energy(self, values: Mapping[str, float]) -> _StoredEnergy:
         """Return the stored energy as a function of the state, at values of the parameters."""
         tape, places = self._energy_tape
         numbers, count = np.array(tape.run(self._program.leaves(values))), len(self.storages)
         rows = np.zeros((count, len(self.states)))
         for index, number in zip(places, numbers[count:], strict=True):
             rows[index] = number
-        return StoredEnergy(rows, numbers[:count])
+        return _StoredEnergy(rows, numbers[:count])
 
     def generic_rank(self, rows: Sequence[int], columns: Sequence[int]) -> int:
         """Return the rank of a block of A for all values of the parameters but exceptional ones."""

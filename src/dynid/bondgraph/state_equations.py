@@ -22,7 +22,7 @@ _MAX_COEFFICIENT_OPERATIONS, _MAX_NAMED_OPERATIONS = 24, 12
 
 
 @dataclass(frozen=True)
-class StateEquations:
+class _StateEquations:
     """State equations as text.
 
     Parameters
@@ -40,7 +40,7 @@ class StateEquations:
     outputs: tuple[str, ...]
 
 
-def state_equations(reduced: ReducedGraph, states: Sequence[str]) -> StateEquations:
+def state_equations(reduced: ReducedGraph, states: Sequence[str]) -> _StateEquations:
     """Write the state equations of a graph in its symbols.
 
     They hold for all values of the parameters but those that make a divisor vanish; where the graph's own
@@ -63,7 +63,7 @@ def state_equations(reduced: ReducedGraph, states: Sequence[str]) -> StateEquati
 
 def zero_dynamics_equations(
     reduced: ReducedGraph, port: Port, source: str, states: Sequence[str]
-) -> StateEquations:
+) -> _StateEquations:
     """Write the zero dynamics of a channel in the graph's symbols; the output is the input that holds it.
 
     Parameters
@@ -81,7 +81,7 @@ def zero_dynamics_equations(
     return _written(reduced, states, (port, source))
 
 
-def _written(reduced: ReducedGraph, states: Sequence[str], held: tuple[Port, str] | None) -> StateEquations:
+def _written(reduced: ReducedGraph, states: Sequence[str], held: tuple[Port, str] | None) -> _StateEquations:
     numeric = reduced.modulo()
     prime = prime_for(reduced.exact.values())
     general = _Solved(reduced, random_point(reduced.valued, prime), held)
@@ -113,7 +113,7 @@ class _Solved:
         """The coefficients."""
         return [value.register for form in (*self.rates.values(), *self.outputs) for value in form.values()]
 
-    def written(self) -> StateEquations:
+    def written(self) -> _StateEquations:
         coefficients_written = self._lowest_terms()
         nodes, coefficients = self.graph.nodes, set(self.registers)
         labels: dict[Register, str] = {}  # what coefficients share, where one of them would be long
@@ -137,7 +137,7 @@ class _Solved:
                 for register in self.registers
             }
         left = [f"d/dt {name}" for name in self.states]
-        return StateEquations(
+        return _StateEquations(
             tuple(
                 f"{name} = {print_register(self.program, r, nodes, labels)[0]}" for r, name in labels.items()
             ),

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 #: Duration of a run without a line, and period of its updates, s.
 _PATIENCE, _PERIOD = 2.0, 0.5
 #: Longest text of the line: a line wider than the terminal could not be erased.
-_WIDTH = 72
+_LINE_WIDTH = 72
 #: A report of numbered work.
 _NUMBERED = re.compile(r"(.*?)(\d+) of (\d+)")
 #: Period of the plain lines of a study, and window of the rate that is shown, s.
@@ -93,7 +93,7 @@ class _Line:
 
     def hear(self, what: str) -> None:
         left = self._forecast.hear(what, time.monotonic())
-        self._text = f"{what[:_WIDTH]}{left}"
+        self._text = f"{what[:_LINE_WIDTH]}{left}"
 
     def end(self) -> None:
         """Erase the line."""

@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from dynid.result import Result
 
 #: Longest formula in a list of definitions, characters.
-_FORMULA = 160
+_MAX_SCREEN_FORMULA = 160
 #: Width of short terms, and their longest length, characters.
 _TERM, _SHORT = 8, 6
 #: Width of texts, characters.
-_WIDTH = 110
+_TEXT_WIDTH = 110
 
 
 def summary(result: Result, note: str, *, trace: bool = False) -> str:
@@ -59,7 +59,7 @@ def _headline(title: str, method: str, note: str) -> list[str]:
     """Return title, method and note in one line, or in two on a narrow terminal."""
     right = " · ".join(text for text in (method, note) if text)
     if len(title) + 2 + len(right) > columns():
-        return [title, *wrapped(right, _WIDTH, initial_indent="  ", subsequent_indent="    ")]
+        return [title, *wrapped(right, _TEXT_WIDTH, initial_indent="  ", subsequent_indent="    ")]
     return [f"{title}{' ' * max(2, min(100, columns()) - len(title) - len(right))}{right}"]
 
 
@@ -89,7 +89,7 @@ def _section_lines(heading: str, blocks: Sequence[Block]) -> Iterator[str]:
     caption = blocks[0].caption if isinstance(blocks[0], TextTable) else ""
     if heading or caption:
         text = f"{heading}: {caption}" if heading and caption else heading or caption
-        yield from wrapped(text, _WIDTH, initial_indent="  ", subsequent_indent="    ")
+        yield from wrapped(text, _TEXT_WIDTH, initial_indent="  ", subsequent_indent="    ")
     for k, block in enumerate(blocks):
         if isinstance(block, TextTable) and k and block.caption:
             yield from _paragraph(block.caption, indent)
@@ -115,7 +115,7 @@ def _block_lines(block: Block, indent: str) -> Iterator[str]:
 
 
 def _paragraph(text: str, indent: str) -> list[str]:
-    return wrapped(text, _WIDTH, initial_indent=indent, subsequent_indent=f"{indent}  ")
+    return wrapped(text, _TEXT_WIDTH, initial_indent=indent, subsequent_indent=f"{indent}  ")
 
 
 def _table_lines(block: TextTable) -> Iterator[str]:
@@ -130,9 +130,9 @@ def _definition_lines(term: str, lines: Sequence[str], indent: str) -> Iterator[
     """Yield a term with its lines, which are aligned behind short terms."""
     hanging = len(indent) + _TERM
     head = f"{indent}{term:<{_TERM}}" if len(term) <= _SHORT else f"{indent}{term}: "
-    short = [line for line in lines if not (isinstance(line, Formula) and len(line) > _FORMULA)]
+    short = [line for line in lines if not (isinstance(line, Formula) and len(line) > _MAX_SCREEN_FORMULA)]
     for line in short or lines[:1]:
-        text = line.shortened(_FORMULA) if isinstance(line, Formula) else line
+        text = line.shortened(_MAX_SCREEN_FORMULA) if isinstance(line, Formula) else line
         yield from _hanging(head, text, hanging)
         head = " " * hanging
 
@@ -140,5 +140,5 @@ def _definition_lines(term: str, lines: Sequence[str], indent: str) -> Iterator[
 def _hanging(head: str, text: str, indent: int) -> Iterator[str]:
     """Yield a text behind its heading, wrapped between roots and equations with a hanging indent."""
     options: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
-    lines = wrapped(head + unbroken(text), _WIDTH, subsequent_indent=" " * indent, **options)
+    lines = wrapped(head + unbroken(text), _TEXT_WIDTH, subsequent_indent=" " * indent, **options)
     yield from (line.replace("\N{NO-BREAK SPACE}", " ") for line in lines)

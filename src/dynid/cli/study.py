@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from dynid.study.scheduler import Notice
 
 _TIME_LIMIT = 1e6  # longest time limit of a sample, s: more than a week
-_LISTED = 5  # most samples of a plan that are listed
+_MAX_LISTED_SAMPLES = 5  # most samples of a plan that are listed
 
 
 def _shard(ctx: click.Context, param: click.Parameter, value: str | None) -> tuple[int, int] | None:
@@ -241,10 +241,10 @@ def _plan_lines(
     yield ""
     samples = [
         [str(number), *(_value_text(values[number]) for values in plan.arrays.values())]
-        for number in numbers[:_LISTED]
+        for number in numbers[:_MAX_LISTED_SAMPLES]
     ]
     yield from aligned([["sample", *short_paths(list(plan.arrays))], *samples], "  ")
-    if len(numbers) > _LISTED:
+    if len(numbers) > _MAX_LISTED_SAMPLES:
         yield "  …"
 
 

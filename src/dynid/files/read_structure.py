@@ -223,7 +223,7 @@ _BESIDE = (".pch", ".asm", ".bdf", ".dat", ".nas", ".op2", ".csv")
 _PAIRS = ((".sti", ".mas"), ("_STIF1.mtx", "_MASS1.mtx"), ("STIF1.mtx", "MASS1.mtx"))
 
 
-class ModelFiles(NamedTuple):
+class _ModelFiles(NamedTuple):
     """The files of a model."""
 
     mass: MatrixFile
@@ -232,7 +232,7 @@ class ModelFiles(NamedTuple):
     nodes: Path | None
 
 
-def model_files(path: Path) -> ModelFiles:
+def model_files(path: Path) -> _ModelFiles:
     """Return the files of a model.
 
     Parameters
@@ -252,7 +252,7 @@ def model_files(path: Path) -> ModelFiles:
         for stiffness, mass in _PAIRS:
             pair = [path.with_name(path.stem + ending) for ending in (mass, stiffness)]
             if all(file.is_file() for file in pair):
-                return ModelFiles(MatrixFile(pair[0]), MatrixFile(pair[1]), None, path)
+                return _ModelFiles(MatrixFile(pair[0]), MatrixFile(pair[1]), None, path)
         raise FileError(
             f"{path} has no matrices beside it",
             remedy=f"Looked for {', '.join(path.stem + ending for ending, _ in _PAIRS)}.",
@@ -275,7 +275,7 @@ def model_files(path: Path) -> ModelFiles:
         "",
     )
     matrices = MatrixFile(path)
-    return ModelFiles(
+    return _ModelFiles(
         matrices, matrices, MatrixFile(path, damping) if damping else None, _nodes_beside(path, [*shapes])
     )
 

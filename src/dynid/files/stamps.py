@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _MEAN = 1e-6
 """Largest relative difference of the mean step of a record from that of the scene."""
 
-_EVEN = 1e-3
+_EVEN_STEP_TOL = 1e-3
 """Largest distance of a sample from its place, in steps."""
 
 
@@ -73,7 +73,7 @@ class Clock(NamedTuple):
             sentences.append(
                 f"by its times {noun} has {_samples(self.duplicated)} twice: one of each is used"
             )
-        if self.rows is not None and self.jitter > _EVEN * self.step:
+        if self.rows is not None and self.jitter > _EVEN_STEP_TOL * self.step:
             sentences.append(
                 f"the times of {noun} are uneven: {self.jitter:.2g} s RMS from even ones "
                 f"({100 * self.jitter / self.step:.2g} % of a step), which acts as noise; resample: true "
@@ -135,7 +135,7 @@ def _step_disagreement(
     rounding = resolution[rows] + 4 * np.spacing(np.abs(measured_times).max())
     steps = np.diff(measured_times) / counts
     usual = float(np.median(steps))
-    jump = np.abs(steps - usual) * counts - _EVEN * step - np.maximum(rounding[1:], rounding[:-1])
+    jump = np.abs(steps - usual) * counts - _EVEN_STEP_TOL * step - np.maximum(rounding[1:], rounding[:-1])
     if np.any(jump > 0):
         row = int(np.argmax(jump > 0))
         return StepDisagreement(
@@ -212,7 +212,7 @@ def _drift(
     rounded = float(rounding.max()) if len(rows) < 4 else min(2 * float(away.max()), float(rounding.max()))
     if abs(mean - step) > _MEAN * step + rounded / span:
         return StepDisagreement(f"the times are {mean:.9g} s apart, but 'step' is {step:.9g} s")
-    late = away - _EVEN * step - rounding
+    late = away - _EVEN_STEP_TOL * step - rounding
     if np.any(late > 0):
         row = int(np.argmax(late))
         return StepDisagreement(

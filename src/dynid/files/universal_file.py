@@ -65,7 +65,7 @@ class UniversalFunction(NamedTuple):
     quantity: str
     over: str
     labels: tuple[str, str]
-    units: FunctionUnits
+    units: _FunctionUnits
 
 
 class UniversalFile:
@@ -344,7 +344,7 @@ class FileUnits(NamedTuple):
         return ""
 
 
-class FunctionUnits(NamedTuple):
+class _FunctionUnits(NamedTuple):
     """Unit of a function by its `label` and by the `record` of units; `doubt` where these contradict.
 
     Texts are empty where the file says nothing.
@@ -362,7 +362,7 @@ class FunctionUnits(NamedTuple):
 
 def function_units(
     quantity: str, along: str, over: str, across: str, labels: tuple[str, str], units: FileUnits
-) -> FunctionUnits:
+) -> _FunctionUnits:
     """Return the unit of a function.
 
     Parameters
@@ -380,25 +380,25 @@ def function_units(
     if not quantity:
         plain = units.length == units.force == 1
         doubt = "" if label or plain else "its type does not say what it is, and its file is not in SI units"
-        return FunctionUnits(label, "", doubt)
+        return _FunctionUnits(label, "", doubt)
     si = _unit(quantity, along, over, across, ("m", "N"))
     if label and not unit_fits(label, [si]):
         product = _quotient(label, _unit(over, across, "", "", ("m", "N"))) if over else ""
         if not (product and unit_fits(product, [si])):
-            return FunctionUnits(
+            return _FunctionUnits(
                 label, "", f"its type says {quantity}{f' over {over}' if over else ''}, its label {label}"
             )
         label = product
     if not units.recorded:
-        return FunctionUnits(label)
+        return _FunctionUnits(label)
     if not all(units.names):
         doubt = (
             "" if label else f"of its units {units.length:g} are one metre, and {units.force:g} one newton"
         )
-        return FunctionUnits(label, "", doubt)
+        return _FunctionUnits(label, "", doubt)
     record = _unit(quantity, along, over, across, units.names)
     doubt = f"its label says {label}, the record of units (164) {record}"
-    return FunctionUnits(label, record, "" if not label or _same(label, record, si) else doubt)
+    return _FunctionUnits(label, record, "" if not label or _same(label, record, si) else doubt)
 
 
 def _name(units: dict[str, float], factor: float) -> str:

@@ -211,7 +211,7 @@ _MOTIONS = (0, 1, 8, 11, 12)
 _AT_NODES = 1
 
 
-class MeasuredShape(NamedTuple):
+class _MeasuredShape(NamedTuple):
     """A mode of a test: ``frequency`` (rad/s, of the undamped mode), ``damping`` ratio, and shape.
 
     `damping` is None where the file gives none (0). `shape` has by node and direction, such as ``(20, "z")``,
@@ -223,7 +223,7 @@ class MeasuredShape(NamedTuple):
     shape: Mapping[tuple[int, str], complex]
 
 
-def read_shapes(file: DataFile) -> list[MeasuredShape]:
+def read_shapes(file: DataFile) -> list[_MeasuredShape]:
     """Return the modes in a Universal File (data sets 55 and 2414), in the order of their frequencies.
 
     Directions in which all nodes of all modes have exactly 0 were not measured, and are left out; the same
@@ -238,7 +238,7 @@ def read_shapes(file: DataFile) -> list[MeasuredShape]:
     length = source.units().length
     with source.errors():
         modes = [
-            MeasuredShape(*_frequency(source.file, data_set), _shape(source.file, data_set, length))
+            _MeasuredShape(*_frequency(source.file, data_set), _shape(source.file, data_set, length))
             for data_set in source.sets(55, 2414)
             if _is_mode(data_set)
         ]

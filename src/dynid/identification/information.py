@@ -86,7 +86,7 @@ MODAL_SURVEY = Observed(
 )
 
 
-class CollinearGroup(NamedTuple):
+class _CollinearGroup(NamedTuple):
     """Parameters that cannot be distinguished.
 
     `places` of the parameters; `blind` (directions x parameters): changes of their coordinates to which the
@@ -102,7 +102,7 @@ class CollinearGroup(NamedTuple):
 
 def collinear_groups(
     names: Sequence[str], values: Array, rates: Array, sensitivity: Array, level: float
-) -> list[CollinearGroup]:
+) -> list[_CollinearGroup]:
     """Return the groups of parameters that cannot be distinguished.
 
     Parameters
@@ -141,7 +141,7 @@ def collinear_groups(
             relative = changes[0] * rates[places] / np.where(values[places] == 0, 1.0, values[places])
             if values[places].all():
                 identifiable = _invariants([names[index] for index in places], relative)
-        groups.append(CollinearGroup(tuple(int(index) for index in places), changes, identifiable))
+        groups.append(_CollinearGroup(tuple(int(index) for index in places), changes, identifiable))
     return groups
 
 
@@ -317,7 +317,7 @@ class Information:
                     kept.append(k)
         return sorted(set(range(len(size))) - set(kept))
 
-    def groups(self, level: float = _IDENTIFIABLE) -> list[CollinearGroup]:
+    def groups(self, level: float = _IDENTIFIABLE) -> list[_CollinearGroup]:
         """Return the groups of parameters that cannot be distinguished, as `collinear_groups` does."""
         values = np.ones(len(self.names)) if self.values is None else self.values
         rates = np.ones(len(self.names)) if self.rates is None else self.rates

@@ -53,7 +53,7 @@ class CertifiedRoot:
     side: int
 
 
-class ZerosPoles(NamedTuple):
+class _ZerosPoles(NamedTuple):
     """Zeros and poles of a rational function, repeated by multiplicity, and as certified roots."""
 
     zeros: NDArray[np.complex128]
@@ -151,7 +151,7 @@ def roots(
     numerator: Sequence[float | Fraction | str],
     denominator: Sequence[float | Fraction | str],
     reading: Reading = "binary",
-) -> ZerosPoles:
+) -> _ZerosPoles:
     """Return zeros and poles of one rational function, certified; common factors are kept.
 
     Parameters
@@ -176,7 +176,7 @@ def roots(
         for name, polynomial in (("numerator", numerator), ("denominator", denominator))
     )
     zero_roots, pole_roots = certified_roots(above), certified_roots(below)
-    return ZerosPoles(repeated(zero_roots), repeated(pole_roots), zero_roots, pole_roots)
+    return _ZerosPoles(repeated(zero_roots), repeated(pole_roots), zero_roots, pole_roots)
 
 
 def integer_polynomial(coefficients: Sequence[float | Fraction | str]) -> Any:

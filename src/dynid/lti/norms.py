@@ -30,7 +30,7 @@ _NEAR = np.array([-4.0, -2.0, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 2.0, 4.0])
 _MAX_NORM_STEPS, _NORM_RTOL = 80, 1e-12
 
 
-class SystemModes(NamedTuple):
+class _SystemModes(NamedTuple):
     """Eigenvalues of A (n), and True for each that the response does not show."""
 
     values: ComplexArray
@@ -63,11 +63,11 @@ class Maxima(NamedTuple):
     fixed: int = 0
 
 
-def modes(system: ParametricSystem) -> SystemModes:
+def modes(system: ParametricSystem) -> _SystemModes:
     """Return the eigenvalues of a system and which of them are hidden."""
     scaled = _balanced(system)
     values, right, left = _eigenvectors(scaled.A)
-    return SystemModes(values, _is_hidden(scaled, right, left))
+    return _SystemModes(values, _is_hidden(scaled, right, left))
 
 
 def on_axis(values: ComplexArray, size: float) -> NDArray[np.bool_]:

@@ -26,7 +26,7 @@ class NotPositiveReal(NumericalError):
 
 
 @dataclass(frozen=True)
-class Violation:
+class _Violation:
     """The point at which a rational function fails to be positive real.
 
     Parameters
@@ -133,7 +133,7 @@ def axis_factor(denominator: Any) -> Any:
     return even.gcd(odd)
 
 
-def find_violation(numerator: Any, denominator: Any) -> Violation | None:
+def find_violation(numerator: Any, denominator: Any) -> _Violation | None:
     """Return a point at which N/D is not positive real; None where it is positive real.
 
     Parameters
@@ -149,11 +149,11 @@ def find_violation(numerator: Any, denominator: Any) -> Violation | None:
         size = value_at(squared_magnitude(denominator), -(omega**2))
         value = _double(value_at(even_part, -(omega**2)) / size)
         sentence = f"its real part is {value:.6g} at ω = {_decimal_text(omega)} rad/s"
-        return Violation("real part", omega, value, sentence)
+        return _Violation("real part", omega, value, sentence)
     return _wrong_pole(denominator) or _wrong_residue(numerator, denominator)
 
 
-def _wrong_pole(denominator: Any) -> Violation | None:
+def _wrong_pole(denominator: Any) -> _Violation | None:
     """Return a pole in the open right half-plane, or a multiple one on the imaginary axis."""
     from dynid.lti.certified_roots import certified_roots
 
@@ -161,17 +161,17 @@ def _wrong_pole(denominator: Any) -> Violation | None:
         pole = root.value
         if root.side > 0:
             where = f"{pole.real:.6g}" + (f" ± {abs(pole.imag):.6g}j" if pole.imag else "")
-            return Violation(
+            return _Violation(
                 "pole", abs(pole.imag), pole, f"its pole at s = {where} lies in the right half-plane"
             )
         if root.side == 0 and root.multiplicity > 1:
             where = f"±{abs(pole.imag):.6g}j" if pole.imag else "0"
             sentence = f"its pole at s = {where} on the imaginary axis has multiplicity {root.multiplicity}"
-            return Violation("pole", abs(pole.imag), pole, sentence)
+            return _Violation("pole", abs(pole.imag), pole, sentence)
     return None
 
 
-def _wrong_residue(numerator: Any, denominator: Any) -> Violation | None:
+def _wrong_residue(numerator: Any, denominator: Any) -> _Violation | None:
     """Return a pole on the imaginary axis, 0 and infinity included, whose residue is negative.
 
     The poles on the axis are simple, and the real part is not negative, so that the residues are real.
@@ -179,18 +179,18 @@ def _wrong_residue(numerator: Any, denominator: Any) -> Violation | None:
     excess = numerator.degree() - denominator.degree()
     lead = _double(fraction(numerator.leading_coefficient() / denominator.leading_coefficient()))
     if excess > 1:
-        return Violation(
+        return _Violation(
             "pole", math.inf, complex(lead), f"it grows as s^{excess}: its pole at infinity is multiple"
         )
     if excess == 1 and lead < 0:
-        return Violation(
+        return _Violation(
             "residue", math.inf, lead, f"it grows as {lead:.6g} s: the residue at infinity is negative"
         )
     if denominator[0] == 0:
         residue = numerator[0] / denominator[1]
         if residue < 0:
             value = _double(fraction(residue))
-            return Violation("residue", 0.0, value, f"the residue of its pole at s = 0 is {value:.6g}")
+            return _Violation("residue", 0.0, value, f"the residue of its pole at s = 0 is {value:.6g}")
     factor = axis_factor(denominator)
     if factor.degree() == 0:
         return None
@@ -210,7 +210,7 @@ def _wrong_residue(numerator: Any, denominator: Any) -> Violation | None:
     for root, residue in zip(roots, residues, strict=True):
         if residue < 0:
             omega, value = float((-root.real).sqrt()), float(residue)
-            return Violation(
+            return _Violation(
                 "residue", omega, value, f"the residue of its poles at s = ±{omega:.6g}j is {value:.6g}"
             )
     return None

@@ -90,7 +90,7 @@ def read_netlist(path: str | os.PathLike[str]) -> str:
     )
 
 
-def _connect(graph: _SceneGraph, root: NetlistModel, wire: Wire) -> None:
+def _connect(graph: _SceneGraph, root: _NetlistModel, wire: Wire) -> None:
     """Add the bond of a wire."""
     first, second = (end.component for end in wire)
     wishes = []  # the direction of an arrow at each end: in, out, or empty for either
@@ -135,18 +135,18 @@ class Component:
 
 
 @dataclass(frozen=True)
-class WireEnd:
+class _WireEnd:
     """One end of a wire: a component, and the port where one is named."""
 
     component: str
     port: str = ""
 
 
-Wire = tuple[WireEnd, WireEnd]
+Wire = tuple[_WireEnd, _WireEnd]
 
 
 @dataclass
-class NetlistModel:
+class _NetlistModel:
     """Components by name, wires between them, and the outer ports by label."""
 
     components: dict[str, Component] = field(default_factory=dict)
@@ -162,7 +162,7 @@ class _Refusal(Exception):
         self.place = path
 
 
-def expand(source: Source, types: Sequence[str]) -> NetlistModel:
+def expand(source: Source, types: Sequence[str]) -> _NetlistModel:
     """Return the root model of a netlist with every model in it expanded.
 
     Raises
@@ -200,7 +200,7 @@ class _Expansion:
         self._types = types
         self._count = 0
 
-    def model(self, name: str, path: tuple[str, ...], above: tuple[str, ...]) -> NetlistModel:
+    def model(self, name: str, path: tuple[str, ...], above: tuple[str, ...]) -> _NetlistModel:
         """Expand a model; `path` is what its components' names start with."""
         key_path: Place = ("models", name)
         if name in above or len(above) >= _MOST_LEVELS:
@@ -208,8 +208,8 @@ class _Expansion:
         written = self._models[name]
         if not isinstance(written, dict):
             raise _Refusal(key_path, f"model '{name}' has the keys 'components' and 'netlist'")
-        netlist = NetlistModel()
-        inner: dict[str, NetlistModel] = {}
+        netlist = _NetlistModel()
+        inner: dict[str, _NetlistModel] = {}
         for k, text in enumerate(_texts(written, "components", key_path)):
             self._add(netlist, inner, text, (*key_path, "components", k), path, (*above, name))
         for k, text in enumerate(_texts(written, "netlist", key_path)):
@@ -229,8 +229,8 @@ class _Expansion:
 
     def _add(
         self,
-        netlist: NetlistModel,
-        inner: dict[str, NetlistModel],
+        netlist: _NetlistModel,
+        inner: dict[str, _NetlistModel],
         text: str,
         key_path: Place,
         path: tuple[str, ...],
@@ -283,8 +283,8 @@ def _texts(model: dict[str, Any], key: str, path: Place) -> list[str]:
 
 
 def _end(
-    text: str, key_path: Place, netlist: NetlistModel, inner: dict[str, NetlistModel], path: tuple[str, ...]
-) -> WireEnd:
+    text: str, key_path: Place, netlist: _NetlistModel, inner: dict[str, _NetlistModel], path: tuple[str, ...]
+) -> _WireEnd:
     label, _, port = text.partition(".")
     full = "_".join((*path, label))
     if label in inner:
@@ -293,13 +293,13 @@ def _end(
             (port,) = ports
         if port not in ports:
             raise _Refusal(key_path, f"model '{label}' has no port '{port}'{did_you_mean(port, list(ports))}")
-        return WireEnd(ports[port])
+        return _WireEnd(ports[port])
     if full not in netlist.components:
         raise _Refusal(key_path, f"no component '{label}'")
-    return WireEnd(full, port)
+    return _WireEnd(full, port)
 
 
-def _joined(model: NetlistModel) -> NetlistModel:
+def _joined(model: _NetlistModel) -> _NetlistModel:
     """Return a model with wires joined at `base/SS`, the ports between models, and named ports."""
     wires = list(model.wires)
     for name, component in model.components.items():
@@ -316,7 +316,7 @@ def _joined(model: NetlistModel) -> NetlistModel:
         ends = []
         for end in wire:
             ordered = kept[end.component].type in ("TF", "GY") and not end.port
-            ends.append(WireEnd(end.component, str(used[end.component])) if ordered else end)
+            ends.append(_WireEnd(end.component, str(used[end.component])) if ordered else end)
             used[end.component] += ordered
         wires[k] = (ends[0], ends[1])
-    return NetlistModel(kept, wires)
+    return _NetlistModel(kept, wires)

@@ -45,7 +45,7 @@ class TableColumn:
     units: str = ""
 
 
-class RowBatches(Protocol):
+class _RowBatches(Protocol):
     """Returns the rows of a table in batches: for every column an array of the same length."""
 
     def __call__(self) -> Iterator[list[NDArray[Any]]]:
@@ -70,7 +70,7 @@ class ExportTable:
 
     name: str
     fields: tuple[TableColumn, ...]
-    batches: RowBatches
+    batches: _RowBatches
     attrs: Mapping[str, str] = field(default_factory=dict)
 
 

@@ -196,7 +196,7 @@ def damped_structure(
     )
 
 
-class AtNode(Protocol):
+class _AtNode(Protocol):
     """Anything at a node."""
 
     @property
@@ -204,7 +204,7 @@ class AtNode(Protocol):
         """The node, from 1."""
 
 
-def check_nodes(what: str, items: Iterable[AtNode], nodes: int, directions: Sequence[str]) -> None:
+def check_nodes(what: str, items: Iterable[_AtNode], nodes: int, directions: Sequence[str]) -> None:
     """Refuse items at nodes or along directions that do not exist.
 
     Raises

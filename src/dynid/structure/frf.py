@@ -57,7 +57,7 @@ class Ports(NamedTuple):
     powers: list[int]
 
 
-class FrequencyResponse(NamedTuple):
+class _FrequencyResponse(NamedTuple):
     """A response (omega x output x input) and how it was found.
 
     `method` is direct or modal; `modes` is how many are kept, 0 of a direct solution, `vectors` the number of
@@ -87,7 +87,7 @@ def frequency_response_functions(
     method: str = "auto",
     accuracy: float = 1e-8,
     backend: str = "auto",
-) -> FrequencyResponse:
+) -> _FrequencyResponse:
     """Compute frequency response functions.
 
     Parameters
@@ -125,7 +125,7 @@ def frequency_response_functions(
         large = is_sparse(K) and K.shape[0] > _DENSE
         method = "modal" if large and len(w) > FEW_FREQUENCIES.value and accuracy >= 1e-10 else "direct"
     if method == "direct":
-        response = FrequencyResponse(direct(M, C, K, ports, w), method, 0, 0, 0.0)
+        response = _FrequencyResponse(direct(M, C, K, ports, w), method, 0, 0, 0.0)
         if is_sparse(K) and K.shape[0] > _DENSE:
             return response
         near = _NOWHERE
@@ -183,7 +183,7 @@ def _solved(M: Matrix, C: Matrix, K: Matrix, forces: Array, omega: float) -> Arr
 
 def _by_modes(
     M: Matrix, C: Matrix, K: Matrix, ports: Ports, omega: Array, accuracy: float, backend: str = "auto"
-) -> FrequencyResponse:
+) -> _FrequencyResponse:
     """Compute the response of the modes of the band with residual vectors.
 
     Raises
@@ -234,7 +234,7 @@ def _by_modes(
     def evaluate(others: Array) -> ComplexArray:
         return _projected(M, C, K, ports, others, pencil, basis)
 
-    return FrequencyResponse(response, "modal", len(near), vectors, error, evaluate, near)
+    return _FrequencyResponse(response, "modal", len(near), vectors, error, evaluate, near)
 
 
 def _projected(

@@ -41,7 +41,7 @@ _ALIASES = {
     **{f"t{number}": along for number, along in enumerate(DIRECTIONS[:3], 1)},
     **{f"r{number}": along for number, along in enumerate(DIRECTIONS[3:], 1)},
 }
-_LISTED = 6
+_MAX_LISTED_LABELS = 6
 
 
 def direction(label: Label) -> str:
@@ -274,9 +274,9 @@ def _no_such(dof: Label, labels: Sequence[Label]) -> UsageError:
 
 def listed(labels: Sequence[Label]) -> str:
     """Write labels, the middle of a long list left out."""
-    if len(labels) <= 2 * _LISTED:
+    if len(labels) <= 2 * _MAX_LISTED_LABELS:
         return ", ".join(map(str, labels))
-    head, tail = labels[: 2 * _LISTED - 2], labels[-1]
+    head, tail = labels[: 2 * _MAX_LISTED_LABELS - 2], labels[-1]
     return f"{', '.join(map(str, head))}, … {tail}"
 
 

@@ -26,7 +26,7 @@ _MAX_NAMED_DOFS = 3
 _RIGID_BODY_MODES = 6
 
 
-class StructureSummary(NamedTuple):
+class _StructureSummary(NamedTuple):
     """Summary of a structure.
 
     `size`: number of DOFs; `sparse`: how it is stored; `massless`: labels of the DOFs without mass;
@@ -42,7 +42,7 @@ class StructureSummary(NamedTuple):
 
 def summarise(
     model: StructuralModel, lowest: Modes | None = None, M: Matrix | None = None
-) -> StructureSummary:
+) -> _StructureSummary:
     """Return size, massless DOFs and named rigid-body modes of a structure.
 
     Parameters
@@ -59,7 +59,7 @@ def summarise(
         lowest = _beyond_rigid((M, C, K), modes(M, C, K, count=None if model.size <= 400 else 7))
     names = rigid_names(model.dofs, lowest.shapes[:, : lowest.rigid])
     without = massless(model.M if M is None else M)
-    return StructureSummary(model.size, model.is_sparse, tuple(model.dofs[at] for at in without), names)
+    return _StructureSummary(model.size, model.is_sparse, tuple(model.dofs[at] for at in without), names)
 
 
 def rigid_names(dofs: Sequence[Label], shapes: Array) -> tuple[str, ...]:

@@ -25,7 +25,7 @@ _WORST_BASIS = 1e8
 _PART = 1e-6
 
 
-class RecoveredMatrices(NamedTuple):
+class _RecoveredMatrices(NamedTuple):
     """Matrices (n x n) of a state space; `scaled`: a collocated input and output give the modal masses."""
 
     M: Array
@@ -35,7 +35,7 @@ class RecoveredMatrices(NamedTuple):
 
 
 @guarded("the recovery of mass and stiffness")
-def recovered(A: Array, B: Array | None = None, C: Array | None = None) -> RecoveredMatrices:
+def recovered(A: Array, B: Array | None = None, C: Array | None = None) -> _RecoveredMatrices:
     """Recover the matrices of a structure from its state space, states [x, x'].
 
     Parameters
@@ -83,7 +83,7 @@ def recovered(A: Array, B: Array | None = None, C: Array | None = None) -> Recov
     if masses is None:
         masses = _nearest_masses(left, coupling)
     M = left.T @ (masses[:, None] * left)
-    return RecoveredMatrices(_even("mass", M), _even("damping", M @ Y), _even("stiffness", M @ X), scaled)
+    return _RecoveredMatrices(_even("mass", M), _even("damping", M @ Y), _even("stiffness", M @ X), scaled)
 
 
 def _half(A: Array) -> int:

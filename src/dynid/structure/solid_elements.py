@@ -31,7 +31,7 @@ class Rule(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class SolidElement:
+class _SolidElement:
     """A kind of solid element.
 
     Parameters
@@ -90,7 +90,7 @@ class SolidElement:
         return np.stack(parts, axis=1)
 
 
-class Integrated(NamedTuple):
+class _Integrated(NamedTuple):
     """Integrals over elements (e): what stiffness and mass are combined from.
 
     Parameters
@@ -105,7 +105,7 @@ class Integrated(NamedTuple):
     mass: Array
 
 
-def jacobians(element: SolidElement, points: Array) -> Array:
+def jacobians(element: _SolidElement, points: Array) -> Array:
     """Return the derivatives (e x q x 3 x 3) of positions by reference coordinates at integration points.
 
     Parameters
@@ -118,7 +118,7 @@ def jacobians(element: SolidElement, points: Array) -> Array:
     return np.asarray(element.slopes(element.rule.points) @ points[:, None])
 
 
-def integrated(element: SolidElement, points: Array) -> Integrated:
+def integrated(element: _SolidElement, points: Array) -> _Integrated:
     """Return the integrals of products of shape functions and of their derivatives.
 
     Parameters
@@ -136,7 +136,7 @@ def integrated(element: SolidElement, points: Array) -> Integrated:
     strain = (scaled.transpose(0, 2, 1) @ scaled).reshape(count, n, 3, n, 3)
     N = element.shapes(element.rule.points)
     mass = weights @ (N[:, :, None] * N[:, None, :]).reshape(len(N), -1)
-    return Integrated(strain, mass.reshape(count, n, n))
+    return _Integrated(strain, mass.reshape(count, n, n))
 
 
 def stiffness(strain: Array, first: Array, shear: Array) -> Array:
@@ -145,7 +145,7 @@ def stiffness(strain: Array, first: Array, shear: Array) -> Array:
     Parameters
     ----------
     strain
-        As of `Integrated`.
+        As of `_Integrated`.
     first, shear
         Lamé's constants of each element (e), Pa.
     """
@@ -226,19 +226,19 @@ _SQUARES = tuple(p for p in _exponents(2) if p.count(2) <= 1)
 
 #: The kinds of solid elements by their names in meshio.
 ELEMENTS = {
-    "tetra": SolidElement(
+    "tetra": _SolidElement(
         _TET, _TET_EDGES, _TET_FACES, 1, tuple(p for p in _exponents(1) if sum(p) <= 1), _tetrahedron(1)
     ),
-    "tetra10": SolidElement(
+    "tetra10": _SolidElement(
         _TET, _TET_EDGES, _TET_FACES, 2, tuple(p for p in _exponents(2) if sum(p) <= 2), _tetrahedron(2)
     ),
-    "wedge": SolidElement(
+    "wedge": _SolidElement(
         _WEDGE, _WEDGE_EDGES, _WEDGE_FACES, 1,
         tuple(p for p in _exponents(1) if p[0] + p[1] <= 1), _prism()
     ),
-    "hexahedron": SolidElement(_HEX, _HEX_EDGES, _HEX_FACES, 1, _exponents(1), _cube(2)),
-    "hexahedron20": SolidElement(_HEX, _HEX_EDGES, _HEX_FACES, 2, _SQUARES, _cube(3)),
-    "hexahedron27": SolidElement(
+    "hexahedron": _SolidElement(_HEX, _HEX_EDGES, _HEX_FACES, 1, _exponents(1), _cube(2)),
+    "hexahedron20": _SolidElement(_HEX, _HEX_EDGES, _HEX_FACES, 2, _SQUARES, _cube(3)),
+    "hexahedron27": _SolidElement(
         _HEX, _HEX_EDGES, _HEX_FACES, 2, _exponents(2), _cube(3), _HEX_CENTRES
     ),
 }  # fmt: skip

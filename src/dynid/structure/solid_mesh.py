@@ -55,7 +55,7 @@ class SolidMesh:
     doubts: tuple[str, ...] = ()
 
 
-class Surface(NamedTuple):
+class _Surface(NamedTuple):
     """Properties of a mesh that its faces show.
 
     Parameters
@@ -119,7 +119,7 @@ def _refuse(mesh: SolidMesh, block: Block, at: int, what: str) -> None:
     )
 
 
-def surface(mesh: SolidMesh) -> Surface:
+def surface(mesh: SolidMesh) -> _Surface:
     """Return the edges of a mesh's surface, and its parts.
 
     Raises
@@ -163,7 +163,7 @@ def surface(mesh: SolidMesh) -> Surface:
         at += len(nodes)
         edges += [free[:, [k, (k + 1) % nodes.shape[1]]] for k in range(nodes.shape[1])]
     low, high = np.sort(np.concatenate(edges), axis=1).T
-    return Surface(np.column_stack(np.divmod(np.unique(low * count + high), count)), parts)
+    return _Surface(np.column_stack(np.divmod(np.unique(low * count + high), count)), parts)
 
 
 def doubled_nodes(xyz: Array) -> int:

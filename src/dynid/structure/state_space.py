@@ -29,7 +29,7 @@ _EPS = float(np.finfo(float).eps)
 _NULL, _RANGE = 10 * _EPS, 1e3 * _EPS
 
 
-class MassDirections(NamedTuple):
+class _MassDirections(NamedTuple):
     """A basis ``[inertial, damped, static]`` of all displacements (n x n in all), and its inverse by rows.
 
     `inertial` directions have mass, `damped` ones a damper and no mass, `static` ones neither.
@@ -54,7 +54,7 @@ class MassDirections(NamedTuple):
 def state_space(M: Array, C: Array, K: Array, forces: Array, outputs: Array, orders: ArrayLike) -> StateSpace:
     """Return the state space of a second-order system.
 
-    The states are [x, x'] where the mass is positive definite, else those of `MassDirections.states`.
+    The states are [x, x'] where the mass is positive definite, else those of `_MassDirections.states`.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def state_space(M: Array, C: Array, K: Array, forces: Array, outputs: Array, ord
 
 
 def _with_massless(
-    basis: MassDirections,
+    basis: _MassDirections,
     M: Array,
     C: Array,
     K: Array,
@@ -135,7 +135,7 @@ def _with_massless(
     return StateSpace(A, B, read, D, tuple(higher))
 
 
-def massless_directions(M: Array, C: Array) -> MassDirections:
+def massless_directions(M: Array, C: Array) -> _MassDirections:
     """Return the directions with mass, with a damper alone, and with neither.
 
     Parameters
@@ -157,7 +157,7 @@ def massless_directions(M: Array, C: Array) -> MassDirections:
             remedy="Check signs and units of the damping.",
         )
     joined = np.concatenate([R, Z, S], axis=1)
-    return MassDirections(R, Z, S, np.linalg.inv(joined))
+    return _MassDirections(R, Z, S, np.linalg.inv(joined))
 
 
 def _range_and_null(matrix: Array, name: str) -> tuple[Array, Array]:

@@ -40,7 +40,7 @@ _LOCK_SECONDS = 0.2
 _LOCK_BYTE, _MAX_HOLDER_BYTES = 1, 200
 
 
-class StudyArray:
+class _StudyArray:
     """Layout of one array of the results, complete when all samples have been added.
 
     Parameters
@@ -104,7 +104,7 @@ class Layout:
     """Layouts of the arrays of the results of a study, from its outcomes in any order."""
 
     def __init__(self) -> None:
-        self._arrays: dict[tuple[str, tuple[str, ...], bool], StudyArray] = {}
+        self._arrays: dict[tuple[str, tuple[str, ...], bool], _StudyArray] = {}
         self.expectations = 0
 
     def add(self, block: SampleBlock) -> None:
@@ -113,11 +113,11 @@ class Layout:
         for number, (path, column) in enumerate(block.values.items()):
             position, kind = (int(block.rows[0]), number), _kind(path, column)
             if kind not in self._arrays:
-                self._arrays[kind] = StudyArray(path, position, row_of(column, 0))
+                self._arrays[kind] = _StudyArray(path, position, row_of(column, 0))
             self._arrays[kind].add(position, column)
 
     @cached_property
-    def arrays(self) -> list[StudyArray]:
+    def arrays(self) -> list[_StudyArray]:
         """All arrays, in the order of the samples, with unique names."""
         names: set[str] = set()
         arrays = sorted(self._arrays.values(), key=lambda array: array.place)
@@ -130,7 +130,7 @@ class Layout:
             array.path = name
         return arrays
 
-    def array(self, path: str, column: Variable) -> StudyArray:
+    def array(self, path: str, column: Variable) -> _StudyArray:
         """Return the array for values; other axes, or texts instead of numbers, belong to another one."""
         return self._arrays[_kind(path, column)]
 

@@ -16,7 +16,7 @@ from dynid.templates.chain import distinct
 
 POINTS = 1000
 #: Errors of smaller responses, which are next to the least doubles, are relative to this.
-_MIN_RESPONSE = 1e-280
+_MIN_BENCH_RESPONSE = 1e-280
 
 
 def frequencies() -> Any:
@@ -145,7 +145,7 @@ def distance(response: Any, exact: Callable[[Any], list[complex]], count: int = 
     places = np.linspace(0, POINTS - 1, count).astype(int)
     true = np.array(exact(frequencies()[places]))
     with np.errstate(all="ignore"):
-        errors = np.abs(response[places] - true) / np.maximum(np.abs(true), _MIN_RESPONSE)
+        errors = np.abs(response[places] - true) / np.maximum(np.abs(true), _MIN_BENCH_RESPONSE)
         return float(np.nan_to_num(np.max(errors), nan=np.inf))
 
 

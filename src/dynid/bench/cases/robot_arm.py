@@ -56,7 +56,7 @@ measurement:
 """
 
 
-class ArmPrediction(NamedTuple):
+class _ArmPrediction(NamedTuple):
     """The estimates by name, and the prediction of the whole record."""
 
     estimates: dict[str, float]
@@ -90,7 +90,7 @@ def fit(measured: Array, predicted: Array) -> float:
     return float(100 * (1 - error / np.linalg.norm(measured - measured.mean())))
 
 
-def by_graph(samples: int) -> ArmPrediction:
+def by_graph(samples: int) -> _ArmPrediction:
     """Return the prediction by the graph that the first half of the samples identifies."""
     import numpy as np
 
@@ -127,7 +127,7 @@ def by_graph(samples: int) -> ArmPrediction:
     forced, by_state = at_rest.outputs[:, 0], at_rest.by_state[:, 0]
     y = np.asarray(experiment.measurement.source)[:, 0]
     start = np.linalg.lstsq(by_state[:half], y[:half] - forced[:half], rcond=None)[0]
-    return ArmPrediction(estimates_by_name, forced + by_state @ start)
+    return _ArmPrediction(estimates_by_name, forced + by_state @ start)
 
 
 def by_arx(u: Array, y: Array, order: int, half: int) -> Array:

@@ -215,7 +215,7 @@ def propagation(work: Work, signals: Sequence[Any], times: NDArray[np.float64]) 
     )
 
 
-class ReducedFrequencies(NamedTuple):
+class _ReducedFrequencies(NamedTuple):
     """Natural frequencies, rad/s, and the numbers of the corresponding modes of the full structure."""
 
     omega: NDArray[np.float64]
@@ -234,19 +234,19 @@ def basis(scene: Scene) -> Aspect:
     )
     ends = len(dict.fromkeys([*(dof for joint in structure.joints for dof in joint.dofs), *interest.dofs]))
 
-    def reduced(name: str) -> Callable[[int], Callable[[], ReducedFrequencies]]:
-        def prepare(size: int) -> Callable[[], ReducedFrequencies]:
+    def reduced(name: str) -> Callable[[int], Callable[[], _ReducedFrequencies]]:
+        def prepare(size: int) -> Callable[[], _ReducedFrequencies]:
             reduction = read_reduction(described(name, size, ends))
             return _reduced(structure, build_reductor(reduction, interest, "accuracy"))(size)
 
         return prepare
 
-    def full() -> ReducedFrequencies:  # all modes of a small structure
+    def full() -> _ReducedFrequencies:  # all modes of a small structure
         few = None if structure.size <= DENSE_MODES.value else asked
         omega = modes(*structure.with_joints(), count=few).omega
-        return ReducedFrequencies(omega, np.arange(1, len(omega) + 1))
+        return _ReducedFrequencies(omega, np.arange(1, len(omega) + 1))
 
-    def error(result: ReducedFrequencies, reference: ReducedFrequencies) -> float:
+    def error(result: _ReducedFrequencies, reference: _ReducedFrequencies) -> float:
         numbers = result.numbers[:compared]
         if len(result.omega) < compared or numbers.max() > len(reference.omega):
             return float("inf")
@@ -275,10 +275,10 @@ def basis(scene: Scene) -> Aspect:
 
 def _reduced(
     structure: StructuralModel, method: Reductor
-) -> Callable[[int], Callable[[], ReducedFrequencies]]:
-    def work() -> ReducedFrequencies:
+) -> Callable[[int], Callable[[], _ReducedFrequencies]]:
+    def work() -> _ReducedFrequencies:
         reduction = candidate(structure, method)
-        return ReducedFrequencies(reduction.modes.omega, np.array(reduction.numbers, dtype=np.int64))
+        return _ReducedFrequencies(reduction.modes.omega, np.array(reduction.numbers, dtype=np.int64))
 
     return lambda _: work
 

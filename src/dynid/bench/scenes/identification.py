@@ -50,7 +50,7 @@ _PASSES = (1, 2, 3, 4)
 _OUTSIDE = ("accuracy", "analysis", "expect", "identifiability", "initial", "plan")
 
 
-class EstimatedParameters(NamedTuple):
+class _EstimatedParameters(NamedTuple):
     """Parameters: estimate, true value (NaN where unknown), standard error and Cramér–Rao bound (p each)."""
 
     estimate: NDArray[np.float64]
@@ -66,7 +66,7 @@ def estimator(scene: Scene[IdentificationScene]) -> Aspect:
     passes = {**dict.fromkeys(NAMES["identification"]["estimator"], 1), "output-error": 0}
     points = []
 
-    def filtered(passes: int) -> Callable[[], EstimatedParameters]:
+    def filtered(passes: int) -> Callable[[], _EstimatedParameters]:
         return _identified(scene, {"estimator": {"method": "filter", "passes": passes}})(passes)
 
     for name in passes:
@@ -102,7 +102,7 @@ def basis(scene: Scene) -> Aspect:
         dict.fromkeys([*(d for joint in structure.joints for d in joint.dofs), *interest_of(scene).dofs])
     )
 
-    def reduced(name: str) -> Callable[[int], Callable[[], EstimatedParameters]]:
+    def reduced(name: str) -> Callable[[int], Callable[[], _EstimatedParameters]]:
         return lambda size: _identified(scene, {"reduction": described(name, size, ends)})(size)
 
     points += [
@@ -125,7 +125,7 @@ def hold(scene: Scene) -> Aspect:
     )
 
 
-def _held(scene: Scene, name: str) -> Callable[[int], Callable[[], EstimatedParameters]]:
+def _held(scene: Scene, name: str) -> Callable[[int], Callable[[], _EstimatedParameters]]:
     """Return the identification with a hold for all sampled forces."""
     data = scene.source.data
     measurement = data["measurement"]
@@ -179,17 +179,17 @@ def modes_of(scene: Scene[IdentificationScene]) -> Aspect:
 
 def _identified(
     scene: Scene, changes: Mapping[str, Any], data: Mapping[str, Any] | None = None
-) -> Callable[[int], Callable[[], EstimatedParameters]]:
+) -> Callable[[int], Callable[[], _EstimatedParameters]]:
     """Return an identification with parts of the scene changed; invalid combinations are rejected."""
 
-    def prepare(_: int) -> Callable[[], EstimatedParameters]:
+    def prepare(_: int) -> Callable[[], _EstimatedParameters]:
         kept = {key: v for key, v in (data or scene.source.data).items() if key not in _OUTSIDE}
         changed_scene = check_source(replace(scene.source, data={**kept, **changes}, overridden=True))
 
-        def work() -> EstimatedParameters:
+        def work() -> _EstimatedParameters:
             result, group = run_scene(changed_scene), "identification/parameters"
             columns = ("estimate", "true", "standard_error", "cramer_rao")
-            return EstimatedParameters(*(result[f"{group}/{name}"].data for name in columns))
+            return _EstimatedParameters(*(result[f"{group}/{name}"].data for name in columns))
 
         return work
 
@@ -211,11 +211,11 @@ def _of_parameters(
 ) -> Aspect:
     """Return an aspect whose error is that of the parameters; its least_error are the Cramér–Rao bounds."""
 
-    def error(estimates: EstimatedParameters, reference: EstimatedParameters) -> float:
+    def error(estimates: _EstimatedParameters, reference: _EstimatedParameters) -> float:
         true = estimates.true if np.isfinite(estimates.true).all() else reference.estimate
         return float(np.sqrt(np.mean((estimates.estimate / true - 1) ** 2)))
 
-    def least_error(estimates: EstimatedParameters) -> float | None:
+    def least_error(estimates: _EstimatedParameters) -> float | None:
         if not np.isfinite(estimates.true).all():
             return None
         return float(np.sqrt(np.mean((estimates.bound / estimates.true) ** 2)))

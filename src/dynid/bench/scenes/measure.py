@@ -38,7 +38,7 @@ Key: TypeAlias = tuple[str, int]
 """Name and size of an alternative."""
 
 
-class TrialRequest(NamedTuple):
+class _TrialRequest(NamedTuple):
     """The alternative to run, and its size."""
 
     aspect: str
@@ -46,7 +46,7 @@ class TrialRequest(NamedTuple):
     size: int
 
 
-class TrialResult(NamedTuple):
+class _TrialResult(NamedTuple):
     """Time, s, rise of the peak memory, B, and the result; or the reason of a failure."""
 
     time: float = 0.0
@@ -110,7 +110,7 @@ def add_accuracy(
 class _Try:
     """The outcome of one alternative at one size, with the times of its runs."""
 
-    answer: TrialResult | None = None
+    answer: _TrialResult | None = None
     times: list[float] = field(default_factory=list)
     failed: str = ""
 
@@ -174,7 +174,7 @@ class _Trial:
             return
         self._progress(f"{aspect}: {key[0]}, {key[1]:,}")
         seconds = max(0.0, share * self._left)
-        answer: TrialResult | None = self._process.ask(TrialRequest(aspect, *key), seconds)
+        answer: _TrialResult | None = self._process.ask(_TrialRequest(aspect, *key), seconds)
         if answer is None:
             self._close()
             if not trial.times:
@@ -246,12 +246,12 @@ def _status(name: str, tries: Mapping[Key, _Try]) -> str:
 class Worker:
     """Function of the process: it receives the scene first, then requests."""
 
-    def __call__(self, asked: Source | TrialRequest) -> TrialResult:
+    def __call__(self, asked: Source | _TrialRequest) -> _TrialResult:
         """Store the scene, or serve a request."""
         if isinstance(asked, Source):
             scene = check_source(asked)
             self._aspects = {name: aspect_of(scene, name) for name in aspects_of(scene.model)}
-            return TrialResult()
+            return _TrialResult()
         points = self._aspects[asked.aspect].points
         key = (asked.alternative, asked.size)
         chosen = next(alternative for alternative, size in points if (alternative.name, size) == key)
@@ -265,8 +265,8 @@ class Worker:
                 work()
                 seconds = perf_counter() - before
         except (DynidError, ArithmeticError, ValueError, MemoryError) as error:
-            return TrialResult(failed=" ".join(str(error).split()) or type(error).__name__)
-        return TrialResult(seconds, 1024**2 * (cost.peak_megabytes or 0.0), result)
+            return _TrialResult(failed=" ".join(str(error).split()) or type(error).__name__)
+        return _TrialResult(seconds, 1024**2 * (cost.peak_megabytes or 0.0), result)
 
 
 def main() -> None:

@@ -26,7 +26,7 @@ _MAX_LINES, _MAX_SEARCH_STEPS = 32, 20_000
 
 
 @dataclass(frozen=True)
-class BicausalBond:
+class _BicausalBond:
     """A bond and the ends that its effort and its flow are imposed towards: the same end where bicausal."""
 
     tail: str
@@ -54,7 +54,7 @@ class ZeroCausality:
         The number of lines of power that were compared; more than one can cancel each other.
     """
 
-    bonds: tuple[BicausalBond, ...]
+    bonds: tuple[_BicausalBond, ...]
     line: tuple[str, ...]
     inside: Causality
     derivative: tuple[str, ...]
@@ -175,9 +175,9 @@ def _along(
     if assigned.conflicts:
         return None
     inside = describe(assigned)
-    table: dict[int, BicausalBond] = {}
+    table: dict[int, _BicausalBond] = {}
     for bond, settled in zip(off_line, inside.bonds, strict=True):
-        table[bond] = BicausalBond(
+        table[bond] = _BicausalBond(
             settled.tail,
             settled.head,
             settled.stroke,
@@ -187,7 +187,7 @@ def _along(
     for node, bond in zip(nodes, line, strict=False):
         tail, head = bonds[bond]
         onward: End = "head" if tail == node else "tail"
-        table[bond] = BicausalBond(tail, head, onward, onward, "bicausal")
+        table[bond] = _BicausalBond(tail, head, onward, onward, "bicausal")
     return ZeroCausality(
         bonds=tuple(table[bond] for bond in range(len(bonds))),
         line=tuple(reversed(nodes)),

@@ -58,7 +58,7 @@ class CausalState:
 
 
 @dataclass(frozen=True)
-class CausalityRemark:
+class _CausalityRemark:
     """A finding about some nodes, in words.
 
     Parameters
@@ -99,9 +99,9 @@ class Causality:
     bonds: tuple[CausalBond, ...]
     elements: tuple[CausalElement, ...]
     states: tuple[CausalState, ...]
-    dependent: tuple[CausalityRemark, ...] = ()
-    loops: tuple[CausalityRemark, ...] = ()
-    conflicts: tuple[CausalityRemark, ...] = field(default=())
+    dependent: tuple[_CausalityRemark, ...] = ()
+    loops: tuple[_CausalityRemark, ...] = ()
+    conflicts: tuple[_CausalityRemark, ...] = field(default=())
 
     @property
     def order(self) -> int:
@@ -132,7 +132,7 @@ def join_with_types(kinds: Mapping[str, str], names: Iterable[str]) -> str:
     )
 
 
-def explain_dependent(strokes: Strokes, name: str) -> CausalityRemark:
+def explain_dependent(strokes: Strokes, name: str) -> _CausalityRemark:
     """Return what a storage in derivative causality follows, in words."""
     (bond,) = strokes.bonds_at[name]
     roots, inner = strokes.roots([bond])
@@ -145,10 +145,10 @@ def explain_dependent(strokes: Strokes, name: str) -> CausalityRemark:
     through = f" through {join_with_types(strokes.kinds, two_ports or inner)}" if inner else ""
     subject = join_with_types(strokes.kinds, [name])
     meaning = f"{subject} is in derivative causality: its {quantity} is determined by {determining}{through}"
-    return CausalityRemark((name, *storages, *sources, *(two_ports or inner)), meaning)
+    return _CausalityRemark((name, *storages, *sources, *(two_ports or inner)), meaning)
 
 
-def explain_conflict(strokes: Strokes, bond: int, problem: Contradiction) -> CausalityRemark:
+def explain_conflict(strokes: Strokes, bond: int, problem: Contradiction) -> _CausalityRemark:
     """Return which rules contradict each other, and where, in words."""
     involved = set(_owners(strokes, [bond, *problem.roots]))
     owners = [name for name in strokes.kinds if name in involved]
@@ -167,7 +167,7 @@ def explain_conflict(strokes: Strokes, bond: int, problem: Contradiction) -> Cau
         meaning = f"{who} cannot both impose on the bond {' -> '.join(strokes.bonds[bond])}"
     if sources:
         meaning += "; ideal sources meet with no element between them to take up the difference"
-    return CausalityRemark(tuple(dict.fromkeys([*owners, problem.node, *problem.nodes])), meaning)
+    return _CausalityRemark(tuple(dict.fromkeys([*owners, problem.node, *problem.nodes])), meaning)
 
 
 def _owners(strokes: Strokes, bonds: Iterable[int]) -> list[str]:
@@ -182,7 +182,7 @@ def _owners(strokes: Strokes, bonds: Iterable[int]) -> list[str]:
 _EFFORT, _FLOW = 0, 1
 
 
-def algebraic_loops(strokes: Strokes) -> tuple[CausalityRemark, ...]:
+def algebraic_loops(strokes: Strokes) -> tuple[_CausalityRemark, ...]:
     """Name every algebraic loop of a graph with all strokes put."""
     import numpy as np
     from scipy.sparse import csr_array
@@ -230,7 +230,7 @@ def _dependences(strokes: Strokes) -> Iterator[tuple[int, int]]:
                     yield 2 * entry + imposed, 2 * two + (imposed if kind == "TF" else 1 - imposed)
 
 
-def _remark(strokes: Strokes, bonds: tuple[int, ...], count: int) -> CausalityRemark:
+def _remark(strokes: Strokes, bonds: tuple[int, ...], count: int) -> _CausalityRemark:
     nodes = dict.fromkeys(end for bond in bonds for end in strokes.bonds[bond])
     resistances = [name for name in nodes if strokes.kinds[name] == "R"]
     inner = [name for name in nodes if strokes.kinds[name] in ("0", "1", "TF", "GY")]
@@ -251,4 +251,4 @@ def _remark(strokes: Strokes, bonds: tuple[int, ...], count: int) -> CausalityRe
         meaning = (
             f"{join_with_types(strokes.kinds, resistances)} {depend}{through}: {solved} to be solved at once"
         )
-    return CausalityRemark((*resistances, *inner), meaning, count)
+    return _CausalityRemark((*resistances, *inner), meaning, count)

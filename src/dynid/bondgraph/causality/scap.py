@@ -127,7 +127,7 @@ def _follow(strokes: Strokes, start: str, bond: int) -> tuple[str, int, bool]:
 
 
 @dataclass
-class AssignedStrokes:
+class _AssignedStrokes:
     """Strokes on every bond, and the conflicts that are left.
 
     Parameters
@@ -142,7 +142,7 @@ class AssignedStrokes:
     conflicts: list[tuple[int, Contradiction]]
 
 
-def run_scap(strokes: Strokes, elements: Iterable[str]) -> AssignedStrokes:
+def run_scap(strokes: Strokes, elements: Iterable[str]) -> _AssignedStrokes:
     """Complete strokes by the procedure.
 
     Parameters
@@ -167,7 +167,7 @@ class _Procedure:
         self.strokes, self.ahead = strokes, ahead
         self.conflicts: list[tuple[int, Contradiction]] = []
 
-    def run(self, elements: list[str]) -> AssignedStrokes:
+    def run(self, elements: list[str]) -> _AssignedStrokes:
         strokes, kinds = self.strokes, self.strokes.kinds
         for name in [name for name in strokes.setter if len(strokes.bonds_at[name]) == 1]:
             self._put(
@@ -183,7 +183,7 @@ class _Procedure:
             self._choose(self._bond(name), self._wanted(name))
         for bond in range(len(strokes.bonds)):
             self._choose(bond, True)
-        return AssignedStrokes(strokes, self.conflicts)
+        return _AssignedStrokes(strokes, self.conflicts)
 
     def _bond(self, name: str) -> int:
         return self.strokes.bonds_at[name][0]
@@ -261,7 +261,7 @@ def assign_causality(graph: BondGraph) -> Causality:
     return describe(run_scap(strokes, one_ports))
 
 
-def describe(assigned: AssignedStrokes) -> Causality:
+def describe(assigned: _AssignedStrokes) -> Causality:
     """Return the findings of an assignment as tables and words."""
     strokes = assigned.strokes
     kinds = strokes.kinds

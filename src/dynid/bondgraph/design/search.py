@@ -32,7 +32,7 @@ _PREDICTED_RTOL = 1e-10
 _ACTIVE_RTOL = 1e-5
 
 
-class Conditions(NamedTuple):
+class _Conditions(NamedTuple):
     """First- and second-order conditions of a minimum.
 
     Attributes
@@ -74,7 +74,7 @@ class Solution:
     evaluation: Evaluation
     objective: float
     met: bool
-    conditions: Conditions | None = None
+    conditions: _Conditions | None = None
 
 
 # --- wanted roots ----------------------------------------------------------------------------------
@@ -328,7 +328,7 @@ class _Search:
         met = bool(np.abs(best.residuals).max(initial=0.0) <= MET)
         return Solution(best, self.objective(best), met, conditions)
 
-    def _conditions(self, here: Evaluation) -> tuple[Evaluation, Conditions, Array | None]:
+    def _conditions(self, here: Evaluation) -> tuple[Evaluation, _Conditions, Array | None]:
         """Return the conditions at a point, and the Newton step on the first-order ones, None without one.
 
         The active pieces are those of a quadratic program in a small trust region.
@@ -357,11 +357,11 @@ class _Search:
         try:
             B = self.hessian(here, multipliers_now)[np.ix_(free, free)]
         except NumericalError:
-            return here, Conditions(stationarity, np.nan, len(pieces), verified=False), None
+            return here, _Conditions(stationarity, np.nan, len(pieces), verified=False), None
         curvature = _reduced_curvature(B, rows[:, free])
         flat = curvature >= -1e-6 * max(1.0, float(np.abs(B).max(initial=0.0)))
         verified = bool(stationarity <= STATIONARY and signs and held and flat)
-        conditions = Conditions(stationarity, curvature, len(pieces), verified)
+        conditions = _Conditions(stationarity, curvature, len(pieces), verified)
         count = len(rows)
         matrix = np.zeros((len(B) + count, len(B) + count))
         matrix[: len(B), : len(B)] = B

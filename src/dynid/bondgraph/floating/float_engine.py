@@ -43,12 +43,12 @@ class FloatEngine:
         self.counts = {channel: counted[register] for channel, register in self.channels.items()}
         self.natural_counts = {port: counted[register][0] for port, register in determinants.items()}
         self._spectra: dict[tuple[frozenset[str], bool], RootDiscs] = {}
-        self._found: dict[Channel, FloatTransferFunction] = {}
+        self._found: dict[Channel, _FloatTransferFunction] = {}
 
-    def channel(self, channel: Channel) -> FloatTransferFunction:
+    def channel(self, channel: Channel) -> _FloatTransferFunction:
         """Return one channel."""
         if channel not in self._found:
-            self._found[channel] = FloatTransferFunction(self, channel)
+            self._found[channel] = _FloatTransferFunction(self, channel)
         return self._found[channel]
 
     def hidden_modes(self, channel: Channel) -> tuple[EstimatedRoot, ...]:
@@ -84,7 +84,7 @@ class FloatEngine:
         return [self.channels[c] for c, (above, _) in self.counts.items() if above.degree >= 0]
 
 
-class FloatTransferFunction(TransferProperties):
+class _FloatTransferFunction(TransferProperties):
     """One channel: see `FloatEngine`.
 
     Raises

@@ -20,7 +20,7 @@ from dynid.bondgraph.program.program import Operation, Program, Register, operan
 _MAX_POLYNOMIAL_TERMS = 2000
 
 
-class ReducedQuotient(NamedTuple):
+class _ReducedQuotient(NamedTuple):
     """A quotient of polynomials in lowest terms, and whether something was cancelled on the way to it."""
 
     above: Any
@@ -115,7 +115,7 @@ class FormulaRing:
         self.one = self._ring.constant(1)
         self._gens = dict(zip(names, self._ring.gens(), strict=True))
 
-    def part(self, expression: RegisterExpression) -> ReducedQuotient:
+    def part(self, expression: RegisterExpression) -> _ReducedQuotient:
         """Return an expression as a quotient.
 
         Raises
@@ -123,12 +123,12 @@ class FormulaRing:
         OverflowError
             Where it has too many terms, or divides by zero.
         """
-        quotients: dict[Register, ReducedQuotient] = {}
+        quotients: dict[Register, _ReducedQuotient] = {}
         cancelled = False
         for register in expression.order:
             label = expression.named.get(register)
             quotient = (
-                ReducedQuotient(self._gens["label", label], self.one)
+                _ReducedQuotient(self._gens["label", label], self.one)
                 if label
                 else self._part(register, quotients)
             )
@@ -138,32 +138,32 @@ class FormulaRing:
             quotients[register] = quotient
         return quotients[expression.order[-1]]._replace(cancelled=cancelled)
 
-    def _part(self, register: Register, quotients: Mapping[Register, ReducedQuotient]) -> ReducedQuotient:
+    def _part(self, register: Register, quotients: Mapping[Register, _ReducedQuotient]) -> _ReducedQuotient:
         op, a, b = self._program.ops[register]
         match op:
             case Operation.CONSTANT:
-                return ReducedQuotient(self.one * a, self.one)
+                return _ReducedQuotient(self.one * a, self.one)
             case Operation.PARAMETER:
                 return self._value(self._nodes[str(a)])
             case Operation.LAPLACE:
-                return ReducedQuotient(self._gens["s", ""], self.one)
+                return _ReducedQuotient(self._gens["s", ""], self.one)
             case Operation.NEG:
-                return ReducedQuotient(-quotients[a].above, quotients[a].below)
+                return _ReducedQuotient(-quotients[a].above, quotients[a].below)
             case Operation.ADD:
                 return added(quotients[a], quotients[b])
             case Operation.SUB:
-                return added(quotients[a], ReducedQuotient(-quotients[b].above, quotients[b].below))
+                return added(quotients[a], _ReducedQuotient(-quotients[b].above, quotients[b].below))
             case Operation.MUL:
                 return multiplied(quotients[a], quotients[b], same=a == b)
             case _:
-                return multiplied(quotients[a], ReducedQuotient(quotients[b].below, quotients[b].above))
+                return multiplied(quotients[a], _ReducedQuotient(quotients[b].below, quotients[b].above))
 
-    def _value(self, node: Node) -> ReducedQuotient:
+    def _value(self, node: Node) -> _ReducedQuotient:
         from dynid.bondgraph.formulas.symbolic import FormulaTooLong, SymbolicQuotient, apply
         from dynid.bondgraph.program.factored import PolynomialFactor
 
         if node.formula is None or not node.formula.names:
-            return ReducedQuotient(self._gens["name", node.name], self.one)
+            return _ReducedQuotient(self._gens["name", node.name], self.one)
 
         def leaf(item: Fraction | str) -> SymbolicQuotient:
             if isinstance(item, str):
@@ -173,11 +173,11 @@ class FormulaRing:
             return SymbolicQuotient({}, 1, self._ring, _MAX_POLYNOMIAL_TERMS).constant(item)
 
         try:
-            return ReducedQuotient(*node.formula.fold(leaf, apply).lowest_terms())
+            return _ReducedQuotient(*node.formula.fold(leaf, apply).lowest_terms())
         except (KeyError, FormulaTooLong, ZeroDivisionError):  # no short rational function
-            return ReducedQuotient(self._gens["value", node.name], self.one)
+            return _ReducedQuotient(self._gens["value", node.name], self.one)
 
-    def write(self, quotient: ReducedQuotient, hand: FormulaPrinter) -> Printed:
+    def write(self, quotient: _ReducedQuotient, hand: FormulaPrinter) -> Printed:
         """Write a quotient in factors, its sign in front."""
         if quotient.above == 0:
             return hand.integer(0)
@@ -217,7 +217,7 @@ class FormulaRing:
 class SumTerm(NamedTuple):
     """A term of a sum: its value, and the expression that it is, with a sign; none where several are one."""
 
-    quotient: ReducedQuotient
+    quotient: _ReducedQuotient
     sign: int
     expression: RegisterExpression | None
 
@@ -232,7 +232,7 @@ def combined(summands: list[SumTerm]) -> list[SumTerm]:
         left = [term for term in left if term is not first and term is not second]
         left += [SumTerm(total, 1, None)] if total.above != 0 else []
         pair = next(iter(_cancelling(left)), None)
-    total = ReducedQuotient(summands[0].quotient.above * 0, summands[0].quotient.below ** 0)
+    total = _ReducedQuotient(summands[0].quotient.above * 0, summands[0].quotient.below ** 0)
     cancelled = False
     for term in left:
         total = added(total, term.quotient)
@@ -244,30 +244,30 @@ def _cancelling(summands: list[SumTerm]) -> Iterator[tuple[SumTerm, SumTerm]]:
     return (pair for pair in combinations(summands, 2) if added(pair[0].quotient, pair[1].quotient).cancelled)
 
 
-def added(a: ReducedQuotient, b: ReducedQuotient) -> ReducedQuotient:
+def added(a: _ReducedQuotient, b: _ReducedQuotient) -> _ReducedQuotient:
     """Add quotients, and note whether terms combine or a factor of the denominator cancels."""
     shared = a.below.gcd(b.below)
     left, right = b.below // shared, a.below // shared
     from_a, from_b = a.above * left, b.above * right
     total, below = from_a + from_b, a.below * left
     if total == 0:
-        return ReducedQuotient(total, below**0, cancelled=True)
+        return _ReducedQuotient(total, below**0, cancelled=True)
     common = total.gcd(below)
     fewer = len(total) < len(from_a) + len(from_b) and a.above != 0 and b.above != 0
-    return ReducedQuotient(total // common, below // common, fewer or common != 1)
+    return _ReducedQuotient(total // common, below // common, fewer or common != 1)
 
 
-def multiplied(a: ReducedQuotient, b: ReducedQuotient, *, same: bool = False) -> ReducedQuotient:
+def multiplied(a: _ReducedQuotient, b: _ReducedQuotient, *, same: bool = False) -> _ReducedQuotient:
     """Multiply quotients, and note whether factors cancel or repeat (unless both are the same)."""
     if b.below == 0:
         raise OverflowError  # a value of the scene is identically zero
     if a.above == 0 or b.above == 0:
-        return ReducedQuotient(a.above * b.above, a.below**0)
+        return _ReducedQuotient(a.above * b.above, a.below**0)
     across, back = a.above.gcd(b.below), b.above.gcd(a.below)
     twice = not same and (_vary(a.above, b.above) or _vary(a.below, b.below))
     above = (a.above // across) * (b.above // back)
     below = (a.below // back) * (b.below // across)
-    return ReducedQuotient(above, below, twice or across != 1 or back != 1)
+    return _ReducedQuotient(above, below, twice or across != 1 or back != 1)
 
 
 def _vary(a: Any, b: Any) -> bool:

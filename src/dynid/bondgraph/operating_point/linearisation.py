@@ -37,7 +37,7 @@ _SLOPE_BITS = 256
 
 
 @dataclass(frozen=True)
-class LawSlopes:
+class _LawSlopes:
     """An equation of a law at a point: what it gives, and its slopes.
 
     Parameters
@@ -75,7 +75,7 @@ class Linearisation:
 
     graph: BondGraph
     variables: dict[Port, Port]
-    slopes: tuple[LawSlopes, ...]
+    slopes: tuple[_LawSlopes, ...]
     flat: tuple[str, ...]
     point: OperatingPoint
 
@@ -94,7 +94,7 @@ def linearised(point: OperatingPoint) -> Linearisation:
         exact = _law_slopes(point)
         circuit = _LinearCircuit(point, exact)
     rounded = tuple(
-        LawSlopes(
+        _LawSlopes(
             law_slopes_of.row,
             law_slopes_of.value,
             {column: float(slope) for column, slope in law_slopes_of.slopes.items()},
@@ -105,7 +105,7 @@ def linearised(point: OperatingPoint) -> Linearisation:
     return Linearisation(graph, circuit.variables, rounded, tuple(dict.fromkeys(circuit.flat)), point)
 
 
-def _law_slopes(point: OperatingPoint) -> list[LawSlopes]:
+def _law_slopes(point: OperatingPoint) -> list[_LawSlopes]:
     """Return the equations of the laws with their slopes, at high precision."""
     from flint import arb
 
@@ -133,7 +133,7 @@ def _law_slopes(point: OperatingPoint) -> list[LawSlopes]:
             raise _no_slope(
                 row.node, f"has a slope beyond the range of numbers at the operating point ({where})"
             )
-        rows.append(LawSlopes(row, float(value * factor), slopes))
+        rows.append(_LawSlopes(row, float(value * factor), slopes))
     return rows
 
 
@@ -158,7 +158,7 @@ class _LinearCircuit(Circuit):
 
     part = "law"
 
-    def __init__(self, point: OperatingPoint, slopes: list[LawSlopes]) -> None:
+    def __init__(self, point: OperatingPoint, slopes: list[_LawSlopes]) -> None:
         self._equations = equations = point.equations
         self.flat: list[str] = []
         self._measured: dict[Port, tuple[str, Real]] = {}
@@ -212,13 +212,13 @@ class _LinearCircuit(Circuit):
             reached.update(new)
         return reached
 
-    def _own(self, law_slope: LawSlopes) -> int:
+    def _own(self, law_slope: _LawSlopes) -> int:
         """Return the column by which the slope of a law is the value of its node."""
         model = self._equations.model
         two_port = model.graph.nodes[law_slope.row.node].type in TWO_PORTS
         return law_slope.row.factor if two_port else self._equations.column(model.own(law_slope.row.node))
 
-    def _valued(self, slopes: list[LawSlopes]) -> BondGraph:
+    def _valued(self, slopes: list[_LawSlopes]) -> BondGraph:
         """Return the graph with slopes as values; where one is zero, with a junction of one bond."""
         graph = self._equations.model.graph
         nodes, bonds = dict(graph.nodes), list(graph.bonds)

@@ -30,7 +30,7 @@ _BLOCK, _NUMPY_BLOCK = 64, 1024
 _REGISTER_ROWS = 6
 
 
-class InstructionTape(NamedTuple):
+class _InstructionTape(NamedTuple):
     """The instructions that the library runs.
 
     Parameters
@@ -53,7 +53,7 @@ class InstructionTape(NamedTuple):
 
 def compile_tape(
     program: Program, registers: Sequence[Register], value: Callable[[str], Fraction]
-) -> InstructionTape:
+) -> _InstructionTape:
     """Return the tape that computes some registers.
 
     Parameters
@@ -79,7 +79,7 @@ def compile_tape(
         rows, numbers, places, sizes,
     )  # fmt: skip
     length, slots = sizes.tolist()
-    return InstructionTape(rows[:length], numbers[:length], places, slots)
+    return _InstructionTape(rows[:length], numbers[:length], places, slots)
 
 
 def sweep_frequencies(

@@ -171,7 +171,7 @@ class CompiledProgram(Program):
         )
 
 
-class CompiledReductions(NamedTuple):
+class _CompiledReductions(NamedTuple):
     """The reductions of a graph to its outputs, in one program.
 
     Parameters
@@ -197,7 +197,7 @@ def compiled_reductions(
     structure: Callable[[], JunctionStructure],
     *,
     balanced: bool,
-) -> CompiledReductions | None:
+) -> _CompiledReductions | None:
     """Return the reductions of a graph, without traces; None where the library refuses.
 
     Parameters
@@ -265,7 +265,7 @@ def compiled_reductions(
         net.root.sources = {inputs[source]: register for source, register in drives.tolist()}
         driven = frozenset(inputs[k] for k in np.flatnonzero(driving).tolist())
         reductions[port] = reduction_at_root(net, work, NoTrace(), port, driven)
-    return CompiledReductions(program, reductions, unsolved=not solved.all())
+    return _CompiledReductions(program, reductions, unsolved=not solved.all())
 
 
 def _junction_names(graph: BondGraph, names: list[str], drawn: list[int]) -> list[str]:

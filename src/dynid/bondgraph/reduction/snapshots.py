@@ -18,7 +18,7 @@ from dynid.bondgraph.reduction.trace import ReductionStep, TraceRecorder
 
 
 @dataclass(frozen=True)
-class JunctionState:
+class _JunctionState:
     """A junction that is left, with what stands on it.
 
     Parameters
@@ -46,7 +46,7 @@ class JunctionState:
 
 
 @dataclass(frozen=True)
-class SnapshotCoupling:
+class _SnapshotCoupling:
     """The connection of two junctions: a bond, a TF or GY, or a coupling that only the equations show.
 
     Parameters
@@ -95,8 +95,8 @@ class Snapshot:
 
     step: ReductionStep | None
     root: str
-    junctions: dict[str, JunctionState]
-    links: tuple[SnapshotCoupling, ...]
+    junctions: dict[str, _JunctionState]
+    links: tuple[_SnapshotCoupling, ...]
     known: dict[str, Register] | None
     reading: PortForm
     changed: tuple[str, ...]
@@ -154,7 +154,7 @@ class _SnapshotTaker:
             }
         left = {
             row.name: (
-                JunctionState(
+                _JunctionState(
                     kind=row.kind,
                     nodes=tuple(self.net.structure.junctions[row.name].members),
                     terms=tuple(row.terms),
@@ -165,7 +165,7 @@ class _SnapshotTaker:
             )
             for row in self.net.left
         }
-        links: list[SnapshotCoupling] = []
+        links: list[_SnapshotCoupling] = []
         met: set[NodeRow] = set()
         for tail in self.net.left:
             met.add(tail)
@@ -174,7 +174,9 @@ class _SnapshotTaker:
                     tie = self.net.tie(tail, head)
                     names, entries = (tail.name, head.name), (tail.entries[head], head.entries[tail])
                     two_port = None if tie is None else tie.two_port
-                    links.append(SnapshotCoupling(*names, *entries, drawn=tie is not None, two_port=two_port))
+                    links.append(
+                        _SnapshotCoupling(*names, *entries, drawn=tie is not None, two_port=two_port)
+                    )
         self.taken.append(
             Snapshot(
                 step=steps[-1] if steps else None,

@@ -104,7 +104,7 @@ Sparse = dict[str, int]
 
 
 @dataclass(frozen=True)
-class Undetermined:
+class _Undetermined:
     """A set of junctions whose common variables the equations leave open together.
 
     Parameters
@@ -152,7 +152,7 @@ def _modular_nodal_form(
     return _ModularNodalForm(rows, driven)
 
 
-def undetermined(structure: JunctionStructure, junctions: Iterable[str] | None = None) -> list[Undetermined]:
+def undetermined(structure: JunctionStructure, junctions: Iterable[str] | None = None) -> list[_Undetermined]:
     """Return the variables that some equations leave open; none where the solution is unique.
 
     Parameters
@@ -194,10 +194,12 @@ def undetermined(structure: JunctionStructure, junctions: Iterable[str] | None =
             smallest = list(vector), [name for name in graph.nodes if name in sources]
     if smallest is not None:
         raise no_solution(structure, *smallest)
-    return [Undetermined(vector, _not_determined(structure, vector)) for vector in elimination.null_vectors()]
+    return [
+        _Undetermined(vector, _not_determined(structure, vector)) for vector in elimination.null_vectors()
+    ]
 
 
-def hold(structure: JunctionStructure, outputs: Iterable[Port]) -> list[Undetermined]:
+def hold(structure: JunctionStructure, outputs: Iterable[Port]) -> list[_Undetermined]:
     """Fix undetermined variables at zero that no output depends on: the rest has a unique solution.
 
     Parameters

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from dynid.bondgraph.floating.float_engine import FloatEngine
 
 
-class ChannelEngine(Protocol):
+class _ChannelEngine(Protocol):
     """An engine, as far as results of channels need it; one of samples as well."""
 
     @property
@@ -133,7 +133,7 @@ def _channels(reduced: ReducedGraph, analysis: Analysis, choice: EngineChoice) -
     return result
 
 
-def add_channel(result: Result, engine: ChannelEngine, channel: Channel, asked: frozenset[str]) -> None:
+def add_channel(result: Result, engine: _ChannelEngine, channel: Channel, asked: frozenset[str]) -> None:
     """Add the requested results of one channel."""
     transfer, group = engine.channel(channel), _group(channel)
     if "transfer_function" in asked:
@@ -190,7 +190,7 @@ def time_constants(poles: NDArray[np.complex128]) -> NDArray[np.float64]:
         return np.asarray(np.divide(1.0, rates, out=np.full(len(rates), np.inf), where=rates != 0))
 
 
-def _add_hidden_modes(result: Result, engine: ChannelEngine, channel: Channel, *, explained: bool) -> None:
+def _add_hidden_modes(result: Result, engine: _ChannelEngine, channel: Channel, *, explained: bool) -> None:
     """Add the natural modes that cancel in the channel; their causes where requested and known."""
     group = f"bond_graph/properties/{channel[0]}/{channel[1]}"
     if not result.wants(f"{group}/hidden_modes"):

@@ -209,7 +209,7 @@ class _StaticLine:
 
 
 @dataclass(frozen=True)
-class StaticCharacteristic:
+class _StaticCharacteristic:
     """The static characteristic for one input of value 1.
 
     Parameters
@@ -225,7 +225,7 @@ class StaticCharacteristic:
     operating: FlowEffort
 
 
-def static_characteristics(parts: Decomposition) -> dict[str, StaticCharacteristic]:
+def static_characteristics(parts: Decomposition) -> dict[str, _StaticCharacteristic]:
     """Return the static characteristic for every input that has one.
 
     It has none where a side has no finite line at s -> 0 (an input that is integrated without end), or where
@@ -238,7 +238,7 @@ def static_characteristics(parts: Decomposition) -> dict[str, StaticCharacterist
         if source is None or load is None or operating is None:
             continue
         box = _box(source, load, operating)
-        characteristics[name] = StaticCharacteristic(source.ends(box), load.ends(box), operating)
+        characteristics[name] = _StaticCharacteristic(source.ends(box), load.ends(box), operating)
     return characteristics
 
 

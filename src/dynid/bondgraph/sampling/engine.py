@@ -26,7 +26,7 @@ from dynid.lti.root_batches import RootBatch, disjoint, root_batch
 
 
 @dataclass(frozen=True, eq=False)
-class SampledRoots:
+class _SampledRoots:
     """Roots of one polynomial of every sample.
 
     Attributes
@@ -45,7 +45,7 @@ class SampledRoots:
     multiplicities: NDArray[np.int64]
 
     @classmethod
-    def of(cls, factors: Sequence[tuple[RootBatch, int]], count: int) -> SampledRoots:
+    def of(cls, factors: Sequence[tuple[RootBatch, int]], count: int) -> _SampledRoots:
         """Join the roots of the factors of polynomials, each with its multiplicity."""
 
         def joined(what: str, kind: type) -> NDArray[Any]:
@@ -70,14 +70,14 @@ class SampledRoots:
 
 
 @dataclass(frozen=True, eq=False)
-class SampledChannel:
+class _SampledChannel:
     """A channel of all samples: coefficients, ascending, for each one integer a sample, and roots."""
 
     numerator: list[Integers]
     denominator: list[Integers]
-    zeros: SampledRoots
-    poles: SampledRoots
-    hidden: SampledRoots
+    zeros: _SampledRoots
+    poles: _SampledRoots
+    hidden: _SampledRoots
 
     @property
     def relative_degree(self) -> int:
@@ -137,7 +137,7 @@ class SampledEngine:
             )
         ]
         self._tables = PowerTables([values[name] for name in family.varying], parts, count)
-        self.channels: dict[Channel, SampledChannel] = {}
+        self.channels: dict[Channel, _SampledChannel] = {}
         for channel, polynomials in channels.items():
             above, below = map(self._tables.coefficients, (polynomials.numerator, polynomials.denominator))
             for columns in (above, below):
@@ -147,11 +147,11 @@ class SampledEngine:
                 for polynomial in (polynomials.zeros, polynomials.poles, polynomials.hidden)
             )
             self.certain &= _apart([*zeros, *poles], count) & _apart(hidden, count)
-            roots = (SampledRoots.of(polynomial, count) for polynomial in (zeros, poles, hidden))
-            self.channels[channel] = SampledChannel(above, below, *roots)
+            roots = (_SampledRoots.of(polynomial, count) for polynomial in (zeros, poles, hidden))
+            self.channels[channel] = _SampledChannel(above, below, *roots)
 
-    def __getitem__(self, sample: int) -> EngineSample:
-        return EngineSample(self, sample)
+    def __getitem__(self, sample: int) -> _EngineSample:
+        return _EngineSample(self, sample)
 
     def transfer(self, channel: Channel, sample: int) -> TransferFunction:
         """Return a channel of a sample, with its roots."""
@@ -190,7 +190,7 @@ class SampledEngine:
         return spectrum
 
 
-class EngineSample(NamedTuple):
+class _EngineSample(NamedTuple):
     """One sample of an engine, which answers for its channels as any engine does."""
 
     engine: SampledEngine

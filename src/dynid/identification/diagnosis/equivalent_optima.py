@@ -78,7 +78,7 @@ _APART_SADDLE = (0.4, 0.1)
 _MAX_RANKING_WORK = 100_000_000
 
 
-class FlatDirection(NamedTuple):
+class _FlatDirection(NamedTuple):
     """A direction in which the misfit rises by less than half of what the error bars predict.
 
     Attributes
@@ -118,7 +118,7 @@ class EquivalentOptima:
     log_posterior: Array
     permutations: Sequence[Permutation] = ()
     sensors: Sequence[tuple[str, ...]] = ()
-    flat: FlatDirection | None = None
+    flat: _FlatDirection | None = None
 
     def __len__(self) -> int:
         return len(self.eta)
@@ -346,7 +346,7 @@ class OptimaSearch:
 
     def _beyond(
         self, best: Optimum, *, symmetric: bool
-    ) -> tuple[FlatDirection | None, list[tuple[float, int, Array]]]:
+    ) -> tuple[_FlatDirection | None, list[tuple[float, int, Array]]]:
         """Return the direction in which error bars are contradicted most, and starts far beyond them.
 
         Those where the misfit is less than the information predicts, with theirs.
@@ -361,7 +361,7 @@ class OptimaSearch:
         U, s, _ = np.linalg.svd(information.root / units[:, None])
         values = sum(int(record.data.counts.sum()) for record in likelihood.records)
         starts: list[tuple[float, float, Array]] = []
-        directions: list[FlatDirection] = []
+        directions: list[_FlatDirection] = []
         max_count, steepest = (_DIRECTIONS, _STEEP) if symmetric else (_MAX_DIRECTIONS, 1)
         for direction, size in list(zip(U.T, s, strict=False))[:max_count]:
             for side in (direction, -direction):
@@ -378,7 +378,7 @@ class OptimaSearch:
                         continue
                     starts.append(((misfit - best.misfit) / predicted, misfit, start))
                     if distance == 2 * FLAT_DISTANCE and np.array_equal(start, eta + away):
-                        directions.append(FlatDirection(away, misfit - best.misfit, predicted))
+                        directions.append(_FlatDirection(away, misfit - best.misfit, predicted))
                     steep = 0 if starts[-1][0] < _FLAT else steep + 1
         flat = sorted((start for start in starts if start[0] < _FLAT), key=lambda start: start[0])
         flattest = min(directions, key=lambda direction: direction.rise / direction.predicted, default=None)

@@ -51,7 +51,7 @@ _INVALID_RESIDUAL_RATIO = 0.5
 # … and above this one (all channels together) whatever they are.
 _EXPLAINED_RATIO = 1.0
 # Residuals below this part of the signal are round-off and holds: their distribution is not tested.
-_ROUND_OFF = 1e-6
+_SHAPE_ROUND_OFF = 1e-6
 # A standard error of the logarithm beyond which not even the order of magnitude is known: a factor of e^10.
 _UNKNOWN_LOG_DEVIATION = 10.0
 #: Part of the deviation of a prior above which the data leave a parameter to the prior or its limits.
@@ -569,7 +569,9 @@ class Posterior:
             record, residual = self.likelihood.records[channel.record], self.raw_residual(channel)
             both = np.column_stack([residual, record.data.recorded[:, channel.column]])
             left, signal = root_mean_square(both)
-            shapes.append(residual_shape(residual, OUTLIER.value) if left > _ROUND_OFF * signal else None)
+            shapes.append(
+                residual_shape(residual, OUTLIER.value) if left > _SHAPE_ROUND_OFF * signal else None
+            )
         return shapes
 
     @property

@@ -24,7 +24,7 @@ _CORRELATED, _OFF, _GAPS, _CLIPPED = 0.95, 5.0, 0.2, 0.01
 #: How many deviations a prior and a record are apart that contradict each other: by chance one in 16,000.
 CONTRADICTED = 4.0
 # Residuals below this part of the signal are round-off and holds, whatever their colour.
-_ROUND_OFF = 1e-6
+_COLOUR_ROUND_OFF = 1e-6
 # With fewer values than this beyond the unknowns the estimated noise is off by a quarter, as a rule.
 _LEAST_SPARE = 10
 # A channel that takes fewer values is not tested for clipping.
@@ -37,7 +37,7 @@ POSSIBLE_CAUSES = (
     "depends on the amplitude), whose estimates differ between records of different amplitude"
 )
 # Difference of the logarithm of the posterior below which optima are equally good.
-_EVEN = 0.1
+_EQUAL_LOG_POSTERIOR = 0.1
 # A parameter differs between optima from this part of a unit on; else priors move it a little.
 _MOVED_UNITS = 0.01
 # The most outliers that are named one by one.
@@ -290,7 +290,7 @@ def _how_well(posterior: Posterior) -> str:
     """Return how well the undecided optima explain the records beside the estimate, with the odds."""
     assert posterior.optima is not None
     min_log_posterior = float(posterior.optima.log_posterior[posterior.optima.undecided].min())
-    if min_log_posterior > -_EVEN:
+    if min_log_posterior > -_EQUAL_LOG_POSTERIOR:
         return "equally well"
     return f"nearly equally well (odds of {math.exp(-min_log_posterior):.2g} to 1 at the most)"
 
@@ -391,7 +391,7 @@ def _coloured_residuals(posterior: Posterior) -> Iterator[str]:
         record, fit = posterior.likelihood.records[channel.record], posterior.fit.parts[channel.record]
         ratio, series = record.unexplained(fit, channel.column)
         fitted = [int(record.noise_orders[channel.column])]
-        if ratio >= _ROUND_OFF and is_coloured(whiteness(series, coefficients=fitted)):
+        if ratio >= _COLOUR_ROUND_OFF and is_coloured(whiteness(series, coefficients=fitted)):
             peak = frequency_text(record.residual_peak(fit, channel.column), 3)
             coloured.setdefault(channel.record, []).append((channel.name, short_percent(100 * ratio), peak))
     for k, channels in coloured.items():

@@ -36,7 +36,7 @@ from dynid.number_format import frequency_text
 from dynid.parameters import Parameter, named
 
 # Fewest evaluations that a search may take.
-_LEAST_EVALUATIONS = 64
+_MIN_FRF_EVALUATIONS = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,7 +270,7 @@ class FrfLikelihood(Likelihood):
     def most_evaluations(self) -> float:
         """Most evaluations that a search may take, from the work of one."""
         work = sum(record.multiplications for record in self.records)
-        return max(_LEAST_EVALUATIONS, SEARCH_WORK.value // work)
+        return max(_MIN_FRF_EVALUATIONS, SEARCH_WORK.value // work)
 
     def with_weights_of(self, weighted: Any) -> FrfLikelihood:
         """Return the likelihood with the weights by line of one of the same responses with another model."""

@@ -32,7 +32,7 @@ HIDDEN = 0.05
 _RESIDUAL_FLOOR = 1e-13
 
 
-class NamedChannel(Protocol):
+class _NamedChannel(Protocol):
     """A channel with a name and a unit."""
 
     @property
@@ -175,7 +175,7 @@ class RecordLikelihood(ABC):
         return RECORD
 
     @property
-    def channels(self) -> Sequence[NamedChannel]:
+    def channels(self) -> Sequence[_NamedChannel]:
         """The channels."""
         return ()
 

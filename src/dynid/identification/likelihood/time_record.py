@@ -59,7 +59,7 @@ _PRIOR_WIDTH = 10.0
 # Numbers of the largest sensitivities that are kept from a fit for the tests of it.
 _MAX_KEPT_NUMBERS = 1_000_000
 # Fewest evaluations that a search may take: those that rank one round of starts.
-_LEAST_EVALUATIONS = 256
+_MIN_RECORD_EVALUATIONS = 256
 #: Rows of a history, at the most.
 MAX_STORED_ROWS = 100_000
 
@@ -511,7 +511,7 @@ class TimeLikelihood(Likelihood):
         """Most evaluations that a search may take, from the work of one."""
         sizes = ((len(record.times), len(record.system_model.states)) for record in self.records)
         work = sum(rows * states**2 for rows, states in sizes) * (1 + len(self.unknowns))
-        return max(_LEAST_EVALUATIONS, RECORD_SEARCH_WORK.value // max(1, work))
+        return max(_MIN_RECORD_EVALUATIONS, RECORD_SEARCH_WORK.value // max(1, work))
 
 
 def stored_rows(samples: int) -> slice:

@@ -31,7 +31,7 @@ Engine = Literal["exact", "float"]
 _RANK_DROP_RTOL, _FULL_RANK_RTOL = 1e-11, 1e-7
 
 
-class SystemZerosPoles(NamedTuple):
+class _SystemZerosPoles(NamedTuple):
     """Finite zeros and poles of a system, with error bounds, multiplicities and verdicts.
 
     Parameters
@@ -103,7 +103,7 @@ class SystemZerosPoles(NamedTuple):
 
 
 @dataclass(frozen=True)
-class FloatRoot:
+class _FloatRoot:
     """A root in floating point.
 
     Parameters
@@ -123,7 +123,7 @@ class FloatRoot:
     multiplicity: int = 1
 
     @classmethod
-    def all_of(cls, eigenvalues: FiniteEigenvalues) -> tuple[FloatRoot, ...]:
+    def all_of(cls, eigenvalues: FiniteEigenvalues) -> tuple[_FloatRoot, ...]:
         """Return eigenvalues as roots, with sides from the error bounds; those at the origin are one root."""
         at_origin = (eigenvalues.values == 0) & (eigenvalues.bounds == 0)
         origin = [cls(0j, 0.0, 0, int(at_origin.sum()))] if at_origin.any() else []
@@ -138,7 +138,7 @@ class FloatRoot:
 
 def zeros_poles(
     A: Any, B: Any, C: Any, D: Any, E: Any = None, engine: Engine = "exact", reading: Reading = "binary"
-) -> SystemZerosPoles:
+) -> _SystemZerosPoles:
     """Return finite invariant zeros and poles of E x' = A x + B u, y = C x + D u.
 
     Parameters
@@ -171,13 +171,13 @@ def zeros_poles(
             raise _singular()
         poles, of_poles = _checked_zeros(system.state)
         zeros, of_zeros = _checked_zeros(system.whole)
-        return SystemZerosPoles(
+        return _SystemZerosPoles(
             zeros=zeros.values,
             poles=poles.values,
             zero_bounds=zeros.bounds,
             pole_bounds=poles.bounds,
-            zero_roots=FloatRoot.all_of(zeros),
-            pole_roots=FloatRoot.all_of(poles),
+            zero_roots=_FloatRoot.all_of(zeros),
+            pole_roots=_FloatRoot.all_of(poles),
             gain=None,
             engine="float",
             **system.structure(of_zeros.rank, of_zeros.finite, of_poles.finite),
@@ -195,7 +195,7 @@ def zeros_poles(
     if system.siso:
         leads = (Fraction(int(p.leading_coefficient())) for p in (numerator, denominator))
         gain = system.gain(*leads) if structure["normal_rank"] else 0.0
-    return SystemZerosPoles(
+    return _SystemZerosPoles(
         zeros=repeated(zero_roots),
         poles=repeated(pole_roots),
         zero_bounds=_bounds(zero_roots),

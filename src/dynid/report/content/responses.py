@@ -16,7 +16,7 @@ from dynid.result import Result
 #: Most channels and outputs on a screen, and on a page.
 _BRIEF, _MOST = 12, 30
 #: Part of the largest value of a response below which a value is round-off.
-_ROUND_OFF = 1e-12
+_RESPONSE_ROUND_OFF = 1e-12
 
 
 def response_sections(result: Result, base: str) -> Iterator[ReportSection]:
@@ -61,7 +61,7 @@ def _peaks(result: Result, group: str) -> Iterator[tuple[str, str, str]]:
 
 def extremes(column: NDArray[np.float64]) -> tuple[str, str, str]:
     """Return the smallest, the largest and the last value of a response; what is round-off of it as 0."""
-    round_off = _ROUND_OFF * float(np.abs(column).max())
+    round_off = _RESPONSE_ROUND_OFF * float(np.abs(column).max())
     low, high, final = (
         general(0.0 if abs(value) <= round_off < math.inf else value)
         for value in (column.min(), column.max(), column[-1])

@@ -22,7 +22,7 @@ from dynid.report.page.html import Markup, formula, grid, join, scrolling, table
 #: A text of more characters in a cell has room for several words a line.
 _LONG_TEXT = 24
 #: Longest formula, characters.
-_FORMULA = 400
+_MAX_PAGE_FORMULA = 400
 
 
 def page_sections(sections: Iterable[ReportSection], place: str) -> list[ReportSection]:
@@ -81,7 +81,7 @@ def _statement(block: Statement) -> Markup:
 
 
 def _line(line: str) -> Markup:
-    return formula(line.shortened(_FORMULA) if isinstance(line, Formula) else line)
+    return formula(line.shortened(_MAX_PAGE_FORMULA) if isinstance(line, Formula) else line)
 
 
 def _table(block: TextTable, title: str, unfolded: int | None, most: int) -> Markup:

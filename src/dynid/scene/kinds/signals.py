@@ -172,7 +172,7 @@ def highest_frequency(signals: Sequence[SignalPart], step: float) -> float:
     return min(math.pi / step, max(highest, default=math.inf))
 
 
-class Sensor(Protocol):
+class _Sensor(Protocol):
     """The unit and sensitivity of a recorded column, as far as the scene has them."""
 
     @property
@@ -209,7 +209,7 @@ def _units_of(measured: Any) -> tuple[str, ...]:
     return (measured.unit,) if measured.unit else ()
 
 
-def recorded_factor(sensor: Sensor, heading: Heading | None, measured: Any, path: str) -> float:
+def recorded_factor(sensor: _Sensor, heading: Heading | None, measured: Any, path: str) -> float:
     """Return the factor by which recorded values are multiplied to be SI.
 
     Parameters
@@ -257,7 +257,7 @@ def recorded_factor(sensor: Sensor, heading: Heading | None, measured: Any, path
     return factor / float(sensitivity.value) if sensitivity else factor
 
 
-def of_stated_kind(measured: Any, sensor: Sensor, heading: Heading | None) -> Any:
+def of_stated_kind(measured: Any, sensor: _Sensor, heading: Heading | None) -> Any:
     """Return a channel, its DOF of the kind that its unit says where its label says none."""
     from dynid.structure.ports import Channel
     from dynid.units import si_factor

@@ -39,7 +39,7 @@ from dynid.structure.reduction.stacked_modes import (
 )
 
 # Condition beyond which single structures are solved with refinement in twice the working precision.
-_MAX_CONDITION = 1e6
+_MAX_STACK_CONDITION = 1e6
 # A residual vector whose part outside the modes is smaller may be spanned by these.
 _MIN_OUTSIDE = 1e-9
 
@@ -70,7 +70,7 @@ class StackedReduction:
     condition: Callable[[], Array] | None = None
 
 
-class StackedMethod(NamedTuple):
+class _StackedMethod(NamedTuple):
     """A reduction method for stacks of structures, each given without and with its joints.
 
     `choose` returns the choice for each structure, and which choices are sure; `reduce` reduces structures
@@ -81,7 +81,7 @@ class StackedMethod(NamedTuple):
     reduce: Callable[[Stack, Stack, Choice], StackedReduction]
 
 
-def stacked(method: Reductor, model: StructuralModel) -> StackedMethod:
+def stacked(method: Reductor, model: StructuralModel) -> _StackedMethod:
     """Return the form for stacks of a method; `model` is one of the structures."""
     if isinstance(method, ModalTruncation) or (isinstance(method, JointAware) and method.residuals):
         loads = np.zeros(0, dtype=np.intp)
@@ -89,18 +89,18 @@ def stacked(method: Reductor, model: StructuralModel) -> StackedMethod:
             loads = interesting(model, method.interest)
         elif method.residuals:
             loads = indices_of(model, method.residuals, "residuals")
-        return StackedMethod(
+        return _StackedMethod(
             partial(stacked_choices.choose_modes, method), partial(_on_modal_coordinates, loads=loads)
         )
     if isinstance(method, Serep | JointAware):
         joint_aware = isinstance(method, JointAware)
-        return StackedMethod(
+        return _StackedMethod(
             partial(stacked_choices.choose_for_modes, method, model, joint_aware),
             partial(_on_modes, joint_aware=joint_aware, retained=joint_aware or not model.joints),
         )
     if isinstance(method, CraigBampton):
         choose = partial(stacked_choices.choose_for_fixed_interface, method, model)
-        return StackedMethod(choose, _condensed)
+        return _StackedMethod(choose, _condensed)
     assert isinstance(method, Guyan | Dynamic | Irs)
     reduce: Callable[[Stack, Stack, Choice], StackedReduction] = _condensed
     if isinstance(method, Dynamic):
@@ -108,7 +108,7 @@ def stacked(method: Reductor, model: StructuralModel) -> StackedMethod:
         reduce = partial(_condensed, omega=omega)
     elif isinstance(method, Irs):
         reduce = partial(_improved, iterations=method.iterations)
-    return StackedMethod(partial(stacked_choices.choose_masters, method, model), reduce)
+    return _StackedMethod(partial(stacked_choices.choose_masters, method, model), reduce)
 
 
 def _projected(
@@ -280,7 +280,7 @@ class _Factor:
         self._scaled = A * self._scale[:, :, None] * self._scale[:, None, :]
         values = np.abs(np.linalg.eigvalsh(self._scaled))
         self.sure = np.asarray(
-            values.min(axis=1, initial=1.0) * _MAX_CONDITION > values.max(axis=1, initial=1.0)
+            values.min(axis=1, initial=1.0) * _MAX_STACK_CONDITION > values.max(axis=1, initial=1.0)
         )
         self._matrix = np.where(self.sure[:, None, None], self._scaled, np.eye(A.shape[-1]))
 

@@ -92,7 +92,7 @@ def _levels(inputs: Columns, names: list[str]) -> NDArray[np.intp]:
 
 
 @dataclass(frozen=True)
-class OneAtATime:
+class _OneAtATime:
     """Samples that differ from a centre in one input each.
 
     Parameters
@@ -107,7 +107,7 @@ class OneAtATime:
     varied: Mapping[str, NDArray[np.intp]]
 
 
-def one_at_a_time(inputs: Columns) -> OneAtATime | None:
+def one_at_a_time(inputs: Columns) -> _OneAtATime | None:
     """Return a design whose samples differ from a centre in at most one input; None for other samples."""
     changed = {}
     for name, column in inputs.items():
@@ -119,7 +119,7 @@ def one_at_a_time(inputs: Columns) -> OneAtATime | None:
     if differing.max(initial=0) != 1 or not (differing == 0).any():
         return None
     varied = {name: np.flatnonzero(where) for name, where in changed.items() if where.any()}
-    return OneAtATime(np.flatnonzero(differing == 0), varied)
+    return _OneAtATime(np.flatnonzero(differing == 0), varied)
 
 
 #: Explained share of the variance above which a linear model is reliable.

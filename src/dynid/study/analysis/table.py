@@ -171,7 +171,7 @@ class StudyTable:
         ]
         unit = self._frequency_unit
         return [
-            replace(axis, labels=in_decimals(axis.labels * unit.factor), units=unit.name)
+            replace(axis, labels=_in_decimals(axis.labels * unit.factor), units=unit.name)
             if axis.units == RADIANS.name and unit.factor != 1
             else axis
             for axis in axes
@@ -220,7 +220,7 @@ class StudyTable:
         )
 
 
-def in_decimals(values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _in_decimals(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return numbers as a scene has them, without the last two digits, which converted units change."""
     return np.array([float(f"{value:.14g}") for value in values])
 
@@ -260,7 +260,7 @@ def _place(axis: LabelledAxis, label: str, path: str) -> int:
 
 
 @dataclass(frozen=True)
-class Failure:
+class _Failure:
     """Samples that failed with the same error, apart from numbers in it.
 
     Parameters
@@ -278,7 +278,7 @@ class Failure:
     samples: NDArray[np.int64]
 
 
-def failures(table: StudyTable) -> list[Failure]:
+def failures(table: StudyTable) -> list[_Failure]:
     """Return the failed samples grouped by error, the most frequent first."""
     if not len(table.failed):
         return []
@@ -288,7 +288,7 @@ def failures(table: StudyTable) -> list[Failure]:
     for row, error in enumerate(errors):
         groups.setdefault(_NUMBER.sub("#", str(error)), []).append(row)
     failed = [
-        Failure(str(errors[rows[0]]), int(codes[rows[0]]), table.numbers[table.failed[rows]])
+        _Failure(str(errors[rows[0]]), int(codes[rows[0]]), table.numbers[table.failed[rows]])
         for rows in groups.values()
     ]
     return sorted(failed, key=lambda failure: -len(failure.samples))
