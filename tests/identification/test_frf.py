@@ -77,7 +77,7 @@ def test_slopes_are_those_of_differences():
 def test_a_search_that_nothing_ends_is_cut_off_with_a_remedy(monkeypatch):
     """Responses of no structure: no residuals are noise, and starts end in different places."""
     values = exact() * np.exp(3j * np.sin(np.arange(len(LINES)))[:, None])
-    monkeypatch.setattr(frf_record, "_LEAST_EVALUATIONS", 60)
+    monkeypatch.setattr(frf_record, "_MIN_FRF_EVALUATIONS", 60)
     monkeypatch.setattr(frf_record, "SEARCH_WORK", defaults.Limit(0, ""))
     asked = []
     monkeypatch.setattr(FrfSystem, "response", counting(asked, FrfSystem.response))

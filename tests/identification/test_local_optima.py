@@ -207,7 +207,7 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 def test_a_search_beyond_its_budget_says_so(monkeypatch):
     """A start from which nothing is explained; with few evaluations the search ends with that status."""
     monkeypatch.setattr(time_record, "RECORD_SEARCH_WORK", defaults.Limit(0, ""))
-    monkeypatch.setattr(time_record, "_LEAST_EVALUATIONS", 60)
+    monkeypatch.setattr(time_record, "_MIN_RECORD_EVALUATIONS", 60)
     scene = load_scene(CONFIGS / "suspension_noisy.yaml", ["joints.upper.k.start=3.5e-9"])
     try:
         result = run(scene)
