@@ -32,7 +32,7 @@ from dynid.study.keys import SIZE, sample_keys
 from dynid.study.plan import make_plan
 from dynid.study.run import heading_of
 from dynid.study.scheduler import Chunk, Chunks, Scheduler
-from dynid.study.work import JUDGE, Done, Job, packed, unpacked
+from dynid.study.work import Done, Job, meets, packed, unpacked
 
 HERE = Path(__file__).parent
 STUDY = """\
@@ -111,9 +111,9 @@ def measure(folder: Path, client: Client) -> tuple[Costs, SampleOutcomes]:
     plan = make_plan(scene)
     keys = sample_keys(plan, range(count))
     batch = plan.overrides(range(200 if QUICK else 1000))
-    run_batch(plan.base, batch[:10], plan.collect, JUDGE)  # what is loaded once
-    sample = timed(lambda: packed(run_batch(plan.base, batch, plan.collect, JUDGE))) / len(batch)
-    outcomes = run_batch(plan.base, batch, plan.collect, JUDGE)
+    run_batch(plan.base, batch[:10], plan.collect, meets)  # what is loaded once
+    sample = timed(lambda: packed(run_batch(plan.base, batch, plan.collect, meets))) / len(batch)
+    outcomes = run_batch(plan.base, batch, plan.collect, meets)
     content = pickle.dumps(Done(packed(outcomes), 0.0))
     code = timed(lambda: pickle.loads(pickle.dumps(Done(packed(outcomes), 0.0)))) / len(outcomes)
     journal = Journal(str(folder / "j.journal"))

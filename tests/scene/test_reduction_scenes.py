@@ -209,7 +209,7 @@ def test_the_screen_shows_the_elastic_modes_of_a_free_structure(tmp_path, capsys
     with pytest.raises(SystemExit):
         main(["run", str(scene), "-o", str(tmp_path / "free.h5")])
     out = capsys.readouterr().out
-    header, full, row = (line.split() for line in out.splitlines()[2:5])
+    header, full, row = (line.split() for line in out.splitlines()[3:6])
     assert header[:3] == ["size", "ω3", "ω4"]
     assert full[:2] == ["full", "10"]
     assert full[2:4] == row[2:4]

@@ -188,7 +188,7 @@ def test_an_explanation_lists_the_forms(tmp_path):
 def test_screen_page_and_figures_of_a_synthesis(tmp_path, command):
     written(tmp_path, LADDER)
     said = command("run", "wanted.yaml", "--report", "wanted.html")[1]
-    assert "Y(s) = (s^2 + 4 s + 3) / (s + 2.1) A/V" in said
+    assert "Y(s)    (s^2 + 4 s + 3) / (s + 2.1) A/V" in said
     assert "positive real, of degree 2, of R and C alone" in said
     assert "cauer: C1 = 1.000 F, R1 = 0.5263 Ω" in said
     assert "Driving-point admittance" in (tmp_path / "wanted.html").read_text()
