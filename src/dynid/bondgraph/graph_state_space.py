@@ -6,6 +6,7 @@ the unknown that does so.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -215,15 +216,22 @@ def natural_polynomial(reduced: ReducedGraph) -> Any:
 
 def _characteristic_polynomial(graph: BondGraph, rates: dict[str, LinearForm]) -> Any:
     """Return det(s - A) of the rates of states, over the integers or the graph's field."""
-    from flint import fmpq_mat
+    from flint import fmpq_mat, fmpz_mat
 
     rows = [[_rational(form.get(("w", name), 0)) for name in rates] for form in rates.values()]
-    characteristic = fmpq_mat(rows).charpoly()
-    if graph.field is None:
-        return characteristic.numer()
-    from dynid.arithmetic.field_polynomials import FieldPolynomial
+    if graph.field is not None:
+        from dynid.arithmetic.field_polynomials import FieldPolynomial
 
-    return FieldPolynomial(graph.field, characteristic).numer()
+        return FieldPolynomial(graph.field, fmpq_mat(rows).charpoly()).numer()
+    from dynid.lti.pencil.exact import determinant
+
+    # rows have denominators of their own: a common one has as many digits as all of them
+    scales = [math.lcm(*(int(number.q) for number in row)) for row in rows]
+    size = len(rows)
+    scaled = [number * scale for row, scale in zip(rows, scales, strict=True) for number in row]
+    diagonal = [scale if i == j else 0 for i, scale in enumerate(scales) for j in range(size)]
+    multiple = determinant(fmpz_mat(size, size, diagonal), fmpz_mat(size, size, [x.p for x in scaled]))
+    return multiple // multiple.content()
 
 
 def _rational(number: Any) -> Any:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid.arrays import Array, ComplexArray
-from dynid.bondgraph.analysis_request import Analysis, choose_engine, modelled_storages
+from dynid.bondgraph.analysis_request import Analysis, choose_engine
 from dynid.bondgraph.graph import ACTIVATED, STORAGES, BondGraph, Port, bond_sign, unit_quotient
 from dynid.bondgraph.graph_response import frequency_response
 from dynid.bondgraph.reduced_graph import ReducedGraph
@@ -23,8 +23,10 @@ from dynid.result import Result
 
 #: The part whose elements stand for controllers.
 CONTROL = "control"
-#: Most storages whose natural polynomial is formed without being asked for: it takes 0.4 s.
+#: Most storages whose natural polynomial is formed without being asked for: it takes 20 ms.
 _MAX_EXACT_STORAGES = 60
+#: From this condition on, the inverse of eigenvectors has fewer than ten digits, and left ones are computed.
+_MAX_INVERTED_CONDITION = 1e6
 #: What is said of eigenvalues in floating point, of which none can be proved to be repeated.
 _UNPROVED = "True where the error bounds of eigenvalues overlap; 'engine: exact' decides"
 
@@ -125,7 +127,7 @@ def _free_motions(reduced: ReducedGraph, elements: _EnergyElements, *, exact: bo
     C = solve_triangular(root, system.C.T, trans="T", lower=False).T
     spectrum = _Spectrum.of(A)
     if exact:
-        roots = certified_roots(natural_polynomial(reduced))
+        roots = certified_roots(natural_polynomial(reduced), list(spectrum.values))
         poles = [(root.value, root.multiplicity, root.multiplicity) for root in roots]
     else:
         bounded = zip(spectrum.values, spectrum.bounds, strict=True)
@@ -134,9 +136,11 @@ def _free_motions(reduced: ReducedGraph, elements: _EnergyElements, *, exact: bo
     poles = sorted((pole for pole in poles if pole[0].imag >= 0), key=lambda pole: abs(pole[0]))
     motions = [spectrum.motions(A, pole, size, exact=exact) for pole, size, _ in poles]
     times = [count for _, _, count in poles]
+    squares = np.abs(C @ np.concatenate(motions, axis=1)) ** 2
+    ends = np.cumsum([basis.shape[1] for basis in motions])[:-1]
     return _FreeMotions(
         np.repeat([pole for pole, _, _ in poles], times),
-        np.repeat([(np.abs(C @ basis) ** 2).mean(axis=1) for basis in motions], times, axis=0),
+        np.repeat([part.mean(axis=1) for part in np.split(squares, ends, axis=1)], times, axis=0),
         np.repeat([size > 1 for _, size, _ in poles], times),
     )
 
@@ -150,13 +154,14 @@ class _Spectrum(NamedTuple):
 
     @classmethod
     def of(cls, A: Array) -> _Spectrum:
-        from scipy.linalg import eig
-
-        eigen: Any = eig(A, left=True)
-        values, left, vectors = eigen
-        # 1 / |y' x|, the condition of an eigenvalue, is beyond all bounds for a defective one
-        cosines = np.maximum(np.abs((left.conj() * vectors).sum(axis=0)), np.finfo(float).eps)
-        return cls(values, _rounding_of(A) / cosines, vectors)
+        values, vectors = np.linalg.eig(A)
+        try:  # the condition of an eigenvalue is the norm of its row here, that of a vector is 1
+            conditions = np.linalg.norm(np.linalg.inv(vectors), axis=1)
+        except np.linalg.LinAlgError:
+            conditions = np.full(len(values), np.inf)
+        if not conditions.max() < _MAX_INVERTED_CONDITION:
+            conditions = _conditions(A)
+        return cls(values, _rounding_of(A) * conditions, vectors)
 
     def cluster(self, value: complex, bound: float) -> tuple[complex, int]:
         """Return the mean of the eigenvalues whose bounds overlap that of one of them, and their number."""
@@ -175,6 +180,16 @@ class _Spectrum(NamedTuple):
         spread = 0.0 if exact else float(np.sort(distances)[size - 1])
         count = int((singular <= 10 * _rounding_of(A) + spread).sum())
         return np.asarray(vectors[len(A) - min(max(count, 1), size) :].conj().T)
+
+
+def _conditions(A: Array) -> Array:
+    """Return the conditions of eigenvalues: 1 / |y' x| of unit vectors from left and right."""
+    from scipy.linalg import eig
+
+    eigen: Any = eig(A, left=True)
+    _, left, right = eigen
+    # that of a defective one is beyond all bounds
+    return np.asarray(1 / np.maximum(np.abs((left.conj() * right).sum(axis=0)), np.finfo(float).eps))
 
 
 def _rounding_of(A: Array) -> float:
@@ -211,7 +226,7 @@ def add_energy(result: Result, graph: BondGraph, analysis: Analysis) -> None:
     if elements.controlled or not elements.passive:
         result.add(f"{_ENERGY}/status", _CONTROLLED if elements.controlled else _NEGATIVE)
     else:
-        small = modelled_storages(reduced) <= _MAX_EXACT_STORAGES or analysis.engine == "exact"
+        small = np.count_nonzero(elements.storage_values) <= _MAX_EXACT_STORAGES or analysis.engine == "exact"
         exact = small and choose_engine(reduced, analysis).engine == "exact"
         _add_modes(result, elements, reduced, exact=exact)
     if omega is None:
