@@ -154,6 +154,11 @@ def autocorrelation(residual: Array) -> tuple[Array, Array]:
     return r, _HALF_WIDTH / np.sqrt(np.count_nonzero(~np.isnan(residual), axis=0))
 
 
+def spectral_lines(samples: int, step: float) -> Array:
+    """Return the frequencies of the spectrum of so many samples, rad/s."""
+    return np.asarray(2 * np.pi * np.fft.rfftfreq(min(samples, _SEGMENT), step))
+
+
 def spectrum(residual: Array, step: float) -> tuple[Array, Array]:
     """Return the root of each channel's power spectral density, whose integral over omega is its mean square.
 
@@ -183,10 +188,9 @@ def spectrum(residual: Array, step: float) -> tuple[Array, Array]:
         [np.abs(np.fft.rfft(window * filled[k : k + length], axis=0)) ** 2 for k in starts], axis=0
     )
     power[1 : (length + 1) // 2] *= 2
-    omega = 2 * np.pi * np.fft.rfftfreq(length, step)
     present = np.count_nonzero(~np.isnan(residual), axis=0) / n
     density = power * step / (2 * np.pi * np.sum(window**2)) / present
-    return np.asarray(omega, dtype=float), np.asarray(np.sqrt(density) * unit)
+    return spectral_lines(n, step), np.asarray(np.sqrt(density) * unit)
 
 
 def consistency(innovations: Array) -> Consistency:

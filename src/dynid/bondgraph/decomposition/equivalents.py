@@ -226,6 +226,12 @@ class Decomposition(GraphProgram):
         self.effort = {name: self._effort(name) for name in self.inputs}
         self.flow = {name: self._flow(name) for name in self.inputs}
 
+    @property
+    def reductions(self) -> dict[str, Reduction]:
+        """The reductions of the sides, and that of a driven load."""
+        sides = {side.name: side.reduction for side in (self.source, self.load) if side.reduction is not None}
+        return sides | ({} if self.driven is None else {"driven load": self.driven})
+
     def pivots(self) -> list[int]:
         """Return the registers that the program divides by."""
         pivots: list[Register] = []

@@ -70,14 +70,12 @@ def add_port(result: Result, parts: Decomposition, initial: Mapping[str, float |
         result.add(f"{_GROUP}/prototype_equation{suffix}", prototype.equation(hand))
     result.add(f"{_GROUP}/type", prototype.type)
     result.add(f"{_GROUP}/meaning", prototype.describe(parts.meeting))
-    sides = {side.name: side.reduction for side in (parts.source, parts.load) if side.reduction is not None}
-    if parts.driven is not None:
-        sides["driven load"] = parts.driven
-    labels = {r: label for reduction in sides.values() for r, label in reduction.labels.items()}
+    reductions = parts.reductions
+    labels = {r: label for reduction in reductions.values() for r, label in reduction.labels.items()}
     for index, system in enumerate(("system_a", "system_b")):
         for hand, suffix in ((TEXT, ""), (LATEX, "_latex")):
             result.add(f"{_GROUP}/{system}{suffix}", system_text(parts, prototype, index, labels, hand))
-    add_traces(result, _GROUP, parts, sides, "side")
+    add_traces(result, _GROUP, parts, reductions, "side")
     dynamics = prototype_dynamics(parts, prototype)
     add_dynamics(result, _GROUP, dynamics)
     _add_performance(result, parts)

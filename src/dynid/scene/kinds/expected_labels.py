@@ -12,11 +12,9 @@ import numpy as np
 from dynid.bondgraph.graph import SOURCES, STORAGES
 from dynid.errors import DynidError
 from dynid.scene.kinds.expected_requests import analysis_of, structure_in
-from dynid.scene.kinds.parameters import unknown_parameters
-from dynid.scene.kinds.result_layout import names_in
-from dynid.scene.schema.joints import ParameterModel
+from dynid.scene.kinds.parameters import quantities, unknown_parameters
+from dynid.scene.kinds.result_layout import OF_RECORDS, RECORD, names_in
 from dynid.scene.schema.reduction import max_size, result_names
-from dynid.scene.schema.references import sections
 from dynid.suggestions import did_you_mean, shortened
 
 if TYPE_CHECKING:
@@ -34,12 +32,17 @@ _CHANNEL_WORDS = frozenset(
 #: Axes that are numbered from 1.
 _NUMBERED = frozenset(
     {"mode", "full_mode", "pole", "zero", "hidden_mode", "natural_mode", "optimum", "equilibrium"}
-    | {"step", "branch", "direction"}
+    | {"step", "branch", "direction", "pair", "lag", "computed", "definition", "blind_direction"}
+    | {f"{polynomial}root" for polynomial in ("", "a_", "b_", "missed_", "foreign_")}
 )
 #: Groups of graphs over the frequencies of the analysis, and those whose number of roots storages bound.
 _OVER_FREQUENCY = frozenset({"frequency_response", "energy", "source_performance", "sensitivity_functions"})
-_WITH_ROOTS = frozenset({"transfer_function", "properties", "energy", "sensitivities", "port"})
-_ROOT_AXES = frozenset({"mode", "pole", "zero", "natural_mode", "hidden_mode"})
+_WITH_ROOTS = frozenset(
+    {"transfer_function", "properties", "energy", "sensitivities", "port", "reduction", "root_locus"}
+)
+_ROOT_AXES = frozenset({"mode", "pole", "zero", "natural_mode", "hidden_mode", "branch"})
+#: Groups of identifications of which not every time is stored.
+_HISTORIES = frozenset({"history", "first_pass", "states"})
 #: Groups of identifications whose axis `parameter` is that of the unknown ones.
 _OF_PARAMETERS = frozenset(
     ("identification", name) for name in ("parameters", "rejected", "diagnostics", "equivalent_optima")
@@ -95,22 +98,25 @@ def problem_of_label(
         return ""
     if dim not in dims | _UNLABELLED:
         return f"'{parts[-1]}' has no dimension '{dim}'{did_you_mean(dim, dims)}"
+    if dim in _NUMBERED and (isinstance(label, str) or label < 1 or not float(label).is_integer()):
+        return f"there is no {dim} {label}; they are numbered from 1"
+    try:
+        return _problem_in_scene(scene, parts, dim, label) if certain else ""
+    except DynidError:  # which the preparation of the run reports
+        return ""
+
+
+def _problem_in_scene(scene: Scene, parts: tuple[str, ...], dim: str, label: str | float) -> str:
+    """Return the reason why a dimension has no such label in a scene."""
     if dim in _NUMBERED:
-        if isinstance(label, str) or label < 1 or not float(label).is_integer():
-            return f"there is no {dim} {label}; they are numbered from 1"
-        count = _max_count(scene, parts, dim) if certain else None
-        return (
-            ""
-            if count is None or label <= count
-            else f"there is no {dim} {label:g}; there are {count} at most"
-        )
+        count = _max_count(scene, parts, dim)
+        exists = count is None or float(label) <= count
+        return "" if exists else f"there is no {dim} {label:g}; there are {count} at most"
     if dim in ("omega", "time"):
-        return _problem_of_grid(scene, parts, dim, label) if certain else ""
-    labels = _labels(scene, parts).get(dim) if certain else None
+        return _problem_of_grid(scene, parts, dim, label)
+    labels = _labels(scene, parts).get(dim)
     if labels is None or str(label) in labels:
         return ""
-    if not labels:  # names that are made of the scene's words
-        return problem_of_words(scene, [str(label)])
     return f"there is no {dim} '{label}'{similar_or_all(str(label), labels)}"
 
 
@@ -164,6 +170,8 @@ def _frequencies(scene: Scene, parts: tuple[str, ...]) -> NDArray[np.float64] | 
         grid = scene.model.responses.frequency
     elif parts[:2] == ("reduction", "frf"):
         grid = scene.model.frequency
+    elif parts[0] == "identification" and parts[1] in ("measurement", "residual_spectrum"):
+        return _axis_of_record(scene, parts, "omega")
     elif parts[:3] == ("identification", "derived", "frequency_response") and scene.model.derived:
         analysis = scene.model.responses or scene.model.graph_analysis
         grid = analysis.frequency if analysis is not None else None
@@ -171,13 +179,65 @@ def _frequencies(scene: Scene, parts: tuple[str, ...]) -> NDArray[np.float64] | 
 
 
 def _times(scene: Scene, parts: tuple[str, ...]) -> NDArray[np.float64] | None:
-    """Return the times of a response, s, where the scene gives them."""
+    """Return the times of a response or a record, s, where the scene gives them."""
     from dynid.scene.kinds.signals import record_of
 
+    if "/".join(parts[:2]) in OF_RECORDS:
+        return _axis_of_record(scene, parts, "time")
     if parts[1:2] != ("time_response",):
         return None
     analysis = analysis_of(scene) if parts[0] == "bond_graph" else scene.model.responses
     return None if analysis is None or analysis.time is None else record_of(analysis.time).times
+
+
+@lru_cache(maxsize=1)
+def _records(scene: Scene[IdentificationScene]) -> list[Any]:
+    """Return the records of an identification with their loads, or its frequency responses."""
+    from dynid.scene.kinds.identified_graphs import identified_graph
+    from dynid.scene.kinds.measurements import measurements_of
+
+    model = structure_in(scene) if scene.model.graph is None else identified_graph(scene)[0]
+    measurements, measured = measurements_of(scene, model), scene.model.measurement
+    return measurements[:-1] if measured is not None and measured.modes is not None else measurements
+
+
+def derived_pairs(scene: Scene[IdentificationScene]) -> list[tuple[str, str]]:
+    """Return the outputs and inputs of which quantities are derived: channels, and loads of their record."""
+    from dynid.identification.records.measurement import Experiment
+
+    pairs = []
+    for record in _records(scene):
+        if isinstance(record, Experiment):
+            names = [load.name for load in record.loads]
+            pairs += [(channel.name, name) for channel in record.measurement.channels for name in names]
+        else:
+            pairs += [(function.channel.name, str(function.force)) for function in record.channels]
+    return pairs
+
+
+def _axis_of_record(
+    scene: Scene[IdentificationScene], parts: tuple[str, ...], dim: str
+) -> NDArray[np.float64] | None:
+    """Return the times of a record, or the lines of its spectra or of frequency responses."""
+    from dynid.identification.likelihood.time_record import stored_rows
+    from dynid.identification.records.measurement import Experiment
+    from dynid.identification.residual_tests import spectral_lines
+
+    records = _records(scene)
+    number = parts[2].removeprefix(RECORD) if len(parts) > 3 else "1"
+    if not number.isdigit() or not 1 <= int(number) <= len(records):
+        return None
+    record = records[int(number) - 1]
+    if not isinstance(record, Experiment):
+        return np.asarray(record.omega) if dim == "omega" else None
+    measurement = record.measurement
+    delays = (delay for key, delay in quantities(scene.model) if key == "delay")
+    delayed = any(float(delay) or delay.dependent for delay in delays)  # they may shorten records
+    if dim == "omega":
+        return None if delayed else spectral_lines(measurement.samples, measurement.step)
+    stored = parts[1] in _HISTORIES and not delayed
+    rows = stored_rows(measurement.samples) if stored else slice(None)
+    return np.arange(measurement.samples, dtype=np.float64)[rows] * measurement.step
 
 
 def _max_count(scene: Scene, parts: tuple[str, ...], dim: str) -> int | None:
@@ -188,11 +248,7 @@ def _max_count(scene: Scene, parts: tuple[str, ...], dim: str) -> int | None:
     requested = None
     if scene.kind == "identification" and parts[:2] == ("structure", "modes"):
         requested = scene.model.responses.modes.count
-    try:
-        size = _size(scene, parts, dim)
-    except DynidError:  # which the run meets before its end
-        size = None
-    counts = [count for count in (requested, size) if count is not None]
+    counts = [count for count in (requested, _size(scene, parts, dim)) if count is not None]
     return min(counts) if counts else None
 
 
@@ -211,7 +267,13 @@ def _storages(scene: Scene) -> int:
 
 
 def _size(scene: Scene, parts: tuple[str, ...], dim: str) -> int | None:
-    """Return the number of storages of a graph, or of modes of a structure, that bounds a numbered axis."""
+    """Return the number that bounds a numbered axis: of storages, modes, starts, steps or unknowns."""
+    if parts[:3] == ("bond_graph", "design", "optima"):
+        return scene.model.design.starts if scene.model.design is not None else None
+    if dim == "direction":
+        return len(_unknown_names(scene))
+    if dim == "step":
+        return _steps(scene, parts[1])
     if parts[0] == "bond_graph":
         return _storages(scene) if dim in _ROOT_AXES and parts[1] in _WITH_ROOTS else None
     if dim not in ("mode", "full_mode"):
@@ -226,11 +288,31 @@ def _size(scene: Scene, parts: tuple[str, ...], dim: str) -> int | None:
     return None
 
 
+@lru_cache(maxsize=2)
+def _steps(scene: Scene, group: str) -> int | None:
+    """Return the number of steps of the reductions of a graph; None where its values follow from the run."""
+    from dynid.bondgraph.decomposition.equivalents import Decomposition
+    from dynid.bondgraph.reduced_graph import ReducedGraph
+    from dynid.scene.kinds.bond_graph import question
+
+    if scene.kind != "bond-graph" or scene.model.design is not None:
+        return None
+    graph, analysis = question(scene)
+    graph = graph.rounded() if analysis.reading == "binary" else graph
+    if group == "reduction":
+        reduced: Any = ReducedGraph(graph, analysis.inputs, analysis.outputs, traced=True)
+    elif analysis.port is not None:
+        reduced = Decomposition(graph, analysis.port, analysis.inputs, tuple(analysis.initial))
+    else:
+        return None
+    return sum(len(reduction.steps) for reduction in reduced.reductions.values())
+
+
 def _unknown_names(scene: Scene[IdentificationScene]) -> list[str]:
-    """Return the names of the unknown parameters of a scene; none where others than `parameters` are."""
-    if any(joint.start is not None for _, joint in sections(scene.model.joints, ParameterModel)):
-        return []
-    return [parameter.name for parameter in unknown_parameters(scene.model)]
+    """Return the names of the unknown parameters of a scene."""
+    model = scene.model
+    unknowns = unknown_parameters(model) if model.graph is not None else structure_in(scene).unknowns
+    return [parameter.name for parameter in unknowns]
 
 
 def labels_of_graph(scene: Scene) -> dict[str, list[str]]:

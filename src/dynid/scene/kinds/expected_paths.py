@@ -10,7 +10,9 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from dynid.bondgraph.analysis_request import MARGINS, PROPERTIES, ResultName
+from dynid.errors import DynidError
 from dynid.scene.kinds.expected_labels import (
+    derived_pairs,
     labels_of_graph,
     method_names,
     not_among,
@@ -121,7 +123,7 @@ def _problem(scene: Scene, parts: tuple[str, ...], *, certain: bool, groups: boo
     elif root == "structure" and rest and certain:
         problem = absence_in_structure(scene, rest[0])
     elif root == "identification" and len(rest) > 1 and certain:
-        problem = absence_in_identification(scene.model, rest[:-1])
+        problem = absence_in_identification(scene.model, rest) or _problem_of_pair(scene, rest)
     elif root == "reduction" and len(rest) > 1 and certain:
         problem = _problem_of_method(scene, rest[0])
     elif root == "synthesis" and len(rest) > 1 and certain:
@@ -132,6 +134,23 @@ def _problem(scene: Scene, parts: tuple[str, ...], *, certain: bool, groups: boo
     problem = problem or _problem_of_layout(parts, method_names(scene, parts), groups=groups)
     names = [parts[depth - 1] for depth in range(1, len(parts)) if is_of_scene(parts[:depth])]
     return problem or (problem_of_words(scene, names) if certain and names else "")
+
+
+def _problem_of_pair(scene: Scene, rest: list[str]) -> str:
+    """Return the reason why nothing is derived of an output and an input; empty where it may be."""
+    if rest[0] != "derived" or rest[1] not in ("zeros", "gains", "frequency_response"):
+        return ""
+    try:
+        pairs = derived_pairs(scene)
+    except DynidError:  # which the preparation of the run reports
+        return ""
+    outputs = list(dict.fromkeys(output for output, _ in pairs))
+    inputs = list(dict.fromkeys(name for output, name in pairs if output in rest[2:3]))
+    axes = (("output", outputs), ("input", inputs))
+    for (axis, names), name in zip(axes, rest[2:], strict=False):
+        if name not in names:
+            return not_among(axis, name, names)
+    return ""
 
 
 def _problem_of_method(scene: Scene, name: str) -> str:
@@ -184,8 +203,9 @@ def _problem_of_graph(scene: Scene, rest: list[str], certain: bool) -> str:
     asked = analysis.asked()
     if group not in groups:
         return f"a bond graph has no results '{group}'{similar_or_all(group, groups)}"
-    if certain and (problem := absence_in_graph(model, analysis, group)):
-        return problem
+    for name in (group, "/".join(rest[:2])) if certain else ():
+        if problem := absence_in_graph(model, analysis, name):
+            return problem
     if group == "margins" and len(below) == 1 and below[0] not in MARGINS:
         return f"loops have no margin '{below[0]}'{similar_or_all(below[0], sorted(MARGINS))}"
     if group == "root_locus" and len(below) > 1 and certain and model.control is not None:

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 
 from dynid.bondgraph.analysis_request import PROPERTIES, ResultName
 from dynid.errors import DynidError
+from dynid.scene.kinds.result_layout import RECORD
 from dynid.scene.schema.measurement import NoiseModel
+from dynid.suggestions import shortened
 
 if TYPE_CHECKING:
     from dynid.scene.load import Scene
@@ -48,6 +50,7 @@ _OF_BLOCKS = {
     "root_locus": "a graph without loops has no root locus; close loops with 'control'",
     "port": "'port' needs the bond at which the graph is cut; name it in 'analysis.port'",
     "design": "'design' needs the block 'design'",
+    "design/compared": "'compared' is of the designs to 'compare'; name their values in 'design'",
     "zero_input": "'zero_input' is of stored energy; give it in 'initial'",
     "operating_point": "a graph without laws has no operating point; write a 'law' or an 'operating_point'",
 }
@@ -83,7 +86,10 @@ def _has_block(group: str, model: GraphScene, analysis: AnalysisModel) -> bool:
     if group == "operating_point":
         nodes = model.graph.nodes.values() if model.graph is not None else ()
         return getattr(model, "operating_point", None) is not None or any(map(has_law, nodes))
-    return getattr(model, "design" if group == "design" else "control", None) is not None
+    if group.startswith("design"):
+        design = getattr(model, "design", None)
+        return design is not None and (group == "design" or bool(design.compare))
+    return getattr(model, "control", None) is not None
 
 
 def _unrequested(group: str, result: ResultName, analysis: AnalysisModel) -> str:
@@ -137,25 +143,25 @@ def absence_in_structure(scene: Scene, group: str) -> str:
     return ""
 
 
-def absence_in_identification(model: IdentificationScene, groups: Sequence[str]) -> str:
-    """Return the reason why an identification has no results in a group; empty where it may have.
+def absence_in_identification(model: IdentificationScene, names: Sequence[str]) -> str:
+    """Return the reason why an identification has no results at a path; empty where it may have.
 
     Parameters
     ----------
     model
         The scene.
-    groups
-        The names of the group and of those in it, below `identification`.
+    names
+        The names of the group and of what is in it, below `identification`.
     """
-    measurement, (group, *below) = model.measurement, groups
+    measurement, (group, *below) = model.measurement, names
     if group == "need":
         return ""
     if measurement is None:
         return "nothing is identified without the block 'measurement'"
     if group in _OF_TIME | {"measurement"}:
-        return _absence_of_records(model, group)
+        return _absence_of_records(model, group) or _absence_of_record(len(measurement.each), below[0])
     if group == "derived":
-        return _absence_of_derived(model, below[0] if below else "")
+        return _absence_of_derived(model, below[0])
     noises = [record.noise for record in measurement.each]
     conditions = {
         "robust": (model.estimator.loss == "huber", "the loss 'huber' of the 'estimator'"),
@@ -193,6 +199,14 @@ def _absence_of_records(model: IdentificationScene, group: str) -> str:
     ):
         return f"'{group}' comes with several passes of the method 'filter' of the 'estimator'"
     return ""
+
+
+def _absence_of_record(count: int, name: str) -> str:
+    """Return the reason why no group of a record has a name; of several records each has a group."""
+    groups = [f"{RECORD}{number}" for number in range(1, count + 1)]
+    if count > 1 and name not in groups:
+        return f"each record has a group of its own; there are: {shortened(groups)}"
+    return f"there is one record; leave '{name}' out" if count == 1 and name.startswith(RECORD) else ""
 
 
 def _absence_of_derived(model: IdentificationScene, group: str) -> str:
