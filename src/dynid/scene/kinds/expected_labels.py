@@ -20,6 +20,7 @@ from dynid.suggestions import did_you_mean, shortened
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from dynid.identification.records.measurement import Measurement
     from dynid.scene.load import Scene
     from dynid.scene.schema.identification import IdentificationScene
 
@@ -114,7 +115,8 @@ def _problem_in_scene(scene: Scene, parts: tuple[str, ...], dim: str, label: str
         return "" if exists else f"there is no {dim} {label:g}; there are {count} at most"
     if dim in ("omega", "time"):
         return _problem_of_grid(scene, parts, dim, label)
-    labels = _labels(scene, parts).get(dim)
+    of_channels = dim == "channel" and parts[0] == "identification"
+    labels = _channels(scene, parts) if of_channels else _labels(scene, parts).get(dim)
     if labels is None or str(label) in labels:
         return ""
     return f"there is no {dim} '{label}'{similar_or_all(str(label), labels)}"
@@ -203,16 +205,27 @@ def _records(scene: Scene[IdentificationScene]) -> list[Any]:
 
 def derived_pairs(scene: Scene[IdentificationScene]) -> list[tuple[str, str]]:
     """Return the outputs and inputs of which quantities are derived: channels, and loads of their record."""
-    from dynid.identification.records.measurement import Experiment
-
     pairs = []
     for record in _records(scene):
-        if isinstance(record, Experiment):
-            names = [load.name for load in record.loads]
-            pairs += [(channel.name, name) for channel in record.measurement.channels for name in names]
+        if isinstance(record, tuple):
+            loads, measurement = record
+            pairs += [(channel.name, load.name) for channel in measurement.channels for load in loads]
         else:
             pairs += [(function.channel.name, str(function.force)) for function in record.channels]
     return pairs
+
+
+def _channels(scene: Scene[IdentificationScene], parts: tuple[str, ...]) -> list[str] | None:
+    """Return the names of channels in a group; None beside measured modes, which have others."""
+    records, of_record = _records(scene), "/".join(parts[:2]) in OF_RECORDS
+    if scene.model.measurement is None or (scene.model.measurement.modes is not None and not of_record):
+        return None
+    names = [
+        f"{RECORD}{number}.{channel.name}" if len(records) > 1 and not of_record else channel.name
+        for number, record in enumerate(records, 1)
+        for channel in (record[1] if isinstance(record, tuple) else record).channels
+    ]
+    return list(dict.fromkeys(names))
 
 
 def _axis_of_record(
@@ -220,7 +233,6 @@ def _axis_of_record(
 ) -> NDArray[np.float64] | None:
     """Return the times of a record, or the lines of its spectra or of frequency responses."""
     from dynid.identification.likelihood.time_record import stored_rows
-    from dynid.identification.records.measurement import Experiment
     from dynid.identification.residual_tests import spectral_lines
 
     records = _records(scene)
@@ -228,9 +240,9 @@ def _axis_of_record(
     if not number.isdigit() or not 1 <= int(number) <= len(records):
         return None
     record = records[int(number) - 1]
-    if not isinstance(record, Experiment):
+    if not isinstance(record, tuple):
         return np.asarray(record.omega) if dim == "omega" else None
-    measurement = record.measurement
+    measurement: Measurement = record[1]
     delays = (delay for key, delay in quantities(scene.model) if key == "delay")
     delayed = any(float(delay) or delay.dependent for delay in delays)  # they may shorten records
     if dim == "omega":
