@@ -23,6 +23,9 @@ from dynid.identification.likelihood.record_likelihood import RecordFit, RecordL
 from dynid.identification.residual_tests import whiteness
 from dynid.parameters import Parameter, coordinates, truths
 
+# Informations that are kept: for the noise of a maximum of the likelihood, and for its unbiased estimate.
+_KEPT = 2
+
 
 @dataclass(frozen=True, eq=False)
 class Fit:
@@ -70,7 +73,9 @@ class Likelihood:
     noiseless: Likelihood | None = field(default=None, kw_only=True)
     pull: float = field(default=PULL, kw_only=True)
     stated_priors: Priors | None = field(default=None, kw_only=True)
-    _last: dict[str, Any] = field(default_factory=dict, init=False, repr=False)
+    _last: dict[tuple[Any, ...], tuple[Information, Fit]] = field(
+        default_factory=dict, init=False, repr=False
+    )
 
     @property
     def ideal(self) -> Likelihood:
@@ -133,18 +138,19 @@ class Likelihood:
     def information(self, fit: Fit, noise: Sequence[Array], *, prior: bool = True) -> Information:
         """Return the information on the parameters of a fit, for a noise of these deviations.
 
-        With the priors, or of the records alone. The last one is kept.
+        With the priors, or of the records alone. The last two are kept.
         """
         key = (id(fit), prior, *(level.tobytes() for level in noise))
-        if self._last.get("key") != key:
+        if key not in self._last:
             fits = zip(self.records, fit.parts, noise, strict=True)
             total = joint_information(
                 [record.information(record_fit, level) for record, record_fit, level in fits]
             )
             total = total.with_rows(self.priors.rows()) if prior else total
-            self._last.update(key=key, fit=fit, found=total)  # the fit as well: else its id may be another's
-        kept: Information = self._last["found"]
-        return kept
+            while len(self._last) >= _KEPT:
+                del self._last[next(iter(self._last))]
+            self._last[key] = total, fit  # the fit as well: else its id may be another's
+        return self._last[key][0]
 
     def weighted(self, fit: Fit, noise: Sequence[Array]) -> Array:
         """Return the residuals over noise, row by row as the information has them, priors at the end."""

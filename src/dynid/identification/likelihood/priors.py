@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -99,28 +100,28 @@ class Priors:
             ),
         )
 
-    @property
+    @cached_property
     def fixed(self) -> NDArray[np.bool_]:
         """Mask of parameters whose limits are one value (p)."""
         return np.asarray(self.low == self.high)
 
-    @property
+    @cached_property
     def has_prior(self) -> NDArray[np.bool_]:
         """Mask of parameters that have a prior (p)."""
         return ~np.isnan(self.means)
 
-    @property
+    @cached_property
     def limited(self) -> NDArray[np.bool_]:
         """Mask of parameters with two limits (p): their prior is proper."""
         return np.isfinite(self.low) & np.isfinite(self.high) & (self.low < self.high)
 
-    @property
+    @cached_property
     def spreads(self) -> Array:
         """Standard deviations of proper priors, Gaussian or uniform (p); NaN of parameters without one."""
         width = np.where(self.limited, self.high - self.low, np.nan)
         return np.fmin(self.deviations, _UNIFORM * width)
 
-    @property
+    @cached_property
     def pulled(self) -> NDArray[np.bool_]:
         """Mask of parameters that are pulled to the middle of their limits (p)."""
         return self.limited & ~self.has_prior

@@ -482,12 +482,13 @@ def _triangle(gram: Array, active: int, max_rank: int) -> tuple[NDArray[np.int_]
     for k in range(active):
         if len(places) >= max_rank:
             break
-        if rounding > _ROUND_OFF_SHARE * max(left[k, k], _NEW_DIRECTION_NORM**2):
+        square = float(left[k, k])
+        if rounding > _ROUND_OFF_SHARE * max(square, _NEW_DIRECTION_NORM**2):
             return None
-        if left[k, k] <= _NEW_DIRECTION_NORM**2:
+        if square <= _NEW_DIRECTION_NORM**2:
             continue
-        square, row = left[k, k], left[k] / math.sqrt(left[k, k])
-        left -= np.outer(row, row)
+        row = left[k] / math.sqrt(square)
+        left[k + 1 :] -= row[k + 1 :, None] * row
         places.append(k)
         rows.append(row)
         if (

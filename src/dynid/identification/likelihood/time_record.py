@@ -242,7 +242,7 @@ class TimeRecord(RecordLikelihood):
             predicted = Prediction(fitted.outputs, fitted.states, fitted.by_parameter, fitted.by_state)
         else:
             free, steps = free_prediction(model, eta)
-            x0 = self._start(self._rows(free, values), noise)
+            x0 = self._start(self._rows(free, values)[0], noise)
             predicted = prediction(model, eta, x0, free, steps)
             residual = values - predicted.outputs
             triangles, counts = self.triangles(residual, predicted.by_state, predicted.by_parameter)
@@ -326,7 +326,10 @@ class TimeRecord(RecordLikelihood):
 
     def residual_rms_at(self, eta: Array) -> Array:
         """Return the RMS of the residuals, whitened, at these coordinates (channels)."""
-        return root_mean_square(self.series(self.residual(eta)))
+        self.system_model.evaluations += 1
+        rows, counts = self._rows(free_prediction(self.model, eta)[0], self.data.values)
+        left = rows[..., -1] - rows[..., :-1] @ (self._start(rows, None) - self.model.initial)
+        return np.asarray(np.sqrt(np.einsum("cr,cr->c", left, left) / counts) * self.data.rms)
 
     def unwhitened_rms(self, fit: RecordFit) -> Array:
         """Return the RMS of the residuals (channels), not whitened."""
@@ -369,13 +372,16 @@ class TimeRecord(RecordLikelihood):
         """Return the residual of the fit at coordinates `eta` (times x channels), NaN where missing."""
         self.system_model.evaluations += 1
         free, _ = free_prediction(self.model, eta)
-        x0 = self._start(self._rows(free, self.data.values), None)
+        x0 = self._start(self._rows(free, self.data.values)[0], None)
         return np.asarray(self.data.values - free.forced - free.by_state @ x0)
 
-    def _rows(self, free: Free, values: Array) -> Array:
-        """Return triangles of the derivatives by the initial state, and of what `values` have beside it."""
+    def _rows(self, free: Free, values: Array) -> tuple[Array, NDArray[np.int_]]:
+        """Return triangles of the derivatives by the initial state and of what `values` have beside it.
+
+        With the counts of values.
+        """
         forced = free.forced + free.by_state @ self.model.initial
-        return self.triangles(values - forced, free.by_state, free.by_state[..., :0])[0]
+        return self.triangles(values - forced, free.by_state, free.by_state[..., :0])
 
     def _start(self, rows: Array, noise: Array | None) -> Array:
         """Return the initial state (n) by triangles (channels x n + 1 x n + 1), as of `fit`."""
