@@ -16,6 +16,7 @@ from dynid.lti.margins import Margins
 from dynid.lti.peaks import Bandwidth
 from dynid.lti.step_info import StepInfo
 from dynid.scene.doubts import scene_doubts
+from dynid.scene.kinds import bond_graph
 from dynid.scene.kinds.expected_paths import impossible_paths
 from dynid.scene.kinds.result_layout import ATTRIBUTES, LAYOUT, names_in
 from dynid.scene.load import check_source, load_scene, validated
@@ -492,6 +493,32 @@ def test_labels_of_several_records_are_refused_where_the_run_has_none(delay):
     refused = {fault.line - first for fault in impossible_paths(scene)}
     assert refused == absent if not delay else refused < absent
     assert len(refused) > 10
+
+
+def test_labels_are_checked_without_the_whole_search_for_equilibria(monkeypatch):
+    starts, build = [], bond_graph.built_graph
+
+    def built(scene, *rest):
+        starts.append(scene.model.operating_point.search.starts)
+        return build(scene, *rest)
+
+    monkeypatch.setattr(bond_graph, "built_graph", built)
+    scene = check("""\
+dynid: 1
+kind: bond-graph
+graph:
+  nodes: {F: Se, m: {type: I, value: 2}, c: {type: R, value: 4}, k: {type: C, law: {e: "q**3 - q"}}, b: 1}
+  bonds: [F -> b -> m, b -> c, b -> k]
+operating_point: {search: {starts: 700}}
+analysis: {outputs: [m.f], results: [poles, transfer_function, reduction]}
+expect:
+  - {path: bond_graph/transfer_function/m.f/F/poles, at: {pole: 3}, max_abs: 3}
+  - {path: bond_graph/reduction/steps, at: {step: 1}, value: 1}
+""")
+    [fault] = impossible_paths(scene)
+    assert "there is no pole 3; there are 2 at most" in fault.message
+    assert starts
+    assert max(starts) < 100
 
 
 WRITERS = ["bondgraph/results", "bondgraph/synthesis", "identification/results", "identification/systems"]

@@ -112,7 +112,7 @@ _CHECKED_STARTS = 16
 
 def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
     """Yield the steps of a run before any computation: build the graph, test its sources, cut its port."""
-    checked = _with_few_starts(scene)
+    checked = with_few_starts(scene)
     for step in _preparation_steps(checked):
         yield step if checked is scene else partial(_unless_undecided, step)
 
@@ -131,7 +131,7 @@ def _preparation_steps(scene: Scene[BondGraphScene]) -> Iterator[PreparationStep
         yield lambda: GraphBisection.at(built_graph(scene).graph, port)
 
 
-def _with_few_starts(scene: Scene[BondGraphScene]) -> Scene:
+def with_few_starts(scene: Scene[BondGraphScene]) -> Scene:
     """Return a scene whose search for equilibria has a bounded number of starts, for a check."""
     model = scene.model
     point = model.operating_point

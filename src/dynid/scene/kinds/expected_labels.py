@@ -268,9 +268,9 @@ def _max_count(scene: Scene, parts: tuple[str, ...], dim: str) -> int | None:
 def _storages(scene: Scene) -> int:
     """Return the number of storages of the graph of a scene, with those of its controllers."""
     if scene.kind == "bond-graph":
-        from dynid.scene.kinds.bond_graph import built_graph
+        from dynid.scene.kinds.bond_graph import built_graph, with_few_starts
 
-        built = built_graph(scene)
+        built = built_graph(with_few_starts(scene))
     else:
         from dynid.scene.kinds.identified_graphs import identified_graph
 
@@ -307,7 +307,8 @@ def _steps(scene: Scene, group: str) -> int | None:
     from dynid.bondgraph.reduced_graph import ReducedGraph
     from dynid.scene.kinds.bond_graph import question
 
-    if scene.kind != "bond-graph" or scene.model.design is not None:
+    model = scene.model
+    if scene.kind != "bond-graph" or model.design is not None or model.operating_point is not None:
         return None
     graph, analysis = question(scene)
     graph = graph.rounded() if analysis.reading == "binary" else graph
