@@ -66,9 +66,6 @@ _MAX_DIRECTIONS = 12
 # below which the misfit is not that of one optimum, the points above it that end a line, and the most starts
 # below it that are searched.
 _DIRECTIONS, _FARTHEST, _FLAT, _STEEP, _FLATTEST = 3, 4.0, 0.5, 2, 8
-# Difference of this ratio from 1 below which the other side of the direction is not tried: of what is odd in
-# the distance, _FLAT there needs a difference of 0.5 here.
-_SAME_RATIO = 0.25
 #: The first of these distances, in deviations.
 FLAT_DISTANCE = 4.0
 # Most states, and candidate sensors, of models whose deciding sensors are sought; lines at which responses
@@ -367,8 +364,7 @@ class OptimaSearch:
         directions: list[_FlatDirection] = []
         max_count, steepest = (_DIRECTIONS, _STEEP) if symmetric else (_MAX_DIRECTIONS, 1)
         for direction, size in list(zip(U.T, s, strict=False))[:max_count]:
-            sides = [direction, -direction]
-            for side in sides:
+            for side in (direction, -direction):
                 distance, steep = FLAT_DISTANCE, 0 if size > _SAME_UNITS else steepest  # of clean data none
                 while 0 < distance * size <= _FARTHEST and steep < steepest:
                     predicted = values / 2 * math.log1p(distance**2 / values)
@@ -380,18 +376,10 @@ class OptimaSearch:
                             misfit = likelihood.misfit_at(start)
                     except DynidError:
                         continue
-                    ratio = (misfit - best.misfit) / predicted
-                    starts.append((ratio, misfit, start))
+                    starts.append(((misfit - best.misfit) / predicted, misfit, start))
                     if distance == 2 * FLAT_DISTANCE and np.array_equal(start, eta + away):
                         directions.append(_FlatDirection(away, misfit - best.misfit, predicted))
-                        opposite = eta - away
-                        if (
-                            not symmetric
-                            and abs(ratio - 1) < _SAME_RATIO
-                            and np.array_equal(likelihood.priors.clipped(opposite), opposite)
-                        ):
-                            del sides[1:]
-                    steep = 0 if ratio < _FLAT else steep + 1
+                    steep = 0 if starts[-1][0] < _FLAT else steep + 1
         flat = sorted((start for start in starts if start[0] < _FLAT), key=lambda start: start[0])
         flattest = min(directions, key=lambda direction: direction.rise / direction.predicted, default=None)
         contradicted = flattest is not None and flattest.rise < _FLAT * flattest.predicted
