@@ -438,6 +438,7 @@ def test_groups_and_labels_are_refused_where_the_run_has_none(name):
         ("beam_reduction", "reduction/guyan/mac", "{mode: 0}", "they are numbered from 1"),
         ("beam_reduction", "reduction/guyan/mac", "{mode: first}", "they are numbered from 1"),
         ("beam_reduction", "reduction/frf/frac", "{method: gyan}", "did you mean 'guyan'?"),
+        ("suspension", "identification/measurement/measured", "{time: soon}", "a number is meant, s"),
     ],
 )
 def test_a_label_that_no_array_has_is_refused_at_its_place(name, path, at, said):
@@ -449,6 +450,28 @@ def test_a_label_that_no_array_has_is_refused_at_its_place(name, path, at, said)
     column = text.splitlines()[-1].index(at) + 2
     assert fault.line == text.count("\n")
     assert column <= fault.column <= column + len(at)
+
+
+@pytest.mark.parametrize(
+    ("name", "block", "path", "said"),
+    [
+        ("beam_reduction", "", "structure/modes/omega", "no results 'structure/modes'; they stand in"),
+        ("chain_modes", "", f"{DERIVED}/zeros/x/y/value", "nothing is derived from measured modes alone"),
+        ("suspension", "derived: []", f"{DERIVED}/zeros/x/y/value", "'derived' is empty"),
+        (
+            "suspension",
+            "derived: [zeros]",
+            f"{DERIVED}/poles/value",
+            "'poles' is not in the list 'derived'; add it",
+        ),
+    ],
+)
+def test_a_group_that_no_block_requests_is_refused_with_the_block(name, block, path, said):
+    file = CONFIGS / f"{name}.yaml"
+    text = file.read_text().partition("\nexpect:")[0].rstrip()
+    text += f"\n{block}\nexpect:\n  - {{path: '{path}', min: 0}}\n"
+    [fault] = impossible_paths(check_source(apply_overrides(parse_source(text, str(file)), ())))
+    assert said in fault.message
 
 
 RECORDS = """dynid: 1
