@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from dynid.scene.batch import run_alone, run_batch, why_alone
+from dynid.scene.doubts import scene_doubts
+from dynid.scene.explanations.explanation import explain
 from dynid.scene.kind import KINDS
 from dynid.scene.load import check_source
 from dynid.scene.yaml.source import parse_source
@@ -201,6 +203,20 @@ def test_methods_of_which_nothing_is_collected_are_not_run():
     outcomes = run_batch(template, samples, ("reduction/guyan/frequencies",))
     assert [one.error for one in outcomes] == ["", ""]
     assert [one.exit_code for one in run_batch(template, samples, ("reduction/serep/frequencies",))] == [3, 3]
+
+
+@pytest.mark.parametrize("area", ["-(-width) * 0.05", "sqrt(width**3) / 20"])
+def test_what_is_computed_of_parameters_varies_with_them(area):
+    assert_together(scene(BEAM.replace("width * 0.05", area)), overrides(VARIED), rounding=1e-12)
+
+
+def test_masters_with_and_without_spaces_are_no_decimal_commas():
+    assert scene_doubts(scene(BEAM.replace("masters: [1, 2, 6, 10]", "masters: [1,2, 6,10]"))) == []
+
+
+def test_a_reduction_that_cannot_be_made_is_an_obstacle():
+    template = scene(BEAM.replace("modes: [1, 2, 3, 4]", "modes: [1, 2, 3, 99]"))
+    assert "99" in str(explain(template).obstacle)
 
 
 def test_a_rigid_body_mode_that_no_method_keeps_is_no_obstacle():
