@@ -455,6 +455,9 @@ def test_a_label_that_no_array_has_is_refused_at_its_place(name, path, at, said)
 @pytest.mark.parametrize(
     ("name", "block", "path", "said"),
     [
+        ("suspension", "derived: [zeros]", f"{DERIVED}/zeros/x/y/value", "'x' is not an output; there are"),
+        ("suspension", "derived: [zeros]", f"{DERIVED}/zeros/2.velocity/y/value", "'y' is not an input"),
+        ("beam_frf", "derived: [zeros]", f"{DERIVED}/zeros/x/y/value", "'x' is not an output; there are"),
         ("beam_reduction", "", "structure/modes/omega", "no results 'structure/modes'; they stand in"),
         ("chain_modes", "", f"{DERIVED}/zeros/x/y/value", "nothing is derived from measured modes alone"),
         ("suspension", "derived: []", f"{DERIVED}/zeros/x/y/value", "'derived' is empty"),
