@@ -15,21 +15,12 @@ from dataclasses import dataclass
 from enum import IntEnum
 from itertools import repeat
 from operator import itemgetter
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, TypeVar
 
 # --- programs -------------------------------------------------------------------------------------
 
 
-class _ProgramNumber(Protocol):
-    """A number type that a program can be run on."""
-
-    def __add__(self, other: Self, /) -> Self: ...
-    def __sub__(self, other: Self, /) -> Self: ...
-    def __mul__(self, other: Self, /) -> Self: ...
-    def __truediv__(self, other: Self, /) -> Self: ...
-    def __neg__(self) -> Self: ...
-
-
+#: A number type that a program can be run on: it has +, -, *, / and the opposite.
 N = TypeVar("N", bound=Any)
 
 
