@@ -161,11 +161,7 @@ def test_the_scene_of_these_tests_is_valid():
             "initial: {k: {f: 1}}\nanalysis:",
             "6:14: the energy of C 'k' is given by its effort e",
         ),
-        (
-            "analysis:",
-            "initial: {k: {e: }}\nanalysis:",
-            "6:14: the energy of C 'k' is given by its effort e",
-        ),
+        ("analysis:", "initial: {k: {e: }}\nanalysis:", "6:14: the energy of C 'k' is given by its effort e"),
         ("analysis:", "initial: {m: 3}\nanalysis:", "6:14: 'm' must be a mapping, not 3"),
     ],
 )

@@ -321,12 +321,7 @@ def place(text, fragment):
         ),
         ("models:", "use: 3\nmodels:", "use: |3", "'use' names files of models"),
         ("m1.J.f", "m1.rotr.f", "[|m1.rotr", "'m1.rotr.f': no node 'm1.rotr'; did you mean 'm1.rotor'?"),
-        (
-            "    nodes:\n      circuit",
-            "    knots:\n      circuit",
-            "knots",
-            "unknown key 'knots'",
-        ),
+        ("    nodes:\n      circuit", "    knots:\n      circuit", "knots", "unknown key 'knots'"),
         ("graph:\n", "graphs:\n", "models", "models are for a 'graph'; there is none"),
         (
             "rotor: 1",

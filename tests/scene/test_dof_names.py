@@ -355,10 +355,7 @@ QUARTERS = [("x", "y", 1, 1), ("y", "-x", 0, 1), ("-x", "-y", -1, 1), ("-y", "x"
 
 
 @settings(max_examples=2, deadline=None)
-@given(
-    places=st.lists(st.floats(-0.4, 0.4), min_size=4, max_size=4),
-    turns=st.integers(1, 3),
-)
+@given(places=st.lists(st.floats(-0.4, 0.4), min_size=4, max_size=4), turns=st.integers(1, 3))
 def test_a_frame_turned_by_quarters_is_the_same_frame(places, turns):
     """Its directions have other names and signs then; the record and the estimates stay."""
     x2, y2, x3, y3 = (float(round(one, 3)) for one in places)

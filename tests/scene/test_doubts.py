@@ -92,11 +92,7 @@ def test_margins_of_loops_use_the_frequencies():
 
 def test_elements_of_negative_values_are_doubted_once_at_the_first():
     assert doubts_of(UNEXPECTING.replace("b: 50", "b: -50")) == [
-        (
-            11,
-            25,
-            "not passive: R 'b' (-50) has a negative value and can give energy without end",
-        )
+        (11, 25, "not passive: R 'b' (-50) has a negative value and can give energy without end")
     ]
     [(line, column, message)] = doubts_of(
         UNEXPECTING.replace("b: 50", "b: -50").replace("C_a: 1.0e-8", "C_a: -1.0e-8")

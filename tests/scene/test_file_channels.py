@@ -293,11 +293,7 @@ def test_steps_of_whole_rates_are_exact(tmp_path, rate, step):
 @pytest.mark.parametrize(
     ("functions", "more", "said"),
     [
-        (
-            [function(np.zeros(8), response=(3, 2), ordinate_spec_data_type=0, id1="mic")],
-            "",
-            "x.yaml:8:22: ",
-        ),
+        ([function(np.zeros(8), response=(3, 2), ordinate_spec_data_type=0, id1="mic")], "", "x.yaml:8:22: "),
         (
             [function(np.zeros(8), response=(3, 2), ordinate_spec_data_type=0, id1="mic")],
             "",

@@ -176,10 +176,7 @@ def test_a_universal_file_says_what_its_functions_are(tmp_path):
 @pytest.mark.parametrize(
     ("file", "said"),
     [
-        (
-            "{path: h.uff, deviation: [1, 2]}",
-            "h.uff holds functions, no deviations. Give their coherence",
-        ),
+        ("{path: h.uff, deviation: [1, 2]}", "h.uff holds functions, no deviations. Give their coherence"),
         ("{path: h.uff, columns: [[1, 2]]}", "holds complex functions, no pairs of columns"),
         (
             "{path: h.uff, columns: [a function, 2]}",

@@ -146,10 +146,7 @@ PORTS = {
     "loudspeaker": (at_the_cone, {"supply": "Se", "air": "Se"}, "air"),
 }
 #: Values with which no effect hides behind another one.
-OTHERS = {
-    "hydraulic_cylinder": {"A_b": 1.2e-3, "V_b": 3e-4, "leak": 2e-10},
-    "gear": {"b2": 0.3, "J1": 2e-4},
-}
+OTHERS = {"hydraulic_cylinder": {"A_b": 1.2e-3, "V_b": 3e-4, "leak": 2e-10}, "gear": {"b2": 0.3, "J1": 2e-4}}
 
 
 class Values(dict):

@@ -150,11 +150,7 @@ def test_the_rest_of_the_scene_is_checked_too(right, wrong, fault):
         ("{method: guyan, masters: {count: 30}}", 2, ":11:21: 30 "),
         ("{method: serep, masters: {count: 2}, modes: {below: 1000}}", 2, ":11:42: 5 modes are more than 2"),
         ("{method: joint-aware, modes: {below: 0.1}}", 2, ":11:27: no mode lies below 0.1 rad/s"),
-        (
-            "{method: serep, masters: [4, 5], modes: [1, 3]}",
-            3,
-            " is invisible at the 2 masters 4, 5 (",
-        ),
+        ("{method: serep, masters: [4, 5], modes: [1, 3]}", 3, " is invisible at the 2 masters 4, 5 ("),
     ],
 )
 def test_what_a_run_finds_out_is_said_at_its_place(wrong, code, said, tmp_path, capsys):

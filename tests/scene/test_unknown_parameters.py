@@ -295,11 +295,7 @@ def test_a_graph_stands_in_the_place_of_a_structure():
             "output: mass.f, quantity: velocity",
             "17:14: an 'output' of a graph stands alone",
         ),
-        (
-            "{output: spring.q}",
-            "{output: spring.q, unit: foo}",
-            "17:66: 'foo' is no unit",
-        ),
+        ("{output: spring.q}", "{output: spring.q, unit: foo}", "17:66: 'foo' is no unit"),
         (
             "parameters:",
             "analysis: {modes: {count: 1}}\nparameters:",

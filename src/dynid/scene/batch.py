@@ -18,12 +18,7 @@ from dynid.native import call, compiled
 from dynid.result import NUMBERS, Result, Selection
 from dynid.scene.kind import KINDS
 from dynid.scene.load import check_source
-from dynid.scene.outcomes import (
-    SampleBlock,
-    SampleOutcome,
-    SampleOutcomes,
-    gather,
-)
+from dynid.scene.outcomes import SampleBlock, SampleOutcome, SampleOutcomes, gather
 from dynid.scene.schema.base import DefinedParameter
 from dynid.scene.schema.raw import reference_key, reference_values
 from dynid.scene.yaml.source import set_values
@@ -73,10 +68,7 @@ class Judge(Protocol):
 
 
 def run_batch(
-    template: Scene,
-    overrides: Overrides,
-    collect: tuple[str, ...],
-    judge: Judge | None = None,
+    template: Scene, overrides: Overrides, collect: tuple[str, ...], judge: Judge | None = None
 ) -> SampleOutcomes:
     """Run samples of a scene that differ in values, together where the kind of scene can.
 
@@ -116,12 +108,7 @@ def run_batch(
 def why_alone(template: Scene, paths: Sequence[str], collect: tuple[str, ...]) -> str:
     """Return why samples are run one by one; empty where they are run together.
 
-    Parameters
-    ----------
-    template, collect
-        As of `run_batch`.
-    paths
-        The dotted paths of the values in which the samples differ.
+    `paths` are the dotted paths of the values in which the samples differ.
     """
     plan = _plan(template, tuple(paths), _requested(collect, _expected(template)))
     return plan if isinstance(plan, str) else ""
@@ -206,15 +193,7 @@ SampleColumn = list[Number | None]
 
 
 def varied_parameter(parameters: Mapping[str, Any], path: Sequence[str]) -> str | None:
-    """Return the parameter that a varied path sets to any value; None where it is no such path.
-
-    Parameters
-    ----------
-    parameters
-        The parameters of the scene.
-    path
-        The parts of the dotted path.
-    """
+    """Return the parameter that a varied path sets to any value; None where it is no such path."""
     match path:
         case ["parameters", name] if name in parameters:
             return name
@@ -232,15 +211,7 @@ def _is_reference(parameter: Any, key: str) -> bool:
 
 
 def dependent_parameters(parameters: dict[Any, Any], varied: Collection[str]) -> dict[str, Expression]:
-    """Return the expressions of parameters that depend on varied ones, each after those that it needs.
-
-    Parameters
-    ----------
-    parameters
-        The parameters of the scene, as plain data.
-    varied
-        The names of those that vary.
-    """
+    """Return the expressions of parameters that depend on varied ones, each after those that it needs."""
     raw = reference_values(parameters)
     texts = {name: parse(text) for name, text in raw.items() if isinstance(text, str)}
     order = TopologicalSorter({name: text.names & texts.keys() for name, text in texts.items()})
@@ -266,17 +237,7 @@ def numbers(raw: Sequence[Any]) -> SampleColumn:
 
 
 def evaluate(expression: Expression, values: Mapping[str, Number | SampleColumn], count: int) -> SampleColumn:
-    """Return the values of an expression, one a sample: the very numbers of each sample alone.
-
-    Parameters
-    ----------
-    expression
-        The expression.
-    values
-        For every name in it a value, or one a sample.
-    count
-        The number of samples.
-    """
+    """Return the values of an expression, one a sample: the very numbers of each sample alone."""
 
     def leaf(item: Fraction | str) -> Number | SampleColumn:
         if isinstance(item, Fraction):

@@ -47,13 +47,8 @@ def composed(source: Source) -> Source:
     """Return a scene with every instance of a model replaced by the nodes and bonds of the model.
 
     A scene without models is returned as it is; another remembers what it was made from (`Source.written`).
-
-    Raises
-    ------
-    SceneError
-        With the faults of models, instances and their ports.
-    FileError
-        If a file of models cannot be read.
+    Raises `SceneError` with the faults of models, instances and their ports. Raises `FileError` if a file of
+    models cannot be read.
     """
     data = source.data
     if not isinstance(data, dict):
@@ -139,11 +134,7 @@ class _Flattening:
     # Instances
 
     def _add_graph(
-        self,
-        prefix: str,
-        graph: Mapping[Any, Any],
-        path: KeyPath,
-        names: Mapping[str, str],
+        self, prefix: str, graph: Mapping[Any, Any], path: KeyPath, names: Mapping[str, str]
     ) -> None:
         """Add the nodes and bonds of the scene's graph, or of a model under the prefix of an instance.
 
@@ -209,11 +200,7 @@ class _Flattening:
         self.bonds.append((tail, head, mark))
 
     def _instantiate(
-        self,
-        flat: str,
-        node: Mapping[Any, Any],
-        path: KeyPath,
-        names: Mapping[str, str],
+        self, flat: str, node: Mapping[Any, Any], path: KeyPath, names: Mapping[str, str]
     ) -> None:
         """Add an instance of a model, or the copies of one."""
         model = self.models[str(node["model"])]

@@ -83,15 +83,7 @@ def _why_not(folder: Path, data: Any, key_path: KeyPath) -> str:
 
 
 def moved(name: str, folder: Path, target: Path) -> str:
-    """Return the name under which a scene in another folder finds a file.
-
-    Parameters
-    ----------
-    name
-        The name in the scene.
-    folder, target
-        The present folder of the scene, and the other one.
-    """
+    """Return the name under which a scene in another folder finds a file."""
     if Path(name).is_absolute():
         return name
     return Path(os.path.relpath(folder.resolve() / name, target.resolve())).as_posix()

@@ -232,19 +232,7 @@ def designed_scene_text(result: Result, file: str = "") -> str:
     """Return the scene of a design as YAML, without the design, with all digits of the designed values.
 
     Comments give the starts. Expectations of the design are left out. Order and comments stay where values
-    stand in one line each.
-
-    Parameters
-    ----------
-    result
-        The result of a design, with its scene.
-    file
-        Its name, for messages.
-
-    Raises
-    ------
-    UsageError
-        If it has no scene.
+    stand in one line each. `file` is its name, for messages. Raises `UsageError` if it has no scene.
     """
     names, values, starts = (
         result[f"{_DESIGN}/{array}"].data.tolist() for array in ("name", "value", "start")

@@ -61,13 +61,7 @@ class Kind:
     alternatives: str = ""
 
     def load(self, attribute: str) -> Any:
-        """Return the object that a reference names; None where the kind has none.
-
-        Parameters
-        ----------
-        attribute
-            The name of the attribute that holds the reference, such as ``run``.
-        """
+        """Return the object that a reference names; None where the kind has none."""
         return resolve(getattr(self, attribute))
 
 

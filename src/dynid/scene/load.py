@@ -132,13 +132,8 @@ class Scene(Generic[M]):
 def as_current(source: Source) -> Source:
     """Return a scene of any known format as one of the current format.
 
-    Its text stays as written: a result keeps it, and it is read again. Faults are reported at the
-    places of that text.
-
-    Raises
-    ------
-    SceneError
-        Where the format is newer than this dynid.
+    Its text stays as written: a result keeps it, and it is read again. Faults are reported at the places of
+    that text. Raises `SceneError` where the format is newer than this dynid.
     """
     number = source.data.get("dynid") if isinstance(source.data, dict) else None
     if not isinstance(number, int) or isinstance(number, bool):
@@ -195,10 +190,7 @@ def load_scene(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> S
 def check_source(source: Source) -> Scene:
     """Check a scene that has been read.
 
-    Raises
-    ------
-    SceneError
-        With all faults of the scene.
+    Raises `SceneError` with all faults of the scene.
     """
     scene, faults = _validated(source)
     if scene is not None and (check_valid := KINDS[scene.kind].load("check_valid")):
@@ -218,10 +210,7 @@ def check_source(source: Source) -> Scene:
 def validated(source: Source) -> Scene:
     """Return the scene of a source by its keys alone: no file that it names is read, but those of models.
 
-    Raises
-    ------
-    SceneError
-        With all faults of the keys.
+    Raises `SceneError` with all faults of the keys.
     """
     scene, faults = _validated(source)
     if scene is None or faults:

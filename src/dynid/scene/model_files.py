@@ -39,12 +39,8 @@ def is_instance(node: Any) -> bool:
 def with_models(source: Source) -> Source:
     """Return a scene with all models that it uses under `models`, each with its place in its own file.
 
-    Raises
-    ------
-    SceneError
-        Where two models have one name, or a file holds none or uses itself.
-    FileError
-        If a file cannot be read.
+    Raises `SceneError` where two models have one name, or a file holds none or uses itself. Raises
+    `FileError` if a file cannot be read.
     """
     faults: list[Fault] = []
     models, marks = dict(mapping(source.data, "models")), dict(source.marks)

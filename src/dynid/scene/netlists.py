@@ -38,23 +38,9 @@ class _SceneGraph:
 def read_netlist(path: str | os.PathLike[str]) -> str:
     """Return the scene of a netlist.
 
-    Parameters
-    ----------
-    path
-        A `.bg` file of BondGraphTools, version 0.1.
-
-    Returns
-    -------
-    str
-        A scene: sources are its inputs; its outputs are the flows of inertias and the efforts of
-        compliances (of resistances, where it stores nothing).
-
-    Raises
-    ------
-    FileError
-        Where the file cannot be read.
-    SceneError
-        With the places of faults.
+    Sources are its inputs; its outputs are the flows of inertias and the efforts of compliances (of
+    resistances, where it stores nothing). Raises `FileError` where the file cannot be read. Raises
+    `SceneError` with the places of faults.
     """
     source = read_source(path)
     root = expand(source, _TYPES)
@@ -165,10 +151,7 @@ class _Refusal(Exception):
 def expand(source: Source, types: Sequence[str]) -> _NetlistModel:
     """Return the root model of a netlist with every model in it expanded.
 
-    Raises
-    ------
-    SceneError
-        With the place of the first fault.
+    Raises `SceneError` with the place of the first fault.
     """
     try:
         models = _models(source.data)

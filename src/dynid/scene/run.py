@@ -19,17 +19,8 @@ PreparationStep = Callable[[], Any]
 def run_scene(scene: Scene) -> Result:
     """Run a valid scene.
 
-    Returns
-    -------
-    Result
-        The arrays of its analysis, with the scene's text.
-
-    Raises
-    ------
-    NumericalError
-        Where the analysis has no trustworthy result; of a rejected fit with its `result`.
-    FileError
-        Where a file that the scene names cannot be read.
+    The result has the scene's text. Raises `NumericalError` where the analysis has no trustworthy result; of
+    a rejected fit with its `result`. Raises `FileError` where a file that the scene names cannot be read.
     """
     try:
         result: Result = KINDS[scene.kind].load("run")(scene)

@@ -59,20 +59,8 @@ class Explanation:
 def explain(scene: Scene) -> Explanation:
     """Return the explanation of a valid scene, of any kind but `study`.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-
-    Returns
-    -------
-    Explanation
-        The model, the choices and the results. Where the run is bound to fail, its `obstacle` is the error.
-
-    Raises
-    ------
-    FileError
-        Where a file that the scene names cannot be read.
+    Where the run is bound to fail, its `obstacle` is the error. Raises `FileError` where a file that the
+    scene names cannot be read.
     """
     try:
         explained: Explanation = KINDS[scene.kind].load("explain")(scene)
@@ -134,21 +122,8 @@ def trial(
 ) -> Cost:
     """Begin a run, cut it off at a limit, and return its cost.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    limit
-        Longest trial, s.
-    clock
-        Returns the time, s.
-    heard
-        Receives the progress of the run, too.
-
-    Raises
-    ------
-    DynidError
-        As of the run.
+    `limit` is the longest trial, s; `clock` returns the time, s; `heard` receives the progress, too. Raises
+    `DynidError` as of the run.
     """
     from dynid.scene.run import run_scene
 

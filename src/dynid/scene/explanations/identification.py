@@ -15,12 +15,7 @@ from dynid.number_format import counted
 from dynid.progress import report_progress
 from dynid.result import Result
 from dynid.scene.explanations.explanation import Explanation, Fact, node_facts
-from dynid.scene.kinds.identification import (
-    expected_values,
-    interest_of,
-    reductor_of,
-    structure_of,
-)
+from dynid.scene.kinds.identification import expected_values, interest_of, reductor_of, structure_of
 from dynid.scene.kinds.identified_graphs import identified_graph
 from dynid.scene.kinds.planning import prospect
 from dynid.scene.kinds.signals import angular_frequencies, record_of
@@ -121,8 +116,7 @@ def _add_record(
         said = f"{redundancy} {numbers} beyond the unknowns can contradict the model"
     facts.append(Fact("redundancy", said))
     facts += _of_estimator(
-        model.estimator,
-        frf=model.measurement.frf is not None or model.measurement.modes is not None,
+        model.estimator, frf=model.measurement.frf is not None or model.measurement.modes is not None
     )
     identifiable_origin(likelihood)  # checked by a run before it begins
     return likelihood
@@ -208,10 +202,7 @@ def _of_record(scene: Scene[IdentificationScene], likelihood: Likelihood) -> Ite
         yield Fact("sampling", f"excited up to half the sampling rate, {unit.text(nyquist)}, and beyond")
     else:
         dense = f"{band * step:.2g}, {2 * math.pi / (band * step):.3g} samples a period"
-        yield Fact(
-            "sampling",
-            f"excited up to {unit.text(band)}: ω x step is {dense}",
-        )
+        yield Fact("sampling", f"excited up to {unit.text(band)}: ω x step is {dense}")
 
 
 def _of_estimator(estimator: EstimatorModel, *, frf: bool) -> Iterator[Fact]:

@@ -61,19 +61,8 @@ _GROUPS: Mapping[str, tuple[str, ...]] = {
 def run(scene: Scene[BondGraphScene], sample: Result | None = None) -> Result:
     """Return the requested results of a bond graph; those of a design are of the designed graph.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    sample
-        The result of a sample of a study: only what it wants is computed.
-
-    Raises
-    ------
-    Singular
-        Where the graph has no unique solution.
-    Unreachable
-        Where the targets of a design cannot be reached.
+    Of the `sample` of a study only what it wants is computed. Raises `Singular` where the graph has no unique
+    solution. Raises `Unreachable` where the targets of a design cannot be reached.
     """
     if scene.model.design is None:
         graph, analysis = question(scene)
@@ -256,16 +245,7 @@ def graph_analysis(
 ) -> Analysis:
     """Return the request of an analysis of a graph.
 
-    Parameters
-    ----------
-    scene
-        The scene, whose stored energy is that at t = 0.
-    requested
-        The analysis.
-    built
-        The graph, and the requested variables as it has them.
-    variables
-        Variables of the sensitivities; default: the values of the nodes.
+    Sensitivities are by `variables`; default: the values of the nodes.
     """
     model, graph = scene.model, built.graph
     flat = built.linearisation.flat if built.linearisation is not None else ()

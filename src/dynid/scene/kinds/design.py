@@ -41,10 +41,8 @@ def designed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
 def design_of(scene: Scene[BondGraphScene]) -> Design:
     """Return the design that a scene requests, its graph a function of the free parameters.
 
-    Raises
-    ------
-    UsageError
-        If a number of a parameter does not fit its scale, or a part of the graph cannot depend on parameters.
+    Raises `UsageError` if a number of a parameter does not fit its scale, or a part of the graph cannot
+    depend on parameters.
     """
     model = scene.model
     design_model = cast("DesignModel", model.design)
@@ -83,10 +81,8 @@ def design_of(scene: Scene[BondGraphScene]) -> Design:
 def check_design(scene: Scene[BondGraphScene]) -> None:
     """Check the free parameters of a design.
 
-    Raises
-    ------
-    SceneError
-        If a number does not fit the scale or limits of its parameter, or nothing depends on a free one.
+    Raises `SceneError` if a number does not fit the scale or limits of its parameter, or nothing depends on a
+    free one.
     """
     model, source = scene.model, scene.source
     if model.design is None:

@@ -86,15 +86,9 @@ def impossible_paths(scene: Scene, study: Scene | None = None) -> Iterator[Fault
 
     These are names that no group of a result has (`result_layout`), groups of other kinds and of results that
     are not requested, names of channels, loops and methods that the scene does not have, and dimensions and
-    labels under `at` that no array there can have. What depends on the scene is left out where a study
-    varies more than values, and names of channels where multiports or files give them.
-
-    Parameters
-    ----------
-    scene
-        The scene whose `expect` is checked.
-    study
-        The study that varies it; its `collect` is checked as well, except for patterns.
+    labels under `at` that no array there can have. What depends on the scene is left out where a study varies
+    more than values, and names of channels where multiports or files give them. Of a `study` that varies the
+    scene `collect` is checked as well, except for patterns.
     """
     certain = _varies_values(study)
     for path in (*_expected(scene), *(_collected(study) if study is not None else ())):
@@ -161,14 +155,7 @@ def _problem_of_method(scene: Scene, name: str) -> str:
 def _problem_of_layout(parts: tuple[str, ...], further: Sequence[str], *, groups: bool) -> str:
     """Return the reason why no result has an array or attribute at a path; empty where one may.
 
-    Parameters
-    ----------
-    parts
-        The parts of the path.
-    further
-        Names of arrays that a group has beside those of the layout.
-    groups
-        True: a group may be meant, with all that is in it.
+    `further` are names of arrays beside those of the layout; with `groups` a group may be meant.
     """
     *group, name = parts
     *holder, array = group or ("",)

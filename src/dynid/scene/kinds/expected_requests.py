@@ -103,10 +103,7 @@ def _unrequested(group: str, result: ResultName, analysis: AnalysisModel) -> str
 def structure_in(scene: Scene) -> StructuralModel:
     """Return the structure of a reduction or of an identification.
 
-    Raises
-    ------
-    DynidError
-        Where it cannot be built.
+    Raises `DynidError` where it cannot be built.
     """
     if scene.kind == "reduction":
         from dynid.scene.kinds.structures import build_structure
@@ -144,15 +141,7 @@ def absence_in_structure(scene: Scene, group: str) -> str:
 
 
 def absence_in_identification(model: IdentificationScene, names: Sequence[str]) -> str:
-    """Return the reason why an identification has no results at a path; empty where it may have.
-
-    Parameters
-    ----------
-    model
-        The scene.
-    names
-        The names of the group and of what is in it, below `identification`.
-    """
+    """Return the reason why an identification has no results at a path; empty where it may have."""
     measurement, (group, *below) = model.measurement, names
     if group == "need":
         return ""

@@ -36,14 +36,8 @@ def completed(scene: Scene[IdentificationScene]) -> Source:
     A record gets its channels, the columns of the file that they are, `step` and `samples` where these are
     absent, and where the scene has no excitation the forces in the file. Frequency responses get their
     channels with reference DOFs, and the coherences of these where all are wanted. Measured modes get the
-    DOFs of their shapes.
-
-    Raises
-    ------
-    FileError
-        If a file cannot be read, or does not say what its functions are.
-    UsageError
-        If nodes of the test are not found in the model.
+    DOFs of their shapes. Raises `FileError` if a file cannot be read, or does not say what its functions are.
+    Raises `UsageError` if nodes of the test are not found in the model.
     """
     model = scene.model
     measurement = model.measurement
@@ -239,7 +233,7 @@ class _Test:
         from dynid.structure.matching import matched_dofs
 
         motions: list[Motion] = self._located(
-            lambda: matched_dofs(self.model.structure, ends, self.how, self.nodes),
+            lambda: matched_dofs(self.model.structure, ends, self.how, self.nodes)
         )
         return [self.model.named(end, motion) for end, motion in zip(ends, motions, strict=True)]
 

@@ -69,21 +69,9 @@ def linear_graph(
 ) -> Linearisation:
     """Return a graph with laws, linearised at its operating point.
 
-    Parameters
-    ----------
-    graph
-        The graph; values of nodes with laws have no meaning.
-    laws
-        The laws by node.
-    point
-        The operating point; None: the equilibrium with all sources zero.
-    variables
-        Variables at ports of fields and structures, which have other names in the graph.
-
-    Raises
-    ------
-    NumericalError
-        Where there is no equilibrium, or a law has no slope there.
+    Without a point it is the equilibrium with all sources zero. `variables` are those at ports of fields and
+    structures, which have other names in the graph. Raises `NumericalError` where there is no equilibrium, or
+    a law has no slope there.
     """
 
     def ports(values: Mapping[str, Quantity]) -> dict[Port, Quantity]:

@@ -19,11 +19,7 @@ from dynid.scene.kinds.measurements import (
     measurements_of,
     result_name,
 )
-from dynid.scene.kinds.parameters import (
-    at_starts,
-    estimator_of,
-    further_of,
-)
+from dynid.scene.kinds.parameters import at_starts, estimator_of, further_of
 from dynid.scene.kinds.parts import build_assembly
 from dynid.scene.kinds.scope import add_geometry, add_identification_scope
 from dynid.scene.kinds.signals import angular_frequencies, highest_frequency, record_of
@@ -52,16 +48,11 @@ if TYPE_CHECKING:
 def run(scene: Scene[IdentificationScene], sample: Result | None = None) -> Result:
     """Return the joints identified from a record, and the requested responses of the structure.
 
-    Where the structure is reduced, both are done with the reduced model. Responses are those with the
-    joints as identified; without a record, unknown joints have their true values where these are given,
-    else their starts. Of the `sample` of a study that wants nothing but estimates only these are computed.
-
-    Raises
-    ------
-    NotIdentifiable, Diverged
-        Where the record does not determine the unknowns, or the estimator diverges.
-    FileError
-        Where measured data cannot be read.
+    Where the structure is reduced, both are done with the reduced model. Responses are those with the joints
+    as identified; without a record, unknown joints have their true values where these are given, else their
+    starts. Of the `sample` of a study that wants nothing but estimates only these are computed. Raises
+    `NotIdentifiable` or `Diverged` where the record does not determine the unknowns, or the estimator
+    diverges. Raises `FileError` where measured data cannot be read.
     """
     model = scene.model
     if model.graph is not None:
@@ -140,14 +131,7 @@ def setting(
 ) -> Setting:
     """Return the model and the measurements of an identification.
 
-    Parameters
-    ----------
-    scene
-        The scene, with a measurement.
-    structure
-        Its structure.
-    values
-        Parameters by name for which a basis that follows the joints is made; default: its own.
+    `values` are those of the parameters for which a basis that follows the joints is made; default: its own.
     """
     model = scene.model
     assert model.measurement is not None
@@ -199,14 +183,7 @@ def identified(
 ) -> Result:
     """Return an identification with the reduced model where there is one; its basis may follow the joints.
 
-    Parameters
-    ----------
-    scene, prepared
-        The scene, and the input of its estimator.
-    common
-        The precomputed part that its records share with others; default: it is computed.
-    into
-        The result to which the estimates are added; default: a new one.
+    `common` is the precomputed part that its records share with others; estimates are added to `into`.
     """
     from dynid.identification.identify import identify
 

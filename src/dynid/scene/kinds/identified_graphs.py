@@ -30,10 +30,8 @@ _ANALYSIS = {"engines": "engines of the analysis"}
 def identified_graph(scene: Scene[IdentificationScene]) -> tuple[IdentifiedGraph, BuiltGraph]:
     """Return the graph of an identification with its unknown parameters, and with the analysis' outputs.
 
-    Raises
-    ------
-    UsageError
-        If a number of a parameter does not fit its scale, or a matrix is not that of a passive field.
+    Raises `UsageError` if a number of a parameter does not fit its scale, or a matrix is not that of a
+    passive field.
     """
     model = scene.model
     assert model.graph is not None
@@ -74,14 +72,8 @@ def run_graph(scene: Scene[IdentificationScene]) -> Result:
     """Return the parameters of a bond graph identified from a record, and the requested results.
 
     The results of `analysis` are those of the graph as identified; without a measurement at the true values
-    where these are given, else the starts.
-
-    Raises
-    ------
-    NotIdentifiable, Diverged
-        Where the record does not determine the unknowns, or the estimator diverges.
-    FileError
-        Where measured data cannot be read.
+    where these are given, else the starts. Raises `NotIdentifiable` or `Diverged` where the record does not
+    determine the unknowns, or the estimator diverges. Raises `FileError` where measured data cannot be read.
     """
     model = scene.model
     result, parts = Result("identification", scene.title), list[ScopePart]()

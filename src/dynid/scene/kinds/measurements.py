@@ -202,8 +202,7 @@ def channel_of(channel_model: ChannelModel, model: IdentifiedGraph | StructuralM
     if reference is not None and _signed_label(structure, reference) == _signed_label(structure, dof):
         ends = " and ".join(map(str, channel_model.ends))
         raise UsageError(
-            f"a sensor between {ends} measures nothing: they are one DOF",
-            names=("measurement.channels",),
+            f"a sensor between {ends} measures nothing: they are one DOF", names=("measurement.channels",)
         )
     absolute, kind = channel_model.frame == "absolute", kind_of(structure, dof)
     return Channel(dof, channel_model.quantity, reference, absolute, *_instrument_of(channel_model), kind)
@@ -341,12 +340,8 @@ def frf_measurement(
 ) -> FrfMeasurement:
     """Return the frequency response functions of a scene; `model`: its graph or structure, if known.
 
-    Raises
-    ------
-    FileError
-        Where measured responses cannot be read.
-    UsageError
-        Where they are inconsistent.
+    Raises `FileError` where measured responses cannot be read. Raises `UsageError` where they are
+    inconsistent.
     """
     from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
     from dynid.identification.records.simulation import Simulation
@@ -447,10 +442,7 @@ def _read(scene: Scene, frf: FrfModel, channels: tuple[Frf, ...]) -> MeasuredRes
 def _check_coherence(path: Path, responses: MeasuredResponses, frf: FrfModel, used: NDArray[np.bool_]) -> str:
     """Return a warning of impossible coherences at lines that are not used.
 
-    Raises
-    ------
-    FileError
-        If a coherence at a line that is used is not above 0 and at most 1.
+    Raises `FileError` if a coherence at a line that is used is not above 0 and at most 1.
     """
     if responses.coherence is None:
         return ""

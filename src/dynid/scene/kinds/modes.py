@@ -22,10 +22,7 @@ _PLACE = "measurement.modes"
 def modal_measurement(scene: Scene, modes: MeasuredModesModel) -> ModalMeasurement:
     """Return the measured modes of a scene, in SI units.
 
-    Raises
-    ------
-    FileError
-        Where a file cannot be read, or does not say what its values are.
+    Raises `FileError` where a file cannot be read, or does not say what its values are.
     """
     return _from_file(scene, modes) if modes.file is not None else _listed(modes)
 

@@ -36,12 +36,8 @@ class ConsideredParameter(NamedTuple):
 def unknown_parameters(model: SceneModel) -> tuple[Parameter, ...]:
     """Return the unknown parameters of a scene in its order; those of joints are not among them.
 
-    One without a `scale` is linear where an offset or a delay depends on it, else logarithmic.
-
-    Raises
-    ------
-    UsageError
-        If a number does not fit the scale; it names the parameter.
+    One without a `scale` is linear where an offset or a delay depends on it, else logarithmic. Raises
+    `UsageError` if a number does not fit the scale; it names the parameter.
     """
     from dynid.parameters import Parameter  # loads NumPy
 
@@ -85,10 +81,8 @@ def considered_parameters(model: SceneModel) -> tuple[ConsideredParameter, ...]:
 def check_parameters(scene: Scene[IdentificationScene]) -> None:
     """Check the unknown parameters of an identification.
 
-    Raises
-    ------
-    SceneError
-        If a number does not fit the scale of its parameter, or nothing depends on an unknown one.
+    Raises `SceneError` if a number does not fit the scale of its parameter, or nothing depends on an unknown
+    one.
     """
     model = scene.model
     if not any(isinstance(parameter, DefinedParameter) for parameter in model.parameters.values()):

@@ -36,12 +36,8 @@ if TYPE_CHECKING:
 def build_assembly(scene: Scene, model: IdentificationScene) -> StructuralModel:
     """Return the structure of an identification with its points and joints.
 
-    Raises
-    ------
-    SceneError
-        If the scene names DOFs that the structure does not have.
-    FileError, UsageError
-        As `build_structure`; if a point or a joint between points makes no sense.
+    Raises `SceneError` if the scene names DOFs that the structure does not have. Raises `FileError` or
+    `UsageError` as `build_structure`; if a point or a joint between points makes no sense.
     """
     if model.structure is not None and not (model.points or model.motions):
         return build_structure(scene, model.structure, model.joints)

@@ -31,19 +31,10 @@ def run_plan(
 ) -> Result:
     """Return ranked sensors and excitations for a scene of kind identification.
 
-    Parameters
-    ----------
-    scene
-        The scene.
-    sensors, lines
-        The numbers to choose; default: those of the scene, else as many as it has.
-
-    Raises
-    ------
-    UsageError
-        Where the scene has nothing to identify, or no measurement.
-    NotIdentifiable, NumericalError, FileError
-        As of a run, except for parameters that the present measurement does not determine.
+    `sensors` and `lines` are the numbers to choose; default: those of the scene, else as many as it has.
+    Raises `UsageError` where the scene has nothing to identify, or no measurement. Raises `NotIdentifiable`
+    or `NumericalError` or `FileError` as of a run, except for parameters that the present measurement does
+    not determine.
     """
     if scene.kind != "identification":
         raise UsageError(

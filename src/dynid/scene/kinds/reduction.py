@@ -95,16 +95,7 @@ def build_reductor(
 ) -> LocatedReductor:
     """Build a reduction method from its part of a scene.
 
-    Parameters
-    ----------
-    reduction
-        The part.
-    interest
-        The DOFs and the band for which the reduced model is made.
-    path
-        The dotted path of the part in the scene.
-    first
-        The reduction of the parts of an assembly, which comes before.
+    `path` is its dotted path in the scene, `first` the reduction of the parts of an assembly before it.
     """
     with _placed(path):
         return LocatedReductor(
@@ -169,14 +160,8 @@ def _placed(path: str) -> Iterator[None]:
 def run(scene: Scene[ReductionScene], sample: Result | None = None) -> Result:
     """Return the comparison of the reductions of a structure with the full one.
 
-    Of the `sample` of a study only what it wants is computed.
-
-    Raises
-    ------
-    Singular
-        Where a method has no unique solution.
-    UsageError
-        Where masters or modes do not exist.
+    Of the `sample` of a study only what it wants is computed. Raises `Singular` where a method has no unique
+    solution. Raises `UsageError` where masters or modes do not exist.
     """
     model = scene.model
     structure = build_structure(scene, model.structure, model.joints)

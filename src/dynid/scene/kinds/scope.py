@@ -44,19 +44,7 @@ def add_identification_scope(
     structure: StructuralModel,
     reduction: StructuralReduction | None,
 ) -> None:
-    """Add the model scope of an identification: coordinates, modes, states, parameters, engines, results.
-
-    Parameters
-    ----------
-    result
-        The result.
-    model
-        The scene.
-    structure
-        The full structure.
-    reduction
-        Its reduction; None where there is none.
-    """
+    """Add the model scope of an identification: coordinates, modes, states, parameters, engines, results."""
     n = structure.size
     r = n if reduction is None else reduction.model.size
     parts: list[ScopePart] = []
@@ -111,14 +99,7 @@ _FIXED = "nothing is identified: fixed at their values, true values or starts"
 def add_reduction_scope(result: Result, model: ReductionScene, methods: Mapping[str, str]) -> None:
     """Add the model scope of a comparison of reductions: coordinates and modes of each, engines, results.
 
-    Parameters
-    ----------
-    result
-        The result.
-    model
-        The scene.
-    methods
-        The method of every reduction by its name in the result.
+    `methods` are by their names in the result.
     """
     n = len(result["reduction/dof"].data)
     parts: list[ScopePart] = []
@@ -160,16 +141,7 @@ def add_geometry(
 ) -> None:
     """Add the geometry of a structure whose nodes are known, and their motion in the modes of the result.
 
-    Parameters
-    ----------
-    result
-        The result, with its modes if any.
-    model
-        The scene.
-    structure
-        Its structure.
-    reduced
-        The reduced one, of which the modes are; default: the structure.
+    The modes are those of the `reduced` structure; default: of the structure.
     """
     if structure.nodes is None:
         return

@@ -151,12 +151,7 @@ def layout_of(table: TablePlace) -> TableLayout:
 def highest_frequency(signals: Sequence[SignalPart], step: float) -> float:
     """Return the highest frequency that signals excite (rad/s), at most the Nyquist frequency.
 
-    Parameters
-    ----------
-    signals
-        The signals.
-    step
-        Sampling step, s.
+    `step` is the sampling step, s.
     """
     highest = []
     for signal in signals:
@@ -212,21 +207,8 @@ def _units_of(measured: Any) -> tuple[str, ...]:
 def recorded_factor(sensor: _Sensor, heading: Heading | None, measured: Any, path: str) -> float:
     """Return the factor by which recorded values are multiplied to be SI.
 
-    Parameters
-    ----------
-    sensor
-        The channel or the signal in a file.
-    heading
-        The heading of its column; default: the record is simulated.
-    measured
-        The channel, load or function that it records.
-    path
-        Its dotted path in the scene, for errors.
-
-    Raises
-    ------
-    UsageError
-        Where the unit does not fit what is measured, or scene and heading contradict each other.
+    Without a `heading` the record is simulated; `path` is the dotted path of the sensor, for errors. Raises
+    `UsageError` where the unit does not fit what is measured, or scene and heading contradict each other.
     """
     from dynid.units import si_factor
 
@@ -276,10 +258,7 @@ def of_stated_kind(measured: Any, sensor: _Sensor, heading: Heading | None) -> A
 def _amplitude_factor(unit: str, measured: Any, path: str, *, impulse: bool) -> float:
     """Return the factor by which an amplitude is multiplied to be SI; that of an impulse is an area.
 
-    Raises
-    ------
-    UsageError
-        Where the unit does not fit.
+    Raises `UsageError` where the unit does not fit.
     """
     from dynid.units import as_factor, si_factor
 

@@ -53,16 +53,9 @@ def build_structure(
 ) -> StructuralModel:
     """Return the structure of a scene with its joints, which has every DOF that the scene names.
 
-    `holder` is the section at the path `at` that names its DOFs; default: the scene.
-
-    Raises
-    ------
-    SceneError
-        If the scene names DOFs that the structure does not have.
-    FileError
-        If a file of matrices cannot be read.
-    UsageError
-        If the matrices are not those of a structure.
+    `holder` is the section at the path `at` that names its DOFs; default: the scene. Raises `SceneError` if
+    the scene names DOFs that the structure does not have. Raises `FileError` if a file of matrices cannot be
+    read. Raises `UsageError` if the matrices are not those of a structure.
     """
     parameters = with_units(all_parameters(scene.model), [structure], joints)
     built = [dof_joint(name, joint) for name, joint in joints.items()]
@@ -78,10 +71,7 @@ def build_structure(
 def dof_joint(name: str, joint: JointModel) -> Joint:
     """Return a joint between DOFs.
 
-    Raises
-    ------
-    UsageError
-        If its numbers make no sense, or it is one between points.
+    Raises `UsageError` if its numbers make no sense, or it is one between points.
     """
     if joint.points is not None:
         said = f"joint {name} is between points, which a structure has in an identification only"
@@ -115,19 +105,7 @@ def idle_masses(scene: Scene) -> Iterator[Fault]:
 def bare_structure(
     folder: Path, structure: StructureModel, parameters: Sequence[Parameter], path: str
 ) -> StructuralModel:
-    """Return a structure without joints; errors name the place of its part in the scene.
-
-    Parameters
-    ----------
-    folder
-        The folder that files are in.
-    structure
-        The structure.
-    parameters
-        The unknown parameters.
-    path
-        The dotted path of the structure in the scene.
-    """
+    """Return a structure without joints; errors name the place of its part in the scene."""
     with located(path, structure):
         if structure.lumped is not None:
             return _lumped(structure.lumped, parameters)
@@ -272,13 +250,7 @@ def _frame(model: FrameModel, parameters: Sequence[Parameter]) -> StructuralMode
         for member in model.members
     ]
     points = [(x.real, y.real) for x, y in model.nodes]
-    return frame(
-        points,
-        members,
-        **_attached(model),
-        damping=_damping(model.damping),
-        parameters=parameters,
-    )
+    return frame(points, members, **_attached(model), damping=_damping(model.damping), parameters=parameters)
 
 
 def _space_frame(model: SpaceFrameModel, parameters: Sequence[Parameter]) -> StructuralModel:

@@ -40,10 +40,7 @@ def run(scene: Scene, _: Result | None = None) -> Result:
 def study_model(scene: Scene[StudyScene]) -> StudyScene:
     """Return the model of a study.
 
-    Raises
-    ------
-    UsageError
-        Where the scene is not a study.
+    Raises `UsageError` where the scene is not a study.
     """
     if scene.kind != "study":
         problem = f"{scene.source.file} is a scene of kind {scene.kind}, not a study"
@@ -54,12 +51,7 @@ def study_model(scene: Scene[StudyScene]) -> StudyScene:
 def base_scene(scene: Scene) -> Scene:
     """Return the scene that a study varies.
 
-    Raises
-    ------
-    FileError
-        Where it cannot be read.
-    SceneError
-        With all faults of it.
+    Raises `FileError` where it cannot be read. Raises `SceneError` with all faults of it.
     """
     source = read_source(scene.folder / study_model(scene).scene)
     # Reported before it is checked: a chain of studies may be a cycle.
@@ -72,12 +64,8 @@ def base_scene(scene: Scene) -> Scene:
 def check_study(scene: Scene) -> None:
     """Check the keys of a study together, and that the scene that it varies accepts its values.
 
-    Raises
-    ------
-    FileError
-        Where the scene it varies cannot be read.
-    SceneError
-        With all faults of the study, or those of the scene it varies.
+    Raises `FileError` where the scene it varies cannot be read. Raises `SceneError` with all faults of the
+    study, or those of the scene it varies.
     """
     model = study_model(scene)
     faults = [scene.source.fault(path, message) for path, message in _study_faults(model)]

@@ -34,12 +34,8 @@ _MAX_DIGITS = 400
 def run(scene: Scene[SynthesisScene], _: Result | None = None) -> Result:
     """Return the bond graphs of a wanted driving-point function, each analysed back.
 
-    Raises
-    ------
-    NotPositiveReal
-        Where the function is not positive real; it names the frequency or the pole that shows it.
-    NoSuchForm
-        Where a form that the scene names does not exist.
+    Raises `NotPositiveReal` where the function is not positive real; it names the frequency or the pole that
+    shows it. Raises `NoSuchForm` where a form that the scene names does not exist.
     """
     model = scene.model
     function = driving_function(scene)
@@ -59,10 +55,7 @@ def preparation_steps(scene: Scene) -> Iterator[PreparationStep]:
 def driving_function(scene: Scene[SynthesisScene]) -> Driving:
     """Return the wanted driving-point function of a scene, found to be positive real.
 
-    Raises
-    ------
-    NotPositiveReal
-        Where it is not.
+    Raises `NotPositiveReal` where it is not.
     """
     model = scene.model
     key = "impedance" if model.impedance is not None else "admittance"
@@ -86,17 +79,7 @@ def driving_function(scene: Scene[SynthesisScene]) -> Driving:
 
 
 def scene_of_realisation(circuit: Realisation, function: Driving, title: str) -> str:
-    """Return a realisation as a scene of kind `bond-graph`, which expects the wanted function.
-
-    Parameters
-    ----------
-    circuit
-        The realisation.
-    function
-        The wanted function.
-    title
-        The title of the synthesis.
-    """
+    """Return a realisation as a scene of kind `bond-graph`, which expects the wanted function."""
     parameters: dict[str, str] = {}
     nodes = []
     for node in circuit.graph.nodes.values():
@@ -155,10 +138,7 @@ def _whole_text(number: int, name: str, parameters: dict[str, str]) -> str:
 def exported_scene(result: Result, form: str | None = None) -> tuple[str, str]:
     """Return the name of a form of a synthesis, the first if none is given, and its scene.
 
-    Raises
-    ------
-    UsageError
-        Where the result has no such form.
+    Raises `UsageError` where the result has no such form.
     """
     from dynid.suggestions import did_you_mean
 

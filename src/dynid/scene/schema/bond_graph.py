@@ -50,12 +50,7 @@ from dynid.scene.schema.design import DesignModel
 from dynid.scene.schema.graph_variables import TEXT, Output, SourceName, stored_energy_faults, unknown_node
 from dynid.scene.schema.joints import JointModel, ParameterModel
 from dynid.scene.schema.later import Later
-from dynid.scene.schema.laws import (
-    LawModel,
-    NodeValue,
-    OperatingPointModel,
-    law_faults,
-)
+from dynid.scene.schema.laws import LawModel, NodeValue, OperatingPointModel, law_faults
 from dynid.scene.schema.quantities import (
     AROUND,
     AT_KEY,
@@ -110,9 +105,7 @@ def _node_name(raw: str) -> str:
 
 
 _NodeType = Annotated[
-    str,
-    PlainValidator(_node_type),
-    WithJsonSchema({"enum": [*_TYPES, 0, 1], "description": "node type"}),
+    str, PlainValidator(_node_type), WithJsonSchema({"enum": [*_TYPES, 0, 1], "description": "node type"})
 ]
 
 

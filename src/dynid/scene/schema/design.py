@@ -114,17 +114,7 @@ class DesignModel(Section):
     def faults(
         self, parameters: Mapping[str, Any], nodes: Collection[str], outputs: list[str], inputs: list[str]
     ) -> Iterator[Located]:
-        """Yield free parameters that there are not, and targets whose channel is not said.
-
-        Parameters
-        ----------
-        parameters
-            The parameters of the scene.
-        nodes
-            The nodes of its graph.
-        outputs, inputs
-            The outputs and inputs of its analysis.
-        """
+        """Yield free parameters that there are not, and targets whose channel is not said."""
         for name in self.free:
             if problem := _parameter_problem(name, parameters, nodes):
                 yield ("design", "free", name, AT_KEY), problem

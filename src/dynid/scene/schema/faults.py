@@ -40,17 +40,7 @@ _ENDS = {"too_short": "least", "too_long": "most"}
 
 
 def located_faults(source: Source, model: type[BaseModel], error: ValidationError) -> list[Fault]:
-    """Return the errors of a validation as faults of the scene, each at its line and column.
-
-    Parameters
-    ----------
-    source
-        The scene as read.
-    model
-        The model it was validated against.
-    error
-        The errors of the validation.
-    """
+    """Return the errors of a validation as faults of the scene, each at its line and column."""
     errors: list[dict[str, Any]] = [dict(item) for item in error.errors(include_url=False)]
     unknown: dict[tuple[Any, ...], list[str]] = defaultdict(list)  # of each mapping
     for item in errors:

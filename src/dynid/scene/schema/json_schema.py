@@ -31,13 +31,7 @@ class _OfScenes(GenerateJsonSchema):
 
 
 def scene_schema(model: type[Section]) -> dict[str, Any]:
-    """Return the JSON Schema (draft 7) of scenes of a kind, with a description of every key.
-
-    Parameters
-    ----------
-    model
-        The class of the kind's scenes.
-    """
+    """Return the JSON Schema (draft 7) of scenes of a kind, with a description of every key."""
     schema = model.model_json_schema(schema_generator=_OfScenes)
     quantity = {definition.name for definition in fields(Quantity)}
     classes = {definition.__name__: definition for definition in _parts(Section)}

@@ -191,18 +191,8 @@ def _where(
 ) -> Callable[[Any, ValidationInfo], Quantity]:
     """Return the check of a quantity.
 
-    Parameters
-    ----------
-    condition
-        What its value fulfils.
-    message
-        What is wrong with a value that does not.
-    uncertain
-        Whether it may depend on unknown and considered parameters.
-    signed
-        Whether a value that depends on a parameter of `scale: linear` need not fulfil the condition.
-    remedy
-        What to write instead where it may not.
+    `uncertain`: it may depend on unknown and considered parameters; `signed`: a value that depends on a
+    parameter of `scale: linear` need not fulfil the condition; `remedy`: what to write instead.
     """
 
     def check(raw: Any, info: ValidationInfo) -> Quantity:

@@ -131,18 +131,8 @@ def law_variable(kind: str, gives: str) -> str:
 def read_names(source: Source, free: Mapping[str, float] | None = None) -> tuple[SceneNames, list[Fault]]:
     """Return the values of the parameters and the types of the nodes of a scene.
 
-    Parameters
-    ----------
-    source
-        The scene.
-    free
-        Parameters of a design that quantities depend on, with their reference values; default: of an
-        identification the unknown and considered ones.
-
-    Returns
-    -------
-    SceneNames, list of Fault
-        The names, and the faults of the parameters.
+    Quantities depend on the parameters `free` of a design, by their reference values; default: on the unknown
+    and considered ones of an identification. Faults are those of the parameters.
     """
     from dynid.scene.schema.quantities import SceneNames
 
@@ -181,15 +171,7 @@ def read_names(source: Source, free: Mapping[str, float] | None = None) -> tuple
 
 
 def value_with_unit(source: Source, path: Iterable[Any]) -> str:
-    """Return what to write for a value such as `15 ms`; empty where it is none, or its key has another unit.
-
-    Parameters
-    ----------
-    source
-        The scene.
-    path
-        The place of the value.
-    """
+    """Return what to write for a value such as `15 ms`; empty where its key has another unit."""
     value, units = source.data, []
     for key in path:
         if isinstance(value, dict):
@@ -276,13 +258,7 @@ _AXES = frozenset({"frequency", "lines", "frf"})
 
 
 def unit_of_frequencies(data: Any) -> FrequencyUnit:
-    """Return the unit of the frequency axes of a scene; without any, Hz where anything is given in Hz.
-
-    Parameters
-    ----------
-    data
-        The scene as plain data.
-    """
+    """Return the unit of the frequency axes of a scene; without any, Hz where anything is given in Hz."""
     units = list(_units(data, ""))
     axes = [unit for block, unit in units if block in _AXES] or [unit for _, unit in units]
     return HERTZ if "Hz" in axes else RADIANS

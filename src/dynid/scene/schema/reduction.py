@@ -225,12 +225,7 @@ class ReductionScene(SceneModel):
 def structure_faults(holder: BaseModel, structure: StructureModel | None) -> Iterator[Located]:
     """Yield the DOFs that a section names and its structure lacks, and outputs, which are of graphs.
 
-    Parameters
-    ----------
-    holder
-        The section.
-    structure
-        Its structure; None where the names of the DOFs are known as the model is built.
+    Without a structure the names of its DOFs are known as the model is built.
     """
     from dynid.structure.labels import DofNames
 

@@ -149,14 +149,7 @@ def _walk(shape: _Shape, value: Any, path: Path) -> Iterator[tuple[_Shape, Occur
 def references(model: type[BaseModel], data: Any, to: Reference) -> Iterator[Occurrence]:
     """Yield the references of a kind in a section.
 
-    Parameters
-    ----------
-    model
-        The model of the section.
-    data
-        The section: valid, or plain data, which need not be valid.
-    to
-        The kind of reference, such as `DOF`.
+    The section is valid, or plain data, which need not be valid.
     """
     for shape, occurrence in _walk(_shape(model), data, ()):
         if to in shape.references and not isinstance(occurrence.value, dict | list | BaseModel):
@@ -184,12 +177,7 @@ def sections(holder: Any, of: type[T], path: Path = ()) -> Iterator[tuple[Path, 
 def dof_faults(section: BaseModel, names: DofNames) -> Iterator[Located]:
     """Yield the DOFs that a valid section names and its structure lacks.
 
-    Parameters
-    ----------
-    section
-        The section.
-    names
-        The names of the structure's DOFs. Where their labels are texts, a number counts them from 1.
+    Where the labels of DOFs are texts, a number counts them from 1.
     """
     labels = names.labels
     there = f"; the structure has {len(labels)}"
@@ -221,15 +209,7 @@ Freedom = tuple[str, int]
 
 
 def beam_labels(elements: int, fixed: Iterable[Freedom]) -> list[int | str]:
-    """Return the labels of the free degrees of freedom of a beam.
-
-    Parameters
-    ----------
-    elements
-        The number of its elements, in a row.
-    fixed
-        The degrees of freedom that its supports fix.
-    """
+    """Return the labels of the free degrees of freedom of a beam."""
     return _free(elements + 1, ("w", "theta"), set(fixed))
 
 
@@ -241,16 +221,8 @@ def frame_labels(
 ) -> list[int | str]:
     """Return the labels of the free degrees of freedom of a frame, those at nodes within members last.
 
-    Parameters
-    ----------
-    nodes
-        The number of given nodes.
-    members
-        Of each: its two nodes, which ends are hinged (1, 2), and its number of elements.
-    fixed
-        The degrees of freedom that the supports fix.
-    turning
-        The nodes with a rotary inertia or a rotational spring, which rotate even between hinges.
+    Of each member: its two nodes, which ends are hinged (1, 2), and its number of elements. Nodes that are
+    `turning` have a rotary inertia or a rotational spring: they rotate even between hinges.
     """
     carried, inner = set(turning), 0
     for ends, hinges, elements in members:

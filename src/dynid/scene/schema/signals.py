@@ -5,13 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import (
-    BeforeValidator,
-    Discriminator,
-    Field,
-    field_validator,
-    model_validator,
-)
+from pydantic import BeforeValidator, Discriminator, Field, field_validator, model_validator
 
 from dynid.defaults import HOLD
 from dynid.scene.schema.base import FilePath, MotionQuantity, Section, SensitivityModel, SignedDof, UnitName

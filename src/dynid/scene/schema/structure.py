@@ -32,14 +32,7 @@ from dynid.scene.schema.quantities import (
     fault,
     raise_faults,
 )
-from dynid.scene.schema.references import (
-    FILE,
-    NODE,
-    Freedom,
-    beam_labels,
-    frame_labels,
-    node_faults,
-)
+from dynid.scene.schema.references import FILE, NODE, Freedom, beam_labels, frame_labels, node_faults
 from dynid.units import unit_fits
 
 #: The most elements and nodes that a scene may ask for.

@@ -52,10 +52,7 @@ _PLAIN_WORDS = {
 def resolve_plain(text: str) -> str | int | float | bool | None:
     """Return the value of an unquoted scalar by the core schema of YAML 1.2.
 
-    Raises
-    ------
-    ValueError
-        When a number is too long, or too large for double precision.
+    Raises `ValueError` when a number is too long, or too large for double precision.
     """
     if text in _NULL:
         return None
@@ -85,10 +82,7 @@ def shorten(text: str) -> str:
 def _resolve_tagged(text: str, tag: str) -> Any:
     """Return the value of a scalar with a core tag (`!!int`, `!!float`, `!!bool`, `!!null`).
 
-    Raises
-    ------
-    ValueError
-        When the tag is another, or the text is not of that type.
+    Raises `ValueError` when the tag is another, or the text is not of that type.
     """
     value = resolve_plain(text)
     kind = tag.removeprefix(CORE)
@@ -197,18 +191,7 @@ _DROPPED = object()  # the key was at fault: its value is read and discarded
 def parse_yaml(text: str, file: str) -> tuple[Any, dict[Path, Positions], list[Fault]]:
     """Read one YAML document.
 
-    Parameters
-    ----------
-    text
-        The document.
-    file
-        The name of the file in faults and places.
-
-    Returns
-    -------
-    tuple
-        The plain data, the place of every path in it, and the faults; the data are valid only where
-        there are none.
+    The data are valid only where there are no faults.
     """
     builder = _TreeBuilder(file)
     try:

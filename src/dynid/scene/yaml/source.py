@@ -78,12 +78,8 @@ class Source:
 def read_source(path: str | os.PathLike[str]) -> Source:
     """Read a scene file.
 
-    Raises
-    ------
-    FileError
-        When there is no readable regular file at `path`.
-    SceneError
-        When the text is not a document of plain data, with all faults.
+    Raises `FileError` when there is no readable regular file at `path`. Raises `SceneError` when the text is
+    not a document of plain data, with all faults.
     """
     name = os.fspath(path)
     raw = _read_regular_file(name)
@@ -104,10 +100,7 @@ def read_source(path: str | os.PathLike[str]) -> Source:
 def parse_source(text: str, file: str = "<scene>") -> Source:
     """Read a scene from a text.
 
-    Raises
-    ------
-    SceneError
-        When the text is not a document of plain data, with all faults.
+    Raises `SceneError` when the text is not a document of plain data, with all faults.
     """
     data, marks, faults = parse_yaml(text, file)
     if data is None and not faults:
@@ -155,10 +148,7 @@ def apply_overrides(source: Source, assignments: Iterable[str]) -> Source:
 def set_values(source: Source, values: Mapping[str, Any]) -> Source:
     """Set plain values at dotted paths, as `--set` does with values written in YAML.
 
-    Raises
-    ------
-    SceneError
-        When a path is invalid.
+    Raises `SceneError` when a path is invalid.
     """
     source = source.written or source
     for path, value in values.items():
@@ -169,10 +159,7 @@ def set_values(source: Source, values: Mapping[str, Any]) -> Source:
 def path_of(source: Source, dotted: str) -> Path:
     """Return the path that a dotted one means: keys may hold dots themselves, and indices are numbers.
 
-    Raises
-    ------
-    SceneError
-        When a list has no such entry.
+    Raises `SceneError` when a list has no such entry.
     """
     parts, holder = _names(dotted, dotted), (source.written or source).data
     path: Path = ()
