@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib import import_module
+from operator import call
 from typing import Any
 
 import numpy as np
@@ -115,41 +116,37 @@ def by_dynamax(this: SuspensionRecord) -> Callable[[], Any]:
     return lambda: np.asarray(run(values, force).block_until_ready())
 
 
-def lcapy(stages: int) -> Callable[[], Any]:
+def lcapy(stages: int) -> Any:
     """Solve the equivalent circuit (currents are forces, voltages velocities) symbolically."""
-    circuits = import_module("lcapy")
-
-    def work() -> Any:
-        circuit = circuits.Circuit()
-        for k, (m, spring, damper) in enumerate(distinct(stages), 1):
-            end = k + 1 if k < stages else 0
-            circuit.add(f"C{k} {k} 0 {{{m}}}")
-            circuit.add(f"L{k} {k} {end} {{{1 / spring}}}")
-            circuit.add(f"R{k} {k} {end} {{{1 / damper}}}")
-        transfer = circuit.transimpedance(1, 0, stages, 0)
-        return tuple(
-            np.array([root.cval for root, count in roots.items() for _ in range(int(count.cval.real))])
-            for roots in (transfer.zeros(), transfer.poles())
-        )
-
-    return work
+    circuit = import_module("lcapy").Circuit()
+    for k, (m, spring, damper) in enumerate(distinct(stages), 1):
+        end = k + 1 if k < stages else 0
+        circuit.add(f"C{k} {k} 0 {{{m}}}")
+        circuit.add(f"L{k} {k} {end} {{{1 / spring}}}")
+        circuit.add(f"R{k} {k} {end} {{{1 / damper}}}")
+    transfer = circuit.transimpedance(1, 0, stages, 0)
+    return tuple(
+        np.array([root.cval for root, count in roots.items() for _ in range(int(count.cval.real))])
+        for roots in (transfer.zeros(), transfer.poles())
+    )
 
 
-def of_record(make: Callable[[SuspensionRecord], Callable[[], Any]]) -> Callable[[int], Callable[[], Any]]:
-    """Return the preparation of a filter pass over one record."""
-    return lambda samples: make(case(samples))
+def of_record(name: str, make: Callable[[SuspensionRecord], Callable[[], Any]]) -> Alternative:
+    """Return the filter pass of a peer over one record."""
+    return Alternative(name, call, lambda samples: make(case(samples)), needs=(name,), peer=True)
+
+
+def of_records(name: str, make: Callable[[SuspensionRecord], Callable[[], Any]]) -> Alternative:
+    """Return the filter passes of a peer over all records."""
+    return Alternative(
+        name, lambda works: [work() for work in works], each_record(make), needs=(name,), peer=True
+    )
 
 
 #: Alternatives by the name of their benchmark.
 ALTERNATIVES = {
-    "filters": (
-        Alternative("filterpy", of_record(by_filterpy), needs=("filterpy",), peer=True),
-        Alternative("dynamax", of_record(by_dynamax), needs=("dynamax",), peer=True),
-    ),
-    "estimators": (
-        Alternative("filterpy", each_record(by_filterpy), needs=("filterpy",), peer=True),
-        Alternative("dynamax", each_record(by_dynamax), needs=("dynamax",), peer=True),
-    ),
+    "filters": (of_record("filterpy", by_filterpy), of_record("dynamax", by_dynamax)),
+    "estimators": (of_records("filterpy", by_filterpy), of_records("dynamax", by_dynamax)),
     "zeros-poles": (
         Alternative("control-slycot", controlled, needs=("control", "slycot"), peer=True),
         Alternative("lcapy", lcapy, needs=("lcapy",), max_size=2, peer=True),

@@ -38,7 +38,7 @@ if "DYNID_PEERS" in os.environ:
     os.environ["DYNID_PEER_MODULE"] = "benchmarks.peers"
 
 from dynid.bench import BENCHMARKS, run_benchmarks  # noqa: E402
-from dynid.bench.machine import machine  # noqa: E402
+from dynid.bench.suite import machine  # noqa: E402
 from dynid.defaults import CHOICES  # noqa: E402
 from dynid.number_format import memory_text  # noqa: E402
 from dynid.report import figures  # noqa: E402

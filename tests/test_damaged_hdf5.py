@@ -22,12 +22,19 @@ from dynid.hdf5 import open_hdf5
 from dynid.result import Result
 from dynid.store import read_result, write_result
 from dynid.store.files import hollow, write_blocks
-from dynid.trial import messages, survives, work
+from dynid.trial import messages, survives
 from tests.copies import told_by_a_copy
 
 
 @pytest.mark.parametrize(
-    ("name", "outcome"), [("returns", True), ("fails", None), ("crashes", False), ("takes_memory", False)]
+    ("name", "outcome"),
+    [
+        ("returns", True),
+        ("fails", None),
+        ("crashes", False),
+        ("takes_memory", False),
+        ("lacks_memory", False),
+    ],
 )
 def test_only_what_dies_does_not_survive(capfd, name, outcome):
     assert survives(f"tests.doomed:{name}", "x", memory=2**30) is outcome
@@ -72,23 +79,21 @@ def test_a_program_that_python_is_embedded_in_is_not_started(monkeypatch, progra
         raise OSError("no processes here")
 
     monkeypatch.setattr(sys, "executable", program)
-    monkeypatch.setattr(subprocess, "run", none)
+    monkeypatch.setattr(subprocess, "Popen", none)
     assert survives("tests.doomed:crashes", "x") is None
 
 
-def test_the_work_is_limited_where_the_system_can(monkeypatch):
+def test_a_process_is_limited_where_the_system_can(monkeypatch):
     import resource
 
-    limits, left = {}, []
+    limits = {}
     monkeypatch.setattr(resource, "setrlimit", lambda what, values: limits.update({what: values}))
-    monkeypatch.setattr(os, "_exit", left.append)
-    work("tests.doomed:lacks_memory", 10**9, "x")
+    trial._limit(10**9)
     assert limits == {resource.RLIMIT_CORE: (0, 0), resource.RLIMIT_AS: (10**9, 10**9)}
-    assert left == [2]
 
 
 @pytest.mark.parametrize("system", ["win32", "other"])
-def test_systems_without_limits_do_the_work_without_dialogs(monkeypatch, capsys, system):
+def test_systems_without_limits_show_no_dialogs(monkeypatch, system):
     modes = []
 
     class Runtime:
@@ -98,8 +103,7 @@ def test_systems_without_limits_do_the_work_without_dialogs(monkeypatch, capsys,
     monkeypatch.setitem(sys.modules, "resource", None)
     monkeypatch.setitem(sys.modules, "msvcrt", Runtime)
     monkeypatch.setattr(sys, "platform", system)
-    work("tests.doomed:returns", 10**9, "x")
-    assert capsys.readouterr().out == "never seen\n"
+    trial._limit(10**9)
     assert modes == ([3] if system == "win32" else [])
 
 

@@ -1,8 +1,8 @@
-"""Work on files of unknown origin in a separate process, which the work may end.
+"""Work in a separate process, which is ended at a limit of time or of memory, or by the work itself.
 
 Compiled parsers trust their input: a changed byte can make them crash, loop, or ask for any amount of memory.
 A process started for the purpose meets that first. It runs on all systems and beside threads, which a copy
-by `fork` does not.
+by `fork` does not. Samples of studies and alternatives of benchmarks run in such processes, too.
 """
 
 from __future__ import annotations
@@ -10,30 +10,158 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import pickle
+import queue
 import signal
+import struct
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from importlib import import_module
-from typing import Any
+from typing import IO, Any, Self
 
 #: The time that a trial may take, s.
 SECONDS = 30.0
-_START = """
-import json, sys
-sys.path[:], task, *call = json.load(sys.stdin)
-import dynid.trial
-getattr(dynid.trial, task)(*call)
-"""
+#: Environment that limits linear algebra to one thread.
+ONE_THREAD = dict.fromkeys(
+    (
+        "OMP_NUM_THREADS",
+        "OPENBLAS_NUM_THREADS",
+        "MKL_NUM_THREADS",
+        "BLIS_NUM_THREADS",
+        "VECLIB_MAXIMUM_THREADS",
+        "NUMEXPR_NUM_THREADS",
+    ),
+    "1",
+)
+
+_BOOT = (
+    "import json, sys; paths, memory = json.loads(sys.argv[1]); sys.path[:] = paths or sys.path; "
+    "from dynid.trial import serve; serve(memory)"
+)
 _NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)
-_ENDED, _NOT_STARTED = 0, 1  # what Python itself returns
+_LENGTH = struct.Struct("<Q")
+_RETURNED, _RAISED, _SENT = range(3)  # kinds of replies
+
+
+class TimeLimitExceeded(Exception):
+    """A call exceeded its time limit."""
+
+
+class ProcessDied(Exception):
+    """The process of a call ended before the call."""
+
+
+class ChildProcess:
+    """A silent process that runs one call at a time, can be killed, and ends with this one.
+
+    Calls and replies are pickled. The process imports what this one can.
+
+    Parameters
+    ----------
+    environment
+        Environment variables besides those of this process.
+    python
+        The interpreter; default: that of this process. Another one has its own paths.
+    memory
+        The most memory that it may claim, bytes, where the system can limit it; 0: no limit.
+
+    Raises
+    ------
+    OSError
+        If it cannot be started.
+    """
+
+    def __init__(
+        self, environment: Mapping[str, str] | None = None, *, python: str | None = None, memory: int = 0
+    ) -> None:
+        own = python in (None, sys.executable)
+        paths = [path for path in sys.path if isinstance(path, str)] if own else []
+        self._process = subprocess.Popen(
+            [python or sys.executable, *(["-P"] if own else []), "-c", _BOOT, json.dumps([paths, memory])],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, **(environment or {})},
+            # Ctrl-C is handled by this process.
+            process_group=0 if os.name == "posix" else None,
+            creationflags=_NO_WINDOW,
+        )
+        self._replies: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        threading.Thread(target=_receive, args=(self._process.stdout, self._replies), daemon=True).start()
+
+    def run(self, seconds: float | None, call: Callable[..., Any] | str, *arguments: Any) -> Any:
+        """Return the value of a call, or raise its exception.
+
+        Parameters
+        ----------
+        seconds
+            After this time the process is killed; None: no limit.
+        call
+            A function, also as ``package.module:function``.
+        *arguments
+            Its arguments.
+
+        Raises
+        ------
+        TimeLimitExceeded
+            If the call takes longer.
+        ProcessDied
+            If the process ends.
+        """
+        self._begin(call, arguments, sends=False)
+        kind, value = self._reply(seconds)
+        if kind == _RAISED:
+            raise value
+        return value
+
+    def messages(self, seconds: float, call: Callable[..., Any] | str, *arguments: Any) -> Iterator[Any]:
+        """Yield what a call sends by its first argument, a function, until it ends or `seconds` are over."""
+        until = time.monotonic() + seconds
+        with contextlib.suppress(TimeLimitExceeded, ProcessDied):
+            self._begin(call, arguments, sends=True)
+            while (reply := self._reply(until - time.monotonic()))[0] == _SENT:
+                yield reply[1]
+
+    def close(self) -> None:
+        """Kill the process."""
+        self._process.kill()
+        self._process.wait()
+        assert self._process.stdin is not None
+        with contextlib.suppress(OSError):
+            self._process.stdin.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _begin(self, call: Callable[..., Any] | str, arguments: tuple[Any, ...], sends: bool) -> None:
+        assert self._process.stdin is not None
+        message = pickle.dumps((call, arguments, sends))
+        with contextlib.suppress(OSError, ValueError):  # the pipe is closed, as that of the replies
+            _write(self._process.stdin, message)
+
+    def _reply(self, seconds: float | None) -> tuple[int, Any]:
+        try:
+            message = self._replies.get(timeout=None if seconds is None else max(0.0, seconds))
+        except queue.Empty:
+            self.close()
+            raise TimeLimitExceeded from None
+        if message is None:
+            self._replies.put(None)
+            self.close()
+            raise ProcessDied
+        reply: tuple[int, Any] = pickle.loads(message)
+        return reply
 
 
 def survives(function: str, *arguments: str, seconds: float = SECONDS, memory: int = 0) -> bool | None:
     """Return True if a separate process survives calling a function, False if not, None where none can start.
-
-    The process is silent, and imports what this one can.
 
     Parameters
     ----------
@@ -45,26 +173,27 @@ def survives(function: str, *arguments: str, seconds: float = SECONDS, memory: i
     seconds
         After this time the process is ended, and did not survive.
     memory
-        The most memory that it may claim, bytes, where the system can limit it; 0: no limit.
+        As of `ChildProcess`.
     """
     if not _can_start():
         return None
     try:
-        ended = subprocess.run(
-            _command(),
-            input=_call("work", function, memory, *arguments),
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-            timeout=seconds,
-            check=False,
-            creationflags=_NO_WINDOW,
-        )
-    except subprocess.TimeoutExpired:
-        return False
+        child = ChildProcess({"OPENBLAS_NUM_THREADS": "1"}, memory=memory)
     except OSError:
         return None
-    return {_ENDED: True, _NOT_STARTED: None}.get(ended.returncode, False)
+    outcome = None
+    with child:
+        try:
+            child.run(seconds, bool)
+            outcome = False  # from here on it has started
+            child.run(seconds, function, *arguments)
+        except (TimeLimitExceeded, MemoryError):
+            return False
+        except ProcessDied:
+            return outcome
+        except Exception:
+            return None
+    return True
 
 
 def messages(function: str, *arguments: str, seconds: float) -> Iterator[Any] | None:
@@ -73,59 +202,24 @@ def messages(function: str, *arguments: str, seconds: float) -> Iterator[Any] | 
     Parameters
     ----------
     function
-        As ``package.module:function``; called with a function that sends what JSON can write.
+        As ``package.module:function``; called with a function that sends.
     *arguments
         Its further arguments.
     seconds
         After this time the process is ended, and what it has sent until then is all there is.
     """
-    if not _can_start():
-        return None
     try:
-        process = subprocess.Popen(
-            _command(),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            creationflags=_NO_WINDOW,
-        )
+        child = ChildProcess() if _can_start() else None
     except OSError:
-        return None
-    return _messages_of(process, _call("send_messages", function, *arguments), seconds)
+        child = None
+    return None if child is None else _messages_of(child, function, arguments, seconds)
 
 
-def _messages_of(process: subprocess.Popen[bytes], call: bytes, seconds: float) -> Iterator[Any]:
-    assert process.stdin is not None
-    assert process.stdout is not None
-    timer = threading.Timer(seconds, process.kill)
-    timer.daemon = True
-    timer.start()
-    try:
-        with process, contextlib.suppress(BrokenPipeError):
-            try:
-                process.stdin.write(call)
-                process.stdin.close()
-                for line in process.stdout:
-                    if line.endswith(b"\n"):  # else it was ended in the middle
-                        yield json.loads(line)
-            finally:
-                process.kill()
-    finally:
-        timer.cancel()
-
-
-def send_messages(function: str, *arguments: str) -> None:
-    """Call a function with one that sends messages: what the separate process does."""
-    stream = os.fdopen(os.dup(1), "w", encoding="utf-8")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # of whatever else writes there
-
-    def send(message: object) -> None:
-        stream.write(f"{json.dumps(message)}\n")
-        stream.flush()
-
-    _limit_core()
-    module, _, name = function.partition(":")
-    getattr(import_module(module), name)(send, *arguments)
+def _messages_of(
+    child: ChildProcess, function: str, arguments: tuple[str, ...], seconds: float
+) -> Iterator[Any]:
+    with child:
+        yield from child.messages(seconds, function, *arguments)
 
 
 def limits_processor_time() -> bool:
@@ -146,27 +240,54 @@ def _can_start() -> bool:
     return not getattr(sys, "frozen", False) and program.startswith(("python", "pypy"))
 
 
-def _command() -> list[str]:
-    return [sys.executable, "-P", "-c", _START]
+def serve(memory: int) -> None:
+    """Run calls from standard input, in the separate process."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _limit(memory)
+    requests, replies = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
+    nothing = os.open(os.devnull, os.O_RDWR)
+    for descriptor in (0, 1):
+        os.dup2(nothing, descriptor)  # output of calls must not mix with replies
+
+    def reply(kind: int, value: Any) -> None:
+        _write(replies, pickle.dumps((kind, value)))
+
+    calls: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+    threading.Thread(target=_receive, args=(requests, calls, True), daemon=True).start()
+    while (message := calls.get()) is not None:
+        try:
+            call, arguments, sends = pickle.loads(message)
+            if isinstance(call, str):
+                module, _, name = call.partition(":")
+                call = getattr(import_module(module), name)
+            value = call(*([partial(reply, _SENT)] if sends else []), *arguments)
+        except Exception as error:
+            reply(_RAISED, error)
+        else:
+            reply(_RETURNED, value)
 
 
-def _call(task: str, *call: object) -> bytes:
-    paths = [path for path in sys.path if isinstance(path, str)]
-    return json.dumps([paths, task, *call]).encode()
+def _write(stream: IO[bytes], message: bytes) -> None:
+    stream.write(_LENGTH.pack(len(message)))
+    stream.write(message)
+    stream.flush()
 
 
-def work(function: str, memory: int, *arguments: str) -> None:
-    """Call a function within limits: what the separate process does."""
-    _limit_core(memory)
-    module, _, name = function.partition(":")
-    try:
-        getattr(import_module(module), name)(*arguments)
-    except MemoryError:
-        os._exit(2)
+def _receive(stream: IO[bytes], arrived: queue.SimpleQueue[bytes | None], last: bool = False) -> None:
+    """Queue messages until the other side has closed; then end this process, if it is `last`."""
+    with stream:
+        while len(head := stream.read(_LENGTH.size)) == _LENGTH.size:
+            (length,) = _LENGTH.unpack(head)
+            if len(message := stream.read(length)) < length:
+                break
+            arrived.put(message)
+    if last:
+        os._exit(0)
+    arrived.put(None)
 
 
-def _limit_core(memory: int = 0) -> None:
-    """Let a crash leave no file, and limit the memory where a number of bytes is given."""
+def _limit(memory: int) -> None:
+    """Let a crash leave no file and no dialog, and limit the memory where a number of bytes is given."""
     try:
         import resource
 
@@ -174,12 +295,7 @@ def _limit_core(memory: int = 0) -> None:
         if memory:
             resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
     except (ImportError, AttributeError, OSError, ValueError):  # Windows, or limits that are lower already
-        _no_dialogs()
+        if sys.platform == "win32":
+            import msvcrt
 
-
-def _no_dialogs() -> None:
-    """Let a crash on Windows end the process without a dialog that waits."""
-    if sys.platform == "win32":
-        import msvcrt
-
-        msvcrt.SetErrorMode(msvcrt.SEM_FAILCRITICALERRORS | msvcrt.SEM_NOGPFAULTERRORBOX)
+            msvcrt.SetErrorMode(msvcrt.SEM_FAILCRITICALERRORS | msvcrt.SEM_NOGPFAULTERRORBOX)

@@ -107,7 +107,7 @@ def test_an_alternative_does_the_work(name, alternative, monkeypatch):
     case, (size, least) = benchmark(name), SMALL[name]
     chosen = next(each for each in case.alternatives if each.name == alternative)
     try:
-        error = case.error(size, chosen.prepare(size)())
+        error = case.error(size, chosen.prepared(size, case.problem)())
     except Singular:
         assert alternative in REFUSED
         return
@@ -133,10 +133,10 @@ def test_a_work_that_fails_is_named_and_the_others_stand():
 
 
 def test_a_command_that_fails_is_named(monkeypatch):
-    def ran(_):
-        subprocess.run([sys.executable, "-c", "raise SystemExit(3)"], check=True)
+    def run(*_, **__):
+        raise subprocess.CalledProcessError(3, "python")
 
-    monkeypatch.setattr("dynid.bench.cases.startup._ran", ran)
+    monkeypatch.setattr(subprocess, "run", run)
     assert "exit status 3" in measured("startup", "help", 1)["failed"]
 
 
@@ -220,7 +220,7 @@ def test_the_page_holds_every_figure_that_was_measured(result):
 
 
 def test_a_peer_may_live_in_another_interpreter(tmp_path, monkeypatch):
-    peer = Alternative("peer", lambda _: lambda: None, needs=("surely_not_installed",))
+    peer = Alternative("peer", lambda _: None, needs=("surely_not_installed",))
     assert (peer.missing(), peer.interpreter) == ("surely_not_installed not installed", sys.executable)
     other = tmp_path / "python"
     other.write_text("#!/bin/sh\n")  # it prints no name: nothing is missing there

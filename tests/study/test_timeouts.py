@@ -1,7 +1,6 @@
 """Time limits: samples that hang, die or take long are failed rows or are reported."""
 
 import os
-import pickle
 import re
 import signal
 import subprocess
@@ -19,6 +18,7 @@ from dynid.study.executors import make_executor, processes
 from dynid.study.executors.base import SerialExecutor
 from dynid.study.executors.processes import ProcessExecutor
 from dynid.study.run import run_study
+from dynid.trial import ProcessDied, TimeLimitExceeded
 from tests.study.faults import faulty
 from tests.study.small import STUDY, assert_same, planned
 from tests.study.test_executors import cluster  # noqa: F401 - a fixture
@@ -50,10 +50,9 @@ def impatient(monkeypatch):
     """A second for what is known to hang, ten minutes for all the rest, whatever the limit says."""
     exchange = processes.Worker._exchange
 
-    def hurried(worker, message, _):
-        call, args = pickle.loads(message)
+    def hurried(worker, _, call, args):
         hangs = call is faulty and any(args[0].get(one["parameters.m"]) == "hangs" for one in args[-1])
-        return exchange(worker, message, 1.0 if hangs and worker._completed else 600.0)
+        return exchange(worker, 1.0 if hangs and worker._completed else 600.0, call, args)
 
     monkeypatch.setattr(processes.Worker, "_exchange", hurried)
     monkeypatch.setattr("dynid.study.scheduler.Chunks.size", lambda _, left, __: 1 if left == 20 else 2)
@@ -116,14 +115,14 @@ def test_a_process_that_is_gone_is_replaced_and_what_it_raises_comes_through():
         assert worker.run(60.0, os.getpid) != os.getpid()
         with pytest.raises(ValueError, match="could not convert"):
             worker.run(60.0, float, "x")
-        with pytest.raises(processes.WorkerDied):
+        with pytest.raises(ProcessDied):
             worker.run(60.0, signal.raise_signal, signal.SIGKILL)
-        with pytest.raises(processes.TimeLimitExceeded):
+        with pytest.raises(TimeLimitExceeded):
             worker.run(0.2, time.sleep, 1000)
         assert worker.run(60.0, abs, -3) == 3
     finally:
         worker.close()
-    with pytest.raises(processes.WorkerDied):
+    with pytest.raises(ProcessDied):
         worker.run(60.0, abs, -3)
 
 

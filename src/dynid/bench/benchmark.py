@@ -12,7 +12,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, NamedTuple
@@ -34,8 +34,10 @@ class Alternative:
     ----------
     name
         Its name in the results.
-    prepare
-        Function of a size that does everything untimed, and returns the work to time.
+    work
+        Function of the problem, which is timed: its result.
+    problem
+        Function of a size that prepares the problem, untimed; default: that of the benchmark.
     needs
         Packages that it needs besides the dependencies of dynid.
     min_size, max_size
@@ -47,7 +49,8 @@ class Alternative:
     """
 
     name: str
-    prepare: Callable[[int], Callable[[], Any]]
+    work: Callable[[Any], Any]
+    problem: Callable[[int], Any] | None = None
     needs: tuple[str, ...] = ()
     min_size: int = 0
     max_size: int | None = None
@@ -60,6 +63,10 @@ class Alternative:
             return reason
         absent = _absent(self.needs) if self.interpreter != sys.executable else self._absent
         return f"{', '.join(absent)} not installed" if absent else ""
+
+    def prepared(self, size: int, problem: Callable[[int], Any] = int) -> Callable[[], Any]:
+        """Return the work on the problem of a size; `problem` is that of the benchmark."""
+        return partial(self.work, (self.problem or problem)(size))
 
     def at(self, size: int) -> bool:
         """Return True if it is measured at a size."""
@@ -99,6 +106,8 @@ class Benchmark:
         The alternatives, those of dynid first.
     error
         Function of a size and a result: its error against an exact or high-precision reference.
+    problem
+        Function of a size: what the alternatives work on; default: the size itself.
     measure
         Definition of the error.
     default
@@ -116,6 +125,7 @@ class Benchmark:
     sizes: tuple[int, ...]
     alternatives: Sequence[Alternative]
     error: Callable[[int, Any], float]
+    problem: Callable[[int], Any] = int
     measure: str = "largest relative error"
     default: Callable[[int], str] | None = None
     full: tuple[int, ...] = ()

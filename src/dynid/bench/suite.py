@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import math
+import os
+import platform
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import groupby
+from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
 from dynid.bench.benchmark import BENCHMARKS, Benchmark, benchmark
-from dynid.bench.machine import machine
-from dynid.bench.worker import Process
+from dynid.bench.worker import measured
 from dynid.defaults import of_benchmark
 from dynid.errors import NumericalError, UsageError
-from dynid.number_format import significant
+from dynid.number_format import counted, significant
 from dynid.result import Result
+from dynid.study.executors.base import cores
+from dynid.trial import ONE_THREAD, ChildProcess, ProcessDied
 
 
 @dataclass(frozen=True)
@@ -114,27 +119,23 @@ def _measured(
     present = [alternative for alternative in case.alternatives if not alternative.missing()]
     figures: dict[str, list[BenchmarkFigure]] = {alternative.name: [] for alternative in present}
     with TemporaryDirectory() as folder, ExitStack() as stack:
+        environment = ONE_THREAD | os.environ | dict.fromkeys(("TMPDIR", "TEMP", "TMP"), folder)
         workers = {
-            alternative.name: stack.enter_context(
-                Process(
-                    "dynid.bench.worker",
-                    *(name, alternative.name, clock),
-                    python=alternative.interpreter,
-                    threads=1,
-                    folder=folder,
-                )
-            )
+            alternative.name: stack.enter_context(ChildProcess(environment, python=alternative.interpreter))
             for alternative in present
         }
         for size in sizes:
             for alternative in present:
                 if alternative.at(size):
                     progress(f"{where}, {case.size} {size:,}, {alternative.name}")
-                    late = size > sizes[0] and time.monotonic() > until
-                    answer = {"late": True} if late else workers[alternative.name].ask(size)
-                    figures[alternative.name].append(
-                        BenchmarkFigure(size, **(answer or {"failed": "it ended"}))
-                    )
+                    answer: dict[str, Any] = {"late": True}
+                    if size == sizes[0] or time.monotonic() <= until:
+                        worker = workers[alternative.name]
+                        try:
+                            answer = worker.run(None, measured, name, alternative.name, size, clock)
+                        except ProcessDied:
+                            answer = {"failed": "it ended"}
+                    figures[alternative.name].append(BenchmarkFigure(size, **answer))
     return figures
 
 
@@ -251,6 +252,20 @@ def exponent(rows: Sequence[BenchmarkFigure]) -> float | None:
     if len(rows) < 2 or rows[-1].size <= rows[-2].size:
         return None
     return math.log(rows[-1].time / rows[-2].time) / math.log(rows[-1].size / rows[-2].size)
+
+
+def machine() -> str:
+    """Return processor, cores, system, Python, NumPy and its BLAS as text, each as it names itself."""
+    info = Path("/proc/cpuinfo")
+    text = info.read_text(encoding="utf-8", errors="replace") if info.exists() else ""
+    models = [line.partition(":")[2].strip() for line in text.splitlines() if line.startswith("model name")]
+    chip = next(iter(models), "") or platform.processor() or platform.machine()
+    blas = np.show_config(mode="dicts").get("Build Dependencies", {}).get("blas", {})
+    algebra = " ".join(str(blas.get(key, "")) for key in ("name", "version")).strip() or "unknown BLAS"
+    return (
+        f"{chip}, {counted(cores(), 'core')}, {platform.system()}, Python {platform.python_version()}, "
+        f"NumPy {np.__version__} ({algebra})"
+    )
 
 
 #: A ratio of times, memory or errors that counts as a change; smaller memory and errors than these do not.

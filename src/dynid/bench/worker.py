@@ -1,4 +1,4 @@
-"""Worker processes: one that serves requests and can be stopped, and the one that measures an alternative.
+"""Measurement of one alternative, in a process of its own.
 
 Each alternative has its own process, so that its peak memory is its own and no other one's modules interfere;
 the processes take turns, so that a drift of the machine's speed affects all.
@@ -6,112 +6,15 @@ the processes take turns, so that a drift of the machine's speed affects all.
 
 from __future__ import annotations
 
-import os
-import pickle
-import subprocess
 import sys
 from collections.abc import Callable
-from contextlib import suppress
-from functools import partial
 from statistics import median
 from subprocess import SubprocessError
-from threading import Timer
 from time import perf_counter, process_time
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from dynid.bench.benchmark import benchmark
 from dynid.errors import DynidError
-
-#: Environment variables with the number of threads of numerical libraries.
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-#: Environment variables with the folder of temporary files.
-_FOLDERS = ("TMPDIR", "TEMP", "TMP")
-
-
-class Process:
-    """A process of its own that runs the function `main` of a module, which calls `serve`.
-
-    Requests and responses are pickled: both ends are the same installation.
-
-    Parameters
-    ----------
-    module
-        The module.
-    arguments
-        Arguments of `main`.
-    python
-        The interpreter that runs it.
-    threads
-        Threads of numerical libraries; default: their default, or that of the environment.
-    folder
-        Folder of its temporary files; default: that of this process.
-    """
-
-    def __init__(
-        self,
-        module: str,
-        *arguments: str,
-        python: str = sys.executable,
-        threads: int | None = None,
-        folder: str | None = None,
-    ) -> None:
-        # Imported rather than run: what is pickled must not belong to a module called __main__.
-        command = [python, "-c", f"from {module} import main; main(*{arguments!r})"]
-        limited = {} if threads is None else dict.fromkeys(_THREADS, str(threads))
-        self._process = subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env={**limited, **os.environ, **({} if folder is None else dict.fromkeys(_FOLDERS, folder))},
-        )
-
-    def ask(self, request: Any, seconds: float | None = None) -> Any:
-        """Return the response to a request; None where the process ended, or was stopped after `seconds`."""
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        timer = Timer(seconds if seconds is not None else 0.0, self._process.kill)
-        if seconds is not None:
-            timer.start()
-        try:
-            pickle.dump(request, self._process.stdin)
-            self._process.stdin.flush()
-            return pickle.load(self._process.stdout)
-        except (BrokenPipeError, EOFError, pickle.UnpicklingError):
-            return None
-        finally:
-            timer.cancel()
-
-    def close(self) -> None:
-        """End the process and abandon its current work."""
-        self._process.kill()
-        for stream in (self._process.stdin, self._process.stdout):
-            with suppress(BrokenPipeError):
-                if stream is not None:
-                    stream.close()
-        self._process.wait()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-
-def serve(answer: Callable[[Any], Any]) -> None:
-    """Serve requests from standard input until it ends; output of the work goes to standard error."""
-    responses, sys.stdout = sys.stdout.buffer, sys.stderr
-    while True:
-        try:
-            request = pickle.load(sys.stdin.buffer)
-        except EOFError:
-            return
-        pickle.dump(answer(request), responses)
-        responses.flush()
-
 
 #: Fewest and most runs, and the time after which no further one is started, s.
 _MIN_RUNS, _MAX_RUNS, _MIN_SECONDS = 3, 25, 0.3
@@ -119,17 +22,12 @@ _MIN_RUNS, _MAX_RUNS, _MIN_SECONDS = 3, 25, 0.3
 _LONG_SECONDS, _SINGLE_RATIO = 1.0, 60
 
 
-def main(name: str, alternative: str, clock: str = "wall") -> None:
-    """Serve sizes with measurements, as `Process` requests them."""
-    serve(partial(measured, name, alternative, clock=clock))
-
-
 def measured(name: str, alternative: str, size: int, clock: str = "wall") -> dict[str, Any]:
     """Measure one alternative at one size: median time, rise of the peak memory, error; or the failure."""
     case = benchmark(name)
     chosen = next(candidate for candidate in case.alternatives if candidate.name == alternative)
     try:
-        work = chosen.prepare(size)
+        work = chosen.prepared(size, case.problem)
         before, now = _peak_memory(), CLOCKS[clock]
         start = now()
         result = work()  # loads, compiles, and fills caches

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from dynid.errors import NumericalError
 from dynid.scene.outcomes import SampleOutcome, SampleOutcomes
-from dynid.study.executors.processes import TimeLimitExceeded
 from dynid.study.work import Done, Job, Packed, packed, run_chunk
+from dynid.trial import TimeLimitExceeded
 
 if TYPE_CHECKING:
     from dynid.study.executors import StudyExecutor

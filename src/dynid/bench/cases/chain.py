@@ -5,9 +5,11 @@ v_N / F has a zero at 0 and one at -k/b for every joint but the last.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
+
+import numpy as np
 
 from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.bondgraph.reduced_graph import ReducedGraph
@@ -24,8 +26,6 @@ def reduced(stages: int) -> ReducedGraph:
 
 def matrices(stages: int) -> Any:
     """Return A, B, C, D with the velocities and elongations as states, written down by Newton's law."""
-    import numpy as np
-
     m, k, b = (np.array([float(stage[column]) for stage in distinct(stages)]) for column in range(3))
     joints = np.eye(stages) - np.eye(stages, k=1)  # elongation rates by velocities
     A = np.zeros((2 * stages, 2 * stages))
@@ -68,8 +68,6 @@ def true_roots(stages: int) -> tuple[Any, Any]:
     The zeros are 0 and -k/b of all joints but the last; the poles are certified roots of the denominator of
     the continued fraction of impedances, started from the eigenvalues of A.
     """
-    import numpy as np
-
     from dynid.lti.certified_roots import certified_roots, repeated
 
     starts = [complex(z) for z in np.linalg.eigvals(matrices(stages)[0])]
@@ -98,34 +96,25 @@ def exact_response(stages: int, omega: Any) -> list[complex]:
     return [response(float(w), 400) for w in omega]
 
 
-def _coefficients(stages: int) -> Callable[[], Any]:
+def _coefficients(stages: int) -> Any:
     from dynid.bondgraph.exact_engine import ExactEngine
 
-    def work() -> Any:
-        graph = reduced(stages)
-        return ExactEngine(graph).channel(next(iter(graph.channels()))).coefficients()
-
-    return work
+    graph = reduced(stages)
+    return ExactEngine(graph).channel(next(iter(graph.channels()))).coefficients()
 
 
-def _ss2tf(stages: int) -> Callable[[], Any]:
+def _ss2tf(stages: int) -> Any:
     from scipy.signal import ss2tf
 
-    def work() -> Any:
-        above, below = ss2tf(*matrices(stages))
-        return above[0], below
-
-    return work
+    above, below = ss2tf(*matrices(stages))
+    return above[0], below
 
 
-def _control_polynomials(stages: int) -> Callable[[], Any]:
+def _control_polynomials(stages: int) -> Any:
     import control
 
-    def work() -> Any:
-        transfer = control.tf(control.ss(*matrices(stages)))
-        return transfer.num[0][0], transfer.den[0][0]
-
-    return work
+    transfer = control.tf(control.ss(*matrices(stages)))
+    return transfer.num[0][0], transfer.den[0][0]
 
 
 def _coefficient_error(stages: int, result: Any) -> float:
@@ -133,8 +122,6 @@ def _coefficient_error(stages: int, result: Any) -> float:
 
     The error of a coefficient that is 0 is relative to the largest one.
     """
-    import numpy as np
-
     errors, denominator = [], characteristic(stages)
     lead = denominator[denominator.degree()]
     for coefficients, polynomial in zip(result, (numerator(stages), denominator), strict=True):
@@ -168,64 +155,62 @@ POLYNOMIALS = Benchmark(
 )
 
 
-def _expanded(stages: int) -> Callable[[], Any]:
+def _expanded(stages: int) -> Any:
     from dynid.bondgraph.formulas.transfer import expanded
 
-    def work() -> Any:
-        ((above, below),) = expanded(reduced(stages), 10**7).values()
-        return len(above), len(below)
-
-    return work
+    ((above, below),) = expanded(reduced(stages), 10**7).values()
+    return len(above), len(below)
 
 
-def _nested(stages: int) -> Callable[[], Any]:
+def _nested(stages: int) -> Any:
     from dynid.bondgraph.formulas.transfer import nested
 
-    def work() -> Any:
-        graph = reduced(stages)
-        return nested(graph, graph.channels().values())
-
-    return work
+    graph = reduced(stages)
+    return nested(graph, graph.channels().values())
 
 
-def _by_hand(stages: int) -> Callable[[], Any]:
-    """Eliminate stage by stage in flint polynomials, written for this chain alone."""
+def _stages(symbols: Sequence[Any]) -> list[Sequence[Any]]:
+    """Return m, k, b of every stage."""
+    return [symbols[index : index + 3] for index in range(0, len(symbols), 3)]
+
+
+def _flint_symbols(stages: int) -> Any:
     from flint import fmpz_mpoly_ctx
 
-    names = [f"{letter}{k}" for k in range(stages) for letter in "mkb"]
-    s, *symbols = fmpz_mpoly_ctx.get(["s", *names], "lex").gens()
-
-    def work() -> Any:
-        m, k, b = symbols[-3:]
-        above, below = s * s * m + s * b + k, s  # impedance of the rest: above / below
-        top = s
-        for stage in reversed(range(stages - 1)):
-            m, k, b = symbols[3 * stage : 3 * stage + 3]
-            joint = s * b + k
-            top = top * joint
-            above, below = (s * m) * (below * joint + above * s) + above * joint, below * joint + above * s
-        return len(top), len(above)
-
-    return work
+    return fmpz_mpoly_ctx.get(["s", *(f"{x}{k}" for k in range(stages) for x in "mkb")], "lex").gens()
 
 
-def _sympy(stages: int) -> Callable[[], Any]:
+def _by_hand(symbols: Any) -> Any:
+    """Eliminate stage by stage in flint polynomials, written for this chain alone."""
+    s, *rest = symbols
+    *rows, (m, k, b) = _stages(rest)
+    above, below = s * s * m + s * b + k, s  # impedance of the rest: above / below
+    top = s
+    for m, k, b in reversed(rows):
+        joint = s * b + k
+        top = top * joint
+        above, below = (s * m) * (below * joint + above * s) + above * joint, below * joint + above * s
+    return len(top), len(above)
+
+
+def _sympy_symbols(stages: int) -> Any:
     import sympy
 
-    s, *symbols = sympy.symbols(["s", *(f"{x}{k}" for k in range(stages) for x in "mkb")])
+    return sympy.symbols(["s", *(f"{x}{k}" for k in range(stages) for x in "mkb")])
 
-    def work() -> Any:
-        m, k, b = symbols[-3:]
-        seen, force = s * m + k / s + b, sympy.Integer(1)
-        for stage in reversed(range(stages - 1)):
-            m, k, b = symbols[3 * stage : 3 * stage + 3]
-            joint = k / s + b
-            force = force * joint / (joint + seen)
-            seen = s * m + joint * seen / (joint + seen)
-        top, bottom = sympy.fraction(sympy.cancel(force / seen))
-        return len(sympy.Poly(top, s, *symbols).terms()), len(sympy.Poly(bottom, s, *symbols).terms())
 
-    return work
+def _sympy(symbols: Any) -> Any:
+    import sympy
+
+    s, *rest = symbols
+    *rows, (m, k, b) = _stages(rest)
+    seen, force = s * m + k / s + b, sympy.Integer(1)
+    for m, k, b in reversed(rows):
+        joint = k / s + b
+        force = force * joint / (joint + seen)
+        seen = s * m + joint * seen / (joint + seen)
+    top, bottom = sympy.fraction(sympy.cancel(force / seen))
+    return len(sympy.Poly(top, *symbols).terms()), len(sympy.Poly(bottom, *symbols).terms())
 
 
 FORMULA = Benchmark(
@@ -235,8 +220,8 @@ FORMULA = Benchmark(
     alternatives=(
         Alternative("nested", _nested),
         Alternative("expanded", _expanded, max_size=9),
-        Alternative("by-hand", _by_hand, max_size=9, peer=True),
-        Alternative("sympy", _sympy, max_size=2, peer=True),
+        Alternative("by-hand", _by_hand, _flint_symbols, max_size=9, peer=True),
+        Alternative("sympy", _sympy, _sympy_symbols, max_size=2, peer=True),
     ),
     # The denominator has (2 4^N + 1)/3 terms.
     error=lambda stages, result: float(isinstance(result, tuple) and result[1] != (2 * 4**stages + 1) // 3),

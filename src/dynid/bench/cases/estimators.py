@@ -9,8 +9,10 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.defaults import ESTIMATOR
@@ -44,8 +46,6 @@ class SuspensionRecord(NamedTuple):
 @lru_cache(maxsize=8)
 def case(samples: int, seed: int = 1) -> SuspensionRecord:
     """Return a record of this length and noise."""
-    import numpy as np
-
     from dynid.identification.likelihood.time_record import TimeLikelihood, TimeRecord
     from dynid.identification.records.measurement import Measurement
     from dynid.identification.records.simulation import Simulation
@@ -117,24 +117,13 @@ def _first_initial_state(this: SuspensionRecord) -> InitialState:
 
 def first_covariance(this: SuspensionRecord) -> Any:
     """Return the prior covariance in SI (14 x 14)."""
-    import numpy as np
-
     record = this.ensemble.records[0]
     root = _first_initial_state(this).root * np.append(record.model.scale, np.ones(4))[:, None]
     return root @ root.T
 
 
-def _pass(wish: str, deviations: float = LINEARISED_DEVIATIONS) -> Callable[[int], Callable[[], Any]]:
+def _passed(this: SuspensionRecord, wish: str = "1", deviations: float = LINEARISED_DEVIATIONS) -> Pass:
     """Return dynid's pass, compiled or not; `deviations` 0: linearised anew at every sample."""
-
-    def prepare(samples: int) -> Callable[[], Any]:
-        return lambda: _passed(samples, wish, deviations).eta[-1]
-
-    return prepare
-
-
-def _passed(samples: int, wish: str, deviations: float) -> Pass:
-    this = case(samples)
     record, prior = this.ensemble.records[0], _first_initial_state(this)
     with kernels(wish):
         return filter_pass(
@@ -142,85 +131,64 @@ def _passed(samples: int, wish: str, deviations: float) -> Pass:
         )
 
 
-def _joseph(precision: str) -> Callable[[int], Callable[[], Any]]:
-    """Return the pass on the covariance itself, in Joseph's form, at this precision."""
-
-    def prepare(samples: int) -> Callable[[], Any]:
-        import numpy as np
-
-        this = case(samples)
-        record = this.ensemble.records[0]
-        model, kind = record.model, np.dtype(precision)
-        scale = np.append(model.scale, np.ones(4))
-        first = (first_covariance(this) / scale / scale[:, None]).astype(kind)
-        H = np.zeros((2, 14), dtype=kind)
-        H[:, :10] = model.output(this.start)[0]
-        noise, values = assumed_noise(this), record.data.values.astype(kind)
-
-        def work() -> Any:
-            z, P, eye = np.append(np.zeros(10), this.start).astype(kind), first, np.eye(14, dtype=kind)
-            for k, value in enumerate(values):
-                if k:
-                    step, slopes = model.transition(z[10:].astype(float), STEP)
-                    driven = np.concatenate([z[:10], model.W[k - 1]])
-                    F = np.eye(14, dtype=kind)
-                    F[:10, :10], F[:10, 10:] = step[:, :10], (slopes @ driven).T
-                    z[:10] = step @ driven
-                    P = F @ P @ F.T
-                R = np.diag(noise[k] ** 2).astype(kind)
-                gain = np.linalg.solve(H @ P @ H.T + R, H @ P).T
-                z = z + gain @ (value - H @ z)
-                closed = eye - gain @ H
-                P = closed @ P @ closed.T + gain @ R @ gain.T
-            return z[10:].astype(float)
-
-        return work
-
-    return prepare
+def _pass(name: str, *options: Any, **limits: Any) -> Alternative:
+    return Alternative(name, lambda this: _passed(this, *options).eta[-1], **limits)
 
 
-def _imbedding(substeps: int) -> Callable[[int], Callable[[], Any]]:
-    """Return eqs 19 and 20 as one differential equation, by Runge–Kutta 4 with so many steps a sample."""
+def _joseph(this: SuspensionRecord, precision: str) -> Any:
+    """Return the last logarithms of the pass on the covariance itself, in Joseph's form."""
+    record = this.ensemble.records[0]
+    model, kind = record.model, np.dtype(precision)
+    scale = np.append(model.scale, np.ones(4))
+    P = (first_covariance(this) / scale / scale[:, None]).astype(kind)
+    H = np.zeros((2, 14), dtype=kind)
+    H[:, :10] = model.output(this.start)[0]
+    noise, values = assumed_noise(this), record.data.values.astype(kind)
+    z, eye = np.append(np.zeros(10), this.start).astype(kind), np.eye(14, dtype=kind)
+    for k, value in enumerate(values):
+        if k:
+            step, slopes = model.transition(z[10:].astype(float), STEP)
+            driven = np.concatenate([z[:10], model.W[k - 1]])
+            F = np.eye(14, dtype=kind)
+            F[:10, :10], F[:10, 10:] = step[:, :10], (slopes @ driven).T
+            z[:10] = step @ driven
+            P = F @ P @ F.T
+        R = np.diag(noise[k] ** 2).astype(kind)
+        gain = np.linalg.solve(H @ P @ H.T + R, H @ P).T
+        z = z + gain @ (value - H @ z)
+        closed = eye - gain @ H
+        P = closed @ P @ closed.T + gain @ R @ gain.T
+    return z[10:].astype(float)
 
-    def prepare(samples: int) -> Callable[[], Any]:
-        import numpy as np
 
-        from dynid.identification.estimators.imbedding import Flow, InvariantImbedding
+def _imbedding(this: SuspensionRecord, substeps: int) -> Any:
+    """Integrate eqs 19 and 20 as one differential equation, by Runge–Kutta 4 with so many steps a sample."""
+    from dynid.identification.estimators.imbedding import Flow, InvariantImbedding
 
-        this = case(samples)
-        record = this.ensemble.records[0]
-        prior = _first_initial_state(this)
-        weights = 1 / (2 * assumed_noise(this) ** 2 * STEP)
-        times, h = record.model.line.nodes, STEP / substeps
-
-        def work() -> Any:
-            equations = Flow(record, InvariantImbedding(), this.start)
-            v = equations.packed(np.concatenate([prior.state, prior.eta]), prior.root @ prior.root.T)
-            with np.errstate(all="ignore"):
-                for time, weight in zip(times[:-1], weights[:-1], strict=True):
-                    equations.weight = weight
-                    for k in range(substeps):
-                        t = time + k * h
-                        k1 = equations.rate(t, v)
-                        k2 = equations.rate(t + h / 2, v + h / 2 * k1)
-                        k3 = equations.rate(t + h / 2, v + h / 2 * k2)
-                        v = v + h / 6 * (k1 + 2 * k2 + 2 * k3 + equations.rate(t + h, v + h * k3))
-            return v[10:14]
-
-        return work
-
-    return prepare
+    record, prior = this.ensemble.records[0], _first_initial_state(this)
+    weights = 1 / (2 * assumed_noise(this) ** 2 * STEP)
+    times, h = record.model.line.nodes, STEP / substeps
+    equations = Flow(record, InvariantImbedding(), this.start)
+    v = equations.packed(np.concatenate([prior.state, prior.eta]), prior.root @ prior.root.T)
+    with np.errstate(all="ignore"):
+        for time, weight in zip(times[:-1], weights[:-1], strict=True):
+            equations.weight = weight
+            for k in range(substeps):
+                t = time + k * h
+                k1 = equations.rate(t, v)
+                k2 = equations.rate(t + h / 2, v + h / 2 * k1)
+                k3 = equations.rate(t + h / 2, v + h / 2 * k2)
+                v = v + h / 6 * (k1 + 2 * k2 + 2 * k3 + equations.rate(t + h, v + h * k3))
+    return v[10:14]
 
 
 @lru_cache(maxsize=4)
 def _exact_pass(samples: int) -> Pass:
     """Return the pass that is linearised at every sample."""
-    return _passed(samples, "1", 0.0)
+    return _passed(case(samples), "1", 0.0)
 
 
 def _filter_error(samples: int, logarithms: Any) -> float:
-    import numpy as np
-
     exact = _exact_pass(samples)
     error = float(np.max(np.abs(logarithms - exact.eta[-1]) / exact.deviations[-1]))
     return error if np.isfinite(error) else float("inf")
@@ -231,16 +199,16 @@ FILTERS = Benchmark(
     size="samples",
     sizes=(800, 8000),
     alternatives=(
-        Alternative("square-root", _pass("1")),
-        Alternative("square-root-numpy", _pass("0")),
-        Alternative("every-sample", _pass("1", 0.0)),
-        Alternative("every-sample-numpy", _pass("0", 0.0), max_size=8000),
-        Alternative("joseph", _joseph("float64"), max_size=8000),
-        Alternative("joseph-float32", _joseph("float32"), max_size=8000),
-        Alternative("imbedding-1", _imbedding(1), max_size=800),
-        Alternative("imbedding-4", _imbedding(4), max_size=800),
+        _pass("square-root"),
+        _pass("square-root-numpy", "0"),
+        _pass("every-sample", "1", 0.0),
+        _pass("every-sample-numpy", "0", 0.0, max_size=8000),
+        Alternative("joseph", partial(_joseph, precision="float64"), max_size=8000),
+        Alternative("joseph-float32", partial(_joseph, precision="float32"), max_size=8000),
+        *(Alternative(f"imbedding-{k}", partial(_imbedding, substeps=k), max_size=800) for k in (1, 4)),
     ),
     error=_filter_error,
+    problem=case,
     measure="largest distance from the filter linearised at every sample, in its deviations; inf: no number",
     default=lambda _: "square-root",
     full=(80_000,),
@@ -251,66 +219,49 @@ FILTERS = Benchmark(
 _SEEDS = (1, 2, 3, 4)
 
 
-def each_record(make: Callable[[SuspensionRecord], Callable[[], Any]]) -> Callable[[int], Callable[[], Any]]:
-    """Return the work on all records, one after the other (records x parameters)."""
-
-    def prepare(samples: int) -> Callable[[], Any]:
-        works = [make(case(samples, seed)) for seed in _SEEDS]
-        return lambda: [work() for work in works]
-
-    return prepare
+def each_record(make: Callable[[SuspensionRecord], Callable[[], Any]]) -> Callable[[int], Any]:
+    """Return the preparation of the works on all records."""
+    return lambda samples: [make(this) for this in _cases(samples)]
 
 
-def _estimator(name: str, wish: str = "1") -> Callable[[int], Callable[[], Any]]:
-    """Return an estimator of dynid, with compiled kernels or without."""
-
-    def make(this: SuspensionRecord) -> Callable[[], Any]:
-        from dynid.identification.estimators.auto import Auto
-        from dynid.identification.estimators.estimate import Estimator
-        from dynid.identification.estimators.filter_passes import Filter
-        from dynid.identification.estimators.imbedding import InvariantImbedding
-        from dynid.identification.estimators.maximum_likelihood import OutputError
-
-        estimators: dict[str, Estimator] = {f"filter-{k}": Filter(k) for k in (1, 2, 3)}
-        estimators |= {each.name: each for each in (Auto(), OutputError(), InvariantImbedding())}
-        estimator = estimators[name]
-
-        def work() -> Any:
-            with kernels(wish):
-                return estimator.run(this.ensemble, this.start).fit.eta
-
-        return work
-
-    return each_record(make)
+def _cases(samples: int) -> list[SuspensionRecord]:
+    return [case(samples, seed) for seed in _SEEDS]
 
 
-def _least_squares(this: SuspensionRecord) -> Callable[[], Any]:
+def _estimated(cases: list[SuspensionRecord], name: str, wish: str = "1") -> Any:
+    """Return the logarithms that an estimator of dynid finds, with compiled kernels or without."""
+    from dynid.identification.estimators.auto import Auto
+    from dynid.identification.estimators.estimate import Estimator
+    from dynid.identification.estimators.filter_passes import Filter
+    from dynid.identification.estimators.imbedding import InvariantImbedding
+    from dynid.identification.estimators.maximum_likelihood import OutputError
+
+    estimators: dict[str, Estimator] = {f"filter-{k}": Filter(k) for k in (1, 2, 3)}
+    estimators |= {each.name: each for each in (Auto(), OutputError(), InvariantImbedding())}
+    with kernels(wish):
+        return [estimators[name].run(this.ensemble, this.start).fit.eta for this in cases]
+
+
+def _least_squares(cases: list[SuspensionRecord]) -> Any:
     """Return SciPy's optimiser on a simulation, Jacobian by differences, initial state among the unknowns."""
-    import numpy as np
     from scipy.optimize import least_squares
 
     from dynid.identification.systems.prediction import free_prediction
 
-    record = this.ensemble.records[0]
-    values, root = record.data.values, record.root
-
-    def residual(unknown: Any) -> Any:
+    def residual(unknown: Any, this: SuspensionRecord) -> Any:
+        record = this.ensemble.records[0]
         free, _ = free_prediction(record.model, unknown[:4])
-        seen = free.forced + free.by_state @ (root @ unknown[4:])
-        return ((values - seen) / record.data.rms).ravel()
+        seen = free.forced + free.by_state @ (record.root @ unknown[4:])
+        return ((record.data.values - seen) / record.data.rms).ravel()
 
-    def work() -> Any:
-        with kernels("0"):
-            return least_squares(residual, np.append(this.start, np.zeros(10))).x[:4]
-
-    return work
+    with kernels("0"):
+        return [
+            least_squares(residual, np.append(this.start, np.zeros(10)), args=(this,)).x[:4] for this in cases
+        ]
 
 
 def _estimator_error(samples: int, estimates: Any) -> float:
-    import numpy as np
-
-    cases = [case(samples, seed) for seed in _SEEDS]
-    errors = [(eta - this.truth) / this.bound for eta, this in zip(estimates, cases, strict=True)]
+    errors = [(eta - this.truth) / this.bound for eta, this in zip(estimates, _cases(samples), strict=True)]
     return float(np.sqrt(np.mean(np.square(errors))))
 
 
@@ -319,14 +270,17 @@ ESTIMATORS = Benchmark(
     size="samples",
     sizes=(800,),
     alternatives=(
-        Alternative("auto", _estimator("auto")),
-        Alternative("auto-numpy", _estimator("auto", "0"), max_size=8000),
-        *(Alternative(f"filter-{k}", _estimator(f"filter-{k}")) for k in (1, 2, 3)),
-        Alternative("output-error", _estimator("output-error")),
-        Alternative("invariant-imbedding", _estimator("invariant-imbedding"), max_size=200),
-        Alternative("least-squares", each_record(_least_squares), peer=True),
+        Alternative("auto", partial(_estimated, name="auto")),
+        Alternative("auto-numpy", partial(_estimated, name="auto", wish="0"), max_size=8000),
+        *(
+            Alternative(name, partial(_estimated, name=name))
+            for name in ("filter-1", "filter-2", "filter-3", "output-error")
+        ),
+        Alternative("invariant-imbedding", partial(_estimated, name="invariant-imbedding"), max_size=200),
+        Alternative("least-squares", _least_squares, peer=True),
     ),
     error=_estimator_error,
+    problem=_cases,
     measure="RMS of the errors over the Cramér-Rao bound",
     default=lambda _: ESTIMATOR.value,
     full=(8000, 80_000),

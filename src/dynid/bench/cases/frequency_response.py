@@ -8,6 +8,8 @@ from fractions import Fraction
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.bench.cases.chain import exact_response, matrices, reduced
 from dynid.bondgraph.graph import Bond, BondGraph, Node, Port
@@ -21,127 +23,96 @@ _MIN_BENCH_RESPONSE = 1e-280
 
 def frequencies() -> Any:
     """Return the angular frequencies of the responses, rad/s."""
-    import numpy as np
-
     return np.geomspace(0.1, 60.0, POINTS)
 
 
-def by_reduction(model: Callable[[int], ReducedGraph]) -> Callable[[int], Callable[[], Any]]:
+def by_reduction(model: Callable[[int], ReducedGraph]) -> Callable[[int], Any]:
     """Return the response of the one channel of a model by its reduction, as dynid does it by default."""
 
-    def prepare(size: int) -> Callable[[], Any]:
+    def work(size: int) -> Any:
         from dynid.bondgraph.graph_response import frequency_response
 
-        omega = frequencies()
-        return lambda: frequency_response(model(size), omega)[:, 0, 0]
+        return frequency_response(model(size), frequencies())[:, 0, 0]
 
-    return prepare
+    return work
 
 
-def _compiled(stages: int) -> Callable[[], Any]:
+def _compiled(stages: int) -> Any:
     """Run the reduction compiled, in doubled precision; long reductions are compiled by default."""
     from dynid.bondgraph.program.frequency_sweep import sweep_frequencies
 
-    omega = frequencies()
-
-    def work() -> Any:
-        planned = reduced(stages)
-        return sweep_frequencies(
-            planned.program, list(planned.channels().values()), planned.graph.value, omega
-        )[0][:, 0]
-
-    return work
+    planned = reduced(stages)
+    registers = list(planned.channels().values())
+    return sweep_frequencies(planned.program, registers, planned.graph.value, frequencies())[0][:, 0]
 
 
-def _solved(stages: int) -> Callable[[], Any]:
+def _solved(system: Any) -> Any:
     """Solve sE - A at every frequency, dense."""
-    import numpy as np
-
-    A, B, C, _ = matrices(stages)
+    A, B, C, _ = system
     unit = np.eye(len(A))
-    return lambda: np.array([(C @ np.linalg.solve(1j * w * unit - A, B))[0, 0] for w in frequencies()])
+    return np.array([(C @ np.linalg.solve(1j * w * unit - A, B))[0, 0] for w in frequencies()])
 
 
-def _sparse(stages: int) -> Callable[[], Any]:
+def _sparse(system: Any) -> Any:
     """Factorise sE - A at every frequency, sparse."""
-    import numpy as np
     from scipy.sparse import csc_array, eye_array
     from scipy.sparse.linalg import splu
 
-    A, B, C, _ = matrices(stages)
+    A, B, C, _ = system
     state, force = csc_array(A, dtype=complex), B[:, 0].astype(complex)
     unit = eye_array(len(A), dtype=complex, format="csc")
-
-    def solve(w: float) -> complex:
-        return complex(C[0] @ splu(csc_array(1j * w * unit - state)).solve(force))
-
-    return lambda: np.array([solve(w) for w in frequencies()])
+    return np.array([C[0] @ splu(csc_array(1j * w * unit - state)).solve(force) for w in frequencies()])
 
 
-def _nodal(stages: int) -> Callable[[], Any]:
-    """Factorise the masses' impedances at every frequency, sparse."""
-    import numpy as np
+def _matrices_of_masses(stages: int) -> Any:
+    """Return mass, damping and stiffness of the displacements, sparse."""
     from scipy.sparse import csc_array
-    from scipy.sparse.linalg import splu
 
     m, k, b = (np.array([complex(stage[column]) for stage in distinct(stages)]) for column in range(3))
     joints = np.eye(stages) - np.eye(stages, k=1)  # elongations by displacements
-    M, K, B = csc_array(np.diag(m)), csc_array(joints.T * k @ joints), csc_array(joints.T * b @ joints)
-    force = np.zeros(stages, dtype=complex)
+    return csc_array(np.diag(m)), csc_array(joints.T * b @ joints), csc_array(joints.T * k @ joints)
+
+
+def _nodal(matrices_of_masses: Any) -> Any:
+    """Factorise the masses' impedances at every frequency, sparse."""
+    from scipy.sparse.linalg import splu
+
+    M, B, K = matrices_of_masses
+    force = np.zeros(M.shape[0], dtype=complex)
     force[0] = 1.0
-
-    def solve(w: float) -> complex:
-        return complex(splu(1j * w * M + B + K / (1j * w)).solve(force)[-1])
-
-    return lambda: np.array([solve(w) for w in frequencies()])
+    return np.array([splu(1j * w * M + B + K / (1j * w)).solve(force)[-1] for w in frequencies()])
 
 
-def _recursion(stages: int) -> Callable[[], Any]:
+def _recursion(rows: Any) -> Any:
     """Move the Thévenin equivalent of what lies before a mass from mass to mass, at all frequencies."""
-    import numpy as np
-
-    rows = [tuple(map(float, stage)) for stage in distinct(stages)]
-
-    def work() -> Any:
-        s = 1j * frequencies()
-        force, seen = np.ones_like(s), np.zeros_like(s)
-        for m, k, b in rows[:-1]:
-            joint = k / s + b
-            seen = seen + s * m
-            share = joint / (seen + joint)
-            force, seen = force * share, seen * share
-        m, k, b = rows[-1]
-        return force / (seen + s * m + k / s + b)
-
-    return work
+    s = 1j * frequencies()
+    force, seen = np.ones_like(s), np.zeros_like(s)
+    for m, k, b in rows[:-1]:
+        joint = k / s + b
+        seen = seen + s * m
+        share = joint / (seen + joint)
+        force, seen = force * share, seen * share
+    m, k, b = rows[-1]
+    return force / (seen + s * m + k / s + b)
 
 
-def _control(stages: int) -> Callable[[], Any]:
+def _control(stages: int) -> Any:
     import control
 
-    def work() -> Any:
-        return control.ss(*matrices(stages))(1j * frequencies())
-
-    return work
+    return control.ss(*matrices(stages))(1j * frequencies())
 
 
-def _polynomials(stages: int) -> Callable[[], Any]:
+def _polynomials(stages: int) -> Any:
     """Evaluate the transfer function that SciPy computes from the state equations (`ss2tf`)."""
-    import numpy as np
     from scipy.signal import ss2tf
 
-    def work() -> Any:
-        numerator, denominator = ss2tf(*matrices(stages))
-        with np.errstate(all="ignore"):
-            return np.polyval(numerator[0], 1j * frequencies()) / np.polyval(denominator, 1j * frequencies())
-
-    return work
+    numerator, denominator = ss2tf(*matrices(stages))
+    with np.errstate(all="ignore"):
+        return np.polyval(numerator[0], 1j * frequencies()) / np.polyval(denominator, 1j * frequencies())
 
 
 def distance(response: Any, exact: Callable[[Any], list[complex]], count: int = 25) -> float:
     """Return the largest relative error of a response at `count` of its frequencies."""
-    import numpy as np
-
     places = np.linspace(0, POINTS - 1, count).astype(int)
     true = np.array(exact(frequencies()[places]))
     with np.errstate(all="ignore"):
@@ -156,10 +127,15 @@ BENCHMARK = Benchmark(
     alternatives=(
         Alternative("reduction", by_reduction(reduced)),
         Alternative("reduction-compiled", _compiled, max_size=100),
-        Alternative("recursion", _recursion, peer=True),
-        Alternative("state-space", _solved, max_size=10, peer=True),
-        Alternative("sparse-lu", _sparse, max_size=1000, peer=True),
-        Alternative("sparse-nodal", _nodal, max_size=1000, peer=True),
+        Alternative(
+            "recursion",
+            _recursion,
+            lambda stages: [tuple(map(float, stage)) for stage in distinct(stages)],
+            peer=True,
+        ),
+        Alternative("state-space", _solved, matrices, max_size=10, peer=True),
+        Alternative("sparse-lu", _sparse, matrices, max_size=1000, peer=True),
+        Alternative("sparse-nodal", _nodal, _matrices_of_masses, max_size=1000, peer=True),
         Alternative("polynomials", _polynomials, max_size=100, peer=True),
         Alternative("control", _control, needs=("control",), max_size=10, peer=True),
     ),
@@ -169,9 +145,6 @@ BENCHMARK = Benchmark(
     default=lambda _: "reduction",
     full=(4000, 10_000),
 )
-
-
-# --- trees ----------------------------------------------------------------------------------------
 
 
 def _branches(junctions: int) -> list[tuple[int, str, str, Fraction, Fraction]]:
@@ -223,10 +196,6 @@ def _leaves_inward(junctions: int, s: Any, number: Callable[[Fraction], Any] = f
     return 1 / root
 
 
-def _by_leaves(junctions: int) -> Callable[[], Any]:
-    return lambda: _leaves_inward(junctions, 1j * frequencies())
-
-
 def _exact_tree(junctions: int, omega: Any) -> list[complex]:
     """Return the same in 400 bits."""
     from flint import acb, arb, ctx, fmpq
@@ -244,7 +213,9 @@ TREE = Benchmark(
     sizes=(100, 1000),
     alternatives=(
         Alternative("reduction", by_reduction(tree)),
-        Alternative("leaves-inward", _by_leaves, peer=True),
+        Alternative(
+            "leaves-inward", lambda junctions: _leaves_inward(junctions, 1j * frequencies()), peer=True
+        ),
     ),
     error=lambda junctions, response: distance(response, partial(_exact_tree, junctions), count=5),
     default=lambda _: "reduction",

@@ -7,8 +7,10 @@ DOFs, whose modes take minutes.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
+
+import numpy as np
 
 from dynid.bench.benchmark import Alternative, Benchmark
 
@@ -19,50 +21,33 @@ COUNT = 10
 Mesh = Callable[[int], tuple[Any, Any]]
 
 
-#: K, M and the number of modes, by the size.
-Task = Callable[[int], tuple[Any, Any, int]]
-
-
-def _lowest(task: Task, backend: str, *, proof: bool = True) -> Callable[[int], Callable[[], Any]]:
+def _lowest(task: tuple[Any, Any, int], backend: str, *, proof: bool = True) -> Any:
     """Return omega^2 of the lowest modes by a solver of dynid."""
+    from scipy.sparse import csc_array
 
-    def prepare(size: int) -> Callable[[], Any]:
-        from scipy.sparse import csc_array
+    from dynid.structure.modes import modes
 
-        from dynid.structure.modes import modes
-
-        K, M, count = task(size)
-        return lambda: modes(M, csc_array(K.shape), K, count, backend=backend, proof=proof).omega ** 2
-
-    return prepare
+    K, M, count = task
+    return modes(M, csc_array(K.shape), K, count, backend=backend, proof=proof).omega ** 2
 
 
-def _eigsh(task: Task) -> Callable[[int], Callable[[], Any]]:
-    def prepare(size: int) -> Callable[[], Any]:
-        from scipy.sparse.linalg import eigsh
+def _eigsh(task: tuple[Any, Any, int]) -> Any:
+    from scipy.sparse.linalg import eigsh
 
-        K, M, count = task(size)
-        return lambda: eigsh(K, count, M, sigma=0.0)[0]
-
-    return prepare
+    K, M, count = task
+    return eigsh(K, count, M, sigma=0.0)[0]
 
 
 def _error(omega: Any, true: Any) -> float:
-    import numpy as np
-
     return float(np.max(np.abs(np.sort(omega) - true) / true))
 
 
-def _default(task: Task) -> Callable[[int], str]:
-    """Return the function of a size that names the solver chosen by default."""
+def _default(task: tuple[Any, Any, int]) -> str:
+    """Return the solver chosen by default."""
+    from dynid.structure.modes import solver_for
 
-    def default(size: int) -> str:
-        from dynid.structure.modes import solver_for
-
-        K, _, count = task(size)
-        return solver_for(K.shape[0], count, None, K.nnz)
-
-    return default
+    K, _, count = task
+    return solver_for(K.shape[0], count, None, K.nnz)
 
 
 def lowest_modes(mesh: Mesh, solvers: Sequence[str], **described: Any) -> Benchmark:
@@ -72,21 +57,21 @@ def lowest_modes(mesh: Mesh, solvers: Sequence[str], **described: Any) -> Benchm
         return *mesh(dofs), COUNT
 
     candidates = (
-        Alternative("ldl", _lowest(task, "ldl")),
-        Alternative("ldl-uncounted", _lowest(task, "ldl", proof=False)),
-        Alternative("splu", _lowest(task, "splu")),
-        Alternative("dense", _lowest(task, "dense"), max_size=4000),
-        Alternative("cholespy", _lowest(task, "cholespy"), needs=("cholespy",)),
-        Alternative("pardiso", _lowest(task, "pardiso"), needs=("pypardiso",)),
-        Alternative("eigsh", _eigsh(task), peer=True),
+        *(Alternative(name, partial(_lowest, backend=name)) for name in ("ldl", "splu")),
+        Alternative("ldl-uncounted", partial(_lowest, backend="ldl", proof=False)),
+        Alternative("dense", partial(_lowest, backend="dense"), max_size=4000),
+        Alternative("cholespy", partial(_lowest, backend="cholespy"), needs=("cholespy",)),
+        Alternative("pardiso", partial(_lowest, backend="pardiso"), needs=("pypardiso",)),
+        Alternative("eigsh", _eigsh, peer=True),
     )
 
     return Benchmark(
         size="DOFs",
         alternatives=[alternative for alternative in candidates if alternative.name in solvers],
         error=lambda dofs, omega: _error(omega, reference(mesh, dofs)),
+        problem=task,
         measure="largest relative difference of omega^2 from a subspace iteration",
-        default=_default(task),
+        default=lambda dofs: _default(task(dofs)),
         **described,
     )
 
@@ -94,7 +79,6 @@ def lowest_modes(mesh: Mesh, solvers: Sequence[str], **described: Any) -> Benchm
 @lru_cache(maxsize=1)
 def reference(mesh: Mesh, dofs: int) -> Any:
     """Return the eigenvalues of a subspace iteration started from those of `eigsh`."""
-    import numpy as np
     from scipy.linalg import eigh
     from scipy.sparse.linalg import eigsh, splu
 
@@ -147,17 +131,16 @@ def _task_on_plate(count: int) -> tuple[Any, Any, int]:
     return *plate(_DOFS), count
 
 
-def _eigh(count: int) -> Callable[[], Any]:
+def _eigh(task: tuple[Any, Any, int]) -> Any:
     from scipy.linalg import eigh
 
-    K, M = plate(_DOFS)
-    return lambda: eigh(K.toarray(), M.toarray(), eigvals_only=True, subset_by_index=[0, count - 1])
+    K, M, count = task
+    return eigh(K.toarray(), M.toarray(), eigvals_only=True, subset_by_index=[0, count - 1])
 
 
 @lru_cache(maxsize=1)
 def _inverse_problem() -> Any:
     """Return all eigenvalues by the inverse problem, whose largest ones are accurate (Cholesky)."""
-    import numpy as np
     from scipy.linalg import cholesky, eigvalsh, solve_triangular
 
     K, M = (matrix.toarray() for matrix in plate(_DOFS))
@@ -172,13 +155,13 @@ MANY = Benchmark(
     sizes=(20, 200),
     full=(50, 100, 150, 400),
     alternatives=(
-        Alternative("ldl", _lowest(_task_on_plate, "ldl")),
-        Alternative("dense", _lowest(_task_on_plate, "dense")),
-        Alternative("eigsh", _eigsh(_task_on_plate), peer=True),
+        *(Alternative(name, partial(_lowest, backend=name)) for name in ("ldl", "dense")),
+        Alternative("eigsh", _eigsh, peer=True),
         Alternative("eigh", _eigh, peer=True),
     ),
     error=lambda count, omega: _error(omega, _inverse_problem()[:count]),
+    problem=_task_on_plate,
     measure="largest relative difference of omega^2 from those of the inverse problem",
-    default=_default(_task_on_plate),
+    default=lambda count: _default(_task_on_plate(count)),
     remark="eigsh does not prove that no mode is missed; eigh has no shapes, and fails on a singular mass",
 )

@@ -5,17 +5,21 @@ The records of the beam are exact ones of its full structure.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import lru_cache
-from typing import Any
+from collections.abc import Sequence
+from functools import lru_cache, partial
+from typing import Any, get_args
+
+import numpy as np
 
 from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.bench.cases.modes import plate, reference
 from dynid.defaults import BASIS_BAND, MASTERS, RESIDUALS
 from dynid.identification.records.measurement import Experiment
+from dynid.structure.reduction.masters import Choice, Masters
 
 #: Coordinates kept, and modes that are compared.
 _KEPT, _COMPARED = 10, 5
+_MODES = tuple(range(1, _KEPT + 1))
 #: Sampling step, s, and length of the beam, m.
 _STEP, _LENGTH = 0.002, 7.0
 #: Sensors and force, and the elements of the beam on a basis of a number of modes.
@@ -24,54 +28,47 @@ _SENSORS, _DRIVEN, _ELEMENTS = ("w_4", "w_6"), "w_4", 7
 _OMEGA, _HARD_OMEGA = (41.0, 132.0, 271.0), (45.0, 250.0, 300.0)
 
 
-def _method(method: str, **options: Any) -> Callable[[int], Callable[[], Any]]:
-    def prepare(dofs: int) -> Callable[[], Any]:
-        from scipy.sparse import csc_array
+def _model(dofs: int) -> Any:
+    from scipy.sparse import csc_array
 
-        from dynid.structure.model import StructuralModel
-        from dynid.structure.modes import modes
-        from dynid.structure.reduction.methods import reduce
+    from dynid.structure.model import StructuralModel
 
-        K, M = plate(dofs)
-        model = StructuralModel(M, csc_array(K.shape), K)
+    K, M = plate(dofs)
+    return StructuralModel(M, csc_array(K.shape), K)
 
-        def work() -> Any:
-            small = reduce(model, method, **options)
-            return modes(*small.dense()).omega ** 2
 
-        return work
+def _reduced(model: Any, method: str, **options: Any) -> Any:
+    from dynid.structure.modes import modes
+    from dynid.structure.reduction.methods import reduce
 
-    return prepare
+    return modes(*reduce(model, method, **options).dense()).omega ** 2
 
 
 def _error(dofs: int, result: Any) -> float:
-    import numpy as np
-
     true = reference(plate, dofs)[:_COMPARED]
     return float(np.max(np.abs(np.sqrt(result[:_COMPARED] / true) - 1)))
 
 
-def _on_masters(method: str, **options: Any) -> Callable[[int], Callable[[], Any]]:
-    """Reduce to deflections that are spread evenly over the plate."""
+def _model_and_masters(dofs: int) -> tuple[Any, list[int]]:
+    """Return the plate, and deflections that are spread evenly over it."""
+    from dynid.bench.meshes import deflections
 
-    def prepare(dofs: int) -> Callable[[], Any]:
-        import numpy as np
-
-        from dynid.bench.meshes import deflections
-
-        places = deflections(max(2, round((dofs / 3) ** 0.5) - 1))
-        spread = np.linspace(0, len(places) - 1, _KEPT + 2).astype(int)[1:-1]
-        return _method(method, masters=[int(places[k]) for k in spread], **options)(dofs)
-
-    return prepare
+    places = deflections(max(2, round((dofs / 3) ** 0.5) - 1))
+    spread = np.linspace(0, len(places) - 1, _KEPT + 2).astype(int)[1:-1]
+    return _model(dofs), [int(places[k]) for k in spread]
 
 
-def _chosen(choose: str) -> Callable[[int], Callable[[], Any]]:
+def _on_masters(method: str, **options: Any) -> Alternative:
+    def work(problem: tuple[Any, list[int]]) -> Any:
+        return _reduced(problem[0], method, masters=problem[1], **options)
+
+    return Alternative(method, work, _model_and_masters)
+
+
+def _chosen(choose: Choice) -> Alternative:
     """Choose the masters of a SEREP basis by a rule, from the modes that it keeps."""
-    from dynid.structure.reduction.masters import Masters
-
-    kept = tuple(range(1, _KEPT + 1))
-    return _method("serep", modes=kept, masters=Masters(_KEPT, choose))  # type: ignore[arg-type]
+    options = {"modes": _MODES, "masters": Masters(_KEPT, choose)}
+    return Alternative(f"serep-{choose}", partial(_reduced, method="serep", **options))
 
 
 PLATE = Benchmark(
@@ -79,15 +76,14 @@ PLATE = Benchmark(
     size="DOFs",
     sizes=(1000, 5000),
     alternatives=(
-        Alternative("serep-qr", _chosen("qr")),
-        Alternative("serep-effective-independence", _chosen("effective-independence")),
-        Alternative("serep-mass", _chosen("mass")),
-        Alternative("modal", _method("modal", modes=tuple(range(1, _KEPT + 1)))),
-        Alternative("guyan", _on_masters("guyan")),
-        Alternative("irs", _on_masters("irs")),
-        Alternative("craig-bampton", _on_masters("craig-bampton", modes=tuple(range(1, 6)))),
+        *map(_chosen, get_args(Choice)),
+        Alternative("modal", partial(_reduced, method="modal", modes=_MODES)),
+        _on_masters("guyan"),
+        _on_masters("irs"),
+        _on_masters("craig-bampton", modes=tuple(range(1, 6))),
     ),
     error=_error,
+    problem=_model,
     measure="largest relative error of the first five frequencies",
     default=lambda _: f"serep-{MASTERS.value}",
     full=(50_000,),
@@ -124,57 +120,40 @@ def _record(omega: Sequence[float], samples: int, settle: float) -> tuple[Any, A
     return loads, Measurement(_STEP, samples, channels, Simulation(0.0, 1, settle))
 
 
-def _below(band: float | None) -> Callable[[int], Callable[[], Any]]:
+def _errors(model: Any, omega: Sequence[float], samples: int, settle: float, **options: Any) -> Any:
+    """Return the relative errors of the joints' parameters, identified with a model of the beam."""
+    from dynid.identification.estimators.filter_passes import Filter
+    from dynid.identification.identify import identify
+
+    loads, measurement = _record(omega, samples, settle)
+    result = identify(model, Experiment(loads, measurement), Filter(), **options)
+    return result["identification/parameters/error_percent"].data / 100
+
+
+def _below(full: Any, band: float | None) -> Any:
     """Identify on the modes below so many times the band with residual vectors; None: on the full model."""
+    from dynid.structure.reduction.modal import ModalTruncation
+    from dynid.structure.reduction.mode_selection import Interest, ModeRange
 
-    def prepare(elements: int) -> Callable[[], Any]:
-        from dynid.identification.estimators.filter_passes import Filter
-        from dynid.identification.identify import identify
-        from dynid.structure.reduction.modal import ModalTruncation
-        from dynid.structure.reduction.mode_selection import Interest, ModeRange
-
-        full = _beam_with_joints(elements)
-        loads, measurement = _record(_OMEGA, 300, 2.0)
-
-        def work() -> Any:
-            model = full
-            if band is not None:
-                modes = ModeRange(below=band * max(_OMEGA))
-                model = ModalTruncation(modes, interest=Interest(_SENSORS)).reduce(full).model
-            result = identify(model, Experiment(loads, measurement), Filter(), truth=full)
-            return result["identification/parameters/error_percent"].data / 100
-
-        return work
-
-    return prepare
+    model = full
+    if band is not None:
+        modes = ModeRange(below=band * max(_OMEGA))
+        model = ModalTruncation(modes, interest=Interest(_SENSORS)).reduce(full).model
+    return _errors(model, _OMEGA, 300, 2.0, truth=full)
 
 
-def _with_residuals(residuals: Any) -> Callable[[int], Callable[[], Any]]:
+def _with_residuals(count: int, residuals: Any) -> Any:
     """Identify on a number of modes with the joints, and these residual vectors."""
+    from dynid.structure.reduction.mode_selection import Interest, ModeRange
+    from dynid.structure.reduction.serep import JointAware
 
-    def prepare(count: int) -> Callable[[], Any]:
-        from dynid.identification.estimators.filter_passes import Filter
-        from dynid.identification.identify import identify
-        from dynid.structure.reduction.mode_selection import Interest, ModeRange
-        from dynid.structure.reduction.serep import JointAware
+    full = _beam_with_joints(_ELEMENTS)
+    method = JointAware(None, ModeRange(count), Interest(_SENSORS), residuals=residuals)
 
-        full = _beam_with_joints(_ELEMENTS)
-        loads, measurement = _record(_HARD_OMEGA, 400, 10.0)
-        method = JointAware(None, ModeRange(count), Interest(_SENSORS), residuals=residuals)
+    def rebuild(values: Any) -> Any:
+        return method.at(values).reduce(full).model
 
-        def work() -> Any:
-            result = identify(
-                method.reduce(full).model,
-                Experiment(loads, measurement),
-                Filter(),
-                truth=full,
-                rebuild=lambda values: method.at(values).reduce(full).model,
-            )
-            return result["identification/parameters/error_percent"].data / 100
-
-        return work
-
-    return prepare
+    return _errors(method.reduce(full).model, _HARD_OMEGA, 400, 10.0, truth=full, rebuild=rebuild)
 
 
 def _largest(_: int, result: Any) -> float:
@@ -187,10 +166,11 @@ BASIS = Benchmark(
     size="elements",
     sizes=(7,),
     alternatives=(
-        *(Alternative(f"below-{band:g}-bands", _below(band)) for band in (5, 1, 2, 10)),
-        Alternative("full", _below(None), max_size=14),
+        *(Alternative(f"below-{band:g}-bands", partial(_below, band=band)) for band in (5, 1, 2, 10)),
+        Alternative("full", partial(_below, band=None), max_size=14),
     ),
     error=_largest,
+    problem=_beam_with_joints,
     measure="largest relative error of a joint's parameter",
     default=lambda _: f"below-{BASIS_BAND.value:g}-bands",
     full=(14,),
@@ -204,8 +184,8 @@ RESIDUAL_VECTORS = Benchmark(
     size="modes",
     sizes=(5,),
     alternatives=(
-        Alternative(f"residuals-{RESIDUALS.value}", _with_residuals(RESIDUALS.value)),
-        Alternative("residuals-none", _with_residuals(())),
+        Alternative(f"residuals-{RESIDUALS.value}", partial(_with_residuals, residuals=RESIDUALS.value)),
+        Alternative("residuals-none", partial(_with_residuals, residuals=())),
     ),
     error=_largest,
     measure="largest relative error of a joint's parameter",

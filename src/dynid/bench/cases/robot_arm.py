@@ -15,6 +15,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from dynid.bench.benchmark import DATA, Alternative, Benchmark
 
 if TYPE_CHECKING:
@@ -77,23 +79,17 @@ def missing_data() -> str:
 
 def record(samples: int) -> Array:
     """Return torque and acceleration (2 x samples)."""
-    import numpy as np
-
     return np.loadtxt(_data_file(), max_rows=samples).T
 
 
 def fit(measured: Array, predicted: Array) -> float:
     """Return the fit in per cent, ``100 (1 - |y - y_p| / |y - mean|)``."""
-    import numpy as np
-
     error = np.linalg.norm(measured - predicted)
     return float(100 * (1 - error / np.linalg.norm(measured - measured.mean())))
 
 
 def by_graph(samples: int) -> _ArmPrediction:
     """Return the prediction by the graph that the first half of the samples identifies."""
-    import numpy as np
-
     from dynid.identification.systems.parametric_model import parametric_model
     from dynid.identification.systems.prediction import free_prediction, prediction
     from dynid.parameters import coordinates
@@ -132,8 +128,6 @@ def by_graph(samples: int) -> _ArmPrediction:
 
 def by_arx(u: Array, y: Array, order: int, half: int) -> Array:
     """Return the prediction of the second half by an ARX model, from the last outputs of the first."""
-    import numpy as np
-
     rows = [np.r_[-y[k - order : k][::-1], u[k - order : k + 1][::-1]] for k in range(order, half)]
     theta = np.linalg.lstsq(np.array(rows), y[order:half], rcond=None)[0]
     prediction = list(y[half - order : half])
@@ -144,8 +138,6 @@ def by_arx(u: Array, y: Array, order: int, half: int) -> Array:
 
 def by_subspace(u: Array, y: Array, order: int, half: int, depth: int = 20) -> Array:
     """Return the prediction of the second half by N4SID (van Overschee & De Moor, 1994)."""
-    import numpy as np
-
     columns = half - 2 * depth + 1
     U, Y = (np.array([x[i : i + columns] for i in range(2 * depth)]) for x in (u[:half], y[:half]))
     past, future = np.vstack([U[:depth], Y[:depth]]), U[depth:]
@@ -168,16 +160,11 @@ def by_subspace(u: Array, y: Array, order: int, half: int, depth: int = 20) -> A
     return np.array(outputs)[half:]
 
 
-def _graph(samples: int) -> Callable[[], Any]:
-    return lambda: by_graph(samples).outputs[samples // 2 :]
-
-
 def _peer(name: str, method: Callable[..., Array], order: int) -> Alternative:
-    def prepare(samples: int) -> Callable[[], Any]:
-        u, y = record(samples)
-        return lambda: method(u, y, order, samples // 2)
+    def work(data: Array) -> Array:
+        return method(*data, order, data.shape[1] // 2)
 
-    return Alternative(f"{name}-{order}", prepare, peer=True, unavailable=missing_data)
+    return Alternative(f"{name}-{order}", work, record, peer=True, unavailable=missing_data)
 
 
 def _error(samples: int, prediction: Any) -> float:
@@ -190,7 +177,11 @@ BENCHMARK = Benchmark(
     size="samples",
     sizes=(1024,),
     alternatives=(
-        Alternative("graph-4", _graph, unavailable=missing_data),
+        Alternative(
+            "graph-4",
+            lambda samples: by_graph(samples).outputs[samples // 2 :],
+            unavailable=missing_data,
+        ),
         *(_peer(*one, order) for order in (4, 6) for one in (("arx", by_arx), ("subspace", by_subspace))),
     ),
     error=_error,

@@ -13,12 +13,14 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import cache, reduce
 from importlib.resources import files
 from operator import getitem
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from dynid.bench.benchmark import Alternative, Benchmark, TimeLimit
 
@@ -49,16 +51,6 @@ def _folder() -> Path:
     return folder
 
 
-def _process(*arguments: str) -> Callable[[int], Callable[[], Any]]:
-    """Return the run of a Python process in the folder of the scenes; ``*`` stands for all of them."""
-
-    def prepare(_: int) -> Callable[[], Any]:
-        command = _expanded(arguments)
-        return lambda: _ran(command)
-
-    return prepare
-
-
 def _expanded(arguments: Iterable[str]) -> list[str]:
     """Return arguments with all scenes in place of ``*``."""
     scenes = sorted(path.name for path in _folder().glob("*.yaml"))
@@ -66,31 +58,36 @@ def _expanded(arguments: Iterable[str]) -> list[str]:
 
 
 def _ran(arguments: list[str]) -> list[str]:
-    """Run Python, and return the arguments."""
+    """Run Python in the folder of the scenes, and return the arguments."""
     compiled_once = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     command = [sys.executable, *arguments]
     subprocess.run(command, cwd=_folder(), env=compiled_once, check=True, capture_output=True)
     return arguments
 
 
-def _dynid(*arguments: str) -> Callable[[int], Callable[[], Any]]:
-    return _process("-m", "dynid", *arguments)
+def _process(name: str, *arguments: str, **options: Any) -> Alternative:
+    return Alternative(name, _ran, lambda _: _expanded(arguments), **options)
 
 
-def _on_result(command: str, kind: str, *arguments: str) -> Callable[[int], Callable[[], Any]]:
+def _dynid(name: str, *arguments: str) -> Alternative:
+    return _process(name, "-m", "dynid", *arguments)
+
+
+def _on_result(command: str, kind: str, *arguments: str) -> Alternative:
     """Return a command on the result of the template scene of a kind, which is run before."""
 
-    def prepare(size: int) -> Callable[[], Any]:
-        _dynid("run", f"{kind}.yaml", "-q")(size)()
-        return _dynid(command, f"{kind}.h5", *arguments)(size)
+    def problem(_: int) -> list[str]:
+        _ran(["-m", "dynid", "run", f"{kind}.yaml", "-q"])
+        return ["-m", "dynid", command, f"{kind}.h5", *arguments]
 
-    return prepare
+    return Alternative(command, _ran, problem)
 
 
-def _imports_of(*arguments: str, of_dynid: bool) -> Callable[[int], Callable[[], Any]]:
+def _imports_of(name: str, *arguments: str, of_dynid: bool) -> Alternative:
     """Return the import of the modules that a command loads; `of_dynid`: those of dynid and Python, too."""
+    what = "modules" if of_dynid else "packages"
 
-    def prepare(_: int) -> Callable[[], Any]:
+    def problem(_: int) -> list[str]:
         script = f"import sys; from dynid.cli import main; sys.argv = {['dynid', *_expanded(arguments)]!r}\n"
         script += "try: main()\nexcept SystemExit: pass\nprint('modules', *sys.modules)"
         ran = subprocess.run(
@@ -99,7 +96,7 @@ def _imports_of(*arguments: str, of_dynid: bool) -> Callable[[int], Callable[[],
         loaded = ran.stdout.split("modules ", 1)[1].split()
         without = {"__main__"} if of_dynid else {"__main__", "dynid", *sys.stdlib_module_names}
         names = [name for name in loaded if name.partition(".")[0] not in without and "-" not in name]
-        listed = f"{'-'.join(arguments[:2]).replace('*', 'all')}-{'modules' if of_dynid else 'packages'}.txt"
+        listed = f"{name}-{what}.txt"
         (_folder() / listed).write_text("\n".join(names), encoding="utf-8")
         again = (
             "import importlib\n"
@@ -107,17 +104,17 @@ def _imports_of(*arguments: str, of_dynid: bool) -> Callable[[int], Callable[[],
             "    try: importlib.import_module(name)\n"
             "    except ImportError: pass"
         )
-        return lambda: _ran(["-c", again])
+        return ["-c", again]
 
-    return prepare
+    return Alternative(f"{what}-of-{name}", _ran, problem)
 
 
 def _beside_imports(name: str, *arguments: str) -> tuple[Alternative, ...]:
     """Return a command, the import of the same modules, and of those of other packages alone."""
     return (
-        Alternative(name, _dynid(*arguments)),
-        Alternative(f"modules-of-{name}", _imports_of(*arguments, of_dynid=True)),
-        Alternative(f"packages-of-{name}", _imports_of(*arguments, of_dynid=False)),
+        _dynid(name, *arguments),
+        _imports_of(name, *arguments, of_dynid=True),
+        _imports_of(name, *arguments, of_dynid=False),
     )
 
 
@@ -137,19 +134,17 @@ BENCHMARK = Benchmark(
     size="run",
     sizes=(1,),
     alternatives=(
-        Alternative("help", _dynid("--help")),
-        Alternative("import-click", _process("-c", "import click")),
+        _dynid("help", "--help"),
+        _process("import-click", "-c", "import click"),
         *_beside_imports("check", "check", "*"),
-        Alternative("schema", _dynid("schema", "study")),
-        Alternative("run-bond-graph", _dynid("run", "bond-graph.yaml", "-q")),
+        _dynid("schema", "schema", "study"),
+        _dynid("run-bond-graph", "run", "bond-graph.yaml", "-q"),
         *_run("identification.yaml"),
         *(alternative for scene in _SCENES if scene.is_file() for alternative in _run(scene.name)),
-        Alternative("show", _on_result("show", "bond-graph")),
-        Alternative("report", _on_result("report", "identification", "-q")),
-        Alternative(
-            "import-matplotlib-numpy", _process("-c", "import matplotlib, numpy"), needs=("matplotlib",)
-        ),
-        Alternative("import-numpy-scipy-h5py", _process("-c", "import numpy, scipy.linalg, h5py, pydantic")),
+        _on_result("show", "bond-graph"),
+        _on_result("report", "identification", "-q"),
+        _process("import-matplotlib-numpy", "-c", "import matplotlib, numpy", needs=("matplotlib",)),
+        _process("import-numpy-scipy-h5py", "-c", "import numpy, scipy.linalg, h5py, pydantic"),
     ),
     error=_modules,
     measure="modules imported",
@@ -211,37 +206,24 @@ def _files(dofs: int) -> Path:
     return folder
 
 
-def _plate_process(
-    command: list[str], frequencies: Callable[[Path], Any]
-) -> Callable[[int], Callable[[], Any]]:
-    def prepare(dofs: int) -> Callable[[], Any]:
-        folder = _files(dofs)
-
-        def work() -> Any:
-            subprocess.run([sys.executable, *command], cwd=folder, check=True, capture_output=True)
-            return frequencies(folder)
-
-        return work
-
-    return prepare
-
-
 def _by_dynid(folder: Path) -> Any:
     from dynid.store import read_result
 
+    _ran_in(folder, "-m", "dynid", "run", "plate.yaml", "-q")
     return read_result(folder / "plate.h5")["reduction/serep/frequencies"].data
 
 
 def _by_script(folder: Path) -> Any:
-    import numpy as np
-
+    _ran_in(folder, "script.py")
     with np.load(folder / "found.npz") as arrays:
         return arrays["frequencies"]
 
 
-def _error(dofs: int, result: Any) -> float:
-    import numpy as np
+def _ran_in(folder: Path, *arguments: str) -> None:
+    subprocess.run([sys.executable, *arguments], cwd=folder, check=True, capture_output=True)
 
+
+def _error(dofs: int, result: Any) -> float:
     n = _side(dofs)
     along = (2 * (n + 1) * np.sin(np.pi * np.arange(1, n + 1) / (2 * (n + 1)))) ** 2
     exact = np.sort((along[:, None] + along / _RATIO**2).ravel())[:_COUNT]
@@ -254,10 +236,11 @@ PLATE = Benchmark(
     sizes=(10_000,),
     full=(100_000,),
     alternatives=(
-        Alternative("dynid", _plate_process(["-m", "dynid", "run", "plate.yaml", "-q"], _by_dynid)),
-        Alternative("script", _plate_process(["script.py"], _by_script), peer=True),
+        Alternative("dynid", _by_dynid),
+        Alternative("script", _by_script, peer=True),
     ),
     error=_error,
+    problem=_files,
     measure="largest relative error of the frequencies of the reduced plate",
     default=lambda _: "dynid",
     remark="dynid proves that no mode is missed, the script does not; the memory of dynid is too low here, "

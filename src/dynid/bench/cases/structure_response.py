@@ -10,9 +10,10 @@ model to dynid, the other minimises weighted residuals by SciPy, with difference
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.defaults import FEW_FREQUENCIES
@@ -34,7 +35,6 @@ class _Plate(NamedTuple):
 
 @lru_cache(maxsize=1)
 def _plate() -> _Plate:
-    import numpy as np
     from scipy.sparse import csc_array
 
     from dynid.bench.meshes import deflections, plate
@@ -56,63 +56,42 @@ def _lowest(K: Any, M: Any) -> Any:
 
 
 def _frequencies(count: int) -> Any:
-    import numpy as np
-
     return np.linspace(_plate().top / count, _plate().top, count)
 
 
 def _places(count: int) -> Any:
-    import numpy as np
-
     return np.unique(np.linspace(0, count - 1, _PLACES).astype(int))
 
 
-def _by_method(method: str) -> Callable[[int], Callable[[], Any]]:
-    def prepare(count: int) -> Callable[[], Any]:
-        from dynid.structure.frf import frequency_response_functions
+def _by_method(omega: Any, method: str) -> Any:
+    from dynid.structure.frf import frequency_response_functions
 
-        M, C, K, ports, _ = _plate()
-        omega = _frequencies(count)
-
-        def work() -> Any:
-            result = frequency_response_functions(M, C, K, ports, omega, method=method)
-            return result.response[:, 0, 0]
-
-        return work
-
-    return prepare
+    M, C, K, ports, _ = _plate()
+    return frequency_response_functions(M, C, K, ports, omega, method=method).response[:, 0, 0]
 
 
-def _spsolve(count: int) -> Callable[[], Any]:
+def _spsolve(omega: Any) -> Any:
     """Solve at every frequency by SciPy, without checks of condition or residual."""
-    import numpy as np
     from scipy.sparse import csc_array
     from scipy.sparse.linalg import spsolve
 
     M, C, K, ports, _ = _plate()
     force, row = ports.forces[:, 0].astype(complex), ports.rows[0]
-    omega = _frequencies(count)
-    return lambda: np.array([row @ spsolve(csc_array(K + 1j * w * C - w**2 * M), force) for w in omega])
+    return np.array([row @ spsolve(csc_array(K + 1j * w * C - w**2 * M), force) for w in omega])
 
 
-def _superposed(count: int) -> Callable[[], Any]:
+def _superposed(omega: Any) -> Any:
     """Superpose the modes of the band, without the others."""
     M, C, K, ports, _ = _plate()
-    omega = _frequencies(count)[:, None]
-
-    def work() -> Any:
-        square, shapes = _lowest(K, M)
-        damping = (shapes * (C @ shapes)).sum(axis=0)
-        parts = (ports.rows @ shapes) * (shapes.T @ ports.forces).T
-        return (parts / (square + 1j * omega * damping - omega**2)).sum(axis=1)
-
-    return work
+    square, shapes = _lowest(K, M)
+    damping = (shapes * (C @ shapes)).sum(axis=0)
+    parts = (ports.rows @ shapes) * (shapes.T @ ports.forces).T
+    return (parts / (square + 1j * omega[:, None] * damping - omega[:, None] ** 2)).sum(axis=1)
 
 
 @lru_cache(maxsize=1)
 def _true(count: int) -> Any:
     """Return the response at some frequencies, refined by residuals in extended precision."""
-    import numpy as np
     from scipy.sparse import csc_array
     from scipy.sparse.linalg import splu
 
@@ -130,8 +109,6 @@ def _true(count: int) -> Any:
 
 
 def _error(count: int, response: Any) -> float:
-    import numpy as np
-
     true = _true(count)
     return float(np.max(np.abs(response[_places(count)] - true) / (np.abs(true) + np.median(np.abs(true)))))
 
@@ -142,12 +119,13 @@ BENCHMARK = Benchmark(
     sizes=(2, 6, 32),
     full=(4, 8, 128, 512),
     alternatives=(
-        Alternative("modal", _by_method("modal")),
-        Alternative("direct", _by_method("direct")),
+        Alternative("modal", partial(_by_method, method="modal")),
+        Alternative("direct", partial(_by_method, method="direct")),
         Alternative("spsolve", _spsolve, peer=True),
         Alternative("superposition", _superposed, peer=True),
     ),
     error=_error,
+    problem=_frequencies,
     measure="largest error, relative to the sum of the response and its median",
     default=lambda count: "modal" if count > FEW_FREQUENCIES.value else "direct",
     remark="modal responses are computed to 1e-8; spsolve checks neither condition nor residual",
@@ -201,8 +179,6 @@ def frame() -> Any:
 @lru_cache(maxsize=1)
 def _case(lines: int) -> _Case:
     """Return the frame and its responses, simulated with the whole frame."""
-    import numpy as np
-
     from dynid.identification.records.frf_measurement import Frf, FrfMeasurement
     from dynid.identification.systems.frf_system import FrfSystem
     from dynid.structure.ports import Channel
@@ -219,8 +195,6 @@ def _case(lines: int) -> _Case:
 
 def reduced(model: Any, functions: Any, omega: Any) -> Any:
     """Return the frame on its modes at the starts, and static responses to force, sensors and joints."""
-    import numpy as np
-
     M, _, K = model.dense(_START)
     inverse = np.linalg.inv(np.linalg.cholesky(M))
     square, shapes = np.linalg.eigh(inverse @ K @ inverse.T)
@@ -234,47 +208,30 @@ def reduced(model: Any, functions: Any, omega: Any) -> Any:
     return model.projected(basis, [f"q{k}" for k in range(basis.shape[1])])
 
 
-def _by_dynid(make: Callable[[_Case], Any]) -> Callable[[int], Callable[[], Any]]:
-    def prepare(lines: int) -> Callable[[], Any]:
-
-        case = _case(lines)
-
-        def work() -> Any:
-            result = identify(make(case), case.measurement)
-            return result["identification/parameters/estimate"].data
-
-        return work
-
-    return prepare
+def _identified(case: _Case, reduced_first: bool) -> Any:
+    model = reduced(case.model, case.measurement.channels, case.omega) if reduced_first else case.model
+    return identify(model, case.measurement)["identification/parameters/estimate"].data
 
 
-def _by_scipy(lines: int) -> Callable[[], Any]:
+def _by_scipy(case: _Case) -> Any:
     """Reduce by hand, and minimise residuals over the measured magnitudes by SciPy."""
-    import numpy as np
     from scipy.optimize import least_squares
 
-    case = _case(lines)
+    functions, s = case.measurement.channels, 1j * case.omega[:, None, None]
+    small = reduced(case.model, functions, case.omega)
+    force = small.row(functions[0].force)
+    rows = np.array([small.row(frf.channel.dof) for frf in functions])
 
-    def work() -> Any:
-        functions, s = case.measurement.channels, 1j * case.omega[:, None, None]
-        small = reduced(case.model, functions, case.omega)
-        force = small.row(functions[0].force)
-        rows = np.array([small.row(frf.channel.dof) for frf in functions])
+    def residuals(logarithms: Any) -> Any:
+        M, C, K = small.dense(dict(zip(_START, np.exp(logarithms), strict=True)))
+        motion = np.linalg.solve(K + s * C + s**2 * M, force.astype(complex)[:, None])
+        off = (s**2 * (rows @ motion))[:, :, 0] / case.values - 1
+        return np.concatenate([off.real.ravel(), off.imag.ravel()])
 
-        def residuals(logarithms: Any) -> Any:
-            M, C, K = small.dense(dict(zip(_START, np.exp(logarithms), strict=True)))
-            motion = np.linalg.solve(K + s * C + s**2 * M, force.astype(complex)[:, None])
-            off = (s**2 * (rows @ motion))[:, :, 0] / case.values - 1
-            return np.concatenate([off.real.ravel(), off.imag.ravel()])
-
-        return np.exp(least_squares(residuals, np.log(list(_START.values())), method="lm").x)
-
-    return work
+    return np.exp(least_squares(residuals, np.log(list(_START.values())), method="lm").x)
 
 
 def _joints_error(_: int, estimates: Any) -> float:
-    import numpy as np
-
     return float(np.max(np.abs(np.asarray(estimates) / list(_TRUE.values()) - 1)))
 
 
@@ -284,15 +241,12 @@ JOINTS = Benchmark(
     sizes=(200, 791),
     full=(3000,),
     alternatives=(
-        Alternative("whole", _by_dynid(lambda case: case.model)),
-        Alternative(
-            "reduced-first",
-            _by_dynid(lambda case: reduced(case.model, case.measurement.channels, case.omega)),
-            peer=True,
-        ),
+        Alternative("whole", partial(_identified, reduced_first=False)),
+        Alternative("reduced-first", partial(_identified, reduced_first=True), peer=True),
         Alternative("least-squares-on-modes", _by_scipy, peer=True),
     ),
     error=_joints_error,
+    problem=_case,
     measure="largest relative error of an estimate",
     default=lambda _: "whole",
     remark="2 % noise; error bars and tests of the residuals by dynid alone",

@@ -8,11 +8,12 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
 from decimal import Decimal, localcontext
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from dynid.bench.benchmark import Alternative, Benchmark
 
@@ -55,10 +56,8 @@ collect:
   - bond_graph/properties/m_s.f/v_in/high_frequency_gain
 """
 
-Work = Callable[[], Any]
 
-
-def planned(scene: str, study: str, samples: int) -> Plan:
+def planned(samples: int, scene: str, study: str) -> Plan:
     """Write a scene and the study of it (a format of `samples`) into a folder of their own, and plan it."""
     from dynid.scene.load import load_scene
     from dynid.study.plan import make_plan
@@ -71,70 +70,57 @@ def planned(scene: str, study: str, samples: int) -> Plan:
     return make_plan(load_scene(folder / "study.yaml"))
 
 
-_plan = partial(planned, _SCENE, _STUDY)
+_plan = partial(planned, scene=_SCENE, study=_STUDY)
 
 
-def together(plan: Plan, path: str) -> Work:
-    """Return the samples of a study as one batch, of which it collects the array at a path."""
-    import numpy as np
-
+def _together(plan: Plan, path: str) -> Any:
+    """Return the array at a path of the samples of a study, run as one batch."""
     from dynid.scene.batch import run_batch
 
-    overrides = plan.overrides(range(plan.size))
-    return lambda: np.array(
-        [outcome.values[path].data for outcome in run_batch(plan.base, overrides, plan.collect)]
-    )
+    outcomes = run_batch(plan.base, plan.overrides(range(plan.size)), plan.collect)
+    return np.array([outcome.values[path].data for outcome in outcomes])
 
 
-def alone(plan: Plan, path: str) -> Work:
-    """Return the samples of a study one by one in this process."""
-    import numpy as np
-
+def _alone(plan: Plan, path: str) -> Any:
+    """Return that of samples run one by one in this process."""
     from dynid.scene.batch import run_alone
 
-    overrides = plan.overrides(range(plan.size))
-    return lambda: np.array(
-        [run_alone(plan.base, override, plan.collect).values[path].data for override in overrides]
-    )
+    outcomes = [run_alone(plan.base, override, plan.collect) for override in plan.overrides(range(plan.size))]
+    return np.array([outcome.values[path].data for outcome in outcomes])
 
 
-def _as_study(executor: str) -> Callable[[int], Work]:
-    """Return a planned study run as by the command: with journal, file and statistics."""
-
-    def prepare(samples: int) -> Work:
-        from dynid.store import read_result
-        from dynid.study.executors import make_executor
-        from dynid.study.run import run_study
-
-        plan = _plan(samples)
-
-        def work() -> Any:
-            target = Path(tempfile.mkdtemp()) / "study.h5"
-            run_study(plan, target, make_executor(executor))
-            return read_result(target)[f"study/results/{_POLES}"].data
-
-        return work
-
-    return prepare
-
-
-def _run_each(plan: Plan, path: str) -> Work:
-    """Return one command for each sample of a study, which reads the array at a path of its result."""
-    import numpy as np
-
+def _in_processes(plan: Plan, path: str) -> Any:
+    """Return that of the results of one command for each sample."""
     from dynid.store import read_result
 
-    def work() -> Any:
-        poles = []
-        for number in range(plan.size):
-            target = Path(tempfile.mkdtemp()) / "sample.h5"
-            settings = [f"--set={key}={value!r}" for key, value in plan.override(number).items()]
-            command = [sys.executable, "-m", "dynid", "run", plan.base.source.file, "-q", "-o", str(target)]
-            subprocess.run([*command, *settings], check=True)
-            poles.append(read_result(target)[path].data)
-        return np.array(poles)
+    results = []
+    for number in range(plan.size):
+        target = Path(tempfile.mkdtemp()) / "sample.h5"
+        settings = [f"--set={key}={value!r}" for key, value in plan.override(number).items()]
+        command = [sys.executable, "-m", "dynid", "run", plan.base.source.file, "-q", "-o", str(target)]
+        subprocess.run([*command, *settings], check=True)
+        results.append(read_result(target)[path].data)
+    return np.array(results)
 
-    return work
+
+def _as_study(plan: Plan, executor: str) -> Any:
+    """Run a planned study as by the command: with journal, file and statistics."""
+    from dynid.store import read_result
+    from dynid.study.executors import make_executor
+    from dynid.study.run import run_study
+
+    target = Path(tempfile.mkdtemp()) / "study.h5"
+    run_study(plan, target, make_executor(executor))
+    return read_result(target)[f"study/results/{_POLES}"].data
+
+
+def _ways(path: str) -> tuple[Alternative, ...]:
+    """Return the ways to run the samples of a study for the array at a path."""
+    return (
+        Alternative("together", partial(_together, path=path)),
+        Alternative("run", partial(_alone, path=path), max_size=100),
+        Alternative("process-each", partial(_in_processes, path=path), max_size=3),
+    )
 
 
 def _error(samples: int, results: Any) -> float:
@@ -161,13 +147,14 @@ BENCHMARK = Benchmark(
     size="samples",
     sizes=(3, 100, 1000, 10_000),
     alternatives=(
-        Alternative("study-processes", _as_study("processes")),
-        Alternative("study-serial", _as_study("serial")),
-        Alternative("together", lambda samples: together(_plan(samples), _POLES)),
-        Alternative("run", lambda samples: alone(_plan(samples), _POLES), max_size=100),
-        Alternative("process-each", lambda samples: _run_each(_plan(samples), _POLES), max_size=3),
+        *(
+            Alternative(f"study-{executor}", partial(_as_study, executor=executor))
+            for executor in ("processes", "serial")
+        ),
+        *_ways(_POLES),
     ),
     error=_error,
+    problem=_plan,
     measure="largest relative distance of poles from eq 21 in 50 digits",
     full=(100_000,),
 )
@@ -199,12 +186,11 @@ vary:
 sampling: {{{{method: latin-hypercube, samples: {{samples}}, seed: 1}}}}
 collect: [{_FREQUENCIES}]
 """
-_beams = partial(planned, _BEAM, _BEAMS)
+_beams = partial(planned, scene=_BEAM, study=_BEAMS)
 
 
 def _off_frequencies(samples: int, frequencies: Any) -> float:
     """Return the error against the frequencies of one beam, scaled by the root of EI / rhoA."""
-    import numpy as np
     from scipy.linalg import eigh
 
     from dynid.structure.assembly import Support
@@ -225,11 +211,8 @@ REDUCTIONS = Benchmark(
     size="samples",
     sizes=(3, 100),
     full=(10_000,),
-    alternatives=(
-        Alternative("together", lambda samples: together(_beams(samples), _FREQUENCIES)),
-        Alternative("run", lambda samples: alone(_beams(samples), _FREQUENCIES), max_size=100),
-        Alternative("process-each", lambda samples: _run_each(_beams(samples), _FREQUENCIES), max_size=3),
-    ),
+    alternatives=_ways(_FREQUENCIES),
+    problem=_beams,
     default=lambda _: "together",
     error=_off_frequencies,
     measure="largest relative error of a frequency",
@@ -271,13 +254,11 @@ collect:
   - identification/diagnostics/converged
   - identification/diagnostics/whiteness_p
 """
-_seeds = partial(planned, _SUSPENSION, _SEEDS)
+_seeds = partial(planned, scene=_SUSPENSION, study=_SEEDS)
 
 
 def _off_optimum(samples: int, estimates: Any) -> float:
     """Return the distance from the maximum of the likelihood, climbed from the truth, in standard errors."""
-    import numpy as np
-
     from dynid.scene.batch import run_alone
 
     plan, worst = _seeds(samples), 0.0
@@ -297,11 +278,8 @@ IDENTIFICATIONS = Benchmark(
     size="samples",
     sizes=(3, 100),
     full=(10_000,),
-    alternatives=(
-        Alternative("together", lambda samples: together(_seeds(samples), _ESTIMATE)),
-        Alternative("run", lambda samples: alone(_seeds(samples), _ESTIMATE), max_size=100),
-        Alternative("process-each", lambda samples: _run_each(_seeds(samples), _ESTIMATE), max_size=3),
-    ),
+    alternatives=_ways(_ESTIMATE),
+    problem=_seeds,
     default=lambda _: "together",
     error=_off_optimum,
     measure="largest distance from the maximum of the likelihood, in standard errors",

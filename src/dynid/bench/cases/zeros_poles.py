@@ -5,9 +5,11 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from fractions import Fraction
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import count
 from typing import Any
+
+import numpy as np
 
 from dynid.bench.benchmark import Alternative, Benchmark
 from dynid.bench.cases.chain import matrices, reduced, true_roots
@@ -23,7 +25,6 @@ def distance(got: Any, true: Any, size: float) -> float:
     """Return the largest relative distance of roots paired with the true ones; inf for a wrong count."""
     if len(got) != len(true):
         return float("inf")
-    import numpy as np
     from scipy.optimize import linear_sum_assignment
 
     apart = np.abs(got[:, None] - true) / relative_to(true, size)
@@ -32,125 +33,90 @@ def distance(got: Any, true: Any, size: float) -> float:
 
 def relative_to(true: Any, size: float) -> Any:
     """Return the sizes that errors of roots are relative to; `size` is that of the largest pole."""
-    import numpy as np
-
     scale = np.maximum(np.abs(true), _SMALL_ROOT_RATIO * size)
     return np.where(scale > 0, scale, 1.0)
 
 
 def _error(roots: Any, true: Any) -> float:
     """Return the largest relative distance of (zeros, poles) from the true ones."""
-    import numpy as np
-
     size = float(abs(true[1]).max())
     return max(distance(np.asarray(got), roots, size) for got, roots in zip(roots, true, strict=True))
 
 
-def _by_engine(model: Callable[[int], ReducedGraph], engine: str) -> Callable[[int], Callable[[], Any]]:
+def _by_engine(model: Callable[[int], ReducedGraph], engine: str) -> Callable[[int], Any]:
     """Return zeros and poles of the one channel of a model by the `exact` or the `float` engine."""
 
-    def prepare(size: int) -> Callable[[], Any]:
+    def work(size: int) -> Any:
+        from dynid.bondgraph.exact_engine import ExactEngine
+        from dynid.bondgraph.floating.float_engine import FloatEngine
         from dynid.lti.certified_roots import repeated
 
-        solver: Callable[[ReducedGraph], Any]
-        if engine == "exact":
-            from dynid.bondgraph.exact_engine import ExactEngine
-
-            solver = ExactEngine
-        else:
-            from dynid.bondgraph.floating.float_engine import FloatEngine
-
-            solver = FloatEngine
-
-        def work() -> Any:
-            graph = model(size)
-            transfer = solver(graph).channel(next(iter(graph.channels())))
-            return repeated(transfer.zeros), repeated(transfer.poles)
-
-        return work
-
-    return prepare
-
-
-def _unstarted(stages: int) -> Callable[[], Any]:
-    """Certify the exact roots without starting values from eigenvalues."""
-    from dynid.bondgraph.exact_engine import TransferFunction
-    from dynid.lti.certified_roots import repeated
-
-    def work() -> Any:
-        graph = reduced(stages)
-        ((_, register),) = graph.channels().items()
-        transfer = TransferFunction.of(graph.rational([register])[register])
+        graph = model(size)
+        solver: Any = (ExactEngine if engine == "exact" else FloatEngine)(graph)
+        transfer = solver.channel(next(iter(graph.channels())))
         return repeated(transfer.zeros), repeated(transfer.poles)
 
     return work
 
 
-def _pencil_engine(stages: int) -> Callable[[], Any]:
+def _unstarted(stages: int) -> Any:
+    """Certify the exact roots without starting values from eigenvalues."""
+    from dynid.bondgraph.exact_engine import TransferFunction
+    from dynid.lti.certified_roots import repeated
+
+    graph = reduced(stages)
+    ((_, register),) = graph.channels().items()
+    transfer = TransferFunction.of(graph.rational([register])[register])
+    return repeated(transfer.zeros), repeated(transfer.poles)
+
+
+def _pencil_engine(stages: int) -> Any:
     from dynid.lti import zeros_poles
 
-    def work() -> Any:
-        A, B, C, D = matrices(stages)
-        return zeros_poles(A, B, C, D, engine="float")[:2]
-
-    return work
+    A, B, C, D = matrices(stages)
+    return zeros_poles(A, B, C, D, engine="float")[:2]
 
 
-def controlled(stages: int) -> Callable[[], Any]:
+def controlled(stages: int) -> Any:
     """Return zeros and poles by control, which uses SLICOT's AB08ND for zeros where slycot is installed."""
     import control
 
-    def work() -> Any:
-        system = control.ss(*matrices(stages))
-        return control.zeros(system), control.poles(system)
-
-    return work
+    system = control.ss(*matrices(stages))
+    return control.zeros(system), control.poles(system)
 
 
-def _control_alone(stages: int) -> Callable[[], Any]:
+def _control_alone(stages: int) -> Any:
     """Return zeros and poles by control without slycot: QZ on the system's pencil."""
-    work = controlled(stages)
-
-    def without_slycot() -> Any:
-        hidden = {name: sys.modules.pop(name) for name in list(sys.modules) if name.startswith("slycot")}
-        sys.modules["slycot"] = None  # type: ignore[assignment]
-        try:
-            return work()
-        finally:
-            del sys.modules["slycot"]
-            sys.modules.update(hidden)
-
-    return without_slycot
+    hidden = {name: sys.modules.pop(name) for name in list(sys.modules) if name.startswith("slycot")}
+    sys.modules["slycot"] = None  # type: ignore[assignment]
+    try:
+        return controlled(stages)
+    finally:
+        del sys.modules["slycot"]
+        sys.modules.update(hidden)
 
 
-def _control_tf(stages: int) -> Callable[[], Any]:
+def _control_tf(stages: int) -> Any:
     """Convert to polynomials with control, and take their roots."""
     import control
 
-    def work() -> Any:
-        transfer = control.tf(control.ss(*matrices(stages)))
-        return control.zeros(transfer), control.poles(transfer)
-
-    return work
+    transfer = control.tf(control.ss(*matrices(stages)))
+    return control.zeros(transfer), control.poles(transfer)
 
 
-def _eigenvalues(stages: int) -> Callable[[], Any]:
+def _eigenvalues(stages: int) -> Any:
     """Take eigenvalues of A, and the finite ones of the system's pencil, by SciPy."""
-    import numpy as np
     from scipy.linalg import block_diag, eigvals
 
-    def work() -> Any:
-        A, B, C, D = matrices(stages)
-        zeros = eigvals(np.block([[A, B], [C, D]]), block_diag(np.eye(len(A)), np.zeros_like(D)))
-        return zeros[np.isfinite(zeros)], eigvals(A)
-
-    return work
+    A, B, C, D = matrices(stages)
+    zeros = eigvals(np.block([[A, B], [C, D]]), block_diag(np.eye(len(A)), np.zeros_like(D)))
+    return zeros[np.isfinite(zeros)], eigvals(A)
 
 
-def _polynomials(stages: int) -> Callable[[], Any]:
+def _polynomials(stages: int) -> Any:
     from scipy.signal import ss2zpk
 
-    return lambda: ss2zpk(*matrices(stages))[:2]
+    return ss2zpk(*matrices(stages))[:2]
 
 
 CHAIN = Benchmark(
@@ -198,11 +164,8 @@ def _mesh(side: int) -> ReducedGraph:
     return ReducedGraph(BondGraph(nodes, bonds), ["u"], [Port(far, "e")], traced=False)
 
 
-@lru_cache(maxsize=2)
-def _true_roots_of_mesh(side: int) -> tuple[Any, Any]:
-    """Return the exact zeros and poles of a mesh, correctly rounded."""
-    zeros, poles = _by_engine(_mesh, "exact")(side)()
-    return zeros, poles
+#: Return the exact zeros and poles of a mesh, correctly rounded.
+_true_roots_of_mesh = lru_cache(maxsize=2)(_by_engine(_mesh, "exact"))
 
 
 def _engine_for_mesh(side: int) -> str:
@@ -237,28 +200,14 @@ def _pencil(size: int) -> tuple[Any, Any]:
     return eye_array(size).tocsr(), block_array(blocks).tocsr()
 
 
-def _certified(*, sparse: bool) -> Callable[[int], Callable[[], Any]]:
+def _certified(pencil: tuple[Any, Any], *, sparse: bool) -> Any:
     """Return certified eigenvalues, refined by dense or by sparse factors."""
+    from dynid.lti.pencil.eigenvalues import finite_eigenvalues
 
-    def prepare(size: int) -> Callable[[], Any]:
-        from dynid.lti.pencil.eigenvalues import finite_eigenvalues
-
-        F, G = _pencil(size)
-        return lambda: finite_eigenvalues(F, G, sparse=sparse).values
-
-    return prepare
-
-
-def _eigvals(size: int) -> Callable[[], Any]:
-    import numpy as np
-
-    A = _pencil(size)[1].toarray()
-    return lambda: np.linalg.eigvals(A)
+    return finite_eigenvalues(*pencil, sparse=sparse).values
 
 
 def _pencil_error(size: int, roots: Any) -> float:
-    import numpy as np
-
     masses = size // 2
     omega = 2 * np.sin(np.pi * np.arange(1, masses + 1) / (2 * (masses + 1)))
     true = 1j * np.concatenate([-omega[::-1], omega])
@@ -271,11 +220,12 @@ PENCIL = Benchmark(
     sizes=(80, 160),
     full=(40, 120, 240, 480),
     alternatives=(
-        Alternative("dense", _certified(sparse=False)),
-        Alternative("sparse", _certified(sparse=True)),
-        Alternative("eigvals", _eigvals, peer=True),
+        Alternative("dense", partial(_certified, sparse=False)),
+        Alternative("sparse", partial(_certified, sparse=True)),
+        Alternative("eigvals", np.linalg.eigvals, lambda size: _pencil(size)[1].toarray(), peer=True),
     ),
     error=_pencil_error,
+    problem=_pencil,
     measure="largest relative error of an eigenvalue",
     default=lambda size: "sparse" if size >= SPARSE_REFINEMENT.value else "dense",
     remark="eigvals bounds no error",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,12 +43,6 @@ METHODS = (*_CLASSES, ALONE)
 _RIGID_FREQUENCY_RATIO = 1e-6
 #: Samples of a hold per requested instant, and the most in all.
 _HOLD_RATIOS, _MAX_HOLD_SAMPLES = (1, 2, 4), 1_000_000
-Work = Callable[[list[Any]], Callable[[], Any]]
-
-
-def nothing(_: Any) -> float | None:
-    """Return None: no least error is known."""
-    return None
 
 
 @dataclass(frozen=True)
@@ -83,7 +78,7 @@ class Aspect:
     because: str
     error: Callable[[Any, Any], float | None]
     measure: str
-    least_error: Callable[[Any], float | None] = nothing
+    least_error: Callable[[Any], float | None] = lambda _: None
 
 
 def name_of(reduction: ReductionModel) -> str:
@@ -147,8 +142,8 @@ def solvers(
     """
     matrices, size = model.with_joints(values), model.size
 
-    def solver(backend: str) -> Callable[[int], Callable[[], Any]]:
-        return lambda _: lambda: modes(*matrices, count, below, backend).omega
+    def frequencies(_: int, backend: str) -> Any:
+        return modes(*matrices, count, below, backend).omega
 
     def error(result: Any, reference: Any) -> float:
         if len(result) != len(reference):
@@ -160,11 +155,13 @@ def solvers(
     needs = {
         name: () if name in ("ldl", "splu") else (backend.package,) for name, backend in BACKENDS.items()
     }
-    points = [(Alternative(name, solver(name), needs.get(name, ())), size) for name in names]
+    alternatives = [
+        Alternative(name, partial(frequencies, backend=name), needs=needs.get(name, ())) for name in names
+    ]
     return Aspect(
         title="solver of the modes",
         size="DOFs",
-        points=points,
+        points=[(alternative, size) for alternative in alternatives],
         chosen=frozenset({(solver_for(size, count, below, getattr(matrices[2], "nnz", 0)), size)}),
         because=f"chosen by default: {DENSE_MODES}; {FEW_MODES}",
         error=error,
@@ -172,13 +169,15 @@ def solvers(
     )
 
 
-def propagation(work: Work, signals: Sequence[Any], times: NDArray[np.float64]) -> Aspect:
+def propagation(
+    respond: Callable[[list[Any]], Any], signals: Sequence[Any], times: NDArray[np.float64]
+) -> Aspect:
     """Return the ways to propagate a response.
 
     Parameters
     ----------
-    work
-        Function of signals: the function that computes the response (times x outputs) to them.
+    respond
+        Function of signals: the response (times x outputs) to them.
     signals
         The signals of the scene. An impulse has no samples and stays as it is.
     times
@@ -186,24 +185,20 @@ def propagation(work: Work, signals: Sequence[Any], times: NDArray[np.float64]) 
     """
     count = len(times)
 
-    def held(hold: str) -> Callable[[int], Callable[[], Any]]:
-        def prepare(samples: int) -> Callable[[], Any]:
-            # One sample beyond the last instant: a zero hold ends before its last sample.
-            finer = np.linspace(0.0, times[-1], samples)
-            step = times[-1] / (samples - 1)
-            return work(
-                [signal if signal.jump else Sampled(signal.value(finer), step, hold) for signal in signals]
-            )
-
-        return prepare
+    def held(samples: int, hold: str) -> list[Any]:
+        # One sample beyond the last instant: a zero hold ends before its last sample.
+        finer = np.linspace(0.0, times[-1], samples)
+        step = times[-1] / (samples - 1)
+        return [signal if signal.jump else Sampled(signal.value(finer), step, hold) for signal in signals]
 
     def error(result: Any, reference: Any) -> float:
         size = float(np.sqrt(np.mean(reference**2)))
         return float(np.sqrt(np.mean((result - reference) ** 2))) / (size if size > 0 else 1.0)
 
     sizes = [k * (count - 1) + 1 for k in _HOLD_RATIOS if k * count <= _MAX_HOLD_SAMPLES] or [count]
-    exact = Alternative("exact", lambda _: work(list(signals)))
-    points = [(exact, count), *((Alternative(hold, held(hold)), size) for hold in HOLDS for size in sizes)]
+    exact = Alternative("exact", lambda _: respond(list(signals)))
+    holds = [Alternative(hold, respond, partial(held, hold=hold)) for hold in HOLDS]
+    points = [(exact, count), *((hold, size) for hold in holds for size in sizes)]
     return Aspect(
         title="input of the time response between its samples",
         size="samples",
@@ -234,14 +229,14 @@ def basis(scene: Scene) -> Aspect:
     )
     ends = len(dict.fromkeys([*(dof for joint in structure.joints for dof in joint.dofs), *interest.dofs]))
 
-    def reduced(name: str) -> Callable[[int], Callable[[], _ReducedFrequencies]]:
-        def prepare(size: int) -> Callable[[], _ReducedFrequencies]:
-            reduction = read_reduction(described(name, size, ends))
-            return _reduced(structure, build_reductor(reduction, interest, "accuracy"))(size)
+    def reductor(size: int, name: str) -> Reductor:
+        return build_reductor(read_reduction(described(name, size, ends)), interest, "accuracy")
 
-        return prepare
+    def reduced(method: Reductor, _: object = None) -> _ReducedFrequencies:
+        reduction = candidate(structure, method)
+        return _ReducedFrequencies(reduction.modes.omega, np.array(reduction.numbers, dtype=np.int64))
 
-    def full() -> _ReducedFrequencies:  # all modes of a small structure
+    def full(_: int) -> _ReducedFrequencies:  # all modes of a small structure
         few = None if structure.size <= DENSE_MODES.value else asked
         omega = modes(*structure.with_joints(), count=few).omega
         return _ReducedFrequencies(omega, np.arange(1, len(omega) + 1))
@@ -254,10 +249,10 @@ def basis(scene: Scene) -> Aspect:
         scale = np.where(true > 0, true, reference.omega.max(initial=1.0))
         return float((np.abs(result.omega[:compared] - true) / scale).max())
 
-    points = [(Alternative("full", lambda _: full), structure.size)]
-    points += [(Alternative(name, _reduced(structure, methods[name])), size) for name, size in sizes.items()]
+    points = [(Alternative("full", full), structure.size)]
+    points += [(Alternative(name, partial(reduced, methods[name])), size) for name, size in sizes.items()]
     points += [
-        (Alternative(name, reduced(name)), size)
+        (Alternative(name, reduced, partial(reductor, name=name)), size)
         for name in METHODS
         for size in sizes_around(largest, structure.size)
         if sizes.get(name) != size
@@ -271,16 +266,6 @@ def basis(scene: Scene) -> Aspect:
         error=error,
         measure=f"largest relative error of the first {compared} natural frequencies with the joints",
     )
-
-
-def _reduced(
-    structure: StructuralModel, method: Reductor
-) -> Callable[[int], Callable[[], _ReducedFrequencies]]:
-    def work() -> _ReducedFrequencies:
-        reduction = candidate(structure, method)
-        return _ReducedFrequencies(reduction.modes.omega, np.array(reduction.numbers, dtype=np.int64))
-
-    return lambda _: work
 
 
 def solver(scene: Scene) -> Aspect:
@@ -307,23 +292,20 @@ def engine(scene: Scene) -> Aspect:
     reduced = ReducedGraph(graph, analysis.inputs, analysis.outputs, traced=False)
     size, choice = modelled_storages(reduced), choose_engine(reduced, analysis)
 
-    def with_engine(name: Any) -> Callable[[int], Callable[[], Any]]:
-        def prepare(_: int) -> Callable[[], Any]:
-            asked = analysis.results & (NUMERIC | {"transfer_function"})
-            if name == "symbolic" and "transfer_function" not in asked:
-                raise UsageError("formulas alone: zeros, poles and properties need numbers")
-            results = {"transfer_function"} if name == "symbolic" else asked | {"zeros", "poles"}
-            request = replace(
-                analysis, engine=name, results=frozenset(results), port=None, times=None, omega=None
-            )
-            return lambda: _roots(analyse(graph, request))
-
-        return prepare
+    def roots(_: int, engine: Any) -> dict[str, tuple[Any, Any]]:
+        asked = analysis.results & (NUMERIC | {"transfer_function"})
+        if engine == "symbolic" and "transfer_function" not in asked:
+            raise UsageError("formulas alone: zeros, poles and properties need numbers")
+        results = {"transfer_function"} if engine == "symbolic" else asked | {"zeros", "poles"}
+        request = replace(
+            analysis, engine=engine, results=frozenset(results), port=None, times=None, omega=None
+        )
+        return _roots(analyse(graph, request))
 
     return Aspect(
         title="engine of transfer functions, zeros and poles",
         size="storage elements",
-        points=[(Alternative(name, with_engine(name)), size) for name in ENGINES],
+        points=[(Alternative(name, partial(roots, engine=name)), size) for name in ENGINES],
         chosen=frozenset({(choice.engine, size)}),
         because=choice.reason,
         error=_error,
@@ -367,12 +349,12 @@ def response_of(graph: BondGraph, asked: Analysis) -> Aspect:
     assert asked.times is not None
     analysis = replace(asked, results=frozenset({"time_response"}), omega=None, port=None)
 
-    def work(signals: list[Any]) -> Callable[[], Any]:
+    def respond(signals: list[Any]) -> Any:
         driven = tuple(zip((name for name, _ in analysis.signals), signals, strict=True))
         request = replace(analysis, signals=driven)
-        return lambda: analyse(graph, request)["bond_graph/time_response/response"].data
+        return analyse(graph, request)["bond_graph/time_response/response"].data
 
-    return propagation(work, [signal for _, signal in analysis.signals], asked.times)
+    return propagation(respond, [signal for _, signal in analysis.signals], asked.times)
 
 
 GRAPH_ASPECTS = {"engine": engine, "propagation": response}

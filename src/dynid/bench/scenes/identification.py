@@ -6,8 +6,9 @@ hold, without responses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -66,16 +67,16 @@ def estimator(scene: Scene[IdentificationScene]) -> Aspect:
     passes = {**dict.fromkeys(NAMES["identification"]["estimator"], 1), "output-error": 0}
     points = []
 
-    def filtered(passes: int) -> Callable[[], _EstimatedParameters]:
-        return _identified(scene, {"estimator": {"method": "filter", "passes": passes}})(passes)
+    def filtered(passes: int) -> Scene:
+        return _changed(scene, {"estimator": {"method": "filter", "passes": passes}})
 
     for name in passes:
         options = written if name == requested.method else {"method": name}
         if name != "filter":
-            points.append((Alternative(name, _identified(scene, {"estimator": options})), passes[name]))
+            points.append((_alternative(name, scene, {"estimator": options}), passes[name]))
             continue
         tried = sorted({*_PASSES, requested.passes or 1})
-        points += [(Alternative(name, filtered), k) for k in tried]
+        points += [(Alternative(name, _identified, filtered), k) for k in tried]
     chosen = (
         requested.passes or FILTER_PASSES.value if requested.method == "filter" else passes[requested.method]
     )
@@ -88,7 +89,7 @@ def basis(scene: Scene) -> Aspect:
     structure = structure_of(scene)
     method, n = reductor_of(scene), structure.size
     without = {key: value for key, value in scene.source.data.items() if key != "reduction"}
-    points = [(Alternative("full", _identified(scene, {}, without)), n)]
+    points = [(_alternative("full", scene, {}, without), n)]
     chosen, because = ("full", n), "no reduction is asked for"
     size = max(1, n // 2)
     tried = [size]
@@ -97,16 +98,16 @@ def basis(scene: Scene) -> Aspect:
         written, name = scene.source.data["reduction"], name_of(reduction)
         chosen, because = (name, size), f"as requested; chosen by default: {BASIS_BAND}; {RESIDUALS}"
         tried = sizes_around(size, n)
-        points.append((Alternative(name, _identified(scene, {"reduction": written})), size))
+        points.append((_alternative(name, scene, {"reduction": written}), size))
     ends = len(
         dict.fromkeys([*(d for joint in structure.joints for d in joint.dofs), *interest_of(scene).dofs])
     )
 
-    def reduced(name: str) -> Callable[[int], Callable[[], _EstimatedParameters]]:
-        return lambda size: _identified(scene, {"reduction": described(name, size, ends)})(size)
+    def reduced(size: int, name: str) -> Scene:
+        return _changed(scene, {"reduction": described(name, size, ends)})
 
     points += [
-        (Alternative(name, reduced(name)), point)
+        (Alternative(name, _identified, partial(reduced, name=name)), point)
         for name in METHODS
         for point in tried
         if (name, point) != chosen
@@ -117,16 +118,16 @@ def basis(scene: Scene) -> Aspect:
 def hold(scene: Scene) -> Aspect:
     """Return the holds between the samples of a force."""
     samples = sum(int(record.samples or 0) for record in cast("Any", scene.model).measurement.each)
-    points = [(Alternative("as-written", _identified(scene, {})), samples)]
-    points += [(Alternative(name, _held(scene, name)), samples) for name in HOLDS]
+    points = [(_alternative("as-written", scene, {}), samples)]
+    points += [(_alternative(name, scene, _with_hold(scene, name)), samples) for name in HOLDS]
     because = f"as written; chosen by default: {HOLD}"
     return _of_parameters(
         "hold of sampled forces", "samples", points, ("as-written", samples), because, _is_known(scene)
     )
 
 
-def _held(scene: Scene, name: str) -> Callable[[int], Callable[[], _EstimatedParameters]]:
-    """Return the identification with a hold for all sampled forces."""
+def _with_hold(scene: Scene, name: str) -> dict[str, Any]:
+    """Return the parts of the scene with a hold for all sampled forces."""
     data = scene.source.data
     measurement = data["measurement"]
     shared = "simulate" in measurement
@@ -147,7 +148,7 @@ def _held(scene: Scene, name: str) -> Callable[[int], Callable[[], _EstimatedPar
     if "excitation" in data:
         every = shared or any("simulate" in record for record in records)
         changes["excitation"] = changed(data["excitation"], simulated=every)
-    return _identified(scene, changes)
+    return changes
 
 
 def response(scene: Scene[IdentificationScene]) -> Aspect:
@@ -160,12 +161,12 @@ def response(scene: Scene[IdentificationScene]) -> Aspect:
     asked = time_question(scene, structure)
     loads = asked.pop("loads")
 
-    def work(signals: list[Any]) -> Callable[[], Any]:
+    def respond(signals: list[Any]) -> Any:
         driven = [load._replace(signal=signal) for load, signal in zip(loads, signals, strict=True)]
-        path = "structure/time_response/response"
-        return lambda: time_response(structure, driven, values=values, **asked)[path].data
+        result = time_response(structure, driven, values=values, **asked)
+        return result["structure/time_response/response"].data
 
-    return propagation(work, [load.signal for load in loads], asked["times"])
+    return propagation(respond, [load.signal for load in loads], asked["times"])
 
 
 def modes_of(scene: Scene[IdentificationScene]) -> Aspect:
@@ -177,23 +178,21 @@ def modes_of(scene: Scene[IdentificationScene]) -> Aspect:
     return solvers(structure, *which_modes(requested.modes), values)
 
 
-def _identified(
-    scene: Scene, changes: Mapping[str, Any], data: Mapping[str, Any] | None = None
-) -> Callable[[int], Callable[[], _EstimatedParameters]]:
-    """Return an identification with parts of the scene changed; invalid combinations are rejected."""
+def _changed(scene: Scene, changes: Mapping[str, Any], data: Mapping[str, Any] | None = None) -> Scene:
+    """Return the scene of an identification with parts changed; invalid combinations are rejected."""
+    kept = {key: v for key, v in (data or scene.source.data).items() if key not in _OUTSIDE}
+    return check_source(replace(scene.source, data={**kept, **changes}, overridden=True))
 
-    def prepare(_: int) -> Callable[[], _EstimatedParameters]:
-        kept = {key: v for key, v in (data or scene.source.data).items() if key not in _OUTSIDE}
-        changed_scene = check_source(replace(scene.source, data={**kept, **changes}, overridden=True))
 
-        def work() -> _EstimatedParameters:
-            result, group = run_scene(changed_scene), "identification/parameters"
-            columns = ("estimate", "true", "standard_error", "cramer_rao")
-            return _EstimatedParameters(*(result[f"{group}/{name}"].data for name in columns))
+def _identified(scene: Scene) -> _EstimatedParameters:
+    result, group = run_scene(scene), "identification/parameters"
+    columns = ("estimate", "true", "standard_error", "cramer_rao")
+    return _EstimatedParameters(*(result[f"{group}/{name}"].data for name in columns))
 
-        return work
 
-    return prepare
+def _alternative(name: str, scene: Scene, *changes: Mapping[str, Any]) -> Alternative:
+    """Return an identification with parts of the scene changed, as of `_changed`."""
+    return Alternative(name, _identified, lambda _: _changed(scene, *changes))
 
 
 def _is_known(scene: Scene[IdentificationScene]) -> bool:

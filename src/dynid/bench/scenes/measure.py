@@ -15,7 +15,6 @@ import numpy as np
 
 from dynid.bench.scenes.aspects import Aspect
 from dynid.bench.suite import BenchmarkFigure, pareto
-from dynid.bench.worker import Process, serve
 from dynid.errors import DynidError
 from dynid.result import Result
 from dynid.scene.kind import KINDS
@@ -23,6 +22,7 @@ from dynid.scene.load import Scene, check_source
 from dynid.scene.schema.base import ASPECTS, AccuracyModel, aspects_of
 from dynid.scene.yaml.source import Source
 from dynid.structure.reduction_comparison import measured
+from dynid.trial import ChildProcess, ProcessDied, TimeLimitExceeded
 
 #: The part of the remaining time that a chosen alternative may take; and the multiple of an equal share that
 #: any other may take, so that a slow one leaves time to the others.
@@ -36,14 +36,6 @@ _MIN_TIMED_SECONDS = 0.5
 
 Key: TypeAlias = tuple[str, int]
 """Name and size of an alternative."""
-
-
-class _TrialRequest(NamedTuple):
-    """The alternative to run, and its size."""
-
-    aspect: str
-    alternative: str
-    size: int
 
 
 class _TrialResult(NamedTuple):
@@ -128,7 +120,7 @@ class _Trial:
     ) -> None:
         self._scene, self._budget, self._progress = scene, budget, progress
         self._deadline = monotonic() + budget
-        self._process: Process | None = None
+        self._process: ChildProcess | None = None
         self.tries: dict[str, dict[Key, _Try]] = {
             name: {
                 (alternative.name, size): _Try(failed=alternative.missing())
@@ -166,17 +158,14 @@ class _Trial:
         if trial.failed:
             return
         if self._process is None and self._left > 0:
-            self._process = Process(__name__)
-            if self._process.ask(self._scene.source, self._left) is None:
-                self._close()
+            self._process = ChildProcess()
+            self._call(self._left, _load_aspects, self._scene.source)
         if self._left <= 0 or self._process is None:
             trial.failed = f"not run: the budget of {self._budget:g} s was used up"
             return
         self._progress(f"{aspect}: {key[0]}, {key[1]:,}")
-        seconds = max(0.0, share * self._left)
-        answer: _TrialResult | None = self._process.ask(_TrialRequest(aspect, *key), seconds)
+        answer: _TrialResult | None = self._call(share * self._left, _measured, aspect, key)
         if answer is None:
-            self._close()
             if not trial.times:
                 trial.failed = f"not run to its end: too slow for the budget of {self._budget:g} s"
         elif answer.failed:
@@ -184,6 +173,15 @@ class _Trial:
         else:
             trial.answer = trial.answer or answer
             trial.times.append(answer.time)
+
+    def _call(self, seconds: float, call: Callable[..., Any], *arguments: Any) -> Any:
+        """Return the value of a call in the process; None where it ended, or was stopped after `seconds`."""
+        assert self._process is not None
+        try:
+            return self._process.run(seconds, call, *arguments)
+        except (TimeLimitExceeded, ProcessDied):
+            self._close()
+            return None
 
     def _close(self) -> None:
         if self._process is not None:
@@ -243,32 +241,28 @@ def _status(name: str, tries: Mapping[Key, _Try]) -> str:
     return "; ".join(f"{', '.join(which)}: {text}" for text, which in sizes.items() if text)
 
 
-class Worker:
-    """Function of the process: it receives the scene first, then requests."""
-
-    def __call__(self, asked: Source | _TrialRequest) -> _TrialResult:
-        """Store the scene, or serve a request."""
-        if isinstance(asked, Source):
-            scene = check_source(asked)
-            self._aspects = {name: aspect_of(scene, name) for name in aspects_of(scene.model)}
-            return _TrialResult()
-        points = self._aspects[asked.aspect].points
-        key = (asked.alternative, asked.size)
-        chosen = next(alternative for alternative, size in points if (alternative.name, size) == key)
-        try:
-            work = chosen.prepare(asked.size)
-            with measured() as cost:
-                result = work()
-            seconds = cost.seconds
-            if seconds < _MIN_TIMED_SECONDS:
-                before = perf_counter()
-                work()
-                seconds = perf_counter() - before
-        except (DynidError, ArithmeticError, ValueError, MemoryError) as error:
-            return _TrialResult(failed=" ".join(str(error).split()) or type(error).__name__)
-        return _TrialResult(seconds, 1024**2 * (cost.peak_megabytes or 0.0), result)
+#: The aspects of the scene, in the process that runs the alternatives.
+_ASPECTS: dict[str, Aspect] = {}
 
 
-def main() -> None:
-    """Serve requests until there are no more."""
-    serve(Worker())
+def _load_aspects(source: Source) -> None:
+    scene = check_source(source)
+    _ASPECTS.update({name: aspect_of(scene, name) for name in aspects_of(scene.model)})
+
+
+def _measured(aspect: str, key: Key) -> _TrialResult:
+    """Run an alternative in this process."""
+    points = _ASPECTS[aspect].points
+    chosen = next(alternative for alternative, size in points if (alternative.name, size) == key)
+    try:
+        work = chosen.prepared(key[1])
+        with measured() as cost:
+            result = work()
+        seconds = cost.seconds
+        if seconds < _MIN_TIMED_SECONDS:
+            before = perf_counter()
+            work()
+            seconds = perf_counter() - before
+    except (DynidError, ArithmeticError, ValueError, MemoryError) as error:
+        return _TrialResult(failed=" ".join(str(error).split()) or type(error).__name__)
+    return _TrialResult(seconds, 1024**2 * (cost.peak_megabytes or 0.0), result)

@@ -12,7 +12,8 @@ from typing import Any
 
 from dynid.errors import FileError, UsageError
 from dynid.study.executors.base import StudyExecutor
-from dynid.study.executors.processes import WorkerDied, run_timed
+from dynid.study.executors.processes import run_timed
+from dynid.trial import ProcessDied
 
 _CONNECT_SECONDS = 10.0  # seconds to connect to the scheduler
 _TALKATIVE = ("distributed", "tornado", "asyncio")  # loggers
@@ -111,7 +112,7 @@ class DaskExecutor(StudyExecutor):
 
     def has_died(self, error: BaseException) -> bool:
         """Return whether every worker that ran a chunk died with it."""
-        return isinstance(error, WorkerDied) or type(error).__name__ == "KilledWorker"
+        return isinstance(error, ProcessDied) or type(error).__name__ == "KilledWorker"
 
     def refuse(self, error: BaseException) -> None:
         """Raise an error if the scheduler is lost."""

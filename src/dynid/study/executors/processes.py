@@ -6,38 +6,16 @@ without the others, and workers of Dask, which are daemons, may not have childre
 
 from __future__ import annotations
 
-import json
-import os
-import pickle
-import queue
-import signal
-import struct
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import suppress
-from typing import IO, Any
+from typing import Any
 
 from dynid.study.executors.base import StudyExecutor, cores
+from dynid.trial import ONE_THREAD, ChildProcess, ProcessDied, TimeLimitExceeded
 
-#: Environment that limits linear algebra to one thread: the processes already share the cores.
-ONE_THREAD = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "BLIS_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-    "NUMEXPR_NUM_THREADS",
-)
-
-_LENGTH = struct.Struct("<Q")
-_BOOT = (
-    "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
-    "from dynid.study.executors.processes import serve; serve()"
-)
 # Added to the limit of the first call, which imports modules: seconds, or this many
 # times what the process took to start, if that is longer.
 _WARM_UP_SECONDS, _WARM_UP_STARTS = 10.0, 5.0
@@ -45,103 +23,61 @@ _START_SECONDS = 600.0  # limit of the start of a process
 _IDLE_SECONDS = 60.0  # until an idle process of a Dask worker ends
 
 
-class TimeLimitExceeded(Exception):
-    """A call exceeded its time limit."""
-
-
-class WorkerDied(Exception):
-    """The process of a call ended before the call."""
-
-
 class Worker:
     """Process that runs one call at a time, and is replaced when it has ended."""
 
     def __init__(self) -> None:
         self.timer: threading.Timer | None = None
-        self._process: subprocess.Popen[bytes] | None = None
-        self._replies: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
-        self._completed: bytes | None = None  # a call that ended in time
+        self._process: ChildProcess | None = None
+        self._completed: tuple[Callable[..., Any], tuple[Any, ...]] | None = None  # a call that ended in time
         self._warm_up = 0.0
         self._closed = False
 
     def run(self, seconds: float | None, call: Callable[..., Any], *args: Any) -> Any:
-        """Return the value of a call, or raise its exception.
+        """Return the value of a call, or raise its exception, as `ChildProcess.run` does.
 
         A new process first repeats a call that ended in time before, so that the time for imports does not
         count for the next call.
-
-        Raises
-        ------
-        TimeLimitExceeded
-            If the call takes longer than `seconds`, unless that is None. Its process is killed.
-        WorkerDied
-            If its process ends.
         """
-        message = pickle.dumps((call, args))
         if self._process is None:
             self._start()
             if self._completed is not None and seconds is not None:
-                try:
-                    self._exchange(self._completed, seconds + self._warm_up)
-                except (TimeLimitExceeded, WorkerDied):
+                with suppress(Exception):
+                    self._exchange(seconds + self._warm_up, *self._completed)
+                if self._process is None:
                     self._completed = None
                     self._start()
-        if seconds is not None and self._completed is None:
-            seconds += self._warm_up
-        done, answer = pickle.loads(self._exchange(message, seconds))
-        if not done:
-            raise answer
-        if seconds is not None:
-            self._completed = self._completed or message
+        if seconds is None:
+            return self._exchange(None, call, args)
+        answer = self._exchange(seconds + (0.0 if self._completed else self._warm_up), call, args)
+        self._completed = self._completed or (call, args)
         return answer
 
     def close(self) -> None:
         """Kill the process, and start no other one."""
         self._closed = True
-        self._kill()
+        process, self._process = self._process, None
+        if process is not None:
+            process.close()
 
     def _start(self) -> None:
         if self._closed:
-            raise WorkerDied
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", _BOOT, json.dumps(sys.path)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            env=os.environ | dict.fromkeys(ONE_THREAD, "1"),
-            # Ctrl-C is handled by this process.
-            process_group=0 if os.name == "posix" else None,
-        )
+            raise ProcessDied
+        # The processes already share the cores.
+        self._process = ChildProcess(ONE_THREAD)
         began = time.monotonic()
-        self._replies = queue.SimpleQueue()
-        threading.Thread(target=_receive, args=(self._process.stdout, self._replies), daemon=True).start()
-        self._exchange(pickle.dumps((_ready, ())), _START_SECONDS)
+        self._exchange(_START_SECONDS, _ready, ())
         self._warm_up = max(_WARM_UP_SECONDS, _WARM_UP_STARTS * (time.monotonic() - began))
 
-    def _exchange(self, message: bytes, seconds: float | None) -> bytes:
-        assert self._process is not None
-        assert self._process.stdin is not None
+    def _exchange(self, seconds: float | None, call: Callable[..., Any], args: tuple[Any, ...]) -> Any:
+        process = self._process
+        if process is None:  # closed meanwhile
+            raise ProcessDied
         try:
-            _send(self._process.stdin, message)
-            answer = self._replies.get(timeout=seconds)
-        except queue.Empty:
-            self._kill()
-            raise TimeLimitExceeded from None
-        except (OSError, ValueError):  # the pipe is closed
-            answer = None
-        if answer is None:
-            self._kill()
-            raise WorkerDied
-        return answer
-
-    def _kill(self) -> None:
-        process, self._process = self._process, None
-        if process is not None:
-            process.kill()
-            process.wait()
-            assert process.stdin is not None
-            with suppress(OSError):
-                process.stdin.close()
+            return process.run(seconds, call, *args)
+        except (TimeLimitExceeded, ProcessDied):
+            self._process = None
+            raise
 
 
 class WorkerPool:
@@ -164,7 +100,7 @@ class WorkerPool:
         """Run a call in a free worker; see `Worker.run`."""
         with self._lock:
             if self._closed:
-                raise WorkerDied
+                raise ProcessDied
             worker = self._free.pop() if self._free else Worker()
             if worker not in self._workers:
                 self._workers.append(worker)
@@ -226,7 +162,7 @@ class ProcessExecutor(StudyExecutor):
 
     def has_died(self, error: BaseException) -> bool:
         """Return whether the process of a call ended before the call."""
-        return isinstance(error, WorkerDied)
+        return isinstance(error, ProcessDied)
 
     def _start(self) -> Executor:
         self._pool = WorkerPool()
@@ -249,40 +185,3 @@ def run_timed(seconds: float, call: Callable[..., Any], *args: Any) -> Any:
 def _ready() -> None:
     """Import what samples need."""
     import dynid.study.work  # noqa: F401
-
-
-def serve() -> None:
-    """Run calls from standard input, in the process of a worker."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    requests, replies = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
-    nothing = os.open(os.devnull, os.O_RDWR)
-    for descriptor in (0, 1):
-        os.dup2(nothing, descriptor)  # output of calls must not mix with replies
-    calls: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
-    threading.Thread(target=_receive, args=(requests, calls, True), daemon=True).start()
-    while (message := calls.get()) is not None:
-        try:
-            call, args = pickle.loads(message)
-            answer: tuple[bool, Any] = True, call(*args)
-        except Exception as error:
-            answer = False, error
-        _send(replies, pickle.dumps(answer))
-
-
-def _send(stream: IO[bytes], message: bytes) -> None:
-    stream.write(_LENGTH.pack(len(message)))
-    stream.write(message)
-    stream.flush()
-
-
-def _receive(stream: IO[bytes], arrived: queue.SimpleQueue[bytes | None], last: bool = False) -> None:
-    """Queue messages until the other side has closed; then end this process, if it is `last`."""
-    with stream:
-        while len(head := stream.read(_LENGTH.size)) == _LENGTH.size:
-            (length,) = _LENGTH.unpack(head)
-            if len(message := stream.read(length)) < length:
-                break
-            arrived.put(message)
-    if last:
-        os._exit(0)
-    arrived.put(None)
